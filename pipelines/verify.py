@@ -20,7 +20,7 @@ from kb.export import layouts
 from kb.filters.clean import run_clean
 from kb.pairs.build import build, clear_finished
 from kb.reddit.crawl import crawl as crawl_reddit
-from kb.reddit.source import Reddit
+from kb.reddit.source import RedditSource
 from kb.release.build import release
 from kb.search.build import follow
 from kb.store import mending
@@ -29,9 +29,9 @@ from kb.verify.found import Look
 from kb.verify.repair import Crawl, Describe, Make, Step, repaired
 from kb.verify.root import verify as look_at
 from kb.wiki.source import WikiSource
-from kb.youtube.source import YouTube
+from kb.youtube.source import YouTubeSource
 
-SOURCES = {"youtube": YouTube, "wiki": WikiSource, "reddit": Reddit}
+SOURCES = {"youtube": YouTubeSource, "wiki": WikiSource, "reddit": RedditSource}
 
 
 def verify(run: Run, folder: Path) -> Look:

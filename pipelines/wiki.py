@@ -21,10 +21,10 @@ from kb.core.verdict import Summary
 from kb.export import layouts
 from kb.filters.chain import Chain, Clean, Follow, SideFiles
 from kb.filters.judgement import Predicate
-from kb.filters.predicates import AtLeast, AtMost, Present, Told, Waits
+from kb.filters.predicates import AtLeast, AtMost, Present, RecordedReason, Waits
 from kb.wiki import tables
 from kb.wiki.assemble import HELPERS, KINDS, assemble
-from kb.wiki.shown import Rules
+from kb.wiki.shown import MarkupRules
 
 NEEDED = ("page_id", "title", "url", "revision_id", "revision_timestamp")
 
@@ -42,10 +42,10 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
     clear = () if most is None else (AtMost("toxicity", most, stage="toxicity", null_passes=True),)
     return (
         Waits("state", ("unanswered",), stage="missing", reason="unanswered", verdict="failed"),
-        Told("missing", stage="missing"),
+        RecordedReason("missing", stage="missing"),
         *(Present(column, stage="missing") for column in NEEDED),
-        Told("robots", value="said", stage="robots"),
-        Told("render", value="said", stage="render"),
+        RecordedReason("robots", value="said", stage="robots"),
+        RecordedReason("render", value="said", stage="render"),
         Waits("captured", (False,), stage="render", reason="render"),
         AtLeast("word_count", p.section("wiki").min_words, stage="words"),
         *clear,
@@ -55,7 +55,7 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
 def clean(p: Profile) -> Clean:
     """Raw answers and captured pages to pages, elements, cells, images, facts and recipes."""
     markup = p.section("wiki").markup
-    rules = Rules(markup.units, markup.item)
+    rules = MarkupRules(markup.units, markup.item)
     scores, told = {"text": "toxicity"}, ("title",)
     also = ("title", "of_page")  # columns that a tombstone may name
     pages = partial(Chain, "wiki/pages", "key", scores=scores, helpers=HELPERS)

@@ -18,7 +18,7 @@ from kb.annotate.checkpoint import Checkpoint
 from kb.annotate.compiled import find_compiled, make_compiled
 from kb.annotate.detoxify_model import load_detoxify
 from kb.annotate.graph import Compiled, graph_runner, int8_runner
-from kb.annotate.runner import Meta, Network, Runner
+from kb.annotate.runner import Meta, ModelNetwork, Runner
 from kb.annotate.scores import PRECISIONS
 from kb.core.errors import MissingModel, SettingError
 
@@ -74,7 +74,7 @@ def prepare(checkpoint: Checkpoint) -> Compiled | None:
     return find_compiled(checkpoint) or make_compiled(checkpoint)
 
 
-def torch_network(model: Any, device: str, precision: str) -> Network:
+def torch_network(model: Any, device: str, precision: str) -> ModelNetwork:
     """A transformers model in torch as a network."""
     import torch
 
@@ -93,7 +93,7 @@ def torch_network(model: Any, device: str, precision: str) -> Network:
 
 
 @cache
-def exact(checkpoint: Checkpoint, threads: int) -> Network:
+def exact(checkpoint: Checkpoint, threads: int) -> ModelNetwork:
     """The model in float64 by torch on the CPU; loaded once, when a window first needs it."""
     model = load_detoxify(checkpoint).model
     _use_threads(threads)

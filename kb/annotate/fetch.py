@@ -20,7 +20,7 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, Retryable, SettingError
 from kb.core.verdict import Summary
 from kb.net.retry import attempt
-from kb.net.session import Session, failure, send
+from kb.net.session import HttpSession, failure, send
 from kb.store.atomic import full_disk_is_resumable, sync_file, sync_folder
 
 PIECE = 1 << 16  # bytes; of a connection that breaks only whole pieces are kept
@@ -42,7 +42,7 @@ def fetch(
     folder = folder or models_folder(published.name)
     with full_disk_is_resumable(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    session = Session(run.settings)
+    session = HttpSession(run.settings)
     # A compressed answer could not be continued in its middle.
     session.headers["Accept-Encoding"] = "identity"
     fetched = present = size = 0
@@ -66,7 +66,7 @@ def fetch(
     )
 
 
-def _download(session: Session, address: str, path: Path, digest: str, task: Any) -> int:
+def _download(session: HttpSession, address: str, path: Path, digest: str, task: Any) -> int:
     part = path.with_name(f".{path.name}.part")
     for left in (1, 0):
         continued = part.exists()
@@ -93,7 +93,7 @@ def _download(session: Session, address: str, path: Path, digest: str, task: Any
     return path.stat().st_size
 
 
-def _receive(session: Session, address: str, part: Path, task: Any) -> None:
+def _receive(session: HttpSession, address: str, part: Path, task: Any) -> None:
     """One request for what is missing of the file. Raises Retryable when the connection breaks."""
     have = part.stat().st_size if part.exists() else 0
     headers = {"Range": f"bytes={have}-"} if have else {}

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from kb.annotate.runner import Meta, Network, Runner
+from kb.annotate.runner import Meta, ModelNetwork, Runner
 from kb.store.atomic import writing
 
 
@@ -26,7 +26,7 @@ class Compiled:
 
 
 def graph_runner(
-    compiled: Compiled, threads: int, exact: Callable[[], Network] | None = None
+    compiled: Compiled, threads: int, exact: Callable[[], ModelNetwork] | None = None
 ) -> Runner:
     """The graph in fp32; `exact` is what `Runner` computes undecided windows with."""
     return _runner(compiled, compiled.graph, threads, exact)
@@ -51,7 +51,7 @@ def int8_runner(compiled: Compiled, threads: int) -> Runner:
 
 
 def _runner(
-    compiled: Compiled, graph: Path, threads: int, exact: Callable[[], Network] | None = None
+    compiled: Compiled, graph: Path, threads: int, exact: Callable[[], ModelNetwork] | None = None
 ) -> Runner:
     import onnxruntime
     from tokenizers import Tokenizer

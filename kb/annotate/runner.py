@@ -60,7 +60,7 @@ class Meta:
         )
 
 
-class Network(Protocol):
+class ModelNetwork(Protocol):
     """One pass: two int64 arrays of the same shape (windows, tokens) give logits (windows,
     outputs).
 
@@ -80,11 +80,11 @@ class Runner:
     def __init__(
         self,
         name: str,
-        network: Network,
+        network: ModelNetwork,
         tokenizer: Any,
         meta: Meta,
         budget: int = TOKEN_BUDGET,
-        exact: Callable[[], Network] | None = None,
+        exact: Callable[[], ModelNetwork] | None = None,
     ) -> None:
         self.name, self.meta, self.budget = name, meta, budget
         self.tokens = 0  # scored so far, padding left out
@@ -118,7 +118,7 @@ class Runner:
         return largest(rounding.rounded(logits).tolist(), owners, len(texts))
 
     def _logits(
-        self, network: Network, inputs: Sequence[Sequence[int]], between: Callable[[], None]
+        self, network: ModelNetwork, inputs: Sequence[Sequence[int]], between: Callable[[], None]
     ) -> Any:
         """Logits (windows, classes) in float64, in the order of the windows `inputs`."""
         import numpy as np

@@ -23,7 +23,7 @@ from kb.annotate.checkpoint import Checkpoint, find_checkpoint, need_extra
 from kb.annotate.chunks import Chunks
 from kb.annotate.hashes import text_hashes
 from kb.annotate.scores import CATEGORIES, Scores
-from kb.annotate.worker import Job, score_chunk
+from kb.annotate.worker import ScoringJob, score_chunk
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
@@ -32,7 +32,7 @@ from kb.store.layout import Layout
 
 
 @dataclass(frozen=True)
-class Counts:
+class AnnotationCounts:
     """What `annotate` did, in texts; equal ones that come near each other count once."""
 
     texts: int = 0
@@ -40,8 +40,8 @@ class Counts:
     known: int = 0
     exact_again: int = 0  # reduced scores near the threshold, computed again in fp32
 
-    def __add__(self, other: Counts) -> Counts:
-        return Counts(
+    def __add__(self, other: AnnotationCounts) -> AnnotationCounts:
+        return AnnotationCounts(
             self.texts + other.texts,
             self.scored + other.scored,
             self.known + other.known,
@@ -50,7 +50,7 @@ class Counts:
 
 
 @dataclass(frozen=True)
-class Scorer:
+class ToxicityScorer:
     """Toxicity of one source's texts. Off when the profile says so: every score is then null."""
 
     run: Run
@@ -65,7 +65,7 @@ class Scorer:
     @classmethod
     def open(
         cls, run: Run, source: str, precision: str | None = None, device: str = "auto"
-    ) -> Scorer:
+    ) -> ToxicityScorer:
         """Check model, extra, precision and device without loading the model.
 
         A `precision` that is asked for is the least that a score must have; without one fp32 scores
@@ -122,7 +122,7 @@ class Scorer:
             columns |= {f"{prefix}_{name}": scores[name] for name in CATEGORIES}
         return columns
 
-    def annotate(self, batches: Iterable[Any]) -> Counts:
+    def annotate(self, batches: Iterable[Any]) -> AnnotationCounts:
         """Score what has no score yet, of batches of texts (Arrow columns or lists; null and "" are
         passed over).
 
@@ -130,17 +130,20 @@ class Scorer:
         new texts), Interrupted, DiskFull: the next call goes on there.
         """
         if self.checkpoint is None or self.scores is None:
-            return Counts()
+            return AnnotationCounts()
         with self.run.progress.task(f"toxicity {self.source}", unit="texts") as task:
             counts = self._annotate(batches, task)
         if any(Path(self.scores.folder).glob("part-*.parquet")):
             self.scores.merge()
         return counts
 
-    def _annotate(self, batches: Iterable[Any], task: Any) -> Counts:
+    def _annotate(self, batches: Iterable[Any], task: Any) -> AnnotationCounts:
         assert self.scores is not None
         chunks = Chunks(self.scores, self.threshold, self.run.limit, task, self.least)
-        job = Job(self.checkpoint, self.precision, self.device, self._threads(), self.threshold)  # type: ignore[arg-type]
+        assert self.checkpoint is not None
+        job = ScoringJob(
+            self.checkpoint, self.precision, self.device, self._threads(), self.threshold
+        )
         local = self.run.engine == "local"
         # On one machine the threads are inside the model: one copy of it, whatever the number of
         # cores.
@@ -173,7 +176,7 @@ class Scorer:
             raise LimitReached(
                 f"--limit: {scored} texts scored", hint="run the same command again to go on"
             )
-        return Counts(chunks.texts, scored, chunks.texts - scored, again)
+        return AnnotationCounts(chunks.texts, scored, chunks.texts - scored, again)
 
     def _threads(self) -> int:
         return self.run.workers if self.run.engine == "local" else 0
@@ -185,15 +188,18 @@ def check(run: Run, source: str) -> str:
 
     The key is "" when the profile switches toxicity off.
     """
-    checkpoint = Scorer.open(run, source).checkpoint
+    checkpoint = ToxicityScorer.open(run, source).checkpoint
     return f"{checkpoint.model}@{checkpoint.revision}" if checkpoint else ""
 
 
 def annotate(
     run: Run, source: str, texts: Iterable[Any], precision: str | None = None, device: str = "auto"
-) -> Counts:
-    """Score what has no score yet of the batches `texts`, each distinct text once. See `Scorer`."""
-    return Scorer.open(run, source, precision, device).annotate(texts)
+) -> AnnotationCounts:
+    """Score what has no score yet of the batches `texts`, each distinct text once.
+
+    See `ToxicityScorer`.
+    """
+    return ToxicityScorer.open(run, source, precision, device).annotate(texts)
 
 
 def scores(

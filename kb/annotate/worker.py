@@ -17,7 +17,7 @@ HAND_S = 10.0  # a chunk that takes longer ends between two batches when the run
 _ONE = threading.Lock()  # one chunk at a time in a process
 
 
-class Job(NamedTuple):
+class ScoringJob(NamedTuple):
     """How a worker is to score; what it loads is kept for the next task.
 
     `threads` 0: as many as the worker has. `device` "auto" is the worker's own GPU, where it has
@@ -31,7 +31,7 @@ class Job(NamedTuple):
     threshold: float | None
 
 
-def score_chunk(job: Job, texts: Sequence[str]) -> dict[str, Any]:
+def score_chunk(job: ScoringJob, texts: Sequence[str]) -> dict[str, Any]:
     """Scores of a chunk, in its order; runs in a worker.
 
     Near the threshold a reduced score is made exact. Raises FatalError when memory is too short.
@@ -41,7 +41,7 @@ def score_chunk(job: Job, texts: Sequence[str]) -> dict[str, Any]:
         return _score_chunk(job._replace(threads=job.threads or _worker_threads()), texts)
 
 
-def _score_chunk(job: Job, texts: Sequence[str]) -> dict[str, Any]:
+def _score_chunk(job: ScoringJob, texts: Sequence[str]) -> dict[str, Any]:
     job = job._replace(device=_device(job.device, job.precision))
     runner = _runner(job.checkpoint, job.precision, job.device, job.threads)
     start, before = clock.monotonic(), runner.tokens

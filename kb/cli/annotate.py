@@ -49,14 +49,14 @@ DeviceOption = Annotated[
 
 
 def _annotate(run: Run, source: str, precision: Precision | None, device: Device) -> Summary:
-    from kb.annotate.toxicity import Scorer
+    from kb.annotate.toxicity import ToxicityScorer
     from kb.core.errors import KbError
     from kb.core.verdict import Summary
     from kb.filters.clean import texts
     from kb.store import belonging
 
     run.profile.section(source)
-    scorer = Scorer.open(run, source, precision and str(precision), str(device))
+    scorer = ToxicityScorer.open(run, source, precision and str(precision), str(device))
     checkpoint, scores = scorer.checkpoint, scorer.scores
     if checkpoint is None or scores is None:
         return Summary(

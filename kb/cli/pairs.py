@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 app = group("Keyword-matched video-text pairs.")
 
 
-class Format(StrEnum):
+class PairsFormat(StrEnum):
     """Layouts of pairs."""
 
     parquet = "parquet"
@@ -59,8 +59,9 @@ class Format(StrEnum):
 def pairs(
     run: Run,
     format: Annotated[
-        Format, typer.Option("--format", help="Parquet goes to release/, others to export/FORMAT/.")
-    ] = Format.parquet,
+        PairsFormat,
+        typer.Option("--format", help="Parquet goes to release/, others to export/FORMAT/."),
+    ] = PairsFormat.parquet,
     from_index: Annotated[
         Path | None,
         typer.Option(
@@ -82,7 +83,7 @@ def pairs(
     if from_index is None:
         pairs: Summary = pipeline.pairs(run, format.value)
         return pairs
-    if format is not Format.parquet:
+    if format is not PairsFormat.parquet:
         raise SettingError("--from-index fills pairs/; it goes with no --format")
     if run.limit is not None or run.again:
         raise SettingError(

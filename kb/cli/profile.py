@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from kb.cli.options import Options
-    from kb.cli.profile_online import Answer
+    from kb.cli.profile_online import ServiceCheck
     from kb.core.profile.finding import Finding
 
 app = group("Profiles of domains: a new one, and what is wrong with one.")
@@ -121,7 +121,7 @@ def check(
     checked = examine(path)
     findings = list(checked.findings)
     hits: list[dict[str, Any]] = []
-    answers: list[Answer] = []
+    answers: list[ServiceCheck] = []
     usable = all(one.level != ERROR for one in findings)
     if usable and checked.profile is not None:
         run = run_of(options, checked.profile)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from kb.core.errors import SettingError
 from kb.pairs import keywords
-from kb.pairs.propose import Page, Proposal, propose
+from kb.pairs.propose import PageNames, Proposal, propose
 from kb.store import rawlog
 from kb.wiki.named import pages
 
@@ -28,7 +28,7 @@ def proposed(run: Run) -> Proposal:
     listed = bool(section and (section.keyword_files or section.include))
     taken = keywords.load(run.profile).phrases if listed else ()
     titles = [
-        Page(
+        PageNames(
             page.title.removeprefix(f"{page.prefix}:"),
             [title.removeprefix(f"{page.prefix}:") for title in page.redirects],
             page.categories,

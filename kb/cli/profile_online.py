@@ -29,10 +29,9 @@ from kb.core.profile.finding import ERROR, NOTE, WARNING, Finding
 from kb.net import retry
 from kb.reddit.client import Client
 from kb.store.frontier import Frontier
-from kb.wiki.api import Api as WikiApi
-from kb.wiki.api import find_endpoint
-from kb.wiki.web import Web
-from kb.youtube.api import Api as YouTubeApi
+from kb.wiki.api import WikiApi, find_endpoint
+from kb.wiki.web import WikiHosts
+from kb.youtube.api import YouTubeApi
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -42,7 +41,7 @@ PAGES = 5  # of the wiki that are read, to try the selectors on
 UNREACHABLE, REFUSED, WRONG = 3, 1, 2  # exit codes of what a service answers
 
 
-class Answer(NamedTuple):
+class ServiceCheck(NamedTuple):
     """What a service said: the finding, what it cost, and the exit code that follows.
 
     `pages` are some of the wiki's pages as HTML, to try the selectors on.
@@ -69,7 +68,7 @@ class Cost:
         return f"cost: {asked}, 1 search unit" if self.units else f"cost: {asked}"
 
 
-def ask(run: Run) -> Iterator[Answer]:
+def ask(run: Run) -> Iterator[ServiceCheck]:
     """One answer for each source of the profile. Raises Interrupted only."""
     questions = {"youtube": _youtube, "wiki": _wiki, "reddit": _reddit}
     for source, question in questions.items():
@@ -78,7 +77,7 @@ def ask(run: Run) -> Iterator[Answer]:
         cost = Cost()
         level, key, what, mend, code = _tried(partial(question, run, cost), source)
         finding = Finding(level, f"online: {source}", 0, key, f"{what} ({cost.said()})", mend)
-        yield Answer(source, finding, cost.requests, cost.units, code, tuple(cost.pages))
+        yield ServiceCheck(source, finding, cost.requests, cost.units, code, tuple(cost.pages))
 
 
 Said = tuple[str, str, str, str, int]
@@ -147,7 +146,7 @@ def _title(item: dict[str, Any]) -> str:
     return wording.shown(str(item.get("snippet", {}).get("title", "")))
 
 
-class _Once(Web):
+class _Once(WikiHosts):
     """A wiki that is asked once: who waits for an answer would rather know now."""
 
     def attempt(self, call: Callable[[], Result], *, service: str | None = None) -> Result:
@@ -176,7 +175,7 @@ def _wiki(run: Run, cost: Cost) -> Said:
     return NOTE, "wiki.url", ", ".join(filter(None, said)), "", 0
 
 
-def _some_pages(api: WikiApi, web: Web, namespace: int) -> Iterator[str]:
+def _some_pages(api: WikiApi, web: WikiHosts, namespace: int) -> Iterator[str]:
     """Pages of the wiki, spread evenly over the beginning of its list."""
     listed = api.listing(1, namespace, {}).response["query"]["allpages"]
     titles = [page["title"] for page in listed[:: max(1, -(-len(listed) // PAGES))]]

@@ -8,7 +8,7 @@ from typing import Any
 
 from kb.cli.as_typed import as_typed
 from kb.core import terminal
-from kb.core.progress import Counted, Plain, Progress, Silent, Task
+from kb.core.progress import Counted, LineProgress, Progress, Silent, Task
 
 
 def choose(*, quiet: bool) -> Progress:
@@ -18,7 +18,7 @@ def choose(*, quiet: bool) -> Progress:
     return Bars() if sys.stderr.isatty() else Lines()
 
 
-class Lines(Plain):
+class Lines(LineProgress):
     """Plain lines, with the commands that they name as they have to be typed here."""
 
     def say(self, text: str) -> None:

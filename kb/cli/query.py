@@ -25,7 +25,7 @@ TIMEOUT = 600.0  # seconds
 app = group("SQL over the tables of the data root, by DuckDB.")
 
 
-class Format(StrEnum):
+class OutputFormat(StrEnum):
     """How results are printed."""
 
     table = "table"
@@ -84,7 +84,7 @@ def query(
         bool, typer.Option("--tables", help="List the views and what they hold.")
     ] = False,
     format: Annotated[
-        Format | None,
+        OutputFormat | None,
         typer.Option(
             "--format",
             help="How results are written; it wins over --out's suffix. --json is --format json."
@@ -124,7 +124,7 @@ def query(
             "give one of a query, --file and --tables",
             hint='for example: kb query "FROM youtube_videos LIMIT 5"',
         )
-    asked = format or (Format.json if options.json else None)
+    asked = format or (OutputFormat.json if options.json else None)
     chosen = choose(asked, out)
     if not tables:
         sql = _read(sql, file)
@@ -134,13 +134,13 @@ def query(
     limits = generous(timeout)
     with contextlib.closing(connect(run.root, limits=limits)) as db, bounded(db, limits):
         if tables:
-            answer = _listing(catalog(run.root), for_people=chosen == Format.table)
+            answer = _listing(catalog(run.root), for_people=chosen == OutputFormat.table)
         else:
             answer = select(
                 db,
                 sql or "",
                 root=run.root,
-                text=chosen != Format.parquet,
+                text=chosen != OutputFormat.parquet,
                 progress=run.progress,
             )
         write(_first(answer, options.limit) if options.limit else answer, chosen, out)

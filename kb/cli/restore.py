@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 app = group("The content of a downloaded release, with your own keys.")
 
 
-class Source(StrEnum):
+class RestorePart(StrEnum):
     """What can be brought back; of the wiki a release has everything."""
 
     youtube = "youtube"
@@ -53,7 +53,7 @@ def restore(
     ],
     dumps: Dumps = None,
     only: Annotated[
-        Source | None, typer.Option("--only", help="Bring back one part of it.")
+        RestorePart | None, typer.Option("--only", help="Bring back one part of it.")
     ] = None,
     plan: Plan = False,
 ) -> Summary:

@@ -20,7 +20,7 @@ app = group("Ranked answers from transcripts, wiki and threads, with links to th
 LIMIT = 10
 
 
-class Source(StrEnum):
+class SearchSource(StrEnum):
     """Where an answer may come from."""
 
     youtube = "youtube"
@@ -28,7 +28,7 @@ class Source(StrEnum):
     reddit = "reddit"
 
 
-class Kind(StrEnum):
+class HitKind(StrEnum):
     """What an answer may be."""
 
     video = "video"
@@ -64,11 +64,11 @@ def search(
         ),
     ],
     source: Annotated[
-        list[Source] | None,
+        list[SearchSource] | None,
         typer.Option("--source", help="Answers from there only; may be given several times."),
     ] = None,
     kind: Annotated[
-        list[Kind] | None,
+        list[HitKind] | None,
         typer.Option("--kind", help="Answers of that kind only; may be given several times."),
     ] = None,
     entity: Annotated[
@@ -122,7 +122,7 @@ def search(
         limit=options.limit or LIMIT,
     )
     run = options.make_run(exists=True)
-    sources = [str(one) for one in Source if not source or one in source]
+    sources = [str(one) for one in SearchSource if not source or one in source]
     ensure(run, sources)
     query = " ".join(words)
     answers = ask(run.root, query, sources=sources, only=only, size=size, entity=entity)

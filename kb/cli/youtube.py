@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 app = group("Channels, videos and transcripts of YouTube.")
 
 
-class Phase(StrEnum):
+class CrawlPhase(StrEnum):
     """Phases of a crawl, in order."""
 
     channels = "channels"
@@ -52,7 +52,7 @@ class Phase(StrEnum):
 def crawl(
     run: Run,
     plan: Plan = False,
-    only: Annotated[Phase | None, typer.Option("--only", help="Run one phase alone.")] = None,
+    only: Annotated[CrawlPhase | None, typer.Option("--only", help="Run one phase alone.")] = None,
     part: Part = None,
     ids: Annotated[
         Path | None,

@@ -14,7 +14,7 @@ _MORE = ("days", "searches_left_today", "units_left_today")
 _COLUMNS = ("items", "requests", "units", "hours", "gb")
 
 
-class Phase(NamedTuple):
+class PlanPhase(NamedTuple):
     """One line: what is done to how many items, and what it takes. `gb` of raw data on disk."""
 
     phase: str
@@ -24,26 +24,26 @@ class Phase(NamedTuple):
     hours: float = 0.0
     gb: float = 0.0
 
-    def of(self, whom: str) -> Phase:
+    def of(self, whom: str) -> PlanPhase:
         """The same phase, with whom it asks."""
         return self._replace(phase=f"{self.phase} of {whom}")
 
 
-class Part(NamedTuple):
+class PlanPart(NamedTuple):
     """What one source adds to a plan of several."""
 
-    phases: Sequence[Phase] = ()
+    phases: Sequence[PlanPhase] = ()
     assumed: Sequence[str] = ()
 
 
-def join(command: str, parts: Sequence[Part]) -> dict[str, Any]:
+def join(command: str, parts: Sequence[PlanPart]) -> dict[str, Any]:
     """One plan of all parts, in their order."""
     phases = [phase for part in parts for phase in part.phases]
     return plan(command, "", phases, [said for part in parts for said in part.assumed])
 
 
 def plan(
-    command: str, source: str, phases: Sequence[Phase], assumed: Sequence[str] = (), **more: Any
+    command: str, source: str, phases: Sequence[PlanPhase], assumed: Sequence[str] = (), **more: Any
 ) -> dict[str, Any]:
     """A plan's summary: sums over the phases, `more`, the phases, and what was assumed."""
     sums = {name: round(sum(getattr(one, name) for one in phases), 3) for name in _COLUMNS[1:]}

@@ -194,7 +194,7 @@ class PlainTask(Counted):
         print(terminal.one_line(", ".join(filter(None, parts))), file=self._stream, flush=True)
 
 
-class Plain(Progress):
+class LineProgress(Progress):
     """Lines on a stream that is no terminal."""
 
     def __init__(self, stream: TextIO | None = None, every: float = 10.0) -> None:

@@ -37,7 +37,7 @@ _HOLDERS = ("metadata", "query", "allpages", "pages", "entries", "items")
 LEFT_OUT = ""  # what `IdRules.parse` returns for an entry that is neither an id nor a mistake
 
 
-class Entry(NamedTuple):
+class ListedId(NamedTuple):
     """One entry of a list as it stands there, in `record`, the row or object that holds it.
 
     `column` is "" for a line, and "[]" for a value of a JSON list.
@@ -66,7 +66,7 @@ class IdRules:
     hint: str
     columns: tuple[str, ...]
     tables: tuple[tuple[str, ...], ...]
-    parse: Callable[[Entry], str | None]
+    parse: Callable[[ListedId], str | None]
     files: str = ""
 
 
@@ -111,7 +111,7 @@ def read_some(path: Path, rules: IdRules, say: Callable[[str], None] | None = No
     return found
 
 
-def entries(path: Path, rules: IdRules, more: Sequence[str] = ()) -> Iterator[Entry]:
+def entries(path: Path, rules: IdRules, more: Sequence[str] = ()) -> Iterator[ListedId]:
     """The entries of a list one by one. `more` are columns of Parquet that records are to hold.
 
     Raises SettingError when the list can't be read or is of another form.
@@ -186,17 +186,17 @@ def _metadata(path: Path) -> Any:
     return msgspec.json.decode(path.read_bytes(), type=_Described).metadata
 
 
-def _of_parquet(path: Path, rules: IdRules, more: Sequence[str]) -> Iterator[Entry]:
+def _of_parquet(path: Path, rules: IdRules, more: Sequence[str]) -> Iterator[ListedId]:
     column = column_of(path, rules.option, rules.columns)
     names = set(pq.read_schema(path).names)
     with parquet.open_file(path) as file:
         wanted = [column, *(name for name in more if name in names and name != column)]
         for batch in file.iter_batches(columns=wanted):
             for row in batch.to_pylist():
-                yield Entry(row[column], column, row)
+                yield ListedId(row[column], column, row)
 
 
-def _of_text(path: Path, rules: IdRules) -> Iterator[Entry]:
+def _of_text(path: Path, rules: IdRules) -> Iterator[ListedId]:
     with _opened(path) as file:
         start = file.read(_HEAD).lstrip()
         file.seek(0)
@@ -212,7 +212,7 @@ def _of_text(path: Path, rules: IdRules) -> Iterator[Entry]:
         names = [name.strip().strip('"').lower() for name in header.split(delimiter)]
         column = next((name for name in rules.columns if name in names), None)
         if column is None:
-            yield from (Entry(line.strip("\r\n ")) for line in chain([header], lines) if line)
+            yield from (ListedId(line.strip("\r\n ")) for line in chain([header], lines) if line)
             return
         # Titles hold quotation marks; what is between tabs is not quoted.
         split = csv.reader(
@@ -222,7 +222,7 @@ def _of_text(path: Path, rules: IdRules) -> Iterator[Entry]:
         )
         for cells in split:
             row = dict(zip(names, cells, strict=False))
-            yield Entry(row.get(column), column, row)
+            yield ListedId(row.get(column), column, row)
 
 
 def _opened(path: Path) -> IO[str]:
@@ -244,27 +244,27 @@ def _documents(text: str) -> Iterator[Any]:
         yield document
 
 
-def _of_record(value: Any, rules: IdRules) -> Iterator[Entry]:
+def _of_record(value: Any, rules: IdRules) -> Iterator[ListedId]:
     """The entries of a JSON value."""
     if isinstance(value, list):
         for one in value:
             yield from _of_record(one, rules)
         return
     if not isinstance(value, dict):
-        yield Entry(value, "[]")
+        yield ListedId(value, "[]")
         return
     if value and all(map(_is_clips, value.values())):  # pairs by keyword
         for clip in chain.from_iterable(value.values()):
-            yield Entry(clip[0], "[]")
+            yield ListedId(clip[0], "[]")
         return
     holder = next((name for name in _HOLDERS if isinstance(value.get(name), (dict, list))), None)
     column = next((name for name in rules.columns if value.get(name) is not None), None)
     if holder is not None:
         yield from _of_record(value[holder], rules)
     elif column is not None:
-        yield Entry(value[column], column, value)
+        yield ListedId(value[column], column, value)
     else:
-        yield Entry(None)
+        yield ListedId(None)
 
 
 def _is_clips(value: Any) -> bool:

@@ -14,10 +14,10 @@ from kb.core.errors import Interrupted, KbError, NothingRead, Stopped
 from kb.core.verdict import Summary
 from kb.crawl.limits import upstream
 from kb.crawl.loop import Loop
-from kb.crawl.session import Session, open_session
+from kb.crawl.session import CrawlSession, open_session
 from kb.crawl.source import Phase, Source
 
-Summarize = Callable[[Session, Loop], Summary]
+Summarize = Callable[[CrawlSession, Loop], Summary]
 
 
 def work(

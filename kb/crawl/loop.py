@@ -29,7 +29,7 @@ from kb.core.errors import (
 )
 from kb.core.progress import Task
 from kb.crawl.limits import worst
-from kb.crawl.session import Session
+from kb.crawl.session import CrawlSession
 from kb.crawl.source import Phase
 from kb.crawl.turns import Turn, Turns
 from kb.store.frontier import Item
@@ -63,7 +63,7 @@ class Loop:
 
     def __init__(
         self,
-        session: Session,
+        session: CrawlSession,
         phases: Sequence[Phase] | None = None,
         *,
         facts: Callable[[Phase], dict[str, object]] | None = None,

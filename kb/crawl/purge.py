@@ -16,7 +16,7 @@ import msgspec
 
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.crawl.session import Session, open_session
+from kb.crawl.session import CrawlSession, open_session
 from kb.crawl.source import Source
 from kb.schema import keys as schema
 from kb.store import mending, purge, rawlog
@@ -27,7 +27,7 @@ from kb.store.rawlog import Envelope, Request
 T = TypeVar("T")
 
 
-class Keys(dict[str, str]):
+class PurgeKeys(dict[str, str]):
     """What a purge removes, key → reason; `said`: what its summary says besides."""
 
     said: dict[str, int]
@@ -59,7 +59,7 @@ def strip_of(source: str, others: Mapping[str, Collection[str]] | None = None) -
     return without
 
 
-def collected(session: Session, collect: Callable[[], Keys]) -> Keys:
+def collected(session: CrawlSession, collect: Callable[[], PurgeKeys]) -> PurgeKeys:
     """What is to go, together with what an unfinished purge left.
 
     Nothing but damage is written: what can't be read is set aside, to be told later.
@@ -68,16 +68,16 @@ def collected(session: Session, collect: Callable[[], Keys]) -> Keys:
 
 
 def searched(
-    session: Session,
-    collect: Callable[[], Keys],
+    session: CrawlSession,
+    collect: Callable[[], PurgeKeys],
     holding: Callable[[Collection[str]], Holds] | None = None,
-) -> tuple[Keys, Found]:
+) -> tuple[PurgeKeys, Found]:
     """The same, and which answers may hold it; `holding` makes of keys what tells that, instead of
     the schemas.
     """
     run, name = session.run, session.source.name
 
-    def read() -> tuple[Keys, Found]:
+    def read() -> tuple[PurgeKeys, Found]:
         keys = _all(session, collect)
         if holding is not None:
             return keys, search(run.root, name, holding(keys), run.workers)
@@ -88,13 +88,13 @@ def searched(
     return _mended(session, read)
 
 
-def _all(session: Session, collect: Callable[[], Keys]) -> Keys:
+def _all(session: CrawlSession, collect: Callable[[], PurgeKeys]) -> PurgeKeys:
     keys = collect()
     keys.update({**purge.left_over(session.run.root, session.source.name), **keys})
     return keys
 
 
-def _mended(session: Session, read: Callable[[], T]) -> T:
+def _mended(session: CrawlSession, read: Callable[[], T]) -> T:
     """What `read` reads of the raw answers, damaged ones set aside."""
     try:
         return read()
@@ -108,12 +108,12 @@ def _mended(session: Session, read: Callable[[], T]) -> T:
 def purge_raw(
     run: Run,
     source: Source,
-    collect: Callable[[Session], Keys],
+    collect: Callable[[CrawlSession], PurgeKeys],
     *,
     kinds: Sequence[str] = (),
     exact: Sequence[str] = (),
-    remove: Callable[[Session, Keys, Found], None] | None = None,
-) -> Keys:
+    remove: Callable[[CrawlSession, PurgeKeys, Found], None] | None = None,
+) -> PurgeKeys:
     """Take keys out of a source's raw answers and frontier; the keys, for all that is made of them.
 
     `collect` says what is to go; nothing is sent. Items of the frontier's `kinds` go by their key.

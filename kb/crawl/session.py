@@ -27,7 +27,7 @@ _STEP_S = 0.5  # how soon a thread that waits hears that its lane has ended
 
 
 @dataclass
-class Session:
+class CrawlSession:
     """What the phases of one run share. Thread-safe.
 
     `place` is where raw answers and state are: the data root, or a work folder. `gone` are the
@@ -123,7 +123,7 @@ def open_session(
     *,
     asks: bool = True,
     tells: bool = True,
-) -> Iterator[Session]:
+) -> Iterator[CrawlSession]:
     """Open a source's part of a data root for writing.
 
     `place` is a work folder that holds raw answers and state instead of the data root. `asks` is
@@ -140,7 +140,7 @@ def open_session(
         identity.remember(root, source.name, **facts)
         frontier = Frontier(Layout(root).state(source.name), payloads=source.payloads)
         stack.callback(frontier.close)
-        session = Session(
+        session = CrawlSession(
             run=run,
             source=source,
             frontier=frontier,

@@ -16,7 +16,7 @@ from datetime import datetime
 
 from kb.core.errors import Blocked, LimitReached, QuotaSpent, Stopped, Unreachable
 from kb.crawl.limits import Limit, back_at, together, upstream
-from kb.crawl.session import Session
+from kb.crawl.session import CrawlSession
 from kb.crawl.source import Phase
 from kb.store.frontier import Item
 
@@ -29,7 +29,7 @@ class Turns:
     Not thread-safe by itself: the loop asks under its lock.
     """
 
-    def __init__(self, session: Session, phases: Sequence[Phase]) -> None:
+    def __init__(self, session: CrawlSession, phases: Sequence[Phase]) -> None:
         self.phases = list(phases)
         self._session, self._source, self._frontier = session, session.source, session.frontier
         self._limit = Limit(session.run.limit)

@@ -25,7 +25,7 @@ from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
 
 
-class Change(NamedTuple):
+class RowTransform(NamedTuple):
     """How released rows differ from clean ones: a function of a piece of rows,
     and the clean columns that it reads.
     """
@@ -38,7 +38,7 @@ def export(
     run: Run,
     source: str,
     *,
-    changes: Mapping[str, Change] | None = None,
+    changes: Mapping[str, RowTransform] | None = None,
     beside: Callable[[Path], None] | None = None,
 ) -> Summary:
     """Writes release/<source>/ and returns the rows of each table.

@@ -177,7 +177,7 @@ def _name(kind: str, number: int, count: int) -> str:
     return f"{kind}-{number:05d}-of-{count:05d}.tar"
 
 
-def _moved(column: str, places: dict[str, str]) -> parquet.Change:
+def _moved(column: str, places: dict[str, str]) -> parquet.RowTransform:
     """The released path of each file instead of the one in the data root."""
 
     def make(rows: pa.Table) -> pa.Table:
@@ -186,7 +186,7 @@ def _moved(column: str, places: dict[str, str]) -> parquet.Change:
             rows.column_names.index(column), column, pa.array(moved, pa.string())
         )
 
-    return parquet.Change(make, (column,))
+    return parquet.RowTransform(make, (column,))
 
 
 def _write_tar(path: Path, samples: list[Sample], lost: set[Path]) -> Iterator[dict[str, Any]]:

@@ -14,7 +14,7 @@ from kb.core.context import Run
 from kb.core.errors import SchemaMismatch
 from kb.filters.judgement import SCORED, Judgement, Predicate, one
 from kb.schema.tables import table
-from kb.store.buckets import Kind
+from kb.store.buckets import RawKind
 
 WHOSE = ("title", "channel_id", "channel_title", "type")  # columns of shared/rejected
 VERDICTS = ("rejected", "failed", "pending")
@@ -94,7 +94,7 @@ class Clean:
     """
 
     source: str
-    kinds: Mapping[str, Kind]
+    kinds: Mapping[str, RawKind]
     assemble: Callable[[dict[str, pa.Table]], dict[str, pa.Table]]
     chains: tuple[Chain, ...]
     follow: tuple[Follow, ...] = ()

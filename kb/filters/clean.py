@@ -28,7 +28,7 @@ from kb.core.errors import CountMismatch, DamagedData, FatalError
 from kb.core.verdict import Summary, Tally
 from kb.filters.chain import VERDICTS, Clean
 from kb.filters.lost import unanswered
-from kb.filters.tasks import Job, parse_segment, sort_bucket, spec_of, texts_of
+from kb.filters.tasks import FilterJob, parse_segment, sort_bucket, spec_of, texts_of
 from kb.schema.tables import table
 from kb.store import (
     belonging,
@@ -105,10 +105,10 @@ def texts(run: Run, source: str) -> Iterator[pa.Array[Any]]:
             yield from _texts(run, job, executor, keep=False)
 
 
-def _job(run: Run, source: str) -> Job:
+def _job(run: Run, source: str) -> FilterJob:
     path = str(pipeline.locate(source, run.pipeline))
     stamp = tombstones.version(run.root, source)
-    return Job(
+    return FilterJob(
         path,
         run.profile.model_dump_json(),
         str(run.profile.path),
@@ -125,7 +125,7 @@ def _job(run: Run, source: str) -> Job:
 class _work:
     """A folder for rows on their way, gone at the end."""
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: FilterJob) -> None:
         self.path = Layout(Path(job.root)).filtering(job.source)
 
     def __enter__(self) -> Path:
@@ -155,7 +155,9 @@ def _size(root: Path, spec: Clean, segments: list[tuple[str, Path]]) -> int:
     return size + (spec.side_files.size(root) if spec.side_files is not None else 0)
 
 
-def _parse(run: Run, job: Job, segments: list[tuple[str, Path]], executor: Any) -> Counter[str]:
+def _parse(
+    run: Run, job: FilterJob, segments: list[tuple[str, Path]], executor: Any
+) -> Counter[str]:
     """Counts of rows, and of unknown keys as "?<path>"."""
     total: Counter[str] = Counter()
     tasks = ((job, kind, str(path), place) for place, (kind, path) in enumerate(segments))
@@ -174,7 +176,7 @@ def _parse(run: Run, job: Job, segments: list[tuple[str, Path]], executor: Any) 
     return total
 
 
-def _damaged(job: Job, files: list[tuple[str, Path, int]]) -> DamagedData:
+def _damaged(job: FilterJob, files: list[tuple[str, Path, int]]) -> DamagedData:
     _, path, at = files[0]
     more = f" (and {len(files) - 1:,} more files)" if len(files) > 1 else ""
     error = DamagedData(f"{path} is damaged at byte {at:,}{more}")
@@ -199,7 +201,7 @@ def _suspect(run: Run, source: str, error: DamagedData) -> None:
         frontier.close()
 
 
-def _texts(run: Run, job: Job, executor: Any, *, keep: bool) -> Iterator[pa.Array[Any]]:
+def _texts(run: Run, job: FilterJob, executor: Any, *, keep: bool) -> Iterator[pa.Array[Any]]:
     tasks = ((job, number, keep) for number in range(job.buckets))
     for path in map_in_order(executor, texts_of, tasks, window=2 * run.workers):
         with pa.ipc.open_file(path) as file:
@@ -208,7 +210,7 @@ def _texts(run: Run, job: Job, executor: Any, *, keep: bool) -> Iterator[pa.Arra
         Path(path).unlink()
 
 
-def _sort(run: Run, job: Job, executor: Any) -> Counter[str]:
+def _sort(run: Run, job: FilterJob, executor: Any) -> Counter[str]:
     total: Counter[str] = Counter()
     spec = spec_of(job)
     tasks = ((job, number) for number in range(job.buckets))

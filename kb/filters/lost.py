@@ -10,14 +10,14 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.filters.chain import VERDICTS, Clean
-from kb.filters.tasks import Job, removed_keys
+from kb.filters.tasks import FilterJob, removed_keys
 from kb.schema.tables import table
 from kb.store import parquet
 from kb.store.layout import parquet_files
 from kb.store.shards import write_table
 
 
-def unanswered(job: Job, spec: Clean) -> Counter[str]:
+def unanswered(job: FilterJob, spec: Clean) -> Counter[str]:
     """Keys that the crawl gave up on and that have no row: failed.
 
     One that waits for what was given up no longer waits.

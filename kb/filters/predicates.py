@@ -148,7 +148,7 @@ class NotIn(_OfOne):
 
 
 @dataclass(frozen=True)
-class Told:
+class RecordedReason:
     """The column is null; what it holds is the reason that was recorded,
     `value` the column of what goes with it.
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.profile.youtube import YouTube
+from kb.core.profile.youtube import YouTubeSection
 from kb.filters.judgement import Judgement, Predicate, nothing
 from kb.filters.predicates import NotTrue, Present
 from kb.filters.topic import Topic
@@ -28,7 +28,7 @@ class Evidence(Topic):
         return Judgement(nothing(rows), nothing(rows), None)
 
 
-def stages(section: YouTube) -> tuple[Predicate, ...]:
+def stages(section: YouTubeSection) -> tuple[Predicate, ...]:
     """What is still there passes, with what shows the topic now."""
     return (
         NotTrue("missing", stage="missing", reason="missing"),

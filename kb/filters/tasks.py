@@ -1,8 +1,8 @@
 """What a worker does for `kb <source> filter`: parse one segment, or look for texts in one bucket,
 or sort it.
 
-A task is a `Job` and the name of a segment or the number of a bucket; the pipeline is loaded by its
-path. Nothing here holds more than a bucket.
+A task is a `FilterJob` and the name of a segment or the number of a bucket; the pipeline is loaded
+by its path. Nothing here holds more than a bucket.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from kb.store.atomic import full_disk_is_resumable
 from kb.store.shards import write_table
 
 
-class Job(NamedTuple):
+class FilterJob(NamedTuple):
     """What a worker needs to know; plain strings and numbers."""
 
     pipeline: str
@@ -53,11 +53,11 @@ def _load(path: str, profile: str, profile_path: str, source: str) -> Clean:
     return spec
 
 
-def spec_of(job: Job) -> Clean:
+def spec_of(job: FilterJob) -> Clean:
     return _load(job.pipeline, job.profile, job.profile_path, job.source)
 
 
-def parse_segment(job: Job, kind: str, segment: str, number: int) -> dict[str, Any]:
+def parse_segment(job: FilterJob, kind: str, segment: str, number: int) -> dict[str, Any]:
     with full_disk_is_resumable(Path(job.work)):
         return buckets.spread(
             spec_of(job).kinds[kind],
@@ -70,7 +70,7 @@ def parse_segment(job: Job, kind: str, segment: str, number: int) -> dict[str, A
         )
 
 
-def texts_of(job: Job, number: int, keep: bool) -> str:
+def texts_of(job: FilterJob, number: int, keep: bool) -> str:
     """Write the texts of a bucket that reach their toxicity stage to a file; its path.
 
     `keep`: the bucket is sorted afterwards, so what was assembled stays for that.
@@ -90,7 +90,7 @@ def texts_of(job: Job, number: int, keep: bool) -> str:
     return path
 
 
-def sort_bucket(job: Job, number: int) -> dict[str, int]:
+def sort_bucket(job: FilterJob, number: int) -> dict[str, int]:
     """Sort one bucket and write its part files; counts for the summary."""
     spec = spec_of(job)
 
@@ -125,7 +125,7 @@ def sort_bucket(job: Job, number: int) -> dict[str, int]:
 
 
 def _assembled(
-    job: Job, spec: Clean, number: int, *, whole: bool
+    job: FilterJob, spec: Clean, number: int, *, whole: bool
 ) -> tuple[dict[str, pa.Table], Counter[str]]:
     """The rows of a bucket by table, and its counts; those that were kept, if any were.
 
@@ -147,12 +147,12 @@ def _assembled(
     return rows, counts
 
 
-def _place(job: Job, number: int) -> Path:
+def _place(job: FilterJob, number: int) -> Path:
     return Path(job.work, "assembled", str(number))
 
 
 def _keep(
-    job: Job, spec: Clean, number: int, rows: dict[str, pa.Table], counts: Counter[str]
+    job: FilterJob, spec: Clean, number: int, rows: dict[str, pa.Table], counts: Counter[str]
 ) -> None:
     """Keep what was assembled, in place of the rows that it was assembled of.
 
@@ -186,7 +186,7 @@ def _read_kept(place: Path) -> tuple[dict[str, pa.Table], Counter[str]]:
 
 
 def _walk(
-    job: Job, spec: Clean, rows: dict[str, pa.Table], join: Any, dry: bool = False
+    job: FilterJob, spec: Clean, rows: dict[str, pa.Table], join: Any, dry: bool = False
 ) -> tuple[list[tuple[Chain, Sorted]], dict[str, pa.Table]]:
     """Run the chains of a bucket; `dry` stops each that has scores before its scored stage."""
     kept: dict[str, pa.Table] = {}
@@ -212,7 +212,7 @@ def _walk(
     return done, follows
 
 
-def _newest(job: Job, spec: Clean, number: int) -> tuple[dict[str, pa.Table], Counter[str]]:
+def _newest(job: FilterJob, spec: Clean, number: int) -> tuple[dict[str, pa.Table], Counter[str]]:
     """The newest rows of a bucket by kind, those that any bucket may need among them,
     and how many older ones it had.
     """
@@ -251,7 +251,7 @@ def removed_keys(root: str, source: str, changed: int) -> frozenset[str]:
     return frozenset(tombstones.keys(Path(root), source))
 
 
-def _join(job: Job, spec: Clean, chain: Chain, rows: pa.Table) -> pa.Table:
+def _join(job: FilterJob, spec: Clean, chain: Chain, rows: pa.Table) -> pa.Table:
     """The rows with the largest category of each scored text,
     and those categories that the table has; null when nothing is scored.
     """
@@ -270,7 +270,7 @@ def _join(job: Job, spec: Clean, chain: Chain, rows: pa.Table) -> pa.Table:
     return rows
 
 
-def _write(job: Job, name: str, number: int, rows: pa.Table) -> None:
+def _write(job: FilterJob, name: str, number: int, rows: pa.Table) -> None:
     if rows.num_rows:
         write_table(
             Path(job.out, table(name).short, f"part-{number:05d}.parquet"), rows, name, sync=False

@@ -37,7 +37,7 @@ from kb.store import complete, linked, parquet
 from kb.store.atomic import replacing_folder, write_bytes, write_text
 from kb.store.catalog import NO_TABLES, Catalog
 from kb.store.layout import Layout, parquet_files
-from kb.store.linked import Note, Read
+from kb.store.linked import LinksNote, Read
 from kb.store.lock import writer
 from kb.store.reading import reading
 from kb.store.shards import ShardWriter, sorted_shards, write_table
@@ -127,7 +127,7 @@ def _marks(reads: Mapping[str, Read]) -> dict[str, str]:
     return {source: one.mark for source, one in reads.items()}
 
 
-def _same(known: Note, reads: Mapping[str, Read], source: str) -> bool:
+def _same(known: LinksNote, reads: Mapping[str, Read], source: str) -> bool:
     return source in known.sources and known.sources[source].mark == reads[source].mark
 
 
@@ -237,7 +237,7 @@ def _finish(
     keywords: Keywords,
     own: Mapping[int, Own],
     reads: dict[str, Read],
-) -> Note:
+) -> LinksNote:
     """Merge what is done into links/, with the note beside it."""
     size = run.profile.release.rows_per_shard
     with replacing_folder(Layout(place).links) as fresh:
@@ -264,7 +264,7 @@ def _finish(
             name: msgspec.structs.replace(one, links=counted.get(name, 0))
             for name, one in reads.items()
         }
-        note = Note(len(keywords.every), len(own), sum(counted.values()), total, sources)
+        note = LinksNote(len(keywords.every), len(own), sum(counted.values()), total, sources)
         write_bytes(fresh / complete.NOTE, msgspec.json.format(msgspec.json.encode(note), indent=1))
     return note
 
@@ -283,7 +283,7 @@ def _counted(files: list[Path]) -> tuple[dict[str, int], int]:
     return found, total
 
 
-def _summary(root: Path, note: Note) -> Summary:
+def _summary(root: Path, note: LinksNote) -> Summary:
     return Summary(
         {"command": "links", "source": "links"},
         entities=note.entities,

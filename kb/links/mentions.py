@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pyarrow as pa
 
-from kb.links.texts import Part
-from kb.pairs.index import Counts, matches
+from kb.links.texts import TextPart
+from kb.pairs.index import PairCounts, matches
 from kb.pairs.keywords import Keywords
 from kb.pairs.match import Matcher
 
@@ -31,12 +31,12 @@ def finder(keywords: Keywords) -> Finder:
     return Finder(keywords, Matcher(keywords.phrases), names)
 
 
-def mentions(source: str, part: Part, with_: Finder) -> pa.Table:
+def mentions(source: str, part: TextPart, with_: Finder) -> pa.Table:
     """Rows of a part of a source's texts, in no order that matters."""
     import numpy as np
 
     text = part.text
-    found = matches(text, with_, Counts())
+    found = matches(text, with_, PairCounts())
     if part.timed:  # what is said when the video is over makes no pair either
         found = found.take(~text.beyond[text.cue_of(found.start)])
     pair = found.keyword * len(text) + found.video

@@ -28,7 +28,7 @@ _BYTES = 8 << 20  # of texts that are looked through at once
 _HELD = ("text", "cell", "table")  # elements in which a text may stand
 
 
-class Part(NamedTuple):
+class TextPart(NamedTuple):
     """Texts of one part; their `ids` are keys as links/links has them. `timed`: of a video."""
 
     part: str
@@ -36,7 +36,7 @@ class Part(NamedTuple):
     timed: bool = False
 
 
-def parts(path: Path, name: str) -> Iterator[Part]:
+def parts(path: Path, name: str) -> Iterator[TextPart]:
     """The parts in a file of a clean table ("wiki/elements"), a batch at a time.
 
     Raises DamagedData.
@@ -45,36 +45,36 @@ def parts(path: Path, name: str) -> Iterator[Part]:
         yield from _READ[name](path)
 
 
-def _transcripts(path: Path) -> Iterator[Part]:
+def _transcripts(path: Path) -> Iterator[TextPart]:
     for text in source.texts(path):
-        yield Part("transcript", text, timed=True)
+        yield TextPart("transcript", text, timed=True)
 
 
-def _videos(path: Path) -> Iterator[Part]:
+def _videos(path: Path) -> Iterator[TextPart]:
     for rows in _batches(path, ["video_id", "title", "description"]):
         for part, column in (("title", "title"), ("body", "description")):
             if column in rows.column_names:  # a release has no descriptions
                 yield from _texts(part, rows["video_id"], (rows[column],))
 
 
-def _posts(path: Path) -> Iterator[Part]:
+def _posts(path: Path) -> Iterator[TextPart]:
     for rows in _batches(path, ["post_id", "title", "body", "poll_options"]):
         keys = _full("t3_", rows["post_id"])
         yield from _texts("title", keys, (rows["title"],))
         yield from _texts("body", keys, (rows["body"], rows["poll_options"]))
 
 
-def _comments(path: Path) -> Iterator[Part]:
+def _comments(path: Path) -> Iterator[TextPart]:
     for rows in _batches(path, ["comment_id", "body"]):
         yield from _texts("comment", _full("t1_", rows["comment_id"]), (rows["body"],))
 
 
-def _pages(path: Path) -> Iterator[Part]:
+def _pages(path: Path) -> Iterator[TextPart]:
     for rows in _batches(path, ["page_id", "title"]):
         yield from _texts("title", rows["page_id"].cast(pa.string()), (rows["title"],))
 
 
-def _elements(path: Path) -> Iterator[Part]:
+def _elements(path: Path) -> Iterator[TextPart]:
     """The visible text of pages; a file of elements holds whole pages, some hundred of them."""
     import numpy as np
 
@@ -88,7 +88,7 @@ def _elements(path: Path) -> Iterator[Part]:
     yield from in_pieces("page", keys, page[taken], texts)
 
 
-_READ: dict[str, Callable[[Path], Iterator[Part]]] = {
+_READ: dict[str, Callable[[Path], Iterator[TextPart]]] = {
     "youtube/videos": _videos,
     "youtube/transcripts": _transcripts,
     "wiki/pages": _pages,
@@ -148,7 +148,7 @@ def _full(prefix: str, ids: pa.ChunkedArray[Any]) -> pa.ChunkedArray[Any]:
 
 def _texts(
     part: str, keys: pa.ChunkedArray[Any], columns: tuple[pa.ChunkedArray[Any], ...]
-) -> Iterator[Part]:
+) -> Iterator[TextPart]:
     """One text a key, out of columns of texts and of lists of texts."""
     import numpy as np
 
@@ -174,7 +174,7 @@ def _one(column: pa.ChunkedArray[Any]) -> pa.Array[Any]:
 
 def in_pieces(
     part: str, keys: pa.Array[Any], thing: np.ndarray, texts: pa.Array[Any]
-) -> Iterator[Part]:
+) -> Iterator[TextPart]:
     """Texts of `keys`, each out of the `texts` whose `thing` is its number, in rising order; as
     many at once as make some megabytes.
     """
@@ -191,7 +191,7 @@ def in_pieces(
             after = low if low > begin else int(np.searchsorted(thing, thing[after], "right"))
         held = np.unique(thing[begin:after])
         counts = np.bincount(np.searchsorted(held, thing[begin:after]), minlength=len(held))
-        yield Part(
+        yield TextPart(
             part, _joined(keys.take(pa.array(held)), counts, texts.slice(begin, after - begin))
         )
         begin = after

@@ -9,8 +9,8 @@ from kb.core import terminal
 from kb.core.context import Run
 from kb.core.sources import SOURCES
 from kb.mcp.fence import Fence, Unit, cut, together
-from kb.reader.opened import Opened
-from kb.reader.rows import Table
+from kb.reader.opened import OpenTables
+from kb.reader.rows import TableView
 from kb.store import catalog, indexed
 from kb.store.catalog import bare
 
@@ -25,7 +25,7 @@ _LICENCES = 10  # of a source
 
 def about(run: Run, size: int) -> str:
     """Sources with dates and licences, the index, the views. Raises DamagedData, UsageError."""
-    opened = Opened([catalog.read(run.root)])
+    opened = OpenTables([catalog.read(run.root)])
     fence = Fence()
     head = (
         f"{fence.note}\n"
@@ -44,7 +44,7 @@ def _left(count: int) -> str:
     return f"{count} more parts were left out: raise max_chars."
 
 
-def _source(opened: Opened, source: str) -> str:
+def _source(opened: OpenTables, source: str) -> str:
     table = _THINGS[source]
     ranked = opened.ranked(table)
     if not ranked:
@@ -63,7 +63,7 @@ def _source(opened: Opened, source: str) -> str:
     )
 
 
-def _licences(opened: Opened, source: str) -> str:
+def _licences(opened: OpenTables, source: str) -> str:
     ranked = opened.ranked(_THINGS[source])
     if not ranked or source == "reddit":
         return ""
@@ -76,7 +76,7 @@ def _licences(opened: Opened, source: str) -> str:
     return "\n".join([*lines, *([f"and {len(rows) - _LICENCES} more"] * (len(rows) > _LICENCES))])
 
 
-def _row(opened: Opened, sql: str) -> dict[str, Any]:
+def _row(opened: OpenTables, sql: str) -> dict[str, Any]:
     return dict(opened.rows(sql).to_pylist()[0])
 
 
@@ -95,8 +95,8 @@ def _indexed(run: Run) -> Iterator[str]:
             yield f"{source}: its index is made at the first search"
 
 
-def _views(opened: Opened) -> Iterator[str]:
+def _views(opened: OpenTables) -> Iterator[str]:
     short = {view.full: name for name, view in bare(opened.views).items()}
     for name, one in sorted(opened.named.items()):
         also = f" (also {short[name]})" if name in short else ""
-        yield f"view {name}{also}: {Table(one).count_rows():,} rows. {one.doc}"
+        yield f"view {name}{also}: {TableView(one).count_rows():,} rows. {one.doc}"

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 from kb.core.errors import UsageError
 from kb.mcp.fence import Fence, Unit
 from kb.mcp.found import revision
-from kb.mcp.places import Place, anchor
+from kb.mcp.places import SourceLocation, anchor
 from kb.reader import thread as threads
-from kb.reader.opened import Opened
+from kb.reader.opened import OpenTables
 from kb.search.passage import plain
 from kb.search.sections import grid, link, sections
 from kb.search.transcripts import Talk, talk
@@ -27,7 +27,7 @@ _WATCH = "https://www.youtube.com/watch?v="
 class Piece(NamedTuple):
     """A part of a thing: where it is, and its text."""
 
-    place: Place
+    place: SourceLocation
     label: str
     url: str
     text: str
@@ -42,9 +42,9 @@ class Whole(NamedTuple):
     nearest: list[int]
 
 
-def around(root: Path, place: Place, size: int) -> str:
+def around(root: Path, place: SourceLocation, size: int) -> str:
     """The place and as much around it as `size` characters hold. Raises UsageError, DamagedData."""
-    opened = Opened([catalog.read(root)])
+    opened = OpenTables([catalog.read(root)])
     whole = _READ[place.source](opened, place)
     fence = Fence()
     head = f"{fence.note}\n{whole.facts}"
@@ -90,14 +90,16 @@ def _outward(centre: int, count: int) -> list[int]:
     return sorted(range(count), key=lambda number: (abs(number - centre), number < centre))
 
 
-def _first(opened: Opened, short: str, where: str, values: Sequence[Any]) -> dict[str, Any] | None:
+def _first(
+    opened: OpenTables, short: str, where: str, values: Sequence[Any]
+) -> dict[str, Any] | None:
     for one in opened.ranked(short):
         if rows := opened.rows(f"FROM {one.full} WHERE {where}", values).to_pylist():
             return dict(rows[0])
     return None
 
 
-def _video(opened: Opened, place: Place) -> Whole:
+def _video(opened: OpenTables, place: SourceLocation) -> Whole:
     row = _first(opened, "youtube_videos", "video_id = ?", [place.key])
     if row is None:
         raise UsageError(f"no video {place.key[:40]!r} here", hint="`search` gives refs")
@@ -107,15 +109,15 @@ def _video(opened: Opened, place: Place) -> Whole:
     title = plain(row.get("title")) or place.key
     pieces = []
     if described := plain(row.get("description")).strip():
-        pieces.append(Piece(Place("youtube", place.key), "description", url, described))
+        pieces.append(Piece(SourceLocation("youtube", place.key), "description", url, described))
     said = _said_in(opened, place.key)
     for begin, after in said.windows():
         text = " ".join(said.texts[begin:after])
         second = int(said.starts[begin])
-        at = Place("youtube", place.key, str(second))
+        at = SourceLocation("youtube", place.key, str(second))
         pieces.append(Piece(at, f"{_clock(second)} transcript", f"{url}&t={second}s", text))
     if not pieces:
-        pieces.append(Piece(Place("youtube", place.key), "no transcript is here", url, ""))
+        pieces.append(Piece(SourceLocation("youtube", place.key), "no transcript is here", url, ""))
     asked = _number(place.at)
     starts = [number for number, one in enumerate(pieces) if _number(one.place.at) <= asked]
     centre = max(starts, default=0) if place.at else 0
@@ -123,7 +125,7 @@ def _video(opened: Opened, place: Place) -> Whole:
     return Whole(facts, title, pieces, _outward(centre, len(pieces)))
 
 
-def _said_in(opened: Opened, key: str) -> Talk:
+def _said_in(opened: OpenTables, key: str) -> Talk:
     row = _first(opened, "youtube_transcripts", "video_id = ?", [key]) or {}
     cues = row.get("cues") or ()
     return talk(*([one[name] for one in cues] for name in ("start_s", "duration_s", "text")))
@@ -140,7 +142,7 @@ def _clock(second: int) -> str:
     return f"{second // 3600}:{second // 60 % 60:02}:{second % 60:02}"
 
 
-def _page(opened: Opened, place: Place) -> Whole:
+def _page(opened: OpenTables, place: SourceLocation) -> Whole:
     by_key = place.key.isdecimal() and len(place.key) < 19
     if by_key:
         row = _first(opened, "wiki_pages", "page_id = ?", [int(place.key)])
@@ -174,7 +176,7 @@ def _page(opened: Opened, place: Place) -> Whole:
             centre = len(pieces)
         text = "\n\n".join([*([section.path] if section.path else []), *lines])
         label = "section" if section.anchor else "top of the page"
-        pieces.append(Piece(Place("wiki", str(key), at), label, url, text))
+        pieces.append(Piece(SourceLocation("wiki", str(key), at), label, url, text))
     if centre < 0 and place.at:
         raise UsageError(
             f"the page {key} has no section {anchor(place.at)[:200]!r}",
@@ -188,16 +190,16 @@ def _page(opened: Opened, place: Place) -> Whole:
     return Whole(facts, plain(row["title"]), pieces, _outward(max(centre, 0), len(pieces)))
 
 
-def _thread(opened: Opened, place: Place) -> Whole:
+def _thread(opened: OpenTables, place: SourceLocation) -> Whole:
     if place.key.startswith("t1_"):
         row = _first(opened, "reddit_comments", "comment_id = ?", [place.key[3:]])
         if row is None:
             raise UsageError(f"no comment {place.key[:40]!r} here", hint="`search` gives refs")
-        place = Place("reddit", row["post_id"], row["comment_id"])
+        place = SourceLocation("reddit", row["post_id"], row["comment_id"])
     thread = threads.find(opened, place.key)
     key = thread.post_id
     url = f"https://www.reddit.com/comments/{key}/"
-    pieces = [Piece(Place("reddit", key), "post", url, _said(thread.body, thread.missing))]
+    pieces = [Piece(SourceLocation("reddit", key), "post", url, _said(thread.body, thread.missing))]
     above: list[int] = []
     parents: list[list[int]] = [[]]
     for level, one in thread.walk():
@@ -206,7 +208,7 @@ def _thread(opened: Opened, place: Place) -> Whole:
         above.append(len(pieces))
         score = "" if one.score is None else f", score {one.score}"
         label = f"comment, level {level + 1}{score}, {one.created_utc.date()}"
-        at = Place("reddit", key, one.comment_id)
+        at = SourceLocation("reddit", key, one.comment_id)
         text = _said(one.body, one.missing)
         pieces.append(Piece(at, label, f"{url}_/{one.comment_id}/", text))
     numbers = {piece.place.at: number for number, piece in enumerate(pieces)}
@@ -225,7 +227,7 @@ def _said(text: str | None, missing: str | None) -> str:
     return plain(text) if text is not None else f"[{missing or 'the text is not here'}]"
 
 
-_READ: dict[str, Callable[[Opened, Place], Whole]] = {
+_READ: dict[str, Callable[[OpenTables, SourceLocation], Whole]] = {
     "youtube": _video,
     "wiki": _page,
     "reddit": _thread,

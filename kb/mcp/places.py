@@ -17,7 +17,7 @@ _REF = re.compile(r"(youtube|wiki|reddit):([^\s@#/]+)(?:[@#/](.+))?")
 _THREAD = re.compile(r"/comments/(\w+)(?:/[^/]*/(\w+))?")
 
 
-class Place(NamedTuple):
+class SourceLocation(NamedTuple):
     """A thing of a source, and where in it; `key` is the page's address for a link to the wiki."""
 
     source: str
@@ -35,29 +35,31 @@ class Place(NamedTuple):
         return f"{self.source}:{self.key}"
 
 
-def of_link(url: str) -> Place | None:
+def of_link(url: str) -> SourceLocation | None:
     """The place that a link of an answer leads to; None for another link."""
     parts = urlsplit(url)
     host, asked = (parts.hostname or "").removeprefix("www."), parse_qs(parts.query)
     if parts.scheme not in ("http", "https"):
         return None
     if host == "youtube.com" and asked.get("v"):
-        return Place("youtube", asked["v"][0], asked.get("t", [""])[0].removesuffix("s"))
+        return SourceLocation("youtube", asked["v"][0], asked.get("t", [""])[0].removesuffix("s"))
     if host.endswith("reddit.com"):
         match = _THREAD.search(parts.path)
-        return Place("reddit", match[1], match[2] or "") if match else None
+        return SourceLocation("reddit", match[1], match[2] or "") if match else None
     query = "&".join(one for one in parts.query.split("&") if not one.startswith("oldid="))
-    return Place("wiki", urlunsplit(parts._replace(query=query, fragment="")), parts.fragment)
+    return SourceLocation(
+        "wiki", urlunsplit(parts._replace(query=query, fragment="")), parts.fragment
+    )
 
 
-def place(given: str) -> Place:
+def place(given: str) -> SourceLocation:
     """The place of a ref or link. Raises UsageError."""
     given = given.strip()
     if match := _REF.fullmatch(given):
         source, key, at = match[1], match[2], match[3] or ""
         if source == "reddit":
             key, at = key.removeprefix("t3_"), at.removeprefix("t1_")
-        return Place(source, key, at)
+        return SourceLocation(source, key, at)
     if known := of_link(given):
         return known
     raise UsageError(

@@ -76,7 +76,7 @@ def make(run: Run) -> Any:
         ) from None
     catalog.read(run.root)
 
-    class Server(MCPServer):
+    class AgentServer(MCPServer):
         """The SDK's server, whose answer to a wrong argument is one line."""
 
         async def call_tool(self, name: str, arguments: dict[str, Any], context: Any = None) -> Any:
@@ -87,7 +87,7 @@ def make(run: Run) -> Any:
                     raise ToolError(f"{name}: {one_line(error.__cause__)}") from None
                 raise
 
-    server = Server(
+    server = AgentServer(
         "lorecrawl",
         title=f"Lorecrawl: {run.profile.title}",
         instructions=INSTRUCTIONS,

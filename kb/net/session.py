@@ -1,4 +1,4 @@
-"""The one way out: every request of ours and of the libraries that we use goes through a `Session`.
+"""The one way out: every request of ours and of the libraries we use goes through `HttpSession`.
 
 A request goes, in this order: is its host one that was asked for, and may it be asked in the clear
 → the pace → the ledger's row → out → the row's outcome. Redirects are requests of their own.
@@ -52,12 +52,12 @@ def user_agent(contact: str | None) -> str:
 
 
 def host_of(url: str) -> str:
-    """Scheme, host and port of an address, as `Session` compares them."""
+    """Scheme, host and port of an address, as `HttpSession` compares them."""
     parts = urlsplit(url)
     return f"{parts.scheme}://{parts.netloc}".lower()
 
 
-class Session(requests.Session):
+class HttpSession(requests.Session):
     """One connection pool with the policy of this module. Not for several threads at once.
 
     `hosts` are the only ones that are asked, as `host_of` gives them; None allows any. Credentials
@@ -147,18 +147,18 @@ class Door(HTTPAdapter):
 class PerThread:
     """A session for each thread that asks, made by `make` when it is first needed."""
 
-    def __init__(self, make: Callable[[], Session]) -> None:
-        self._make, self._held, self._all = make, threading.local(), list[Session]()
+    def __init__(self, make: Callable[[], HttpSession]) -> None:
+        self._make, self._held, self._all = make, threading.local(), list[HttpSession]()
         self._lock = threading.Lock()
 
     @property
-    def session(self) -> Session:
+    def session(self) -> HttpSession:
         """This thread's session."""
         if not hasattr(self._held, "session"):
             self._held.session = self._make()
             with self._lock:
                 self._all.append(self._held.session)
-        session: Session = self._held.session
+        session: HttpSession = self._held.session
         return session
 
     def close(self) -> None:

@@ -23,7 +23,7 @@ from kb.core.profile.pairs import Pairs
 from kb.core.verdict import Summary
 from kb.pairs import keywords as lists
 from kb.pairs import source
-from kb.pairs.index import Counts, Tools, make_tools, pairs_of
+from kb.pairs.index import PairCounts, Tools, make_tools, pairs_of
 from kb.store import complete
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.layout import Layout, parquet_files
@@ -179,7 +179,7 @@ def do_stretch(work: str, path: str, first: int, after: int, name: str) -> tuple
 
     Counts are written before rows.
     """
-    tools, counts, tables = _tools(f"{work}/plan.json"), Counts(), []
+    tools, counts, tables = _tools(f"{work}/plan.json"), PairCounts(), []
     for text in source.texts(Path(path), first, after):
         rows, more = pairs_of(text, tools)
         counts.add(more)
@@ -216,11 +216,11 @@ def _finish(
     """Merge what is done into pairs/, with the counts beside it."""
     import numpy as np
 
-    counts = Counts()
+    counts = PairCounts()
     for path in parquet_files(work):
         data = json.loads(path.with_suffix(".json").read_text())
         counts.add(
-            Counts(
+            PairCounts(
                 Counter(data["totals"]),
                 {what: np.asarray(hits) for what, hits in data["hits"].items()},
             )

@@ -59,7 +59,7 @@ class Finds(Protocol):
 
 
 @dataclass
-class Counts:
+class PairCounts:
     """What was found: totals, and under the same names the hits of each keyword,
     in the list's order.
     """
@@ -67,7 +67,7 @@ class Counts:
     totals: Counter[str] = field(default_factory=Counter)
     hits: dict[str, np.ndarray] = field(default_factory=dict)
 
-    def add(self, other: Counts) -> None:
+    def add(self, other: PairCounts) -> None:
         """Add another batch's counts."""
         self.totals.update(other.totals)
         for what, hits in other.hits.items():
@@ -102,7 +102,7 @@ class Matches(NamedTuple):
         return Matches(*(column[which] for column in self))
 
 
-def matches(text: Text, tools: Finds, counts: Counts) -> Matches:
+def matches(text: Text, tools: Finds, counts: PairCounts) -> Matches:
     """Keywords in the text, without excluded phrases and without everyday
     words that stand alone.
     """
@@ -124,11 +124,11 @@ def matches(text: Text, tools: Finds, counts: Counts) -> Matches:
     return every.take(near)
 
 
-def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, Counts]:
+def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, PairCounts]:
     """The rows of a batch (in no order that matters) and its counts."""
     import numpy as np
 
-    section, counts = tools.section, Counts()
+    section, counts = tools.section, PairCounts()
     counts.totals.update(videos=len(text), words=text.word_count)
     found = matches(text, tools, counts)
     over = text.beyond[text.cue_of(found.start)]

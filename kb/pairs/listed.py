@@ -45,7 +45,7 @@ class Row(NamedTuple):
     keyword: Keyword
 
 
-class Problem(NamedTuple):
+class KeywordProblem(NamedTuple):
     """A line that can't be used; 0 where the whole file can't."""
 
     line: int
@@ -53,21 +53,21 @@ class Problem(NamedTuple):
     mend: str
 
 
-def scan(path: Path, near_words: int) -> tuple[Sequence[Row], Sequence[Problem]]:
+def scan(path: Path, near_words: int) -> tuple[Sequence[Row], Sequence[KeywordProblem]]:
     """Every row of a file, and every problem. `near_words` is the reach of a plain `near`."""
     try:
         # -sig: an editor's mark at the beginning of the file is no part of the first column.
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        return (), (Problem(0, f"the keyword list {path} can't be read: {why}", ""),)
+        return (), (KeywordProblem(0, f"the keyword list {path} can't be read: {why}", ""),)
     return _understood(text, near_words)
 
 
 @lru_cache(maxsize=8)  # a command checks its lists, and then uses them
-def _understood(text: str, near_words: int) -> tuple[tuple[Row, ...], tuple[Problem, ...]]:
+def _understood(text: str, near_words: int) -> tuple[tuple[Row, ...], tuple[KeywordProblem, ...]]:
     rows: list[Row] = []
-    problems: list[Problem] = []
+    problems: list[KeywordProblem] = []
     header = False
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip() or line.startswith("#"):
@@ -76,14 +76,14 @@ def _understood(text: str, near_words: int) -> tuple[tuple[Row, ...], tuple[Prob
         if not header:
             if tuple(cells) != COLUMNS:
                 # Without its columns no other line means anything.
-                return (), (Problem(number, *_no_header(line)),)
+                return (), (KeywordProblem(number, *_no_header(line)),)
             header = True
             continue
         found = _row(cells, near_words)
         if isinstance(found, Keyword):
             rows.append(Row(number, found))
         else:
-            problems.append(Problem(number, *found))
+            problems.append(KeywordProblem(number, *found))
     return tuple(rows), tuple(problems)
 
 

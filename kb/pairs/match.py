@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-class Found(NamedTuple):
+class KeywordMatches(NamedTuple):
     """Matches in order: the phrase's number, its first byte and the byte after its last,
     in the text.
     """
@@ -42,7 +42,7 @@ class Matcher:
     def __init__(self, phrases: Sequence[str]) -> None:
         self._automaton = _automaton(tuple(phrases)) if phrases else None
 
-    def find(self, raw: bytes, wide: np.ndarray | None = None) -> Found:
+    def find(self, raw: bytes, wide: np.ndarray | None = None) -> KeywordMatches:
         """Matches in UTF-8 text that begins and ends with a space.
 
         `wide`: where characters beyond ASCII begin, for whom it is known.
@@ -59,7 +59,9 @@ class Matcher:
         phrase, start, end = flat[:, 0], flat[:, 1] + 1, flat[:, 2] - 1
         kept = leftmost_longest(start, end)
         phrase, start, end = phrase[kept], start[kept], end[kept]
-        return Found(phrase, folded.origin(start), folded.origin(end - 1) + 1 if len(end) else end)
+        return KeywordMatches(
+            phrase, folded.origin(start), folded.origin(end - 1) + 1 if len(end) else end
+        )
 
 
 @lru_cache(maxsize=2)  # one command matches with the same phrases again

@@ -26,7 +26,7 @@ _HEAD = """\
 
 
 @dataclass(frozen=True)
-class Page:
+class PageNames:
     """What a wiki calls one page, without namespace; `categories` without theirs."""
 
     title: str
@@ -47,13 +47,13 @@ class Proposal:
         return _HEAD.format(wiki=wiki) + "\n".join(lines) + "\n"
 
 
-def propose(pages: Iterable[Page], taken: Iterable[str] = ()) -> Proposal:
+def propose(pages: Iterable[PageNames], taken: Iterable[str] = ()) -> Proposal:
     """Rows by kind and keyword. `taken` are folded phrases that the profile has or excludes."""
     held = sorted(pages, key=lambda page: page.title)
     kinds = _kinds(held)
     known = set(taken)
     found = Proposal()
-    titles: dict[str, tuple[Page, str]] = {}
+    titles: dict[str, tuple[PageNames, str]] = {}
     for page in held:
         name = _plain(page.title)
         folded = phrase(name)
@@ -85,7 +85,7 @@ def propose(pages: Iterable[Page], taken: Iterable[str] = ()) -> Proposal:
     return found
 
 
-def _kinds(pages: Sequence[Page]) -> dict[str, str]:
+def _kinds(pages: Sequence[PageNames]) -> dict[str, str]:
     """Title → the largest of its categories that holds at most half of all pages."""
     sizes = Counter(category for page in pages for category in page.categories)
     most = max(1, len(pages) // 2)

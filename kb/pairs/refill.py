@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
-from kb.core.plan import Part, Phase
+from kb.core.plan import PlanPart, PlanPhase
 from kb.core.verdict import Summary
 from kb.pairs import source
 from kb.pairs.index import make_tools
@@ -58,14 +58,14 @@ def check(run: Run, indexes: Sequence[Path]) -> None:
         )
 
 
-def plan(indexes: Sequence[Path]) -> Part:
+def plan(indexes: Sequence[Path]) -> PlanPart:
     """Texts that would be filled in. Raises DamagedData."""
     if not indexes:
-        return Part()
+        return PlanPart()
     files = [path for index in indexes for path in sorted(index.glob("pairs-*-of-*.parquet"))]
     with reading(files):
         rows = sum(parquet.footer(path).num_rows for path in files)
-    return Part([Phase("texts of pairs, out of the transcripts", rows)])
+    return PlanPart([PlanPhase("texts of pairs, out of the transcripts", rows)])
 
 
 def restore(run: Run, index: Path, removed: Collection[str]) -> Summary:

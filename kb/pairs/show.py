@@ -12,13 +12,13 @@ from kb.core import signals
 from kb.core.context import Run
 from kb.pairs import draw, source
 from kb.pairs import keywords as lists
-from kb.pairs.index import Counts, Tools, make_tools, matches
+from kb.pairs.index import PairCounts, Tools, make_tools, matches
 from kb.pairs.text import Text
 
 _AROUND = 40  # bytes of context on each side
 
 
-class Line(NamedTuple):
+class KeywordLine(NamedTuple):
     """A keyword: matches, matches of an everyday word that stood alone,
     and examples `…before [phrase] after…`.
     """
@@ -33,14 +33,14 @@ class Line(NamedTuple):
 
 def keyword_lines(
     run: Run, examples: int = 3, kind: str = "", rare: bool = False, videos: int = 0
-) -> Iterator[Line]:
+) -> Iterator[KeywordLine]:
     """Keywords by hits, most first. `rare`: those without a hit as well; `videos`: read that many
     transcripts, 0 for all.
 
     Raises ProfileError, MissingExtra, FatalError without transcripts.
     """
     tools = make_tools(run.profile.section("pairs"), run.seed, lists.load(run.profile))
-    counts, shown = Counts(), _Examples(examples)
+    counts, shown = PairCounts(), _Examples(examples)
     left = videos or None
     total = videos or sum(map(source.rows, source.parts(run.root)))
     with run.progress.task("keywords", total, "transcripts") as task:
@@ -66,7 +66,7 @@ def keyword_lines(
                 if one.reach == lists.NEVER
                 else f"near:{one.reach}"
             )
-            yield Line(
+            yield KeywordLine(
                 one.name,
                 one.kind,
                 rule,
@@ -85,7 +85,7 @@ class _Examples:
         self._number = number
         self._best: dict[int, list[tuple[int, str]]] = {}
 
-    def look(self, text: Text, tools: Tools, counts: Counts) -> None:
+    def look(self, text: Text, tools: Tools, counts: PairCounts) -> None:
         import numpy as np
 
         found = matches(text, tools, counts)

@@ -14,7 +14,7 @@ import msgspec
 from kb.core.errors import FatalError, KbError
 from kb.query.bounds import Limits, bounded, strict
 from kb.query.execute import select
-from kb.query.guarded import Asked, Told
+from kb.query.guarded import Asked, QueryReply
 from kb.query.text import csv_lines
 from kb.query.views import connect
 
@@ -32,17 +32,17 @@ def main() -> None:
     os._exit(0)  # threads of a query that was interrupted need not be waited for
 
 
-def _answer(asked: Asked, limits: Limits) -> Told:
+def _answer(asked: Asked, limits: Limits) -> QueryReply:
     try:
         with contextlib.closing(connect(None, asked.views, limits)) as con, bounded(con, limits):
             reader = select(con, asked.sql, views=asked.views, text=True)
             lines = csv_lines(reader, asked.cell)
-            return Told(*_first(lines, asked.rows + 1, asked.characters))
+            return QueryReply(*_first(lines, asked.rows + 1, asked.characters))
     except KbError as error:
         kind = next(one.__name__ for one in type(error).__mro__ if one.__module__.startswith("kb."))
-        return Told(error=str(error), hint=error.hint, kind=kind)
+        return QueryReply(error=str(error), hint=error.hint, kind=kind)
     except MemoryError:
-        return Told(error="the query needs too much memory", kind=FatalError.__name__)
+        return QueryReply(error="the query needs too much memory", kind=FatalError.__name__)
 
 
 def _first(lines: Iterator[str], count: int, characters: int) -> tuple[list[str], bool]:

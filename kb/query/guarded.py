@@ -38,7 +38,7 @@ class Asked(msgspec.Struct):
     parent: int
 
 
-class Told(msgspec.Struct):
+class QueryReply(msgspec.Struct):
     """What it answers: lines of CSV, the head first, and whether there are more; or what was wrong
     (`kind` is the error's class).
     """
@@ -52,7 +52,7 @@ class Told(msgspec.Struct):
 
 def ask(
     sql: str, views: Sequence[View], *, rows: int, characters: int, cell: int, limits: Limits
-) -> Told:
+) -> QueryReply:
     """At most `rows` rows of a query over these views (with absolute paths), as lines of CSV.
 
     They have at most so many characters together, and a value not more than `cell`. Raises
@@ -78,7 +78,7 @@ def ask(
     if done.returncode == 1 and b"longer than" in done.stderr:
         raise too_long(limits.seconds)
     try:
-        told = msgspec.json.decode(done.stdout, type=Told)
+        told = msgspec.json.decode(done.stdout, type=QueryReply)
     except msgspec.DecodeError:
         raise FatalError(
             f"the query's process ended with {done.returncode}: it needs too much memory, or more"

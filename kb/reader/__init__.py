@@ -15,20 +15,20 @@ Nothing is sent or asked for: no key, no network. Tables are in `rows`, HTML in 
 from kb.reader.data import Data, load
 from kb.reader.image import Box
 from kb.reader.page import Boxes, Page
-from kb.reader.rows import Answer, Rows, Table
+from kb.reader.rows import QueryResult, RowSet, TableView
 from kb.reader.tables import Tables
-from kb.reader.thread import Comment, Thread
+from kb.reader.thread import Thread, ThreadComment
 
 __all__ = [
-    "Answer",
     "Box",
     "Boxes",
-    "Comment",
     "Data",
     "Page",
-    "Rows",
-    "Table",
+    "QueryResult",
+    "RowSet",
+    "TableView",
     "Tables",
     "Thread",
+    "ThreadComment",
     "load",
 ]

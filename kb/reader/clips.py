@@ -6,14 +6,14 @@ import difflib
 from typing import cast
 
 from kb.core.errors import UsageError
-from kb.reader.opened import Opened
-from kb.reader.rows import Answer, Table
+from kb.reader.opened import OpenTables
+from kb.reader.rows import QueryResult, TableView
 from kb.store.catalog import View
 
 _OF_VIDEO = ("title", "view_count", "like_count", "published_at")
 
 
-def find(opened: Opened, keyword: str) -> Answer:
+def find(opened: OpenTables, keyword: str) -> QueryResult:
     """The clips of a keyword, in any case of its letters, in order of video and start.
 
     Columns: pair_id, keyword, keyword_kind, video_id, title and figures of the video, the clip's
@@ -24,7 +24,7 @@ def find(opened: Opened, keyword: str) -> Answer:
     if not ranked:
         raise UsageError("no pairs here", hint="load the folder of the release that holds them")
     pairs = ranked[0]
-    clips = Answer(opened.rows(_sql(opened, pairs, ranked), [keyword]))
+    clips = QueryResult(opened.rows(_sql(opened, pairs, ranked), [keyword]))
     if len(clips):
         return clips
     listed = opened.rows(f"SELECT DISTINCT keyword FROM {pairs.full}")["keyword"].to_pylist()
@@ -39,9 +39,9 @@ def find(opened: Opened, keyword: str) -> Answer:
     )
 
 
-def _sql(opened: Opened, pairs: View, ranked: list[View]) -> str:
+def _sql(opened: OpenTables, pairs: View, ranked: list[View]) -> str:
     joins, text = [], "NULL::VARCHAR"
-    holding = [view for view in ranked if "text" in Table(view).schema.names]
+    holding = [view for view in ranked if "text" in TableView(view).schema.names]
     if pairs in holding:
         text = "p.text"
     elif holding:

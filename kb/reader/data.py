@@ -10,8 +10,8 @@ from kb import query
 from kb.core.errors import UsageError
 from kb.reader import clips, html, page, thread
 from kb.reader.hints import hinted
-from kb.reader.opened import Opened
-from kb.reader.rows import Answer, Table
+from kb.reader.opened import OpenTables
+from kb.reader.rows import QueryResult, TableView
 from kb.reader.tables import Tables
 from kb.search.rank import Only, day_given
 from kb.store import catalog
@@ -44,11 +44,11 @@ class Data:
     """Tables, wiki pages, Reddit threads and clips; made by `kb.load`."""
 
     def __init__(self, catalogs: Sequence[Catalog]) -> None:
-        self._opened = Opened(catalogs)
+        self._opened = OpenTables(catalogs)
         self.tables = Tables(self._opened.views)
 
     @hinted
-    def __getitem__(self, name: str) -> Table:
+    def __getitem__(self, name: str) -> TableView:
         """A table by its name. Raises UnknownTable, which is a KeyError too.
 
         data["youtube_videos"].to_pandas()
@@ -59,7 +59,7 @@ class Data:
         return name in self.tables
 
     @hinted
-    def sql(self, query_: str, /) -> Answer:
+    def sql(self, query_: str, /) -> QueryResult:
         """The answer to one query over all tables, in DuckDB's SQL; it only reads.
 
             data.sql("SELECT keyword, count(*) AS clips FROM pairs GROUP BY ALL").to_pandas()
@@ -68,7 +68,7 @@ class Data:
         """
         try:
             rows = query.select(self._opened.con, query_, views=self._opened.views)
-            return Answer(rows.read_all())
+            return QueryResult(rows.read_all())
         except UsageError as error:
             if "kb query --tables" in error.hint:
                 error.hint = "data.tables lists the tables"
@@ -94,7 +94,7 @@ class Data:
         return thread.find(self._opened, post_id)
 
     @hinted
-    def clips(self, keyword: str, /) -> Answer:
+    def clips(self, keyword: str, /) -> QueryResult:
         """The clips of a keyword with their videos' titles and figures, and texts where they are.
 
             data.clips("creeper").to_pandas()[["title", "url", "text"]]
@@ -118,7 +118,7 @@ class Data:
         each: int | None = 1,
         limit: int = 10,
         size: int = 1000,
-    ) -> Answer:
+    ) -> QueryResult:
         """Ranked answers out of the local index that `kb index` makes; the best first.
 
             data.search("how to tame a fox", kind="transcript").to_pandas()[["url", "snippet"]]

@@ -33,7 +33,7 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _AGAIN = "download it again, into the same folder"
 
 
-class Line(NamedTuple):
+class TextLine(NamedTuple):
     """The box of one line of a text, in CSS pixels of the screenshot's page."""
 
     x: float
@@ -59,10 +59,10 @@ class Box(NamedTuple):
     y: float
     width: float
     height: float
-    lines: tuple[Line, ...] | None = None
+    lines: tuple[TextLine, ...] | None = None
 
     @property
-    def parts(self) -> Sequence[Box | Line]:
+    def parts(self) -> Sequence[Box | TextLine]:
         """What there is to draw: its lines where it has some, else the box itself."""
         return self.lines or (self,)
 
@@ -71,7 +71,7 @@ def box(row: dict[str, Any]) -> Box:
     """The box of a row of wiki_elements."""
     lines = row["lines"]
     given = {name: row[name] for name in Box._fields if name != "lines"}
-    return Box(**given, lines=lines and tuple(Line(**line) for line in lines))
+    return Box(**given, lines=lines and tuple(TextLine(**line) for line in lines))
 
 
 def screenshot(home: Path, row: dict[str, Any]) -> Picture:

@@ -14,7 +14,7 @@ from kb.store.catalog import SCHEMAS, Catalog, View, check_once
 from kb.store.reading import reading
 
 
-class Opened:
+class OpenTables:
     """Tables by their full names; DuckDB is opened at the first question.
 
     Raises UsageError where two of the folders hold the same table.

@@ -12,8 +12,8 @@ from kb.core.errors import KbError, UsageError
 from kb.reader import html, image
 from kb.reader.hints import hinted
 from kb.reader.image import Box
-from kb.reader.opened import Opened
-from kb.reader.rows import Answer
+from kb.reader.opened import OpenTables
+from kb.reader.rows import QueryResult
 from kb.store.catalog import View
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class Page:
     page.facts, page.recipes                    # what its infoboxes and recipes say
     """
 
-    def __init__(self, opened: Opened, view: View, row: dict[str, Any]) -> None:
+    def __init__(self, opened: OpenTables, view: View, row: dict[str, Any]) -> None:
         self._opened, self._view, self.row = opened, view, row
 
     @property
@@ -52,27 +52,27 @@ class Page:
         return str(self.row["url"])
 
     @property
-    def elements(self) -> Answer:
+    def elements(self) -> QueryResult:
         """The page's rows of wiki_elements, in reading order."""
         return self._rows("elements", "reading_order")
 
     @property
-    def cells(self) -> Answer:
+    def cells(self) -> QueryResult:
         """The page's rows of wiki_cells, by table and place."""
         return self._rows("cells", "table_id, row_index, column_index")
 
     @property
-    def images(self) -> Answer:
+    def images(self) -> QueryResult:
         """The page's rows of wiki_images."""
         return self._rows("images", "element_id, frame_index")
 
     @property
-    def facts(self) -> Answer:
+    def facts(self) -> QueryResult:
         """The page's rows of wiki_facts: what its infoboxes say, field by field."""
         return self._rows("facts", "fact_id")
 
     @property
-    def recipes(self) -> Answer:
+    def recipes(self) -> QueryResult:
         """The page's rows of wiki_recipes: what lies in each slot, and in turn."""
         return self._rows("recipes", "recipe_id, slot, alternative")
 
@@ -107,12 +107,12 @@ class Page:
         ]
         return Boxes(self, boxes)
 
-    def _rows(self, short: str, order: str) -> Answer:
+    def _rows(self, short: str, order: str) -> QueryResult:
         name = f"{self._view.schema}.wiki_{short}"
         if name not in self._opened:
             raise UsageError(f"no table {name} here", hint="data.tables lists what is")
         sql = f"FROM {name} WHERE page_id = ? ORDER BY {order}"
-        return Answer(self._opened.rows(sql, [self.page_id]))
+        return QueryResult(self._opened.rows(sql, [self.page_id]))
 
     def _repr_html_(self) -> str:
         size = f"{self.row['page_width']:,} × {self.row['page_height']:,} px"
@@ -150,7 +150,7 @@ class Boxes(list[Box]):
         return html.block(f"<div>{_thumbnail(self._page, self)}</div>", caption=said)
 
 
-def find(opened: Opened, wanted: int | str) -> Page:
+def find(opened: OpenTables, wanted: int | str) -> Page:
     """A page by its id, its title, or its title in another case. Raises UsageError."""
     ranked = opened.ranked("wiki_pages")
     if not ranked:

@@ -30,7 +30,7 @@ _PARQUET = ds.ParquetFileFormat(
 _SHOWN = 5  # rows in a notebook
 
 
-class Rows:
+class RowSet:
     """What a table and an answer have in common: everything but where the rows come from."""
 
     @property
@@ -91,7 +91,7 @@ class Rows:
         return html.rows(first.column_names, values, self._caption())
 
 
-class Table(Rows):
+class TableView(RowSet):
     """One table: all its shards as one, read when they are asked for.
 
     videos = data["youtube_videos"]
@@ -190,7 +190,7 @@ class Table(Rows):
         return f"<kb table {self.name}>"
 
 
-class Answer(Rows):
+class QueryResult(RowSet):
     """The rows of a query, in memory."""
 
     def __init__(self, rows: pa.Table) -> None:

@@ -10,8 +10,8 @@ from kb.core.errors import UsageError
 from kb.core.profile import DEFAULT, load_profile
 from kb.core.settings import Settings
 from kb.core.sources import SOURCES
-from kb.reader.opened import Opened
-from kb.reader.rows import Answer
+from kb.reader.opened import OpenTables
+from kb.reader.rows import QueryResult
 from kb.search.ask import SearchHit, search
 from kb.search.build import ensure
 from kb.search.passage import KINDS
@@ -29,13 +29,13 @@ _SCHEMA = pa.schema(
 
 
 def find(
-    opened: Opened,
+    opened: OpenTables,
     words: str,
     sources: tuple[str, ...],
     only: Only,
     size: int = 1000,
     entity: str = "",
-) -> Answer:
+) -> QueryResult:
     """The answers as rows, the best first. Makes what is missing of the indexes.
 
     Raises UsageError where there are no texts, WriterLocked, DamagedData, DiskFull.
@@ -51,7 +51,7 @@ def find(
         hits += search(one.path, words, sources=sources, only=only, size=size, entity=entity)
     hits.sort(key=lambda one: -one.score)
     rows = [msgspec.to_builtins(one) for one in hits[: only.limit]]
-    return Answer(pa.Table.from_pylist(rows, schema=_SCHEMA))
+    return QueryResult(pa.Table.from_pylist(rows, schema=_SCHEMA))
 
 
 def _run(held: Catalog) -> Run:

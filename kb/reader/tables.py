@@ -8,11 +8,11 @@ from collections.abc import Iterator, Mapping
 from kb.core.errors import UsageError
 from kb.reader import html
 from kb.reader.hints import hinted
-from kb.reader.rows import Table
+from kb.reader.rows import TableView
 from kb.store.catalog import View, bare
 
 
-class Tables(Mapping[str, Table]):
+class Tables(Mapping[str, TableView]):
     """Every table by its bare name; `release.youtube_videos` names one of several.
 
     list(data.tables); data.tables["youtube_videos"]; "clean.reddit_posts" in data.tables
@@ -22,10 +22,10 @@ class Tables(Mapping[str, Table]):
 
     def __init__(self, views: list[View]) -> None:
         self._short = {name: view.full for name, view in sorted(bare(views).items())}
-        self._full = {view.full: Table(view) for view in sorted(views)}
+        self._full = {view.full: TableView(view) for view in sorted(views)}
 
     @hinted
-    def __getitem__(self, name: str) -> Table:
+    def __getitem__(self, name: str) -> TableView:
         full = self._short.get(name, name)
         if full in self._full:
             return self._full[full]
@@ -44,7 +44,7 @@ class Tables(Mapping[str, Table]):
     def __len__(self) -> int:
         return len(self._short)
 
-    def all(self) -> list[Table]:
+    def all(self) -> list[TableView]:
         """Every table, those that a bare name does not reach as well."""
         return list(self._full.values())
 

@@ -10,7 +10,7 @@ from typing import Any
 from kb.core import terminal
 from kb.core.errors import UsageError
 from kb.reader import html
-from kb.reader.opened import Opened
+from kb.reader.opened import OpenTables
 
 _TEXT = 400  # characters of a body in a notebook
 _SHOWN = 100  # comments in a notebook
@@ -19,7 +19,7 @@ _COMMENT = ("body", "author_hash")
 
 
 @dataclass(eq=False, repr=False)
-class Comment:
+class ThreadComment:
     """A comment and the answers to it, oldest first.
 
     `depth` is the true one: 0 answers the post, None where that is unknown. `body` is None where
@@ -34,7 +34,7 @@ class Comment:
     body: str | None = None
     author_hash: str | None = None
     missing: str | None = None
-    replies: list[Comment] = field(default_factory=list)
+    replies: list[ThreadComment] = field(default_factory=list)
 
     def __repr__(self) -> str:
         return f"<comment {self.comment_id}: {self.score} points, {len(self.replies)} replies>"
@@ -52,8 +52,8 @@ class Thread:
     """
 
     post: dict[str, Any]
-    replies: list[Comment]
-    orphans: list[Comment]
+    replies: list[ThreadComment]
+    orphans: list[ThreadComment]
     missing: str | None = None
 
     @property
@@ -71,7 +71,7 @@ class Thread:
         """The post's own text, where there is one and it is here."""
         return self.post.get("body")
 
-    def walk(self) -> Iterator[tuple[int, Comment]]:
+    def walk(self) -> Iterator[tuple[int, ThreadComment]]:
         """(level, comment) from the top; orphans come last and start at level 0 again."""
         waiting = [(0, one) for one in reversed([*self.replies, *self.orphans])]
         while waiting:
@@ -125,7 +125,7 @@ class Thread:
         return html.block("".join(parts))
 
 
-def find(opened: Opened, post_id: str) -> Thread:
+def find(opened: OpenTables, post_id: str) -> Thread:
     """The thread of a post, by its bare id or full name. Raises UsageError where it is not here."""
     key = post_id.removeprefix("t3_")
     # What a later release removed stays out of an older copy.
@@ -154,13 +154,13 @@ def find(opened: Opened, post_id: str) -> Thread:
     )
 
 
-def _comments(opened: Opened, view: str, key: str) -> list[dict[str, Any]]:
+def _comments(opened: OpenTables, view: str, key: str) -> list[dict[str, Any]]:
     sql = f"FROM {view} WHERE post_id = ? ORDER BY created_utc, comment_id"
     return opened.rows(sql, [key]).to_pylist()
 
 
 def _filled(
-    opened: Opened,
+    opened: OpenTables,
     rows: list[dict[str, Any]],
     short: str,
     key: str,
@@ -176,7 +176,7 @@ def _filled(
     return [row | texts.get(row[key], {}) for row in rows]
 
 
-def _reasons(opened: Opened, short: str) -> dict[str, str]:
+def _reasons(opened: OpenTables, short: str) -> dict[str, str]:
     """Keys with their reasons, of every table of this name that is here."""
     reasons: dict[str, str] = {}
     for one in opened.ranked(short):
@@ -186,9 +186,9 @@ def _reasons(opened: Opened, short: str) -> dict[str, str]:
 
 
 def _nested(post: dict[str, Any], rows: list[dict[str, Any]], missing: dict[str, str]) -> Thread:
-    every: dict[str, Comment] = {}
+    every: dict[str, ThreadComment] = {}
     for row in rows:
-        every[row["comment_id"]] = Comment(
+        every[row["comment_id"]] = ThreadComment(
             row["comment_id"],
             row["parent_id"],
             row["depth"],

@@ -10,23 +10,23 @@ from kb.core import waiting
 from kb.core.context import Run
 from kb.core.verdict import Summary
 from kb.crawl.loop import Loop
-from kb.crawl.session import Session
+from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Opened, Phase
 from kb.reddit.reduce import PAYLOADS
-from kb.reddit.source import INFO, MORE, THREAD, TREE, Reddit
-from kb.reddit.wanted import Wanted
+from kb.reddit.source import INFO, MORE, THREAD, TREE, RedditSource
+from kb.reddit.wanted import WantedThings
 from kb.store import reading
 from kb.store.frontier import Frontier, Item
 
 _WHY = {"404": "missing", "410": "missing", "purged": "purged"}
 
 
-class Rebuild(Reddit):
+class Rebuild(RedditSource):
     """What is wanted: names, and posts whose whole trees are read. `answered` counts names."""
 
     phases = (replace(INFO, name="reddit reconstruct"), MORE, THREAD, TREE)
 
-    def __init__(self, run: Run, wanted: Wanted, gone: Collection[str] = ()) -> None:
+    def __init__(self, run: Run, wanted: WantedThings, gone: Collection[str] = ()) -> None:
         super().__init__(run)
         self.wanted, self.gone = wanted, gone
         self.answered = 0
@@ -62,7 +62,7 @@ class Rebuild(Reddit):
         """What stands beside a progress bar."""
         return {"requests": self.requests()}
 
-    def summary(self, session: Session, loop: Loop) -> Summary:
+    def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """Figures of this run and what is left."""
         frontier = session.frontier
         counts = {phase.kind: frontier.counts(phase.kind) for phase in self.phases}

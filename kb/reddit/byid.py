@@ -23,7 +23,7 @@ from typing import Any
 from zlib import crc32
 
 from kb.reddit import tree
-from kb.reddit.search import Search, State, finder
+from kb.reddit.search import SearchState, SubredditSearch, finder
 from kb.store.atomic import replacing_folder, write_bytes
 
 SIZE = 8  # bytes of an id that fits into a number; Reddit's have seven
@@ -65,7 +65,7 @@ def keep(
         write_bytes(fresh / _BITS, bytes(bits))
 
 
-class Kept:
+class IdIndex:
     """What `keep` wrote into `folder`; processes share the memory of most of it."""
 
     def __init__(self, folder: Path) -> None:
@@ -85,13 +85,15 @@ class Kept:
         return at < len(among) and among[at] == number
 
 
-class ById(Search):
+class ById(SubredditSearch):
     """Finds posts and comments by id in chunks of a dump, and the comments of some posts.
 
     With a `subreddit` only lines of it are looked at; `state` is what such a search has learned.
     """
 
-    def __init__(self, kept: Kept, subreddit: str = "", state: State | None = None) -> None:
+    def __init__(
+        self, kept: IdIndex, subreddit: str = "", state: SearchState | None = None
+    ) -> None:
         super().__init__(subreddit, state)
         self._kept, self._has = kept, kept.has
         self._ids = finder(b'"id":')

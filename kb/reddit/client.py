@@ -23,7 +23,7 @@ from kb.core.errors import Blocked, Retryable
 from kb.core.settings import REDDIT, Settings
 from kb.net.rate import Pace
 from kb.net.retry import PATIENCE_S, attempt
-from kb.net.session import Ledger, Session, host_of
+from kb.net.session import HttpSession, Ledger, host_of
 from kb.reddit.answers import problem
 from kb.reddit.errors import consequence, too_deep
 
@@ -174,12 +174,14 @@ class Client:
 
     def _connected(self) -> Any:
         if self._reddit is None:
-            session = Session(self._settings, hosts=self._hosts, ledger=_ledger(self._spend))
+            session = HttpSession(self._settings, hosts=self._hosts, ledger=_ledger(self._spend))
             self._reddit = _praw(self._id, self._secret or None, session, self._root, self._limiter)
         return self._reddit
 
 
-def _praw(client_id: str, secret: str | None, session: Session, root: str, limiter: Limiter) -> Any:
+def _praw(
+    client_id: str, secret: str | None, session: HttpSession, root: str, limiter: Limiter
+) -> Any:
     class Ours(Requestor):
         """Sends by our session."""
 

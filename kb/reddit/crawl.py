@@ -9,10 +9,10 @@ from kb.core.context import Run
 from kb.core.verdict import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
-from kb.crawl.session import Session
+from kb.crawl.session import CrawlSession
 from kb.reddit.discover import KINDS
 from kb.reddit.reduce import crawled, outside
-from kb.reddit.source import Reddit
+from kb.reddit.source import RedditSource
 from kb.reddit.state import unread_parts
 
 
@@ -23,9 +23,9 @@ def crawl(run: Run, since: datetime | None = None, until: datetime | None = None
     Raises LimitReached, Blocked, Unreachable, Interrupted (exit 3), CredentialRefused and
     FatalError (exit 1); the summary so far is on the error.
     """
-    source = Reddit(run, since, until)
+    source = RedditSource(run, since, until)
 
-    def summary(session: Session, loop: Loop) -> Summary:
+    def summary(session: CrawlSession, loop: Loop) -> Summary:
         """Figures of this run and what is left."""
         frontier = session.frontier
         counts = {kind: frontier.counts(kind) for kind in KINDS}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from kb.core.profile.reddit import Reddit as Section
+from kb.core.profile.reddit import RedditSection as Section
 from kb.reddit import tree
-from kb.reddit.reduce import OUTSIDE, Listing, Post
+from kb.reddit.reduce import OUTSIDE, ListingCursor, PostItem
 from kb.store.frontier import Frontier
 
 KINDS = ("listing", "tree", "more", "thread")
@@ -18,11 +18,11 @@ class Span(NamedTuple):
     since: float | None = None
     until: float | None = None
 
-    def excludes(self, post: Post | None) -> bool:
+    def excludes(self, post: PostItem | None) -> bool:
         """Whether a post was made outside of it; one that nobody knows the time of was not."""
         return post is not None and tree.outside(post.created_utc, self.since, self.until)
 
-    def is_behind(self, key: str, listing: Listing | None) -> bool:
+    def is_behind(self, key: str, listing: ListingCursor | None) -> bool:
         """Whether all that a listing still has is older."""
         if key != "new" or listing is None:
             return False
@@ -70,5 +70,5 @@ def _new_round(frontier: Frontier, names: list[str]) -> None:
         if name not in names or (status == "skipped" and reason != OUTSIDE):
             continue
         upto = last.newest if last is not None and status == "done" else None
-        frontier.payload("listing", name, Listing(upto=upto))
+        frontier.payload("listing", name, ListingCursor(upto=upto))
         frontier.mark("listing", [name], "todo")

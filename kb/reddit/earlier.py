@@ -36,7 +36,7 @@ _SINCE = "writes"  # in a work folder: how often the tables had been written whe
 _ROWS = 65_536
 
 
-class Lost(NamedTuple):
+class MissingReason(NamedTuple):
     """Why something is in no table; `at`: when the source said so, None where it did not say."""
 
     reason: str
@@ -101,7 +101,7 @@ def size(out: Path) -> int:
         return sum(parquet.footer(path).num_rows for path in paths)
 
 
-def missing(out: Path) -> dict[str, Lost]:
+def missing(out: Path) -> dict[str, MissingReason]:
     """Key → why, of what earlier runs did not get. Raises DamagedData."""
     path = out / MISSING
     if not path.exists():
@@ -110,7 +110,7 @@ def missing(out: Path) -> dict[str, Lost]:
         rows = parquet.read_table(path)
     keys, reasons = (cast("list[str]", rows[name].to_pylist()) for name in ("key", "reason"))
     times: list[Any] = rows["said_at"].to_pylist()
-    return {key: Lost(*rest) for key, *rest in zip(keys, reasons, times, strict=True)}
+    return {key: MissingReason(*rest) for key, *rest in zip(keys, reasons, times, strict=True)}
 
 
 def spread(out: Path, folder: Path, buckets: int) -> None:
@@ -138,12 +138,14 @@ class Verdicts(NamedTuple):
     newer: bool
 
 
-def verdicts(old: Mapping[str, Lost], new: Mapping[str, Lost], *, newer: bool) -> Verdicts:
+def verdicts(
+    old: Mapping[str, MissingReason], new: Mapping[str, MissingReason], *, newer: bool
+) -> Verdicts:
     """Of what earlier runs and this one did not get."""
     return Verdicts(_last_words(old.items()), _last_words(new.items()), newer)
 
 
-def _last_words(lost: Iterable[tuple[str, Lost]]) -> pa.Table:
+def _last_words(lost: Iterable[tuple[str, MissingReason]]) -> pa.Table:
     rows = [(key, one.at) for key, one in lost if one.gone]
     times = pa.array([at for _, at in rows], pa.timestamp("us", "UTC"))
     return pa.table({"key": pa.array([key for key, _ in rows], pa.string()), "at": times})
@@ -186,7 +188,9 @@ def deep(comments: pa.Table) -> pa.Table:
     return comments.set_column(place, "depth", pc.coalesce(comments["depth"], found))
 
 
-def reasons(old: Mapping[str, Lost], new: Mapping[str, Lost], *, newer: bool) -> dict[str, Lost]:
+def reasons(
+    old: Mapping[str, MissingReason], new: Mapping[str, MissingReason], *, newer: bool
+) -> dict[str, MissingReason]:
     """Why things are missing after both. `newer` as in `Verdicts`: else the later word counts."""
     why = {**old, **new}
     for key, before in old.items():
@@ -196,7 +200,7 @@ def reasons(old: Mapping[str, Lost], new: Mapping[str, Lost], *, newer: bool) ->
     return why
 
 
-def _is_later(one: Lost, other: Lost) -> bool:
+def _is_later(one: MissingReason, other: MissingReason) -> bool:
     return one.at is not None and (other.at is None or one.at > other.at)
 
 

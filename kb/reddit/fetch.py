@@ -13,12 +13,12 @@ from kb.reddit.authors import Scrubber
 from kb.reddit.client import LISTED, Client
 from kb.reddit.discover import Span
 from kb.reddit.errors import REDIRECT, STATUS, no_subreddit, too_deep
-from kb.reddit.reduce import Listing
+from kb.reddit.reduce import ListingCursor
 from kb.reddit.strip import without
 from kb.store.frontier import Item
 
 
-class Fetch:
+class RedditFetcher:
     """Asks by one client. `gone` are the full names that were purged."""
 
     def __init__(
@@ -53,7 +53,7 @@ class Fetch:
         left out.
         """
         (item,) = items
-        state: Listing = item.payload or Listing()
+        state: ListingCursor = item.payload or ListingCursor()
         name, _, extra = item.key.partition(":")
         params: dict[str, Any] = {"limit": LISTED, "raw_json": 1}
         if name == "search":

@@ -22,7 +22,7 @@ class Children(msgspec.Struct, Generic[Thing], gc=False):
     children: list[Thing]
 
 
-class Listing(msgspec.Struct, Generic[Thing], gc=False):
+class ListingForm(msgspec.Struct, Generic[Thing], gc=False):
     """A page of things; the replies to a comment are one too."""
 
     kind: Literal["Listing"]
@@ -35,7 +35,7 @@ class Things(msgspec.Struct, Generic[Thing], gc=False):
     things: list[Thing]
 
 
-class Data(msgspec.Struct, Generic[Thing], gc=False):
+class ThingData(msgspec.Struct, Generic[Thing], gc=False):
     """Around it."""
 
     data: Things[Thing]
@@ -44,22 +44,22 @@ class Data(msgspec.Struct, Generic[Thing], gc=False):
 class More(msgspec.Struct, Generic[Thing], gc=False):
     """An answer about stubs. What has a kind is a thing, and no such answer."""
 
-    json: Data[Thing]
+    json: ThingData[Thing]
     kind: UnsetType = UNSET
 
 
-class Request(msgspec.Struct, gc=False):
+class TypedRequest(msgspec.Struct, gc=False):
     """What was asked."""
 
     endpoint: str
     params: dict[str, Any]
 
 
-class Envelope(msgspec.Struct, Generic[Thing], gc=False):
+class TypedEnvelope(msgspec.Struct, Generic[Thing], gc=False):
     """A line of the raw log with an answer of status 200; `response` by the raw kind."""
 
     fetched_at: str | None
-    request: Request
+    request: TypedRequest
     status: Literal[200]
     response: Thing
 
@@ -68,13 +68,13 @@ class Envelope(msgspec.Struct, Generic[Thing], gc=False):
 def decoder(kind: str, thing: Any) -> msgspec.json.Decoder[Any]:
     """Reads lines of a raw kind whose things are of the type `thing`."""
     answers: dict[str, Any] = {
-        "comments": list[Listing[thing]] | Listing[thing],
+        "comments": list[ListingForm[thing]] | ListingForm[thing],
         "morechildren": More[thing],
     }
-    return msgspec.json.Decoder(Envelope[answers.get(kind, Listing[thing])])  # type: ignore[misc]
+    return msgspec.json.Decoder(TypedEnvelope[answers.get(kind, ListingForm[thing])])  # type: ignore[misc]
 
 
-def things_of(envelope: Envelope[Any]) -> list[Any] | None:
+def things_of(envelope: TypedEnvelope[Any]) -> list[Any] | None:
     """The things of an answer, parents before replies; None where only a part of them counts,
     row by row: what is outside of the span that was asked for.
     """
@@ -90,7 +90,7 @@ def things_of(envelope: Envelope[Any]) -> list[Any] | None:
     while stack:
         thing = stack.pop()
         things.append(thing)
-        if thing.kind == tree.COMMENT and type(thing.data.replies) is Listing:
+        if thing.kind == tree.COMMENT and type(thing.data.replies) is ListingForm:
             stack += thing.data.replies.data.children[::-1]
     return things
 

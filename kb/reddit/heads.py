@@ -45,7 +45,7 @@ class _Data(msgspec.Struct, gc=False):
     selftext: Raw = _ABSENT
     body: Raw = _ABSENT
     author: Raw = _ABSENT
-    replies: forms.Listing[_Thing] | str | UnsetType | None = UNSET
+    replies: forms.ListingForm[_Thing] | str | UnsetType | None = UNSET
 
 
 def rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:

@@ -22,8 +22,8 @@ from kb.crawl.session import open_session
 from kb.reddit import dumpfiles, places
 from kb.reddit.authors import load_key
 from kb.reddit.containers import memory
-from kb.reddit.onedump import Job, import_file, import_with, name_of
-from kb.reddit.places import KIND, Place
+from kb.reddit.onedump import ImportJob, import_file, import_with, name_of
+from kb.reddit.places import KIND, DumpCursor
 from kb.reddit.source import Dumps
 from kb.store import mending, rawlog
 
@@ -45,7 +45,7 @@ def import_dumps(
         span = (since.timestamp() if since else 0.0, until.timestamp() if until else math.inf)
         root = str(run.root.absolute())
         jobs = [
-            Job(root, str(file.absolute()), section.subreddit, *span, run.limit or 0)
+            ImportJob(root, str(file.absolute()), section.subreddit, *span, run.limit or 0)
             for file in different(run, named.files, span)
         ]
         try:
@@ -70,7 +70,7 @@ def different(
     return list(named.values())
 
 
-def import_jobs(run: Run, jobs: list[Job]) -> list[Place]:
+def import_jobs(run: Run, jobs: list[ImportJob]) -> list[DumpCursor]:
     """Import these files below `run.root`; their places.
 
     Whatever stops it, what was imported until then is in the error's summary.
@@ -82,7 +82,7 @@ def import_jobs(run: Run, jobs: list[Job]) -> list[Place]:
         for name, job in zip(names, jobs, strict=True)
     ]
 
-    def now() -> list[Place]:
+    def now() -> list[DumpCursor]:
         """From the notes, not the workers' own counts: one that dies after its file is done is
         replaced by one that finds nothing to do.
         """
@@ -116,8 +116,8 @@ def import_jobs(run: Run, jobs: list[Job]) -> list[Place]:
     return now()
 
 
-def _run(run: Run, jobs: list[Job]) -> None:
-    done: list[Place] = []
+def _run(run: Run, jobs: list[ImportJob]) -> None:
+    done: list[DumpCursor] = []
     # With a limit one file after the other: it counts things over all of them.
     size = sum(Path(job.file).stat().st_size for job in jobs)
     workers = 1 if run.limit else run.processes(size)
@@ -163,7 +163,7 @@ def _run(run: Run, jobs: list[Job]) -> None:
             )
 
 
-def _one_by_one(executor: Executor, window: int, jobs: list[Job]) -> Iterator[Place]:
+def _one_by_one(executor: Executor, window: int, jobs: list[ImportJob]) -> Iterator[DumpCursor]:
     """Places of files that all workers read together, as long as the run is not asked to end."""
     for job in jobs:
         if signals.stop.requested():
@@ -172,15 +172,15 @@ def _one_by_one(executor: Executor, window: int, jobs: list[Job]) -> Iterator[Pl
 
 
 def _results(
-    executor: Executor, tasks: Iterator[tuple[Job]], window: int, most: int
-) -> Iterator[Place]:
+    executor: Executor, tasks: Iterator[tuple[ImportJob]], window: int, most: int
+) -> Iterator[DumpCursor]:
     """Places in the order of the jobs. When the run is asked to end, those that have begun are
     still waited for: they end soon.
 
     Files are handed out while all that are read together take `most` bytes at most, the windows of
     their frames included.
     """
-    waiting: deque[tuple[Future[Place], int]] = deque()
+    waiting: deque[tuple[Future[DumpCursor], int]] = deque()
     for task in tasks:
         need = memory(Path(task[0].file))
         while waiting and sum(taken for _, taken in waiting) + need > most:
@@ -194,7 +194,7 @@ def _results(
         yield waiting.popleft()[0].result()
 
 
-def _tasks(jobs: list[Job], done: list[Place]) -> Iterator[tuple[Job]]:
+def _tasks(jobs: list[ImportJob], done: list[DumpCursor]) -> Iterator[tuple[ImportJob]]:
     """The jobs; with a limit each gets what the ones before it left of it."""
     for job in jobs:
         yield (
@@ -204,7 +204,7 @@ def _tasks(jobs: list[Job], done: list[Place]) -> Iterator[tuple[Job]]:
         )
 
 
-def summary_of(found: list[Place]) -> Summary:
+def summary_of(found: list[DumpCursor]) -> Summary:
     """What an import did, by the places of its files."""
     return Summary(
         command="reddit import",

@@ -96,7 +96,7 @@ def _spread(
 
 def spread(kind: str, links: Links, segment: str, place: int, folder: str, number: int) -> None:
     """Spread one segment; runs in a worker."""
-    about = buckets.Kind(
+    about = buckets.RawKind(
         partial(heads.rows, kind=kind, links=links), key=("fullname",), bucket="fullname"
     )
     with full_disk_is_resumable(Path(folder)):

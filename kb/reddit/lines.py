@@ -10,15 +10,15 @@ from typing import Any, NamedTuple
 import msgspec
 
 from kb.reddit.authors import Scrubber, load_key
-from kb.reddit.byid import ById, Kept
+from kb.reddit.byid import ById, IdIndex
 from kb.reddit.dumps import Chunk, retrieved
-from kb.reddit.search import Search, State
+from kb.reddit.search import SearchState, SubredditSearch
 from kb.reddit.strip import without
 from kb.schema.decode import holdable
 from kb.store import tombstones
 
 
-class Rules(msgspec.Struct, frozen=True):
+class RecordRules(msgspec.Struct, frozen=True):
     """Which records are wanted, and the root whose key and tombstones count; plain values.
 
     `ids` is a folder of kb.reddit.byid: these records instead of the subreddit's, or, with a
@@ -51,20 +51,20 @@ class Looked(NamedTuple):
     things: list[Taken]
 
 
-def rules(root: Path, subreddit: str, since: float, until: float, ids: str = "") -> Rules:
+def rules(root: Path, subreddit: str, since: float, until: float, ids: str = "") -> RecordRules:
     """The rules of an import as of now."""
     stamp = tombstones.version(root, "reddit")
-    return Rules(str(root), subreddit, since, until, stamp, ids)
+    return RecordRules(str(root), subreddit, since, until, stamp, ids)
 
 
-def search_of(rules: Rules, state: State | None = None) -> Search:
+def search_of(rules: RecordRules, state: SearchState | None = None) -> SubredditSearch:
     """What finds the wanted records; `state` is what a search of the lines before has learned."""
     if rules.ids:
         return ById(_kept(rules.ids), rules.subreddit, state)
-    return Search(rules.subreddit, state)
+    return SubredditSearch(rules.subreddit, state)
 
 
-def look(search: Search, chunk: Chunk, rules: Rules) -> Looked:
+def look(search: SubredditSearch, chunk: Chunk, rules: RecordRules) -> Looked:
     """The wanted things of a chunk, in their order."""
     scrubber, gone = _tools(rules.root, rules.tombstones, rules.ids)
     things: list[Taken] = []
@@ -84,7 +84,9 @@ Block = tuple[tuple[int, bytes], ...]
 """Chunks of whole lines that follow each other: the offset of each, and its bytes."""
 
 
-def look_at_block(block: Block, rules: Rules, state: State) -> tuple[list[Looked], State]:
+def look_at_block(
+    block: Block, rules: RecordRules, state: SearchState
+) -> tuple[list[Looked], SearchState]:
     """What each chunk of a block holds, and what the search knows behind it; runs in a worker.
 
     `state` is what it knew before, so that what is found follows from the file and from nothing
@@ -103,9 +105,9 @@ def _tools(root: str, stamp: int, ids: str) -> tuple[Scrubber, Collection[str]]:
 
 
 @cache
-def _kept(folder: str) -> Kept:
+def _kept(folder: str) -> IdIndex:
     """Read once in each worker."""
-    return Kept(Path(folder))
+    return IdIndex(Path(folder))
 
 
 def _encoded(thing: dict[str, Any]) -> bytes:
@@ -115,7 +117,9 @@ def _encoded(thing: dict[str, Any]) -> bytes:
         return msgspec.json.encode(holdable(thing))
 
 
-def _wanted(record: dict[str, Any], rules: Rules, gone: Collection[str]) -> dict[str, Any] | None:
+def _wanted(
+    record: dict[str, Any], rules: RecordRules, gone: Collection[str]
+) -> dict[str, Any] | None:
     """The record as a thing, unless it is out of the span or purged. One whose date can't be read
     is left to the filter.
     """

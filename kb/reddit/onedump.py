@@ -16,10 +16,10 @@ import msgspec
 from kb.reddit import places
 from kb.reddit.containers import Seen
 from kb.reddit.dumps import Chunk, chunks
-from kb.reddit.lines import Block, Looked, Rules, Taken, look, look_at_block, rules, search_of
-from kb.reddit.places import KIND, Place
-from kb.reddit.search import State
-from kb.reddit.segments import Segments
+from kb.reddit.lines import Block, Looked, RecordRules, Taken, look, look_at_block, rules, search_of
+from kb.reddit.places import KIND, DumpCursor
+from kb.reddit.search import SearchState
+from kb.reddit.segments import DumpSegments
 from kb.store import rawlog
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.rawlog import SEGMENT_BYTES
@@ -32,7 +32,7 @@ WORTH = 3.0  # seconds of one core
 _LOOKED, _TAKEN = 1e9, 12_000  # bytes and things a second
 
 
-class Job(msgspec.Struct):
+class ImportJob(msgspec.Struct):
     """What a worker needs; plain values. Without a lease nobody can stop it before the
     file's end.
 
@@ -54,19 +54,19 @@ class Job(msgspec.Struct):
     home: str = ""
 
 
-def import_file(job: Job) -> Place:
+def import_file(job: ImportJob) -> DumpCursor:
     """Import one dump from where it was left; its place. Runs in a worker; memory is bounded by a
     chunk.
     """
     return _write(job, lambda place, seen: _in_turn(job, place, seen))
 
 
-def import_with(executor: Executor, window: int, job: Job) -> Place:
+def import_with(executor: Executor, window: int, job: ImportJob) -> DumpCursor:
     """The same with the lines looked at by the workers of `executor`, `window` blocks in hand."""
     return _write(job, lambda place, seen: _side_by_side(executor, window, job, place, seen))
 
 
-def _write(job: Job, read: Callable[[Place, Seen], Iterator[Looked]]) -> Place:
+def _write(job: ImportJob, read: Callable[[DumpCursor, Seen], Iterator[Looked]]) -> DumpCursor:
     root, file, name = Path(job.root), Path(job.file), name_of(job)
     place = places.load(root, name, job.file, job.round)
     places.complete(rawlog.folder(root, "reddit", KIND), place)
@@ -74,7 +74,7 @@ def _write(job: Job, read: Callable[[Place, Seen], Iterator[Looked]]) -> Place:
     if place.done:
         return place
     seen = Seen(place.lines, place.bad_lines, place.first_bad)
-    out = Segments(root, file, name, place, job.segment_bytes)
+    out = DumpSegments(root, file, name, place, job.segment_bytes)
     waiting: list[Taken] = []
     offset, taken = place.offset, 0
     with full_disk_is_resumable(root):
@@ -104,17 +104,17 @@ def _write(job: Job, read: Callable[[Place, Seen], Iterator[Looked]]) -> Place:
     return place
 
 
-def _chunks(job: Job, place: Place, seen: Seen) -> Iterator[Chunk]:
+def _chunks(job: ImportJob, place: DumpCursor, seen: Seen) -> Iterator[Chunk]:
     leased = not job.lease
     return chunks(Path(job.file), seen, place.offset, lambda: leased or Path(job.lease).exists())
 
 
-def _rules(job: Job) -> Rules:
+def _rules(job: ImportJob) -> RecordRules:
     home = Path(job.home or job.root)
     return rules(home, job.subreddit, job.since, job.until, job.ids)
 
 
-def _in_turn(job: Job, place: Place, seen: Seen) -> Iterator[Looked]:
+def _in_turn(job: ImportJob, place: DumpCursor, seen: Seen) -> Iterator[Looked]:
     wanted, room = _rules(job), job.limit
     search = search_of(wanted)
     for chunk in _chunks(job, place, seen):
@@ -129,7 +129,7 @@ def _in_turn(job: Job, place: Place, seen: Seen) -> Iterator[Looked]:
 
 
 def _side_by_side(
-    executor: Executor, window: int, job: Job, place: Place, seen: Seen
+    executor: Executor, window: int, job: ImportJob, place: DumpCursor, seen: Seen
 ) -> Iterator[Looked]:
     """What is in the chunks, in their order, as one worker after the other would find it.
 
@@ -137,8 +137,8 @@ def _side_by_side(
     search knew when they were handed out; where a block before it taught the search something, one
     is looked at again.
     """
-    wanted, state, spent = _rules(job), State((), True), 0.0
-    waiting: deque[tuple[Block, State, Future[tuple[list[Looked], State]]]] = deque()
+    wanted, state, spent = _rules(job), SearchState((), True), 0.0
+    waiting: deque[tuple[Block, SearchState, Future[tuple[list[Looked], SearchState]]]] = deque()
 
     def next_found() -> list[Looked]:
         nonlocal state
@@ -179,6 +179,6 @@ def _blocks(found: Iterable[Chunk]) -> Iterator[Block]:
         yield tuple(block)
 
 
-def name_of(job: Job) -> str:
+def name_of(job: ImportJob) -> str:
     """The name of the note of its place."""
     return places.name_of(Path(job.file), job.since, job.until)

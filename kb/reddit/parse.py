@@ -14,11 +14,11 @@ import pyarrow as pa
 
 from kb.core.profile.reddit import Links
 from kb.reddit import plain, tree
-from kb.reddit.records import Reader, Row, about_of, asked_for, marked, row_of
+from kb.reddit.records import RecordReader, Row, about_of, asked_for, marked, row_of
 from kb.schema.coerce import times
 from kb.schema.decode import problems
 from kb.schema.tables import table
-from kb.store.buckets import Kind
+from kb.store.buckets import RawKind
 
 ROWS = 8_192
 # Of answers that are as old the later kind counts: a refresh (info) reads again what others
@@ -26,11 +26,11 @@ ROWS = 8_192
 KINDS = ("dumps", "listings", "comments", "morechildren", "info")
 
 
-def raw_kind(kind: str, links: Links) -> Kind:
+def raw_kind(kind: str, links: Links) -> RawKind:
     """How one raw kind becomes rows; of records of dumps that are as old, or don't say, the later
     dump's counts.
     """
-    return Kind(
+    return RawKind(
         partial(rows, kind=kind, links=links),
         key=("fullname", "state"),
         bucket="post_id",
@@ -60,7 +60,7 @@ class Batch:
     def __init__(self, kind: str, links: Links, only: tuple[str, ...] = ()) -> None:
         self._schema = pa.schema([field for field in schema() if not only or field.name in only])
         self._kind, self._live = kind, kind != "dumps"
-        self._read = Reader(kind, links)
+        self._read = RecordReader(kind, links)
         self._plain = plain.Comments()
         self._rows: list[Row] = []
         self._places: list[int] = []  # of `_rows`
@@ -82,7 +82,7 @@ class Batch:
         self._rows += found
         self._size += len(found)
 
-    def _page(self, page: plain.Page) -> None:
+    def _page(self, page: plain.DecodedPage) -> None:
         params, dump = page.params, self._read.dump(page.endpoint, page.params)
         about, asked = about_of(params), asked_for(self._kind, params, 200)
         quick: list[Any] = []

@@ -31,7 +31,7 @@ _BLOCKS, _BLOCK = 1024, 4096  # and behind it, as far from each other as its siz
 _MEND = "delete it; the dump is read once more, and what is here already counts once"
 
 
-class Place(msgspec.Struct):
+class DumpCursor(msgspec.Struct):
     """How far a dump was imported. `offset` in decompressed bytes; `segment` the last one noted."""
 
     file: str
@@ -76,19 +76,19 @@ def _span(since: float, until: float) -> str:
     return "-" + hashlib.sha256(f"{since}\0{until}".encode()).hexdigest()[:8]
 
 
-def load(root: Path, name: str, file: str = "", round: str = "") -> Place:
+def load(root: Path, name: str, file: str = "", round: str = "") -> DumpCursor:
     """Where an import was left: at the beginning when there is no note, one of another round of
     `--again`, or one of a damaged `file` that was repaired since.
     """
-    noted = notes.read(_folder(root) / f"{name}.json", Place, mend=_MEND)
-    place = noted or Place(file, round=round)
+    noted = notes.read(_folder(root) / f"{name}.json", DumpCursor, mend=_MEND)
+    place = noted or DumpCursor(file, round=round)
     repaired = file and place.done and place.damaged and place.changed != _changed(file)
     if repaired or (round and place.round != round):
-        return Place(file, round=round)
+        return DumpCursor(file, round=round)
     return place
 
 
-def ended(place: Place, file: Path) -> None:
+def ended(place: DumpCursor, file: Path) -> None:
     """The dump was read to its end."""
     place.done, place.changed = True, _changed(str(file))
 
@@ -97,7 +97,7 @@ def _changed(file: str) -> int:
     return Path(file).stat().st_mtime_ns
 
 
-def save(root: Path, name: str, place: Place) -> None:
+def save(root: Path, name: str, place: DumpCursor) -> None:
     """Write the note. Raises DiskFull."""
     write_bytes(_folder(root) / f"{name}.json", msgspec.json.encode(place))
 
@@ -136,7 +136,7 @@ def settle(root: Path) -> None:
         lease.unlink()  # workers of another machine that outlived their command end
 
 
-def complete(base: Path, place: Place) -> None:
+def complete(base: Path, place: DumpCursor) -> None:
     """Finish the rename that a note promises."""
     part = written(base, place.segment)
     if place.segment and part.exists() and not (base / place.segment).exists():

@@ -68,36 +68,36 @@ CommentFields = _record(
     "CommentFields",
     *_columns("comments"),
     *_OF_ALL,
-    replies="forms.Listing[Thing] | str | None | msgspec.UnsetType",
+    replies="forms.ListingForm[Thing] | str | None | msgspec.UnsetType",
 )
 StubFields = _record("StubFields", "children", "parent_id")
 
 
-class Post(msgspec.Struct, gc=False, tag_field="kind", tag="t3"):
+class PostRecord(msgspec.Struct, gc=False, tag_field="kind", tag="t3"):
     """A post."""
 
     kind: ClassVar[str] = tree.POST
     data: PostFields  # type: ignore[valid-type]
 
 
-class Comment(msgspec.Struct, gc=False, tag_field="kind", tag="t1"):
+class CommentRecord(msgspec.Struct, gc=False, tag_field="kind", tag="t1"):
     """A comment with its replies."""
 
     kind: ClassVar[str] = tree.COMMENT
     data: CommentFields  # type: ignore[valid-type]
 
 
-class Stub(msgspec.Struct, gc=False, tag_field="kind", tag="more"):
+class StubRecord(msgspec.Struct, gc=False, tag_field="kind", tag="more"):
     """What stands for comments that the answer has not."""
 
     kind: ClassVar[str] = "more"
     data: StubFields  # type: ignore[valid-type]
 
 
-Thing = Post | Comment | Stub
+Thing = PostRecord | CommentRecord | StubRecord
 
 
-class Page(NamedTuple):
+class DecodedPage(NamedTuple):
     """A decoded answer of status 200 and its things, parents before replies."""
 
     fetched_at: str | None
@@ -106,7 +106,7 @@ class Page(NamedTuple):
     things: list[Any]
 
 
-def page(line: bytes, kind: str) -> Page | None:
+def page(line: bytes, kind: str) -> DecodedPage | None:
     """An answer of the usual form; None for any other, which is for the careful reader."""
     if b"\\u0000" in line:
         return None
@@ -121,7 +121,9 @@ def page(line: bytes, kind: str) -> Page | None:
         key = one.data.id
         if (type(key) is not str or not key) and one.kind != "more":
             return None  # such a thing is known by all of its fields
-    return Page(envelope.fetched_at, envelope.request.endpoint, envelope.request.params, things)
+    return DecodedPage(
+        envelope.fetched_at, envelope.request.endpoint, envelope.request.params, things
+    )
 
 
 def fields_of(record: Any) -> dict[str, Any]:

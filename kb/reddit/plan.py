@@ -9,7 +9,7 @@ from pathlib import Path
 
 from kb.core.addresses import is_loopback
 from kb.core.context import Run
-from kb.core.plan import Phase, plan
+from kb.core.plan import PlanPhase, plan
 from kb.core.verdict import Summary
 from kb.core.waiting import to_read
 from kb.reddit import dumpfiles
@@ -58,8 +58,8 @@ def plan_crawl(run: Run) -> Summary:
     asked = round(posts * each) + math.ceil(to_read(kinds, "more") / IDS)
     asked += to_read(kinds, "thread")
     phases = [
-        Phase("listings", listings, requests=pages, hours=_hours(run, pages)),
-        Phase("posts", posts, requests=asked, hours=_hours(run, asked), gb=posts * size / 1e9),
+        PlanPhase("listings", listings, requests=pages, hours=_hours(run, pages)),
+        PlanPhase("posts", posts, requests=asked, hours=_hours(run, asked), gb=posts * size / 1e9),
     ]
     return Summary(plan("reddit crawl", "reddit", phases, assumed))
 
@@ -85,7 +85,7 @@ def plan_rebuild(run: Run, ids: Ids, dumps: Sequence[Path] = ()) -> Summary:
         size = sum(file.stat().st_size for file in files)
         items = len(wanted.names) + len(wanted.trees)
         hours, gb = size / DUMP_BYTES_AN_HOUR / run.workers, items * BYTES_AN_ID / 1e9
-        phases = [Phase("posts and comments", items, hours=hours, gb=gb)]
+        phases = [PlanPhase("posts and comments", items, hours=hours, gb=gb)]
         assumed = [f"{DUMP_BYTES_AN_HOUR / 3600 / 1e6:g} MB of dumps a second and core"]
         return Summary(plan("reddit reconstruct", "reddit", phases, assumed))
     return Summary(
@@ -106,11 +106,13 @@ def _of_ids(
     phases = []
     for phase, items in named:
         calls = math.ceil(items / IDS)
-        phases.append(Phase(phase, items, calls, 0, _hours(run, calls), items * BYTES_AN_ID / 1e9))
+        phases.append(
+            PlanPhase(phase, items, calls, 0, _hours(run, calls), items * BYTES_AN_ID / 1e9)
+        )
     if trees:
         calls = round(trees * REQUESTS_A_POST)
         phases.append(
-            Phase("posts", trees, calls, 0, _hours(run, calls), trees * BYTES_A_POST / 1e9)
+            PlanPhase("posts", trees, calls, 0, _hours(run, calls), trees * BYTES_A_POST / 1e9)
         )
         assumed.append(f"{REQUESTS_A_POST:g} requests a post with its comments")
     return plan(command, "reddit", phases, assumed)

@@ -21,19 +21,19 @@ import pyarrow.compute as pc
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.verdict import Summary
-from kb.crawl.purge import Keys, collected
+from kb.crawl.purge import PurgeKeys, collected
 from kb.crawl.session import open_session
 from kb.reddit import threads, tree
 from kb.reddit.crossposts import drop_parents
 from kb.reddit.known import known
 from kb.reddit.sift import Sift
-from kb.reddit.source import INFO, Reddit
+from kb.reddit.source import INFO, RedditSource
 from kb.reddit.strip import strip
 from kb.reddit.wanted import read_wanted
 from kb.store import buckets, mending, parquet, purge, purge_plan, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
-from kb.store.purge import Place, links_of, verdicts_of
+from kb.store.purge import RowLocation, links_of, verdicts_of
 from kb.store.purge_search import Holds, everything, finder
 from kb.store.rawlog import Envelope
 from kb.store.reading import reading
@@ -48,13 +48,13 @@ ROWS = (
         place
         for base in BASES
         for place in (
-            Place(str(base / "posts"), "reddit/posts", "post_id", "t3_"),
-            Place(str(base / "comments"), "reddit/comments", "comment_id", "t1_"),
-            Place(str(base / "comments"), "reddit/comments", "post_id", "t3_"),
+            RowLocation(str(base / "posts"), "reddit/posts", "post_id", "t3_"),
+            RowLocation(str(base / "comments"), "reddit/comments", "comment_id", "t1_"),
+            RowLocation(str(base / "comments"), "reddit/comments", "post_id", "t3_"),
         )
     ),
-    *(Place(str(base), "reddit/missing", "key") for base in REBUILT),
-    Place(str(BELOW.restored()), "shared/missing", "key"),
+    *(RowLocation(str(base), "reddit/missing", "key") for base in REBUILT),
+    RowLocation(str(BELOW.restored()), "shared/missing", "key"),
     *verdicts_of("reddit"),
     links_of("reddit"),
 )
@@ -111,8 +111,8 @@ def purge_raw(run: Run, ids: Path | None) -> dict[str, str]:
     if ids and (bad_lines := read_wanted(ids, run.progress.say).bad_lines):
         said["bad_lines"] = bad_lines
     # What a killed import had not noted holds texts too. Damage is set aside and told later.
-    with open_session(run, Reddit(run), asks=False, tells=False) as session:
-        keys = collected(session, lambda: Keys(collect(run, ids), said))
+    with open_session(run, RedditSource(run), asks=False, tells=False) as session:
+        keys = collected(session, lambda: PurgeKeys(collect(run, ids), said))
         purge.begin(run.root, "reddit", keys)
         if keys:
             _take_out(run, session.frontier, keys)

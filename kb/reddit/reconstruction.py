@@ -38,8 +38,8 @@ from kb.reddit import byid, credentials, dumpfiles, earlier, places, tables
 from kb.reddit.again import Rebuild, unanswered
 from kb.reddit.authors import load_key
 from kb.reddit.importing import different, import_jobs, summary_of
-from kb.reddit.onedump import Job
-from kb.reddit.wanted import Ids, Wanted, asked_for, released, subreddit_of
+from kb.reddit.onedump import ImportJob
+from kb.reddit.wanted import Ids, WantedThings, asked_for, released, subreddit_of
 from kb.store import leftovers, parquet, tombstones
 from kb.store.layout import Layout
 from kb.store.lock import writer
@@ -202,7 +202,7 @@ def _writer(root: Path, out: Path) -> AbstractContextManager[None]:
     return writer(out / LOCK, "reddit")
 
 
-def _digest(wanted: Wanted, dumps: Sequence[Path], gone: Collection[str]) -> str:
+def _digest(wanted: WantedThings, dumps: Sequence[Path], gone: Collection[str]) -> str:
     """Tells what is wanted, of which dumps, and without what, from anything else."""
     if not dumps and not gone:
         return wanted.digest()
@@ -212,7 +212,7 @@ def _digest(wanted: Wanted, dumps: Sequence[Path], gone: Collection[str]) -> str
 
 def _read_dumps(
     run: Run,
-    wanted: Wanted,
+    wanted: WantedThings,
     dumps: Sequence[Path],
     work: Path,
     gone: Collection[str],
@@ -231,7 +231,7 @@ def _read_dumps(
         with run.progress.task("ids", unit="steps"):
             byid.keep(wanted.names, wanted.trees, ids, gone)
     room, home = run.limit or 0, str(run.root)
-    job_ = Job(str(work), "", subreddit, 0.0, math.inf, room, ids=str(ids), home=home)
+    job_ = ImportJob(str(work), "", subreddit, 0.0, math.inf, room, ids=str(ids), home=home)
     files = different(run, dumps)
     jobs = [msgspec.structs.replace(job_, file=str(file.absolute())) for file in files]
     try:

@@ -22,7 +22,7 @@ MARKS = READ, OPEN = "read", "open"  # states of rows that are no things: see `m
 Row = dict[str, Any]
 
 
-class Reader:
+class RecordReader:
     """Reads the envelopes of one kind into plain rows."""
 
     def __init__(self, kind: str, links: Links) -> None:

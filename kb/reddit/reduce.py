@@ -25,7 +25,7 @@ OUTSIDE = "outside --since/--until"
 _BY_TIME = ("new", "search")
 
 
-class Listing(msgspec.Struct):
+class ListingCursor(msgspec.Struct):
     """How far a listing was read. Moments are seconds of Unix time.
 
     after    the token of the next page
@@ -42,19 +42,19 @@ class Listing(msgspec.Struct):
     upto: float | None = None
 
 
-class Post(msgspec.Struct):
+class PostItem(msgspec.Struct):
     """When a post was made, in seconds of Unix time, as far as its listing said so."""
 
     created_utc: float | None = None
 
 
-class Stub(msgspec.Struct):
+class StubItem(msgspec.Struct):
     """The post that a comment behind a stub belongs to."""
 
     post: str
 
 
-class Named(msgspec.Struct):
+class RefreshItem(msgspec.Struct):
     """What is read again.
 
     post     the post that it belongs to, "" where nobody said
@@ -66,10 +66,10 @@ class Named(msgspec.Struct):
 
 
 PAYLOADS: dict[str, type[msgspec.Struct]] = {
-    "listing": Listing,
-    "tree": Post,
-    "more": Stub,
-    "info": Named,
+    "listing": ListingCursor,
+    "tree": PostItem,
+    "more": StubItem,
+    "info": RefreshItem,
 }
 
 
@@ -109,16 +109,16 @@ def _more(frontier: Frontier, params: dict[str, Any], response: Any) -> None:
 
 def _listing(frontier: Frontier, key: str, params: dict[str, Any], response: Any) -> None:
     posts = [
-        (thing.data["id"], Post(_seconds(thing.data.get("created_utc"))))
+        (thing.data["id"], PostItem(_seconds(thing.data.get("created_utc"))))
         for thing in tree.things(response)
         if thing.kind == tree.POST and thing.data.get("id")
     ]
     frontier.add("tree", posts)
     frontier.add("listing", [key])
-    before = (frontier.get("listing", key) or ("", None, None))[1] or Listing()
+    before = (frontier.get("listing", key) or ("", None, None))[1] or ListingCursor()
     made = [post.created_utc for _, post in posts if post.created_utc is not None]
     known = [moment for moment in (before.newest, before.upto) if moment is not None]
-    now = Listing(
+    now = ListingCursor(
         after=tree.after(response),
         pages=int(params.get("count", 0)) // 100 + 1,
         oldest=min(made, default=None),
@@ -130,7 +130,7 @@ def _listing(frontier: Frontier, key: str, params: dict[str, Any], response: Any
     frontier.mark("listing", [key], "done" if over else "todo")
 
 
-def _reaches_back(key: str, now: Listing) -> bool:
+def _reaches_back(key: str, now: ListingCursor) -> bool:
     """Whether the last page shows what the round before had: the rest is known then."""
     if key.partition(":")[0] not in _BY_TIME or now.upto is None or now.oldest is None:
         return False
@@ -157,7 +157,7 @@ def _page(frontier: Frontier, params: dict[str, Any], status: int, response: Any
 def _stubs(frontier: Frontier, post: str, response: Any) -> None:
     for thing in tree.things(response):
         if thing.kind == "more":
-            frontier.add("more", [(key, Stub(post)) for key in tree.stub_ids(thing.data)])
+            frontier.add("more", [(key, StubItem(post)) for key in tree.stub_ids(thing.data)])
             if tree.is_continuation(thing.data):
                 frontier.add("thread", [f"{post}/{tree.bare(thing.data['parent_id'])}"])
 

@@ -26,12 +26,12 @@ from kb.core.errors import Retryable
 from kb.core.verdict import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
-from kb.crawl.session import Session
+from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Opened, Phase
 from kb.reddit import tree
 from kb.reddit.known import Known, known
-from kb.reddit.reduce import Named
-from kb.reddit.source import INFO, Reddit
+from kb.reddit.reduce import RefreshItem
+from kb.reddit.source import INFO, RedditSource
 from kb.store import parquet
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.frontier import ROUND, Frontier, Item, going_on
@@ -54,7 +54,7 @@ def refresh(run: Run, older_than: int | None = None) -> Summary:
     2), LimitReached, Blocked, Unreachable and Interrupted (exit 3; the same command goes on) and
     CredentialRefused, with the summary so far.
     """
-    source = Refresh(run, older_than)
+    source = RedditRefresh(run, older_than)
     try:
         return work(
             run,
@@ -67,7 +67,7 @@ def refresh(run: Run, older_than: int | None = None) -> Summary:
         source.warn()
 
 
-class Refresh(Reddit):
+class RedditRefresh(RedditSource):
     """What is due, read again by name. `answered` ids, and `missing` ones of them."""
 
     def __init__(self, run: Run, older_than: int | None) -> None:
@@ -126,7 +126,7 @@ class Refresh(Reddit):
         """Whether the subreddit is shut, asked once a run."""
         return self._fetch.is_shut()
 
-    def summary(self, session: Session, loop: Loop) -> Summary:
+    def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """Figures of this run and what is left."""
         counts = session.frontier.counts(INFO.kind)
         left = waiting.left_by("reddit", {INFO.kind: counts})
@@ -161,7 +161,7 @@ class Refresh(Reddit):
                 frontier.replace(
                     INFO.kind,
                     (
-                        (row["fullname"], Named(row["place"][1:], row["there"]))
+                        (row["fullname"], RefreshItem(row["place"][1:], row["there"]))
                         for rows in due
                         for row in rows.to_pylist()
                     ),

@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from kb.core.context import Run
-from kb.core.plan import Part, Phase
+from kb.core.plan import PlanPart, PlanPhase
 from kb.core.verdict import Summary
 from kb.reddit import credentials
 from kb.reddit.plan import plan_rebuild
@@ -37,10 +37,12 @@ def bring(run: Run, folders: Sequence[Path], dumps: Dumps, gone: Collection[str]
     return rebuild(run, [*folders], place, dumps=dumps, gone=gone)
 
 
-def plan(run: Run, folders: Sequence[Path], dumps: Dumps) -> Part:
+def plan(run: Run, folders: Sequence[Path], dumps: Dumps) -> PlanPart:
     """What would be asked for, of whom. Raises SettingError."""
     if not folders:
-        return Part()
+        return PlanPart()
     whom = "dumps, no key" if dumps else f"Reddit, {run.settings.named('reddit_client_id')}"
     summary = plan_rebuild(run, [*folders], dumps)
-    return Part([Phase(**one).of(whom) for one in summary["phases"]], [str(summary["assumed"])])
+    return PlanPart(
+        [PlanPhase(**one).of(whom) for one in summary["phases"]], [str(summary["assumed"])]
+    )

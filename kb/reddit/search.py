@@ -20,7 +20,7 @@ from kb.reddit.dumps import Chunk, read_object
 CHECKED = 1 << 20  # decompressed bytes at the beginning of which every line is read
 
 
-class Found(NamedTuple):
+class ChunkMatches(NamedTuple):
     """What a chunk holds: its lines, damaged ones and where the first is."""
 
     lines: int
@@ -34,7 +34,7 @@ other: many of them at once don't fit into the processor's cache, which costs as
 """
 
 
-class State(NamedTuple):
+class SearchState(NamedTuple):
     """What a search has learned: the subreddit's id and spellings, and whether the id tells."""
 
     exact: tuple[str, ...]
@@ -44,7 +44,7 @@ class State(NamedTuple):
 Finder = Callable[[bytes | memoryview], list[tuple[int, int, int]]]
 
 
-class Search:
+class SubredditSearch:
     """Finds the records of one subreddit in chunks of a dump, however its name is written.
 
     The name is looked for in any case until a record has told the subreddit's id, which all of them
@@ -54,20 +54,20 @@ class Search:
     Elsewhere only lines that hold the name are read.
     """
 
-    def __init__(self, subreddit: str, state: State | None = None) -> None:
+    def __init__(self, subreddit: str, state: SearchState | None = None) -> None:
         self._name = subreddit.lower()
         self._quoted = f'"{self._name}"'.encode()
         self._places = finder(bytes(byte | _CASE for byte in self._quoted))
-        state = state or State((), True)
+        state = state or SearchState((), True)
         # Finders of the id and the spellings.
         self._exact = {text: finder(f'"{text}"'.encode()) for text in state.exact}
         self._ids_tell = state.ids_tell
 
-    def state(self) -> State:
+    def state(self) -> SearchState:
         """What it has learned, to go on elsewhere."""
-        return State(tuple(self._exact), self._ids_tell)
+        return SearchState(tuple(self._exact), self._ids_tell)
 
-    def __call__(self, chunk: Chunk, take: Take) -> Found:
+    def __call__(self, chunk: Chunk, take: Take) -> ChunkMatches:
         """What a chunk holds; its records are given to `take`, in order."""
         offset, data, begin, end = chunk
         lines, whole = _counted(chunk)
@@ -99,7 +99,7 @@ class Search:
                 ):
                     bad.append(at)
                 at += len(line)
-        return Found(lines, len(bad), offset + min(bad) - begin if bad else None)
+        return ChunkMatches(lines, len(bad), offset + min(bad) - begin if bad else None)
 
     def _takes(self, record: dict[str, Any]) -> bool:
         """Whether a record is wanted. The name may stand in a title: only the field decides."""

@@ -13,16 +13,16 @@ import msgspec
 from kb.reddit import places
 from kb.reddit.containers import Seen
 from kb.reddit.lines import Taken
-from kb.reddit.places import KIND, Place
+from kb.reddit.places import KIND, DumpCursor
 from kb.store import rawlog
 from kb.store.atomic import sync_folder
 from kb.store.rawlog import Envelope, Request
 
 
-class Segments:
+class DumpSegments:
     """The segments of one dump; each appears whole."""
 
-    def __init__(self, root: Path, file: Path, name: str, place: Place, size: int) -> None:
+    def __init__(self, root: Path, file: Path, name: str, place: DumpCursor, size: int) -> None:
         self.place = place
         self._root, self._dump, self._name, self._most = root, file, name, size
         self._base = rawlog.folder(root, "reddit", KIND)

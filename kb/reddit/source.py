@@ -16,7 +16,7 @@ from kb.crawl.source import Answer, Opened, Phase, Plain
 from kb.reddit import credentials, discover, places, reduce, replay, tree
 from kb.reddit.authors import Scrubber, load_key
 from kb.reddit.client import IDS, ROOT, Client
-from kb.reddit.fetch import Fetch
+from kb.reddit.fetch import RedditFetcher
 from kb.store.frontier import Frontier, Item
 from kb.store.rawlog import Envelope
 
@@ -35,7 +35,7 @@ LISTING = Phase(kind="listing", unit="listings", feeds=("tree", "listing"), show
 INFO = Phase(kind="info", unit="posts and comments", batch=IDS, limited=True)
 
 
-class Reddit(Plain):
+class RedditSource(Plain):
     """The crawl of a subreddit. `since` and `until` bound when posts were made (UTC, since
     included).
 
@@ -120,7 +120,7 @@ class Reddit(Plain):
         return self.opened.frontier.requests()[0] - self._before
 
     @cached_property
-    def _fetch(self) -> Fetch:
+    def _fetch(self) -> RedditFetcher:
         """Made with the first request: an import sends none."""
         frontier = self.opened.frontier
 
@@ -136,10 +136,10 @@ class Reddit(Plain):
             say=self.run.progress.say,
         )
         scrubber = Scrubber(load_key(self.run.root))
-        return Fetch(client, scrubber, self.opened.gone, self.section.subreddit, self.span)
+        return RedditFetcher(client, scrubber, self.opened.gone, self.section.subreddit, self.span)
 
 
-class Dumps(Reddit):
+class Dumps(RedditSource):
     """The import of dumps, which asks Reddit for nothing."""
 
     def identity(self) -> dict[str, str]:

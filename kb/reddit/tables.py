@@ -19,10 +19,10 @@ from kb.core.errors import SettingError
 from kb.core.profile.reddit import Links
 from kb.reddit import earlier, parse
 from kb.reddit.assemble import assemble, newest_of
-from kb.reddit.earlier import DONE, MISSING, NAMES, Lost, Verdicts
+from kb.reddit.earlier import DONE, MISSING, NAMES, MissingReason, Verdicts
 from kb.reddit.places import KIND
 from kb.reddit.threads import counted
-from kb.reddit.wanted import Released, Wanted
+from kb.reddit.wanted import Released, WantedThings
 from kb.schema.tables import Table, table
 from kb.store import database, parquet, rawlog
 from kb.store.atomic import full_disk_is_resumable, replacing_folder
@@ -65,7 +65,7 @@ class Answers(NamedTuple):
     """
 
     work: Path
-    wanted: Wanted
+    wanted: WantedThings
     unanswered: dict[str, str]
     released: Released
     stale: bool = False
@@ -89,10 +89,10 @@ def write(answers: Answers, out: Path, links: Links) -> dict[str, int]:
         spread.mkdir(parents=True)
         _spread(work, spread, buckets, links)
         earlier.spread(out, spread, buckets)
-        gone = {key: Lost(reason) for key, reason in answers.unanswered.items()}
+        gone = {key: MissingReason(reason) for key, reason in answers.unanswered.items()}
         for number in range(buckets):
             gone |= _answered(spread, number, answers)
-        gone |= dict.fromkeys(answers.purged, Lost("purged", earlier.FOREVER))
+        gone |= dict.fromkeys(answers.purged, MissingReason("purged", earlier.FOREVER))
         before, newer = earlier.missing(out), not answers.stale
         why = earlier.reasons(before, gone, newer=newer)
         fresh = {name: folders.enter_context(replacing_folder(out / name)) for name in NAMES}
@@ -103,7 +103,7 @@ def write(answers: Answers, out: Path, links: Links) -> dict[str, int]:
     return {**counts, MISSING: lost.num_rows}
 
 
-def _answered(spread: Path, number: int, answers: Answers) -> dict[str, Lost]:
+def _answered(spread: Path, number: int, answers: Answers) -> dict[str, MissingReason]:
     """The rows of a bucket that this run got → `spread/new-<name>-<number>.arrow`; why others are
     not there.
     """
@@ -114,7 +114,7 @@ def _answered(spread: Path, number: int, answers: Answers) -> dict[str, Lost]:
     }
     if not found:
         return {}
-    gone: dict[str, Lost] = {}
+    gone: dict[str, MissingReason] = {}
     made = assemble(found)
     posts = made["reddit/posts"]
     for name, rows in (
@@ -164,7 +164,9 @@ def _new(spread: Path, name: str, number: int) -> Path:
     return spread / f"new-{name}-{number}.arrow"
 
 
-def _lost(scratch: Path, made: dict[str, Path], answers: Answers, why: dict[str, Lost]) -> pa.Table:
+def _lost(
+    scratch: Path, made: dict[str, Path], answers: Answers, why: dict[str, MissingReason]
+) -> pa.Table:
     """What is in no table and was asked for, or has a reason. All that was asked for stays
     on disk.
     """
@@ -246,7 +248,7 @@ def _in_order(rows: pa.Table) -> pa.Table:
     return rows.sort_by([("is_gone", "ascending"), ("dump", "ascending")]).drop_columns("is_gone")
 
 
-def _sort(rows: pa.Table, declared: Table, prefix: str, gone: dict[str, Lost]) -> pa.Table:
+def _sort(rows: pa.Table, declared: Table, prefix: str, gone: dict[str, MissingReason]) -> pa.Table:
     """The rows that are there and whole, with the table's columns; the rest is noted in `gone`."""
     states = cast("list[str]", rows["state"].to_pylist())
     reasons = [
@@ -269,7 +271,7 @@ def _sort(rows: pa.Table, declared: Table, prefix: str, gone: dict[str, Lost]) -
     names = cast("list[str]", rows["fullname"].to_pylist())
     for name, reason, at in zip(names, reasons, times, strict=True):
         if reason is not None:
-            gone[name] = Lost(reason, at)  # the reasons of other tables stay
+            gone[name] = MissingReason(reason, at)  # the reasons of other tables stay
     kept = rows.filter(pa.array([reason is None for reason in reasons], pa.bool_()))
     for field in declared.arrow():
         if field.name not in kept.column_names:

@@ -20,8 +20,8 @@ import pyarrow.parquet as pq
 from kb.core.errors import SettingError
 from kb.core.resources import PROFILE_FILE
 from kb.crawl.id_list import (
-    Entry,
     IdRules,
+    ListedId,
     column_of,
     files_of,
     is_parquet,
@@ -39,7 +39,7 @@ _ADDRESS = re.compile(r"/comments/([0-9a-z]{1,13})(?:/[^/]*(?:/([0-9a-z]{1,13}))
 _PREFIXES = {"comment_id": "t1_", "post_id": "t3_", "key": "", "name": "", "fullname": ""}
 
 
-def _key(entry: Entry) -> str | None:
+def _key(entry: ListedId) -> str | None:
     """A full name, or the bare id of a post whose tree is meant."""
     text = str(entry.value).strip().lower()
     if match := _ADDRESS.search(text):
@@ -63,12 +63,12 @@ RULES = IdRules(
 )
 
 
-class Wanted(NamedTuple):
+class WantedThings(NamedTuple):
     """`names`: full names to ask for by `info`. `trees`: bare ids of posts whose whole trees are to
     be fetched. `bad_lines` of text are neither.
     """
 
-    names: list[str] | Files | Several
+    names: list[str] | IdFiles | Several
     trees: list[str]
     bad_lines: int = 0
 
@@ -88,7 +88,7 @@ class Wanted(NamedTuple):
 class Several:
     """Full names of several sources, one after the other; a name may stand in more than one."""
 
-    def __init__(self, parts: Sequence[list[str] | Files | Several]) -> None:
+    def __init__(self, parts: Sequence[list[str] | IdFiles | Several]) -> None:
         self._parts = parts
 
     def __len__(self) -> int:
@@ -98,7 +98,7 @@ class Several:
         return chain.from_iterable(self._parts)
 
 
-class Files:
+class IdFiles:
     """Full names in Parquet files: read whenever they are iterated, never held. Raises
     SettingError.
     """
@@ -120,7 +120,7 @@ class Files:
 
 def asked_for(
     ids: Ids, release: Path, say: Callable[[str], None] | None = None
-) -> tuple[Wanted, list[Path]]:
+) -> tuple[WantedThings, list[Path]]:
     """What is wanted, and the files and folders that it stands in. `ids` as for a reconstruction.
 
     Without `ids` it is the data root's own `release`. `say` gets one line for each list with
@@ -146,7 +146,7 @@ def asked_for(
     trees = dict.fromkeys(key for one in found for key in one.trees)
     bad_lines = sum(one.bad_lines for one in found)
     names = Several([one.names for one in found])
-    return Wanted(names, list(trees), bad_lines), [Path(one) for one in ids]
+    return WantedThings(names, list(trees), bad_lines), [Path(one) for one in ids]
 
 
 def subreddit_of(sources: Sequence[Path]) -> str:
@@ -167,30 +167,30 @@ def _subreddit(folder: Path) -> str:
     return name if isinstance(name, str) else ""
 
 
-def read_wanted(path: Path, say: Callable[[str], None] | None = None) -> Wanted:
+def read_wanted(path: Path, say: Callable[[str], None] | None = None) -> WantedThings:
     """The ids of a list in its order, without duplicates but for Parquet. Raises SettingError (exit
     2), also where there are none.
     """
     with readable(path, RULES.option):
         if path.is_dir() or is_parquet(path):
-            files = Files(files_of(path, RULES))
+            files = IdFiles(files_of(path, RULES))
             if not len(files):
                 raise SettingError(f"--ids {path} holds no ids", hint=RULES.hint)
-            return Wanted(files, [])
+            return WantedThings(files, [])
     listed = read_some(path, RULES, say)
     trees = [key for key in listed.keys if not _NAME.fullmatch(key)]
     names = [key for key in listed.keys if _NAME.fullmatch(key)]
-    return Wanted(names, trees, listed.bad_lines)
+    return WantedThings(names, trees, listed.bad_lines)
 
 
-def _named(names: Iterable[str]) -> Wanted:
+def _named(names: Iterable[str]) -> WantedThings:
     """Full names as they are. Raises SettingError for what is none, and for none at all."""
-    keys = {name: _key(Entry(name)) for name in names}
+    keys = {name: _key(ListedId(name)) for name in names}
     wrong = next((name for name, key in keys.items() if key is None), None)
     if wrong is not None or not keys:
         what = f"{wrong[:40]!r} is not a full name" if wrong is not None else "no ids to ask for"
         raise SettingError(what, hint=RULES.hint)
-    return Wanted(list(dict.fromkeys(key for key in keys.values() if key is not None)), [])
+    return WantedThings(list(dict.fromkeys(key for key in keys.values() if key is not None)), [])
 
 
 class Released(NamedTuple):

@@ -15,7 +15,7 @@ _SHOWN = 600  # characters of a message
 _LONGEST = 2_000  # characters of an identifier or address
 
 
-class Deposit(msgspec.Struct):
+class DepositAnswer(msgspec.Struct):
     """What is read of a deposit; the rest of its answer is kept as it came."""
 
     id: int
@@ -31,7 +31,7 @@ class Described(msgspec.Struct):
     metadata: dict[str, Any] = {}
 
 
-class File(msgspec.Struct):
+class UploadedFile(msgspec.Struct):
     """What is read of an uploaded file."""
 
     filename: str
@@ -45,7 +45,7 @@ class Sent(msgspec.Struct):
     checksum: str = ""
 
 
-class Wrong(msgspec.Struct):
+class RefusedField(msgspec.Struct):
     """A field that was refused."""
 
     field: str = "?"
@@ -57,7 +57,7 @@ class Refusal(msgspec.Struct):
     """What an error answer says."""
 
     message: str = ""
-    errors: list[Wrong] = []
+    errors: list[RefusedField] = []
 
 
 def latest_draft(deposit: dict[str, Any]) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import duckdb
 
 from kb.release.columns import numbered
-from kb.release.problem import Problem, damaged
+from kb.release.problem import GateProblem, damaged
 from kb.store import database
 from kb.store.release_folder import INDEX, ReleaseFolder
 
@@ -20,19 +20,19 @@ _COLUMNS = (
 _PATHS = (("pages", "screenshot_path"), ("images", "path"))
 
 
-def check(folder: ReleaseFolder) -> list[Problem]:
+def check(folder: ReleaseFolder) -> list[GateProblem]:
     """Every problem of the archives; nothing for a source that has none."""
     if folder.source != "wiki":
         return []
     tars = {path.name: path.stat().st_size for path in folder.others if path.suffix == ".tar"}
     problems = [
-        Problem("damaged", f"wiki/{kind}", f"archives are missing or of two exports; {_AGAIN}")
+        GateProblem("damaged", f"wiki/{kind}", f"archives are missing or of two exports; {_AGAIN}")
         for kind in ("screenshots", "images")
         if not numbered([name for name in tars if name.startswith(kind)], kind, "tar")
     ]
     index = folder.path / INDEX
     if not index.is_file():
-        return [*problems, Problem("damaged", f"wiki/{INDEX}", f"is not there; {_AGAIN}")]
+        return [*problems, GateProblem("damaged", f"wiki/{INDEX}", f"is not there; {_AGAIN}")]
     with database.asking() as con:
         con.execute("CREATE TEMP TABLE tars (tar VARCHAR, bytes BIGINT)")
         if tars:
@@ -55,7 +55,7 @@ def check(folder: ReleaseFolder) -> list[Problem]:
                 if tar in tars
                 else f"is not there; {INDEX} names {files:,} files in it"
             )
-            problems.append(Problem("damaged", f"wiki/{tar}", f"{what}; {_AGAIN}"))
+            problems.append(GateProblem("damaged", f"wiki/{tar}", f"{what}; {_AGAIN}"))
         for part in folder.parts:
             for column in (column for short, column in _PATHS if short == part.table.short):
                 missing = (
@@ -67,7 +67,7 @@ def check(folder: ReleaseFolder) -> list[Problem]:
                 ]
                 if rows:
                     problems.append(
-                        Problem(
+                        GateProblem(
                             "damaged",
                             f"wiki/{part.table.short}",
                             f"{rows:,} rows name a file in {column} that no archive"

@@ -23,7 +23,7 @@ from kb.release.croissant import croissant
 from kb.release.facts import Facts
 from kb.release.metadata import deposit
 from kb.release.pages import card, citation, datasheet, law
-from kb.release.problem import Problem
+from kb.release.problem import GateProblem
 from kb.schema import table
 from kb.store import belonging, complete, tombstones
 from kb.store.atomic import write_text
@@ -91,7 +91,7 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
     wanted = only or PUBLISHED
     refuse(
         [
-            Problem("missing", str(at.release(source)), _lost(source))
+            GateProblem("missing", str(at.release(source)), _lost(source))
             for source in wanted
             if source not in there and complete.exported(run.root, source)
         ]
@@ -114,7 +114,7 @@ def _lost(source: str) -> str:
     return f"was exported and is not there; run `{made}`, or name the other folders with --only"
 
 
-def refuse(problems: Sequence[Problem]) -> None:
+def refuse(problems: Sequence[GateProblem]) -> None:
     """Raise ReleaseRefused when there are problems; they are in its `.problems` and `.summary`."""
     if not problems:
         return

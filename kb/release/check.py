@@ -23,17 +23,17 @@ from kb.release import archives, checksums, columns, personal, scan, scored
 from kb.release.folders import DEPOSIT, samples, strays
 from kb.release.measure import folder_licence, page_licences
 from kb.release.metadata import Document
-from kb.release.problem import Problem, damaged
+from kb.release.problem import GateProblem, damaged
 from kb.schema import Table, released_tables, table
 from kb.store import complete, database, linked, parquet
 from kb.store.digests import SUMS
 from kb.store.layout import Layout
-from kb.store.release_folder import TOMBSTONES, Part, ReleaseFolder
+from kb.store.release_folder import TOMBSTONES, ReleasedTable, ReleaseFolder
 
 
-def check(run: Run, folders: list[ReleaseFolder]) -> list[Problem]:
+def check(run: Run, folders: list[ReleaseFolder]) -> list[GateProblem]:
     """Every problem of the exported data."""
-    problems: list[Problem] = []
+    problems: list[GateProblem] = []
     for folder in folders:
         problems += _layout(folder)
         tables, whole = _tables(folder)
@@ -63,9 +63,9 @@ def check(run: Run, folders: list[ReleaseFolder]) -> list[Problem]:
     return problems
 
 
-def check_made(run: Run, folders: list[ReleaseFolder]) -> list[Problem]:
+def check_made(run: Run, folders: list[ReleaseFolder]) -> list[GateProblem]:
     """Every problem of the files around the data: to be whole, right and without secrets."""
-    problems: list[Problem] = []
+    problems: list[GateProblem] = []
     for folder in folders:
         for name in (
             "README.md",
@@ -80,7 +80,7 @@ def check_made(run: Run, folders: list[ReleaseFolder]) -> list[Problem]:
         ):
             if not (folder.path / name).is_file():
                 problems.append(
-                    Problem(
+                    GateProblem(
                         "incomplete", f"{folder.source}/{name}", "is not there; run `kb release`"
                     )
                 )
@@ -92,30 +92,30 @@ def check_made(run: Run, folders: list[ReleaseFolder]) -> list[Problem]:
     return problems
 
 
-def _deposit(path: Path, where: str) -> list[Problem]:
+def _deposit(path: Path, where: str) -> list[GateProblem]:
     try:
         body = json.loads(path.read_text(encoding="utf-8"))
         if not body["metadata"].get("license"):
-            return [Problem("licence", where, "names no licence; Zenodo would take CC0")]
+            return [GateProblem("licence", where, "names no licence; Zenodo would take CC0")]
         Document.model_validate(body)
     except ValidationError as error:
         first = error.errors(include_input=False, include_url=False)[0]
         return [
-            Problem(
+            GateProblem(
                 "damaged",
                 where,
                 f"{'.'.join(map(str, first['loc']))}: {first['msg']}; run `kb release`",
             )
         ]
     except (ValueError, KeyError, TypeError, AttributeError):
-        return [Problem("damaged", where, "can't be read; run `kb release`")]
+        return [GateProblem("damaged", where, "can't be read; run `kb release`")]
     return []
 
 
-def _layout(folder: ReleaseFolder) -> list[Problem]:
+def _layout(folder: ReleaseFolder) -> list[GateProblem]:
     """A flat folder of declared files."""
     problems = [
-        Problem("layout", f"{folder.source}/{path.name}", "is a folder; a deposit is flat")
+        GateProblem("layout", f"{folder.source}/{path.name}", "is a folder; a deposit is flat")
         for path in sorted(folder.path.iterdir())
         if path.is_dir() and not path.is_symlink() and not path.name.startswith(".")
     ]
@@ -125,19 +125,19 @@ def _layout(folder: ReleaseFolder) -> list[Problem]:
             if path.is_symlink()
             else "is nothing that an export or a release writes; remove it"
         )
-        problems.append(Problem("undeclared file", f"{folder.source}/{path.name}", what))
+        problems.append(GateProblem("undeclared file", f"{folder.source}/{path.name}", what))
     return problems
 
 
-def _tables(folder: ReleaseFolder) -> tuple[list[Problem], list[Part]]:
+def _tables(folder: ReleaseFolder) -> tuple[list[GateProblem], list[ReleasedTable]]:
     """Problems of Parquet files and samples, and the parts whose shards read as declared."""
-    found: list[Problem] = []
+    found: list[GateProblem] = []
     whole = []
     for part in folder.parts:
         names = [shard.name for shard in part.shards]
         if not columns.numbered(names, part.table.short, "parquet"):
             found.append(
-                Problem(
+                GateProblem(
                     "damaged",
                     f"{folder.source}/{part.table.short}",
                     "shards are missing or of two exports; export it again",
@@ -159,13 +159,13 @@ def _tables(folder: ReleaseFolder) -> tuple[list[Problem], list[Part]]:
     return found, whole
 
 
-def _clean(root: Path, declared: Table) -> list[Problem]:
+def _clean(root: Path, declared: Table) -> list[GateProblem]:
     """Clean files that can't be read: nothing can be compared with them."""
     problems = []
     try:
         complete.check(Layout(root).table(declared.name))
     except DamagedData as error:
-        return [Problem("damaged", declared.name, f"{error}; {error.hint}")]
+        return [GateProblem("damaged", declared.name, f"{error}; {error.hint}")]
     for path in Layout(root).rows(declared.name):
         try:
             parquet.check(path)
@@ -181,13 +181,13 @@ def _rows(paths: list[Path] | tuple[Path, ...]) -> int:
     return sum(parquet.footer(path).num_rows for path in paths)
 
 
-def _counts(root: Path, source: str, part: Part) -> list[Problem]:
+def _counts(root: Path, source: str, part: ReleasedTable) -> list[GateProblem]:
     clean = Layout(root).rows(part.table.name)
     rows, expected = _rows(part.shards), _rows(clean)
     if rows == expected:
         return []
     return [
-        Problem(
+        GateProblem(
             "rows",
             f"{source}/{part.table.short}",
             f"{rows:,} released, {expected:,} clean; run the export again",
@@ -195,11 +195,11 @@ def _counts(root: Path, source: str, part: Part) -> list[Problem]:
     ]
 
 
-def _absent(root: Path, folder: ReleaseFolder) -> list[Problem]:
+def _absent(root: Path, folder: ReleaseFolder) -> list[GateProblem]:
     """Tables that were cleaned but never exported."""
     there = {part.table.name for part in folder.parts}
     return [
-        Problem(
+        GateProblem(
             "rows",
             f"{folder.source}/{declared.short}",
             "is clean but not exported; run the export again",
@@ -209,13 +209,13 @@ def _absent(root: Path, folder: ReleaseFolder) -> list[Problem]:
     ]
 
 
-def _older(root: Path) -> list[Problem]:
+def _older(root: Path) -> list[GateProblem]:
     """Entity tables may name what a filter has dropped since."""
     what = "are older than clean/{}, and may name what was dropped since; run `kb links`"
-    return [Problem("rows", "links", what.format(one)) for one in linked.older_than(root)]
+    return [GateProblem("rows", "links", what.format(one)) for one in linked.older_than(root)]
 
 
-def _licence(run: Run, folder: ReleaseFolder) -> list[Problem]:
+def _licence(run: Run, folder: ReleaseFolder) -> list[GateProblem]:
     where = f"{folder.source}/LICENSE"
     named, unnamed = page_licences(folder)
     foreign = [name for name in named if name not in KNOWN]
@@ -224,11 +224,13 @@ def _licence(run: Run, folder: ReleaseFolder) -> list[Problem]:
             f"the pages name {', '.join(foreign[:3])}, which is no licence that a release can"
             f" carry (known: {', '.join(sorted(KNOWN))})"
         )
-        return [Problem("licence", where, f"{what}; name the others with --only to release those")]
+        return [
+            GateProblem("licence", where, f"{what}; name the others with --only to release those")
+        ]
     problems = []
     if named and unnamed:
         problems.append(
-            Problem(
+            GateProblem(
                 "licence",
                 f"{folder.source}/pages",
                 f"{unnamed:,} rows name no licence, though others do; run `kb wiki crawl --again`",
@@ -238,7 +240,7 @@ def _licence(run: Run, folder: ReleaseFolder) -> list[Problem]:
     if not spdx:
         return [
             *problems,
-            Problem(
+            GateProblem(
                 "licence",
                 where,
                 f"none is given; set {folder.source} in [release.licenses] of the profile",
@@ -247,7 +249,7 @@ def _licence(run: Run, folder: ReleaseFolder) -> list[Problem]:
     try:
         licence(spdx)
     except KbError as error:
-        problems.append(Problem("licence", where, f"{error}; {error.hint}"))
+        problems.append(GateProblem("licence", where, f"{error}; {error.hint}"))
     return problems
 
 
@@ -257,7 +259,7 @@ def _max_age_days(run: Run, source: str) -> int | None:
     return getattr(section, "max_age_days", None) or run.profile.release.max_age_days
 
 
-def _age(run: Run, source: str, part: Part) -> list[Problem]:
+def _age(run: Run, source: str, part: ReleasedTable) -> list[GateProblem]:
     days = _max_age_days(run, source)
     if days is None or "fetched_at" not in part.table.names(released=True):
         return []
@@ -271,7 +273,7 @@ def _age(run: Run, source: str, part: Part) -> list[Problem]:
         return []
     what = f"{row[0]:,} rows were read more than {days} days ago (the oldest on {row[1]})"
     return [
-        Problem(
+        GateProblem(
             "age",
             f"{source}/{part.table.short}",
             f"{what}; run `kb refresh {source}`" if source in ("youtube", "reddit") else what,

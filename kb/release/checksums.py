@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from kb.release.folders import is_made
-from kb.release.problem import Problem
+from kb.release.problem import GateProblem
 from kb.store import release_folder
 from kb.store.atomic import write_text
 from kb.store.digests import SUMS, digest, listed
@@ -22,7 +22,7 @@ def write(folder: ReleaseFolder) -> Path:
 
 def check(
     folder: ReleaseFolder, files: Sequence[Path], *, all_listed: bool = False
-) -> list[Problem]:
+) -> list[GateProblem]:
     """A line for each file that differs from SHA256SUMS or is gone; `all_listed`: also for files it
     does not know.
 
@@ -31,7 +31,7 @@ def check(
     sums, invalid = release_folder.sums(folder.path)
     if invalid:
         return [
-            Problem(
+            GateProblem(
                 "damaged",
                 f"{folder.source}/{SUMS}",
                 "can't be read as a list of checksums to compare the export with; export it again",
@@ -42,16 +42,18 @@ def check(
         where = f"{folder.source}/{file.name}"
         if file.name not in sums:
             if all_listed and sums:
-                problems.append(Problem("checksum", where, f"is not in {SUMS}; run `kb release`"))
+                problems.append(
+                    GateProblem("checksum", where, f"is not in {SUMS}; run `kb release`")
+                )
         elif digest(file) != sums[file.name]:
-            problems.append(Problem("checksum", where, f"differs from {SUMS}; export it again"))
+            problems.append(GateProblem("checksum", where, f"differs from {SUMS}; export it again"))
     gone = [
         name
         for name in sums
         if not (folder.path / name).exists() and (all_listed or not is_made(name, folder.source))
     ]
     return problems + [
-        Problem(
+        GateProblem(
             "checksum", f"{folder.source}/{name}", f"is in {SUMS} but not there; export it again"
         )
         for name in gone

@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData
-from kb.release.problem import Problem, damaged
+from kb.release.problem import GateProblem, damaged
 from kb.schema import Table
 from kb.schema.tables import Column
 from kb.store import parquet
@@ -22,7 +22,7 @@ from kb.store import parquet
 _REDDIT_LONGEST = 16  # ids, types and full names; anything longer is content
 
 
-def check(path: Path, declared: Table, source: str) -> list[Problem]:
+def check(path: Path, declared: Table, source: str) -> list[GateProblem]:
     """Every problem of one file: to be readable, described, without nulls where there are none,
     and no content.
     """
@@ -38,7 +38,7 @@ def check(path: Path, declared: Table, source: str) -> list[Problem]:
         return [damaged(where, error, "export it again")]
 
 
-def check_rows(path: Path, declared: Table, source: str) -> list[Problem]:
+def check_rows(path: Path, declared: Table, source: str) -> list[GateProblem]:
     """The same of rows in JSON: a sample, which is a list of them, or tombstones, one a line."""
     where = f"{source}/{path.name}"
     try:
@@ -63,7 +63,7 @@ def check_rows(path: Path, declared: Table, source: str) -> list[Problem]:
             values = _array([row.get(field.name) for row in rows], field.type)
         except (pa.ArrowException, ValueError, TypeError):
             what = f"column {field.name} holds something else than {column.type}"
-            problems.append(Problem("undescribed", where, what))
+            problems.append(GateProblem("undescribed", where, what))
             continue
         ids_only = source == "reddit" and declared.source == source
         if problem := _odd(values, column, where, ids_only=ids_only):
@@ -80,16 +80,16 @@ def _array(values: list[Any], kind: pa.DataType) -> pa.Array[Any]:
     return made
 
 
-def _strange(name: str, column: Column | None, where: str, *, missing: bool) -> Problem:
+def _strange(name: str, column: Column | None, where: str, *, missing: bool) -> GateProblem:
     if missing:
-        return Problem("undescribed", where, f"column {name} is missing")
+        return GateProblem("undescribed", where, f"column {name} is missing")
     if column is None:
-        return Problem("undescribed", where, f"column {name} is not described in schemas/")
+        return GateProblem("undescribed", where, f"column {name} is not described in schemas/")
     word = "content" if column.content else "unreleased"
-    return Problem(word, where, f"column {name} may not be released")
+    return GateProblem(word, where, f"column {name} may not be released")
 
 
-def _columns(declared: Table, schema: pa.Schema, where: str) -> list[Problem]:
+def _columns(declared: Table, schema: pa.Schema, where: str) -> list[GateProblem]:
     known = {column.name: column for column in declared.columns}
     expected = declared.arrow(True)
     problems = []
@@ -99,7 +99,7 @@ def _columns(declared: Table, schema: pa.Schema, where: str) -> list[Problem]:
             problems.append(_strange(field.name, column, where, missing=False))
         elif field.type != expected.field(field.name).type:
             problems.append(
-                Problem(
+                GateProblem(
                     "undescribed",
                     where,
                     f"column {field.name} is {field.type}, schemas/ says {column.type}",
@@ -113,7 +113,7 @@ def _columns(declared: Table, schema: pa.Schema, where: str) -> list[Problem]:
     return problems
 
 
-def _values(path: Path, declared: Table, where: str, *, ids_only: bool) -> list[Problem]:
+def _values(path: Path, declared: Table, where: str, *, ids_only: bool) -> list[GateProblem]:
     """The first odd value of each column, read a batch at a time; what it says is not shown,
     as it may be content.
     """
@@ -129,9 +129,11 @@ def _values(path: Path, declared: Table, where: str, *, ids_only: bool) -> list[
     return problems
 
 
-def _odd(values: pa.Array[Any], column: Column, where: str, *, ids_only: bool) -> Problem | None:
+def _odd(
+    values: pa.Array[Any], column: Column, where: str, *, ids_only: bool
+) -> GateProblem | None:
     if values.null_count and not column.nullable:
-        return Problem(
+        return GateProblem(
             "null",
             where,
             f"column {column.name} has rows without a value,"
@@ -148,9 +150,9 @@ def _odd(values: pa.Array[Any], column: Column, where: str, *, ids_only: bool) -
             pc.match_substring_regex(values, r"[\s/@]"),
         )
         if pc.any(odd).as_py():
-            return Problem("content", where, f"column {column.name} holds text that is no id")
+            return GateProblem("content", where, f"column {column.name} holds text that is no id")
     if column.values and not pc.all(pc.is_in(values, pa.array(column.values)), min_count=0).as_py():
-        return Problem(
+        return GateProblem(
             "content",
             where,
             f"column {column.name} holds something else than {', '.join(column.values)}",
@@ -161,7 +163,7 @@ def _odd(values: pa.Array[Any], column: Column, where: str, *, ids_only: bool) -
             pc.match_substring_regex(values, rf"\A(?:{column.pattern})\z"), min_count=0
         ).as_py()
     ):
-        return Problem(
+        return GateProblem(
             "content", where, f"column {column.name} holds something else than {column.pattern}"
         )
     return None

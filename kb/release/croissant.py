@@ -13,7 +13,7 @@ from typing import Any
 from kb.core.context import Run
 from kb.core.licences import licence
 from kb.release.about import about
-from kb.release.facts import Facts, File, TableFacts
+from kb.release.facts import DataFile, Facts, TableFacts
 from kb.release.pages import bibtex
 from kb.release.texts import SANDBOX_NOTE, day, language, name
 from kb.schema.tables import Column
@@ -171,7 +171,7 @@ _FORMATS = {
 }
 
 
-def _archive(file: File) -> dict[str, Any]:
+def _archive(file: DataFile) -> dict[str, Any]:
     suffix = "." + file.name.rpartition(".")[2]
     kind, about = _FORMATS.get(
         suffix, ("application/octet-stream", "A file that belongs to the tables.")

@@ -14,9 +14,9 @@ from urllib.parse import quote
 
 from kb.core import signals
 from kb.core.errors import FatalError, Retryable, Unreachable
-from kb.net.session import Session
-from kb.release.answers import Deposit, Described, File, Sent, latest_draft
-from kb.release.service import TRIES, Gone, Service
+from kb.net.session import HttpSession
+from kb.release.answers import DepositAnswer, Described, Sent, UploadedFile, latest_draft
+from kb.release.service import TRIES, DepositService, Gone
 from kb.store.digests import digest
 
 PAGE = 100
@@ -29,32 +29,36 @@ class Damaged(Retryable):
 class Zenodo:
     """One account at one service. The token goes into the header only, and to that service only."""
 
-    def __init__(self, session: Session, endpoint: str, token: str, *, wait: bool = False) -> None:
-        self._service = Service(session, endpoint, token, wait=wait)
+    def __init__(
+        self, session: HttpSession, endpoint: str, token: str, *, wait: bool = False
+    ) -> None:
+        self._service = DepositService(session, endpoint, token, wait=wait)
         self.root, self._base = self._service.root, self._service.base
 
     def create(self, metadata: dict[str, Any]) -> dict[str, Any]:
         """A new draft. Not sent twice: a draft whose answer was lost is found by `drafts`."""
         made: dict[str, Any] = self._service.json(
-            "POST", self._base, shape=Deposit, json={"metadata": metadata}, once=True
+            "POST", self._base, shape=DepositAnswer, json={"metadata": metadata}, once=True
         )
         return made
 
     def drafts(self) -> list[dict[str, Any]]:
         """The newest unpublished deposits of the account."""
         drafts: list[dict[str, Any]] = self._service.json(
-            "GET", self._base, shape=list[Deposit], params={"status": "draft", "size": PAGE}
+            "GET", self._base, shape=list[DepositAnswer], params={"status": "draft", "size": PAGE}
         )
         return drafts
 
     def get(self, number: int) -> dict[str, Any]:
         """A deposit. Raises Gone."""
-        deposit: dict[str, Any] = self._service.json("GET", f"{self._base}/{number}", shape=Deposit)
+        deposit: dict[str, Any] = self._service.json(
+            "GET", f"{self._base}/{number}", shape=DepositAnswer
+        )
         return deposit
 
     def files(self, number: int) -> dict[str, dict[str, Any]]:
         """Name → {"id", "checksum" (md5, hexadecimal), "filesize"} of what was uploaded."""
-        files = self._service.json("GET", f"{self._base}/{number}/files", shape=list[File])
+        files = self._service.json("GET", f"{self._base}/{number}/files", shape=list[UploadedFile])
         return {one["filename"]: one for one in files}
 
     def remove(self, number: int, file: str) -> None:
@@ -113,7 +117,9 @@ class Zenodo:
         """Publish a draft: can't be undone. When the answer is lost, the deposit itself tells."""
         try:
             url = f"{self._base}/{number}/actions/publish"
-            published: dict[str, Any] = self._service.json("POST", url, shape=Deposit, once=True)
+            published: dict[str, Any] = self._service.json(
+                "POST", url, shape=DepositAnswer, once=True
+            )
             return published
         except (Unreachable, FatalError):
             now = self.get(number)
@@ -128,12 +134,12 @@ class Zenodo:
         """
         try:
             url = f"{self._base}/{number}/actions/newversion"
-            latest = latest_draft(self._service.json("POST", url, shape=Deposit, once=True))
+            latest = latest_draft(self._service.json("POST", url, shape=DepositAnswer, once=True))
         except FatalError:
             latest = latest_draft(self.get(number))
             if not latest.startswith(self._base):
                 raise
-        draft: dict[str, Any] = self._service.json("GET", latest, shape=Deposit)
+        draft: dict[str, Any] = self._service.json("GET", latest, shape=DepositAnswer)
         return draft
 
 

@@ -25,7 +25,7 @@ class ColumnFacts:
 
 
 @dataclass(frozen=True, slots=True)
-class File:
+class DataFile:
     """A data file: bytes, rows (None when it is no table) and SHA-256."""
 
     name: str
@@ -40,7 +40,7 @@ class TableFacts:
 
     table: Table
     rows: int
-    files: tuple[File, ...]
+    files: tuple[DataFile, ...]
     columns: tuple[ColumnFacts, ...]
 
     @property
@@ -60,7 +60,7 @@ class Facts:
     source: str
     built: datetime
     tables: tuple[TableFacts, ...]
-    others: tuple[File, ...]
+    others: tuple[DataFile, ...]
     licence: str
     licences: tuple[tuple[str, int], ...]
     read: tuple[datetime, datetime] | None

@@ -24,7 +24,7 @@ from kb.store.release_folder import ReleaseFolder
 _ABOUT = b"lorebase"  # a name on disk, kept from the time before the project was renamed
 
 
-class Change(msgspec.Struct, frozen=True):
+class TableChange(msgspec.Struct, frozen=True):
     """One table since the release before."""
 
     table: str
@@ -37,7 +37,7 @@ class Changes(msgspec.Struct, frozen=True):
 
     version: str = ""
     built: str = ""
-    tables: tuple[Change, ...] = ()
+    tables: tuple[TableChange, ...] = ()
     tombstones: int = 0  # keys that were removed since
 
 
@@ -66,7 +66,7 @@ def changes(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> Ch
     return Changes(
         version=before.stem,
         built=said.get("built", ""),
-        tables=tuple(Change(*one) for one in counted),
+        tables=tuple(TableChange(*one) for one in counted),
         tombstones=max(0, facts.tombstones - said.get("tombstones", 0)),
     )
 

@@ -16,7 +16,7 @@ from duckdb import DuckDBPyConnection
 from kb.core.context import Run
 from kb.core.licences import KNOWN
 from kb.core.sources import made_of
-from kb.release.facts import ColumnFacts, Facts, File, TableFacts
+from kb.release.facts import ColumnFacts, DataFile, Facts, TableFacts
 from kb.release.gaps import gaps
 from kb.release.personal import personal_counts
 from kb.schema import Column, released_tables
@@ -24,7 +24,7 @@ from kb.store import complete, database, parquet, tombstones
 from kb.store.digests import digest
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import filtered
-from kb.store.release_folder import Part, ReleaseFolder
+from kb.store.release_folder import ReleasedTable, ReleaseFolder
 from kb.store.tally import VERDICTS
 
 _TOPS = 8
@@ -51,7 +51,7 @@ def _facts(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> Facts:
         built=_built(run, read, made),
         tables=tables,
         others=tuple(
-            File(path.name, path.stat().st_size, None, digest(path)) for path in folder.others
+            DataFile(path.name, path.stat().st_size, None, digest(path)) for path in folder.others
         ),
         licence=_choose(con, run, folder),
         licences=_licences(con, folder, *(("pages", "images") if folder.source == "wiki" else ())),
@@ -164,10 +164,10 @@ def _licences(
     return tuple(counts.items())
 
 
-def _table(con: DuckDBPyConnection, part: Part) -> TableFacts:
+def _table(con: DuckDBPyConnection, part: ReleasedTable) -> TableFacts:
 
     files = tuple(
-        File(shard.name, shard.stat().st_size, parquet.footer(shard).num_rows, digest(shard))
+        DataFile(shard.name, shard.stat().st_size, parquet.footer(shard).num_rows, digest(shard))
         for shard in part.shards
     )
     names = [str(shard) for shard in part.shards]

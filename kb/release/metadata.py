@@ -27,7 +27,7 @@ class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, str_strip_whitespace=True)
 
 
-class Creator(_Part):
+class DepositCreator(_Part):
     """Who made the data set."""
 
     name: Text
@@ -57,13 +57,13 @@ class Community(_Part):
     identifier: Text
 
 
-class Deposit(_Part):
+class DepositMetadata(_Part):
     """The fields of a deposit that Lorecrawl sets."""
 
     upload_type: Literal["dataset"] = "dataset"
     title: Text
     description: Text
-    creators: tuple[Creator, ...] = Field(min_length=1)
+    creators: tuple[DepositCreator, ...] = Field(min_length=1)
     publication_date: str = Field(pattern=r"^\d{4}-\d{2}-\d{2}$")
     access_right: Literal["open"] = "open"
     license: Text
@@ -80,17 +80,17 @@ class Document(_Part):
 
     name: Text
     sandbox_model: bool
-    metadata: Deposit
+    metadata: DepositMetadata
 
 
 def deposit(run: Run, facts: Facts) -> str:
     """zenodo.json as text."""
     section, said = run.profile.release, about(run.profile, facts.source)
-    metadata = Deposit(
+    metadata = DepositMetadata(
         title=said.title,
         description=_description(run, facts),
         creators=tuple(
-            Creator(name=one.name, affiliation=one.affiliation, orcid=one.orcid)
+            DepositCreator(name=one.name, affiliation=one.affiliation, orcid=one.orcid)
             for one in section.creators
         ),
         publication_date=day(facts.built),

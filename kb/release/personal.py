@@ -23,7 +23,7 @@ import pyarrow.compute as pc
 
 from kb.core.errors import DamagedData
 from kb.core.profile.release import Release
-from kb.release.problem import Problem
+from kb.release.problem import GateProblem
 from kb.store import parquet
 from kb.store.release_folder import ReleaseFolder
 
@@ -66,7 +66,7 @@ def _is_number(text: str) -> bool:
     return not digits.endswith("000") and not all(group.endswith("0") for group in groups)
 
 
-def personal(folder: ReleaseFolder, section: Release) -> list[Problem]:
+def personal(folder: ReleaseFolder, section: Release) -> list[GateProblem]:
     """A line for each column with more e-mail addresses or phone numbers than the profile
     tolerates.
     """
@@ -78,7 +78,7 @@ def personal(folder: ReleaseFolder, section: Release) -> list[Problem]:
         ):
             if hits * 1000 > tolerated * rows:
                 problems.append(
-                    Problem(
+                    GateProblem(
                         "personal data",
                         f"{folder.source}/{table}",
                         (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 
-class Problem(NamedTuple):
+class GateProblem(NamedTuple):
     """One reason not to publish.
 
     `where` is a folder, file or table; nothing here holds a secret.
@@ -19,7 +19,7 @@ class Problem(NamedTuple):
         return f"{self.check}: {self.where}: {self.what}"
 
 
-def damaged(where: str, error: BaseException, do: str) -> Problem:
+def damaged(where: str, error: BaseException, do: str) -> GateProblem:
     """A file that can't be read, with the first words of why, and what to do."""
     why = (str(error).splitlines() or [""])[0].strip()[:80]
-    return Problem("damaged", where, f"can't be read ({why or type(error).__name__}); {do}")
+    return GateProblem("damaged", where, f"can't be read ({why or type(error).__name__}); {do}")

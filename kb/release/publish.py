@@ -18,12 +18,12 @@ from kb.core.profile.release import Release
 from kb.core.resources import PROFILE_FILE
 from kb.core.sources import exported_by, made_by, made_of
 from kb.core.verdict import Summary
-from kb.net.session import Session, host_of
+from kb.net.session import HttpSession, host_of
 from kb.release import check
 from kb.release.build import exported, refuse
 from kb.release.deposit import Zenodo
 from kb.release.measure import models
-from kb.release.problem import Problem
+from kb.release.problem import GateProblem
 from kb.release.service import TIMEOUT_S, stray
 from kb.release.upload import Upload, document_of
 from kb.store import belonging
@@ -109,9 +109,9 @@ def _of(profile: Path) -> Release:
     return Release.model_construct(**section)
 
 
-def _session(run: Run, endpoint: str) -> Session:
+def _session(run: Run, endpoint: str) -> HttpSession:
     """Uploads take their time; the token goes to one host only."""
-    return Session(run.settings, hosts={host_of(endpoint)}, stray=stray, timeout=TIMEOUT_S)
+    return HttpSession(run.settings, hosts={host_of(endpoint)}, stray=stray, timeout=TIMEOUT_S)
 
 
 def _summary(deposits: dict[str, dict[str, Any]]) -> Summary:
@@ -148,12 +148,12 @@ def _again(source: str) -> str:
     return f"{', '.join(filters)} and `{exported_by(source)}`"
 
 
-def _marked(run: Run, exports: list[ReleaseFolder], loopback: bool) -> list[Problem]:
+def _marked(run: Run, exports: list[ReleaseFolder], loopback: bool) -> list[GateProblem]:
     """Scores of the sandbox's tiny model may go to a loopback service only."""
     if loopback:
         return []
     return [
-        Problem(
+        GateProblem(
             "sandbox model",
             folder.source,
             (
@@ -167,14 +167,14 @@ def _marked(run: Run, exports: list[ReleaseFolder], loopback: bool) -> list[Prob
     ]
 
 
-def _limits(exports: list[ReleaseFolder]) -> list[Problem]:
+def _limits(exports: list[ReleaseFolder]) -> list[GateProblem]:
     problems = []
     for folder in exports:
         files = [*folder.files(), folder.path / SUMS]
         total = sum(path.stat().st_size for path in files if path.exists())
         if len(files) > MOST_FILES:
             problems.append(
-                Problem(
+                GateProblem(
                     "size",
                     folder.source,
                     f"{len(files)} files, a record takes {MOST_FILES}; export larger shards",
@@ -182,7 +182,7 @@ def _limits(exports: list[ReleaseFolder]) -> list[Problem]:
             )
         if total > MOST_BYTES:
             problems.append(
-                Problem(
+                GateProblem(
                     "size",
                     folder.source,
                     f"{total / 1e9:.1f} GB, a record takes {MOST_BYTES / 1e9:.0f}",

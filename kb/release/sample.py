@@ -20,7 +20,7 @@ from duckdb import DuckDBPyConnection
 from kb.release.folders import sample_name
 from kb.store import database
 from kb.store.atomic import writing
-from kb.store.release_folder import Part, ReleaseFolder
+from kb.store.release_folder import ReleasedTable, ReleaseFolder
 from kb.store.shards import order
 
 _MOST = 5_000  # groups: a sample is for reading
@@ -53,7 +53,7 @@ def write(folder: ReleaseFolder, megabytes: float) -> list[Path]:
 
 
 def _part(
-    con: DuckDBPyConnection, folder: ReleaseFolder, part: Part, shared: str, take: int
+    con: DuckDBPyConnection, folder: ReleaseFolder, part: ReleasedTable, shared: str, take: int
 ) -> Path:
     rows = con.sql(
         f'SELECT t.* FROM read_parquet(?) t WHERE t."{shared}" IN (SELECT k FROM chosen'
@@ -80,7 +80,7 @@ def _values(column: pa.ChunkedArray[Any]) -> list[Any]:
     return [None if text is None else float(text) for text in column.cast(pa.string()).to_pylist()]
 
 
-def _shared(parts: tuple[Part, ...]) -> str:
+def _shared(parts: tuple[ReleasedTable, ...]) -> str:
     """The column that all tables of the folder have and that is a key of one;
     else the first's first key.
     """

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from ahocorasick_rs import BytesAhoCorasick, MatchKind
 
 from kb.core.errors import DamagedData
-from kb.release.problem import Problem
+from kb.release.problem import GateProblem
 from kb.store import parquet
 from kb.store.release_folder import ReleaseFolder
 
@@ -50,20 +50,20 @@ _CHUNK = 8 << 20
 _OVERLAP = 4096  # bytes of a piece that the next one begins with: more than any shape needs
 
 
-def secrets(folder: ReleaseFolder, values: Sequence[str]) -> list[Problem]:
+def secrets(folder: ReleaseFolder, values: Sequence[str]) -> list[GateProblem]:
     """A line for each file and column that holds a secret; the value itself is never shown."""
-    wanted = Wanted(values)
+    wanted = SecretPatterns(values)
     problems = []
     for path in folder.files():
         where = f"{folder.source}/{path.name}"
         for place, what in (
             _in_parquet(path, wanted) if path.suffix == ".parquet" else _in_file(path, wanted)
         ):
-            problems.append(Problem("secret", where, f"{place} holds {what}"))
+            problems.append(GateProblem("secret", where, f"{place} holds {what}"))
     return problems
 
 
-class Wanted:
+class SecretPatterns:
     """What is looked for: literal values of settings, and shapes."""
 
     def __init__(self, values: Sequence[str]) -> None:
@@ -98,7 +98,7 @@ def _finder(*texts: bytes) -> Callable[[bytes], list[Any]]:
     return BytesAhoCorasick(texts, matchkind=MatchKind.LeftmostFirst).find_matches_as_indexes
 
 
-def _in_file(path: Path, wanted: Wanted) -> Iterator[tuple[str, str]]:
+def _in_file(path: Path, wanted: SecretPatterns) -> Iterator[tuple[str, str]]:
     """The values and shapes in any file, read in pieces."""
     hits: dict[str, None] = {}
     tail = b""
@@ -111,7 +111,7 @@ def _in_file(path: Path, wanted: Wanted) -> Iterator[tuple[str, str]]:
     yield from (("it", what) for what in hits)
 
 
-def _in_parquet(path: Path, wanted: Wanted) -> Iterator[tuple[str, str]]:
+def _in_parquet(path: Path, wanted: SecretPatterns) -> Iterator[tuple[str, str]]:
     try:
         file = parquet.open_file(path)
     except (pa.ArrowException, OSError, DamagedData):

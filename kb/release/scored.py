@@ -9,14 +9,14 @@ import duckdb
 
 from kb.core.context import Run
 from kb.core.sources import SOURCES, made_by
-from kb.release.problem import Problem, damaged
+from kb.release.problem import GateProblem, damaged
 from kb.schema import Table, released_tables
 from kb.store import database
 from kb.store.layout import Layout
-from kb.store.release_folder import Part, ReleaseFolder
+from kb.store.release_folder import ReleasedTable, ReleaseFolder
 
 
-def check(run: Run, folder: ReleaseFolder, whole: list[Part]) -> list[Problem]:
+def check(run: Run, folder: ReleaseFolder, whole: list[ReleasedTable]) -> list[GateProblem]:
     """Every text that the source has must have been scored,
     in clean/ and as released; `toxicity_<text>` belongs to `<text>`.
     """
@@ -28,7 +28,7 @@ def check(run: Run, folder: ReleaseFolder, whole: list[Part]) -> list[Problem]:
         released = _unscored(
             shards.get(declared.name, ()), declared, set(declared.names(released=True))
         )
-        if isinstance(clean, Problem):
+        if isinstance(clean, GateProblem):
             problems.append(clean)
             continue
         command = (
@@ -37,12 +37,14 @@ def check(run: Run, folder: ReleaseFolder, whole: list[Part]) -> list[Problem]:
             else "the release is incomplete, toxicity is off in the profile"
         )
         problems += [
-            Problem("toxicity", where, f"{rows:,} rows have no toxicity score of {text}; {command}")
+            GateProblem(
+                "toxicity", where, f"{rows:,} rows have no toxicity score of {text}; {command}"
+            )
             for text, rows in clean.items()
         ]
-        if not isinstance(released, Problem):
+        if not isinstance(released, GateProblem):
             problems += [
-                Problem(
+                GateProblem(
                     "toxicity",
                     where,
                     f"{rows:,} released rows have no toxicity score of {text};"
@@ -54,7 +56,9 @@ def check(run: Run, folder: ReleaseFolder, whole: list[Part]) -> list[Problem]:
     return problems
 
 
-def _unscored(files: Sequence[Path], declared: Table, names: set[str]) -> dict[str, int] | Problem:
+def _unscored(
+    files: Sequence[Path], declared: Table, names: set[str]
+) -> dict[str, int] | GateProblem:
     """Text → rows with that text and without its score."""
     # Each text → what says whether it is there, and its score.
     tests = {

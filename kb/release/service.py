@@ -20,7 +20,7 @@ from kb.core import clock
 from kb.core.errors import CredentialRefused, FatalError, QuotaSpent, Retryable, Unreachable
 from kb.net import redact
 from kb.net.retry import attempt, retry_after
-from kb.net.session import Session, failure, host_of, refusal
+from kb.net.session import HttpSession, failure, host_of, refusal
 from kb.release.answers import content_of, message
 
 TRIES = 5
@@ -46,10 +46,10 @@ def stray(url: str) -> FatalError:
     return FatalError("the deposit service links to another host", hint="nothing was sent there")
 
 
-class Service:
+class DepositService:
     """One account at one service. The token goes into the header only, and to that service only."""
 
-    def __init__(self, session: Session, endpoint: str, token: str, *, wait: bool) -> None:
+    def __init__(self, session: HttpSession, endpoint: str, token: str, *, wait: bool) -> None:
         self._session, self._wait = session, wait
         self.root = endpoint.rstrip("/").removesuffix("/api")
         self.base = f"{self.root}/api/deposit/depositions"

@@ -14,7 +14,7 @@ from kb.store.release_folder import ReleaseFolder
 COLUMNS = ("video_id", "transcript_kind")
 
 
-class Wanted(NamedTuple):
+class WantedContent(NamedTuple):
     """Ids of videos, and folders of the rest."""
 
     videos: list[str]
@@ -24,7 +24,7 @@ class Wanted(NamedTuple):
     removed: dict[str, set[str]]  # tombstones of the releases, by source
 
 
-def choose(folders: Sequence[ReleaseFolder], only: str | None) -> Wanted:
+def choose(folders: Sequence[ReleaseFolder], only: str | None) -> WantedContent:
     """What these folders need, of the source `only` if one is named. Raises SettingError."""
     mine = [one for one in folders if only is None or one.source == only]
     if only and not mine:
@@ -44,7 +44,7 @@ def choose(folders: Sequence[ReleaseFolder], only: str | None) -> Wanted:
                 rows = parquet.read_table(path, columns=[*COLUMNS])
             keys, kinds = (cast("list[str]", rows[name].to_pylist()) for name in COLUMNS)
             had |= zip(keys, kinds, strict=True)
-    return Wanted(
+    return WantedContent(
         list(had),
         had,
         [one.path for one in mine if one.source == "reddit"],

@@ -16,12 +16,12 @@ from kb.core.profile import Profile
 from kb.core.sources import SOURCES
 from kb.core.verdict import Summary
 from kb.report import cloud, links, pairs, reddit, wikipage, youtube
-from kb.report.data import Data
+from kb.report.data import ReportData
 from kb.report.dates import dates
 from kb.report.elements import elements
 from kb.report.funnel import funnel
 from kb.report.logarithmic import scores, views
-from kb.report.page import Section, page
+from kb.report.page import ReportSection, page
 from kb.report.services import quota
 from kb.report.style import BLUE, GREEN, PURPLE, Figure, applied
 from kb.report.toxicity import toxicity
@@ -32,7 +32,7 @@ from kb.store.catalog import Catalog, empty
 from kb.store.layout import Layout
 from kb.store.reading import SANDBOX_MODEL, filtered
 
-Maker = Callable[[Data, "Profile"], "Figure | tuple[Figure, ...] | None"]
+Maker = Callable[[ReportData, "Profile"], "Figure | tuple[Figure, ...] | None"]
 PAGE = "index.html"
 SAMPLES = {
     "youtube/videos": (
@@ -151,7 +151,7 @@ def report_again(run: Run) -> None:
 
 
 def _report(run: Run, out: Path | None) -> Summary:
-    with Data(run) as data:
+    with ReportData(run) as data:
         if not any(data.files(name) for names in TABLES.values() for name in names):
             raise empty(run.root)
         sections = [_section(run, data, source) for source in TITLES]
@@ -182,8 +182,8 @@ def _report(run: Run, out: Path | None) -> Summary:
     )
 
 
-def _section(run: Run, data: Data, source: str) -> Section:
-    section = Section(source, TITLES[source])
+def _section(run: Run, data: ReportData, source: str) -> ReportSection:
+    section = ReportSection(source, TITLES[source])
     todo = MAKERS[source]
     with run.progress.task(f"report {source}", total=len(todo), unit="figures") as task:
         for make in todo:

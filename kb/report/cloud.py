@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from kb.core.profile import Profile
-from kb.report.data import Data
+from kb.report.data import ReportData
 from kb.report.style import BLUE, GREEN, INK, PURPLE, RED, WIDTH, Figure, canvas, number, saved
 
 _W, _H = 1080, 640  # the cloud's own pixels
@@ -16,7 +16,9 @@ need know see im ive dont cant new use using still first even way much many thin
 """
 
 
-def words(data: Data, profile: Profile, table: str, columns: tuple[str, ...]) -> Figure | None:
+def words(
+    data: ReportData, profile: Profile, table: str, columns: tuple[str, ...]
+) -> Figure | None:
     """The cloud of the words in some columns of a table (the paper shows Reddit's)."""
     from wordcloud import STOPWORDS
 

@@ -65,7 +65,7 @@ class Channels:
     largest: list[tuple[str, int]]
 
 
-class Data:
+class ReportData:
     """The data root through one DuckDB connection in memory."""
 
     def __init__(self, run: Run) -> None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from kb.core.profile import Profile
 from kb.report.charts import over_time
-from kb.report.data import Data
+from kb.report.data import ReportData
 from kb.report.style import Figure, number, saved
 
 
 def dates(
-    data: Data, profile: Profile, table: str, column: str, what: str, color: str
+    data: ReportData, profile: Profile, table: str, column: str, what: str, color: str
 ) -> Figure | None:
     """Rows of a table by the time in a column; `what` happened then, in words."""
     timeline = data.timeline(table, column)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from kb.core.profile import Profile
 from kb.report.charts import bars
-from kb.report.data import Data
+from kb.report.data import ReportData
 from kb.report.style import BLUE, Figure, saved
 from kb.report.wikipage import KINDS
 
 
-def elements(data: Data, profile: Profile) -> Figure | None:
+def elements(data: ReportData, profile: Profile) -> Figure | None:
     """Elements of the wiki's pages by kind."""
     top = data.top("wiki/elements", "kind", 10)
     if not top:

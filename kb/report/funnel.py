@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from kb.core.profile import Profile
 from kb.report.charts import bars
-from kb.report.data import Data, Funnel
+from kb.report.data import Funnel, ReportData
 from kb.report.style import BLUE, GREEN, PALE, Figure, number, saved
 
 NAMES = {
@@ -15,7 +15,7 @@ NAMES = {
 }
 
 
-def funnel(data: Data, profile: Profile, name: str) -> Figure | None:
+def funnel(data: ReportData, profile: Profile, name: str) -> Figure | None:
     """What is left after each filter stage."""
     counts = data.funnel(name)
     if counts is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from kb.core.profile import Profile
 from kb.core.sources import SOURCES
 from kb.report.charts import bars
-from kb.report.data import Data
+from kb.report.data import ReportData
 from kb.report.style import GREEN, ORANGE, SKY, Figure, readable, saved
 
 _LINKS, _ENTITIES = "links/links", "links/entities"
@@ -35,7 +35,7 @@ _WHO = {
 }
 
 
-def most(data: Data, profile: Profile) -> Figure | None:
+def most(data: ReportData, profile: Profile) -> Figure | None:
     """The entities that are named most."""
     rows = data.rows(_LINKS, _NAMED.replace("{order}", "DESC"), profile.report.top_keywords)
     if not rows:
@@ -51,7 +51,7 @@ def most(data: Data, profile: Profile) -> Figure | None:
     )
 
 
-def least(data: Data, profile: Profile) -> Figure | None:
+def least(data: ReportData, profile: Profile) -> Figure | None:
     """The entities that are named, and least; how many are not at all."""
     rows = data.rows(_LINKS, _NAMED.replace("{order}", "ASC"), profile.report.top_keywords)
     if not rows:
@@ -67,7 +67,7 @@ def least(data: Data, profile: Profile) -> Figure | None:
     )
 
 
-def known(data: Data, profile: Profile) -> Figure | None:
+def known(data: ReportData, profile: Profile) -> Figure | None:
     """How many entities only one source knows, and which."""
     by_source = {who: (n, names) for who, n, names in data.rows(_LINKS, _KNOWN)}
     if not by_source:

@@ -6,11 +6,11 @@ import math
 
 from kb.core.profile import Profile
 from kb.report.charts import histogram
-from kb.report.data import Data
+from kb.report.data import ReportData
 from kb.report.style import BLUE, PURPLE, Figure, number, saved
 
 
-def views(data: Data, profile: Profile) -> Figure | None:
+def views(data: ReportData, profile: Profile) -> Figure | None:
     """View counts on a logarithmic axis."""
     return _logarithmic(
         data,
@@ -25,7 +25,7 @@ def views(data: Data, profile: Profile) -> Figure | None:
     )
 
 
-def scores(data: Data, profile: Profile) -> Figure | None:
+def scores(data: ReportData, profile: Profile) -> Figure | None:
     """Reddit scores on a logarithmic axis."""
     return _logarithmic(
         data,
@@ -41,7 +41,7 @@ def scores(data: Data, profile: Profile) -> Figure | None:
 
 
 def _logarithmic(
-    data: Data,
+    data: ReportData,
     table: str,
     column: str,
     name: str,

@@ -18,7 +18,7 @@ _HEAVY = 400_000  # bytes of an SVG
 
 
 @dataclass
-class Section:
+class ReportSection:
     """One source on the page: its figures and samples, or a line that says what is missing."""
 
     id: str
@@ -34,7 +34,7 @@ def page(
     title: str,
     as_of: str,
     cards: Sequence[tuple[str, int, str]],
-    sections: Sequence[Section],
+    sections: Sequence[ReportSection],
     notes: Sequence[str],
 ) -> str:
     """The whole document. `cards` are (what, number, remark). All text is escaped."""

@@ -6,11 +6,11 @@ import itertools
 
 from kb.core.profile import Profile
 from kb.report.charts import bars, even, histogram
-from kb.report.data import Data
+from kb.report.data import ReportData
 from kb.report.style import GREEN, ORANGE, Figure, canvas, readable, saved
 
 
-def keywords(data: Data, profile: Profile) -> Figure | None:
+def keywords(data: ReportData, profile: Profile) -> Figure | None:
     """Pairs for each of the most frequent keywords."""
     top = data.top("pairs/pairs", "keyword", profile.report.top_keywords)
     if not top:
@@ -31,7 +31,7 @@ def keywords(data: Data, profile: Profile) -> Figure | None:
     )
 
 
-def lengths(data: Data, profile: Profile) -> Figure | None:
+def lengths(data: ReportData, profile: Profile) -> Figure | None:
     """Lengths of clips and texts of the pairs."""
     rows = data.rows(
         "pairs/pairs",

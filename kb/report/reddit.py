@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from kb.core.profile import Profile
 from kb.report.charts import bars
-from kb.report.data import Data
+from kb.report.data import ReportData
 from kb.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, SKY, Figure, number, saved
 
 TYPE_COLORS = {
@@ -17,7 +17,7 @@ TYPE_COLORS = {
 }
 
 
-def post_types(data: Data, profile: Profile) -> Figure | None:
+def post_types(data: ReportData, profile: Profile) -> Figure | None:
     """Shares of post types (the paper's figure)."""
     top = data.top("reddit/posts", "type", 12)
     total = sum(n for _, n in top)

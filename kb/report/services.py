@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from kb.core.profile import Profile
 from kb.report.charts import over_time
-from kb.report.data import Data
+from kb.report.data import ReportData
 from kb.report.style import BLUE, GREEN, GREY, RED, Figure, canvas, saved
 
 _DAYS = 60  # the last ones, when there are more
@@ -12,7 +12,7 @@ _COLORS = {"youtube": RED, "reddit": BLUE, "wiki": GREEN}
 _NAMES = {"youtube": "YouTube", "reddit": "Reddit", "wiki": "Wiki"}
 
 
-def quota(data: Data, profile: Profile) -> Figure | None:
+def quota(data: ReportData, profile: Profile) -> Figure | None:
     """Units of YouTube's quota, or requests of the others, over days; one panel a limit."""
     ledger = data.ledgers()
     if not ledger:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import itertools
 
 from kb.core.profile import Profile
-from kb.report.data import Data
+from kb.report.data import ReportData
 from kb.report.style import BLUE, GREY, ORANGE, Figure, canvas, number, saved
 
 _EDGES = [step / 20 for step in range(21)]
 
 
-def toxicity(data: Data, profile: Profile, table: str, columns: tuple[str, ...]) -> Figure | None:
+def toxicity(
+    data: ReportData, profile: Profile, table: str, columns: tuple[str, ...]
+) -> Figure | None:
     """Rows of a table by the largest score of their texts, on a logarithmic axis of counts."""
     kept, dropped = data.kept_scores(table, columns, _EDGES), data.dropped_scores(table, _EDGES)
     if not sum(kept) + sum(dropped):

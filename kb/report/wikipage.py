@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from kb.core.errors import DamagedData
 from kb.core.profile import Profile
-from kb.report.data import Data
+from kb.report.data import ReportData
 from kb.report.style import (
     BLUE,
     GREEN,
@@ -26,7 +26,7 @@ from kb.report.style import (
 )
 
 
-class Kind(NamedTuple):
+class BoxStyle(NamedTuple):
     """How the boxes of a kind are drawn: lines differ as well as colours."""
 
     color: str
@@ -37,12 +37,12 @@ class Kind(NamedTuple):
 # In the order of the legend; what encloses others is drawn first. Widths are whole CSS pixels
 # (0.75 points), so that at 1:1 a line ends where the element begins.
 KINDS = {
-    "text": Kind(BLUE, "-", 0.75),
-    "table": Kind(GREEN, "-", 1.5),
-    "cell": Kind(SKY, (0, (4, 1.5)), 0.75),
-    "image": Kind(RED, "-", 1.5),
-    "sprite": Kind(PURPLE, "-", 1.5),
-    "animation": Kind(ORANGE, (0, (1.5, 1)), 1.5),
+    "text": BoxStyle(BLUE, "-", 0.75),
+    "table": BoxStyle(GREEN, "-", 1.5),
+    "cell": BoxStyle(SKY, (0, (4, 1.5)), 0.75),
+    "image": BoxStyle(RED, "-", 1.5),
+    "sprite": BoxStyle(PURPLE, "-", 1.5),
+    "animation": BoxStyle(ORANGE, (0, (1.5, 1)), 1.5),
 }
 _CSS = 96  # CSS pixels per inch
 _CROP = (600, 520)  # CSS px, at most
@@ -53,21 +53,21 @@ _LETTERS = 13  # points of the legend: it is read on a phone as well
 
 
 @dataclass(frozen=True)
-class Box:
+class DrawnBox:
     """A rectangle in CSS pixels of the page; of a text also those of its lines."""
 
     x: float
     y: float
     width: float
     height: float
-    lines: tuple[Box, ...] = ()
+    lines: tuple[DrawnBox, ...] = ()
 
-    def grown(self, by: float) -> Box:
+    def grown(self, by: float) -> DrawnBox:
         """The box with its sides moved outwards, so that a line on them hides nothing inside."""
-        return Box(self.x - by, self.y - by, self.width + 2 * by, self.height + 2 * by)
+        return DrawnBox(self.x - by, self.y - by, self.width + 2 * by, self.height + 2 * by)
 
 
-def page(data: Data, profile: Profile) -> tuple[Figure, ...]:
+def page(data: ReportData, profile: Profile) -> tuple[Figure, ...]:
     """Overview and detail of the page whose upper part shows most kinds of elements.
 
     Without a screenshot the boxes stand on white. Raises DamagedData for one that can't be read.
@@ -85,7 +85,7 @@ def page(data: Data, profile: Profile) -> tuple[Figure, ...]:
     title, url, shot, width, height = rows[0]
     shown = _shown(data, number, width, height)
     boxes = [
-        (kind, Box(x, y, wide, high, tuple(Box(**line) for line in lines or ())))
+        (kind, DrawnBox(x, y, wide, high, tuple(DrawnBox(**line) for line in lines or ())))
         for kind, x, y, wide, high, lines in data.rows(
             "wiki/elements",
             "SELECT kind, x, y, width, height, lines FROM {t} WHERE page_id = ?"
@@ -98,7 +98,7 @@ def page(data: Data, profile: Profile) -> tuple[Figure, ...]:
         return ()
     crop = _crop(data, number, width, shown)
     image = _screenshot(data, shot, width, shown)
-    whole = Box(0, 0, width, shown)
+    whole = DrawnBox(0, 0, width, shown)
     source = f"Source: {url}"
     part = "" if shown >= height else f" The first {shown:.0f} of {height:,} pixels are shown."
     return (
@@ -129,7 +129,7 @@ def page(data: Data, profile: Profile) -> tuple[Figure, ...]:
     )
 
 
-def _chosen(data: Data) -> int | None:
+def _chosen(data: ReportData) -> int | None:
     """The page with the most kinds of elements, then the most images, near its top."""
     rows = data.rows(
         "wiki/elements",
@@ -141,7 +141,7 @@ def _chosen(data: Data) -> int | None:
     return rows[0][0] if rows else None
 
 
-def _shown(data: Data, number: int | None, width: float, height: float) -> float:
+def _shown(data: ReportData, number: int | None, width: float, height: float) -> float:
     """How much of the page the overview shows: pages often end in empty space."""
     low = data.rows(
         "wiki/elements", "SELECT max(y + height) FROM {t} WHERE page_id = ? AND visible", number
@@ -149,7 +149,7 @@ def _shown(data: Data, number: int | None, width: float, height: float) -> float
     return float(min(height, width * _TALLEST, (low or height) + _MARGIN))
 
 
-def _crop(data: Data, number: int | None, width: float, shown: float) -> Box:
+def _crop(data: ReportData, number: int | None, width: float, shown: float) -> DrawnBox:
     """The part with the most kinds of elements that are wholly in it, then the most elements."""
     wide, high = min(_CROP[0], width), min(_CROP[1], shown)
     rows = data.rows(
@@ -163,10 +163,10 @@ def _crop(data: Data, number: int | None, width: float, shown: float) -> Box:
         number,
     )
     left, top = rows[0] if rows else (0, 0)
-    return Box(left, top, wide, high)
+    return DrawnBox(left, top, wide, high)
 
 
-def _screenshot(data: Data, shot: str, width: float, shown: float) -> Any:
+def _screenshot(data: ReportData, shot: str, width: float, shown: float) -> Any:
     """The upper part of the screenshot, or None when the file is not there. Raises DamagedData."""
     path = data.path(shot)
     if not path.is_file():
@@ -185,7 +185,11 @@ def _screenshot(data: Data, shot: str, width: float, shown: float) -> Any:
 
 
 def _drawn(
-    image: Any, part: Box, boxes: list[tuple[str, Box]], scale: float, frame: Box | None = None
+    image: Any,
+    part: DrawnBox,
+    boxes: list[tuple[str, DrawnBox]],
+    scale: float,
+    frame: DrawnBox | None = None,
 ) -> dict[str, bytes]:
     """A part of the page, `scale` of its own size; a legend above it, and a frame in it."""
     thin = max(scale, 0.5)
@@ -202,7 +206,7 @@ def _drawn(
             for one in (box.lines or (box,)) if name == kind else ():
                 axes.add_patch(_outline(one, look, scale, thin))
     if frame is not None:
-        axes.add_patch(_outline(frame, Kind(INK, "-", 1.8), scale))
+        axes.add_patch(_outline(frame, BoxStyle(INK, "-", 1.8), scale))
     axes.set_xlim(part.x, right)
     axes.set_ylim(bottom, part.y)
     axes.set_aspect("auto")
@@ -216,7 +220,7 @@ def _drawn(
     return saved(sheet, 2 * _CSS)
 
 
-def _outline(box: Box, kind: Kind, scale: float, thin: float = 1.0) -> Any:
+def _outline(box: DrawnBox, kind: BoxStyle, scale: float, thin: float = 1.0) -> Any:
     """A line around a box that covers nothing of it: its inner edge is the box's edge."""
     from matplotlib.patches import Rectangle
 
@@ -257,7 +261,7 @@ def _legend(sheet: Any, kinds: list[str], points: float) -> None:
     )
 
 
-def _part(image: Any, whole: Box, part: Box) -> Any:
+def _part(image: Any, whole: DrawnBox, part: DrawnBox) -> Any:
     """The part of a screenshot of `whole`, in its own pixels; None without a screenshot."""
     if image is None:
         return None
@@ -266,7 +270,7 @@ def _part(image: Any, whole: Box, part: Box) -> Any:
     return image.crop(tuple(round(edge * ratio) for edge in edges))
 
 
-def _inside(boxes: list[tuple[str, Box]], part: Box) -> list[tuple[str, Box]]:
+def _inside(boxes: list[tuple[str, DrawnBox]], part: DrawnBox) -> list[tuple[str, DrawnBox]]:
     """The boxes of which something is in the part."""
     return [
         (kind, box)
@@ -278,10 +282,10 @@ def _inside(boxes: list[tuple[str, Box]], part: Box) -> list[tuple[str, Box]]:
     ]
 
 
-def _counts(boxes: list[tuple[str, Box]]) -> list[tuple[str, int]]:
+def _counts(boxes: list[tuple[str, DrawnBox]]) -> list[tuple[str, int]]:
     counts = [(kind, sum(name == kind for name, _ in boxes)) for kind in KINDS]
     return [(kind, n) for kind, n in counts if n]
 
 
-def _counted(boxes: list[tuple[str, Box]]) -> str:
+def _counted(boxes: list[tuple[str, DrawnBox]]) -> str:
     return ", ".join(f"{n} {kind}" for kind, n in _counts(boxes))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from kb.core.profile import Profile
 from kb.report.charts import bars, even, histogram
-from kb.report.data import Data
+from kb.report.data import ReportData
 from kb.report.style import BLUE, GREEN, GREY, ORANGE, SKY, Figure, number, readable, saved
 
 _CHANNELS = 10
@@ -17,7 +17,7 @@ _KINDS = {
 }
 
 
-def durations(data: Data, profile: Profile) -> Figure | None:
+def durations(data: ReportData, profile: Profile) -> Figure | None:
     """Video durations, trimmed at a percentile (the paper's figure)."""
     percent = profile.report.trim_percentile
     high = data.quantile("youtube/videos", "duration_s", percent / 100)
@@ -52,7 +52,7 @@ def durations(data: Data, profile: Profile) -> Figure | None:
     )
 
 
-def transcripts(data: Data, profile: Profile) -> Figure | None:
+def transcripts(data: ReportData, profile: Profile) -> Figure | None:
     """Where the videos' transcripts come from."""
     top = data.top("youtube/videos", "transcript_kind", 8)
     total = sum(n for _, n in top)
@@ -76,7 +76,7 @@ def transcripts(data: Data, profile: Profile) -> Figure | None:
     )
 
 
-def channels(data: Data, profile: Profile) -> Figure | None:
+def channels(data: ReportData, profile: Profile) -> Figure | None:
     """How much of the videos the largest channels have."""
     share = data.channels(_CHANNELS)
     if share is None:

@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from kb.core.profile import Profile
-from kb.core.profile.youtube import YouTube
+from kb.core.profile.youtube import YouTubeSection
 from kb.sandbox.cases import CASES, Case, Track
 
 MUSIC, NEWS = 10, 25  # categories of what is off topic
 
 
 @dataclass(frozen=True)
-class Rules:
+class CaseRules:
     """What a profile says of videos, as far as the cases turn on it."""
 
     topic: str
@@ -35,12 +35,12 @@ class Rules:
     toxicity: bool = True
 
 
-def rules_of(profile: Profile, tags: tuple[str, str, str]) -> Rules:
+def rules_of(profile: Profile, tags: tuple[str, str, str]) -> CaseRules:
     """The rules of a profile; the usual ones where it has no [youtube]."""
     section = profile.youtube
     if section is None:
-        return Rules(profile.title, tags)
-    return Rules(
+        return CaseRules(profile.title, tags)
+    return CaseRules(
         topic=section.words[0],
         tags=tags,
         language=section.language,
@@ -56,17 +56,17 @@ def rules_of(profile: Profile, tags: tuple[str, str, str]) -> Rules:
     )
 
 
-def _other(section: YouTube) -> int:
+def _other(section: YouTubeSection) -> int:
     return next(one for one in (MUSIC, NEWS, 1, 0) if one not in section.category_ids)
 
 
-def cases_by(rules: Rules) -> list[Case]:
+def cases_by(rules: CaseRules) -> list[Case]:
     """The cases in order, without those that the rules leave no room for."""
     made = (_adapted(case, rules) for case in CASES)
     return [case for case in made if case is not None]
 
 
-def _adapted(case: Case, rules: Rules) -> Case | None:
+def _adapted(case: Case, rules: CaseRules) -> Case | None:
     change = dict(_filled(case.change, rules))
     stage, evidence = case.stage, case.evidence
     if not rules.labelled:
@@ -99,7 +99,7 @@ def _adapted(case: Case, rules: Rules) -> Case | None:
 _IMPOSSIBLE = ("99 views", "no views yet")
 
 
-def _by_numbers(stage: str | None, change: dict[str, Any], rules: Rules) -> str | None:
+def _by_numbers(stage: str | None, change: dict[str, Any], rules: CaseRules) -> str | None:
     """Shape and length by the rules, which come before what else is wrong with a video."""
     if change.get("width", 1920) / change.get("height", 1080) < rules.min_aspect_ratio:
         return "aspect_ratio"
@@ -108,7 +108,7 @@ def _by_numbers(stage: str | None, change: dict[str, Any], rules: Rules) -> str 
     return None if stage == "aspect_ratio" else stage
 
 
-def _filled(change: dict[str, Any], rules: Rules) -> Iterator[tuple[str, Any]]:
+def _filled(change: dict[str, Any], rules: CaseRules) -> Iterator[tuple[str, Any]]:
     """The fields with the domain's words, category and languages in them."""
     tags = dict(enumerate(rules.tags, start=1))
     held = {

@@ -19,7 +19,7 @@ from kb.core.errors import ProfileError
 from kb.core.profile import DEFAULT, Profile, load_profile
 from kb.pairs import keywords
 from kb.pairs.listed import NEVER, Keyword
-from kb.sandbox.case_rules import Rules, cases_by, rules_of
+from kb.sandbox.case_rules import CaseRules, cases_by, rules_of
 from kb.sandbox.cases import Case
 from kb.sandbox.speech import Speech, grammar, names_topic
 
@@ -51,7 +51,7 @@ class Domain:
 
     title: str
     speech: Speech
-    rules: Rules
+    rules: CaseRules
     cases: list[Case]
     labels: dict[str, tuple[str, str]]
     subreddit: str

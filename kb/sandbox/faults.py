@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 from time import monotonic
 from typing import Any
 
-from kb.sandbox.ledger import Ledger, Seen
+from kb.sandbox.ledger import Ledger, LoggedRequest
 
 CONTROL = "/_sandbox/"
 Wsgi = Callable[[dict[str, Any], Callable[..., Any]], Iterable[bytes]]
@@ -49,7 +49,7 @@ class Fault:
     honest: bool = False
     hold: bool = False
     burst: tuple[int, float] | None = None
-    then: Callable[[Seen], None] | None = None
+    then: Callable[[LoggedRequest], None] | None = None
     when: Callable[[dict[str, Any]], bool] | None = None
     hits: int = 0
     matches: int = 0
@@ -153,7 +153,7 @@ class Faults:
     def _strike(
         self,
         fault: Fault,
-        seen: Seen,
+        seen: LoggedRequest,
         application: Wsgi,
         environ: dict[str, Any],
         start: Callable[..., Any],

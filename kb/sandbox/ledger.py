@@ -13,7 +13,7 @@ _SECRET = {"key", "access_token", "client_secret", "password", "refresh_token", 
 
 
 @dataclass
-class Seen:
+class LoggedRequest:
     """One request. `query` has no credentials; `about` is what the service says it was for (a video
     id …).
     """
@@ -37,10 +37,10 @@ class Ledger:
     """Every request in the order of arrival; thread-safe."""
 
     def __init__(self) -> None:
-        self._seen: list[Seen] = []
+        self._seen: list[LoggedRequest] = []
         self._lock = threading.Lock()
 
-    def open(self, service: str, environ: dict[str, Any]) -> Seen:
+    def open(self, service: str, environ: dict[str, Any]) -> LoggedRequest:
         """Write down a request that has just come."""
         pairs = [
             pair
@@ -48,7 +48,7 @@ class Ledger:
             if pair[0] not in _SECRET
         ]
         with self._lock:
-            seen = Seen(
+            seen = LoggedRequest(
                 number=len(self._seen),
                 time=time(),
                 service=service,
@@ -61,7 +61,7 @@ class Ledger:
             self._seen.append(seen)
         return seen
 
-    def requests(self, path: str = "", *, service: str = "", since: int = 0) -> list[Seen]:
+    def requests(self, path: str = "", *, service: str = "", since: int = 0) -> list[LoggedRequest]:
         """Requests whose path matches the regular expression `path`, from number `since` on."""
         with self._lock:
             held = self._seen[since:]

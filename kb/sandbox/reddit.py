@@ -34,7 +34,7 @@ def settings(url: str) -> dict[str, str]:
 
 def app(world: World, faults: Any = None) -> Any:
     """The WSGI application."""
-    service = Service(world.reddit)
+    service = RedditService(world.reddit)
 
     def serve(environ: dict[str, Any], start_response: Any) -> Any:
         return service.answer(Request(environ))(environ, start_response)
@@ -42,7 +42,7 @@ def app(world: World, faults: Any = None) -> Any:
     return faults.wrap("reddit", serve) if faults is not None else serve
 
 
-class Service:
+class RedditService:
     """Reddit's API over an invented subreddit."""
 
     def __init__(self, subreddit: Subreddit) -> None:

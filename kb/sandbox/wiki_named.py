@@ -36,7 +36,7 @@ _FILES = {
 _MADE = re.compile(rf"(?<![A-Za-z])({'|'.join(_FILES)})(?=[._])")
 
 
-class Entry(NamedTuple):
+class NamedEntry(NamedTuple):
     """A page: its id, its subject with what kind of thing that is, titles that lead to it."""
 
     id: int
@@ -107,7 +107,7 @@ class Named(Recorded):
                 pages |= {page["title"]: page for page in self._described(entry, edited)}
         return pages
 
-    def _described(self, entry: Entry, edited: bool) -> list[dict[str, Any]]:
+    def _described(self, entry: NamedEntry, edited: bool) -> list[dict[str, Any]]:
         """What the API says of a page and of the redirects to it."""
         day = "2024-05-02" if edited else "2024-01-12"
         made = []
@@ -156,7 +156,7 @@ class Named(Recorded):
             said["categories"] = [{"ns": 14, "title": f"Category:{one}"} for one in kinds if one]
         return said
 
-    def _rendered(self, entry: Entry, page: dict[str, Any], later: bool) -> str:
+    def _rendered(self, entry: NamedEntry, page: dict[str, Any], later: bool) -> str:
         domain, place = self.domain, self.entries.index(entry)
         others = [one for one in self.entries if one.template == "entity" and one is not entry]
         others = others[place:] + others[:place]
@@ -200,7 +200,7 @@ def _environment() -> Any:
     return environment(TEMPLATES, {"name": name_of}, autoescape=True)
 
 
-def _entries(domain: Domain, n: int, alone: bool) -> list[Entry]:
+def _entries(domain: Domain, n: int, alone: bool) -> list[NamedEntry]:
     """The pages, ten ids apart; without recorded ones a main page and a short one too."""
     fit = re.compile(r"\w[\w '(),.!&-]*")
     nouns = {noun.title: noun for noun in domain.speech.nouns}
@@ -213,9 +213,11 @@ def _entries(domain: Domain, n: int, alone: bool) -> list[Entry]:
         names = more[:2] or ((f"{noun.title}s",) if noun.number == "one" else ())
         redirects = tuple(one[:1].upper() + one[1:] for one in names if one.lower() not in taken)
         template = "entity" if place < n else "short"
-        entries.append(Entry(_FIRST_ID + 10 * place, noun, kind.capitalize(), redirects, template))
+        entries.append(
+            NamedEntry(_FIRST_ID + 10 * place, noun, kind.capitalize(), redirects, template)
+        )
     if alone:
-        entries.insert(0, Entry(1, Noun(MAIN), "", (), "main"))
+        entries.insert(0, NamedEntry(1, Noun(MAIN), "", (), "main"))
     return entries
 
 

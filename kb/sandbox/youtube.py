@@ -18,7 +18,7 @@ from werkzeug.wrappers import Request, Response
 from kb.sandbox import youtube_answers as answers
 from kb.sandbox import youtube_errors as errors
 from kb.sandbox.world import World
-from kb.sandbox.youtube_web import Web
+from kb.sandbox.youtube_web import YouTubeWeb
 
 KEY = "sandbox-youtube-key-that-opens-nothing"
 MOST_HITS = 500
@@ -39,7 +39,7 @@ def settings(url: str) -> dict[str, str]:
 
 def app(world: World, faults: Any = None) -> Any:
     """The WSGI application."""
-    api, web = DataApi(world), Web(world)
+    api, web = DataApi(world), YouTubeWeb(world)
 
     def serve(environ: dict[str, Any], start_response: Any) -> Any:
         request = Request(environ)
@@ -51,7 +51,7 @@ def app(world: World, faults: Any = None) -> Any:
     return faults.wrap("youtube", serve) if faults is not None else serve
 
 
-class Refused(Exception):
+class ApiRefusal(Exception):
     """An error answer."""
 
     def __init__(self, answer: errors.Answer) -> None:
@@ -70,14 +70,14 @@ class DataApi:
         method = request.path.removeprefix("/youtube/v3/")
         try:
             if method not in PARTS:
-                raise Refused(errors.not_found(request.path))
+                raise ApiRefusal(errors.not_found(request.path))
             self._spend(
                 request,
                 {"search": "search", "videos:batchGetStats": "stats"}.get(method, "general"),
             )
             parts = self._parts(request, PARTS[method])
             status, body = 200, getattr(self, "_" + method.replace(":", "_"))(request, parts)
-        except Refused as refused:
+        except ApiRefusal as refused:
             status, body = refused.answer
         # Escaped as ASCII, so that NUL and lone surrogates travel as JSON allows.
         return Response(
@@ -90,13 +90,13 @@ class DataApi:
     def _spend(self, request: Request, bucket: str) -> None:
         given = request.args.get("key") or request.headers.get("X-Goog-Api-Key")
         if not given:
-            raise Refused(errors.key_missing())
+            raise ApiRefusal(errors.key_missing())
         if given != KEY:
-            raise Refused(errors.key_invalid())
+            raise ApiRefusal(errors.key_invalid())
         with self._lock:
             day = self.world.pacific_day()
             if self.world.used[day, bucket] >= self.world.quota[bucket]:
-                raise Refused(
+                raise ApiRefusal(
                     errors.search_spent(self.world.quota[bucket])
                     if bucket == "search"
                     else errors.general_spent()
@@ -107,9 +107,9 @@ class DataApi:
     def _parts(self, request: Request, known: set[str]) -> set[str]:
         parts = set(_list(request, "part"))
         for part in sorted(parts - known):
-            raise Refused(errors.bad_part(part))
+            raise ApiRefusal(errors.bad_part(part))
         if not parts:
-            raise Refused(errors.no_filter())
+            raise ApiRefusal(errors.no_filter())
         return parts
 
     def _search(self, request: Request, parts: set[str]) -> dict[str, Any]:
@@ -141,7 +141,7 @@ class DataApi:
     def _playlists(self, request: Request, parts: set[str]) -> dict[str, Any]:
         owner, wanted = request.args.get("channelId"), _list(request, "id")
         if not owner and not wanted:
-            raise Refused(errors.no_filter())
+            raise ApiRefusal(errors.no_filter())
         channels = [
             one
             for one in self.world.youtube.channels
@@ -160,9 +160,9 @@ class DataApi:
     def _playlistItems(self, request: Request, parts: set[str]) -> dict[str, Any]:
         playlist = request.args.get("playlistId", "")
         if not playlist:
-            raise Refused(errors.no_filter())
+            raise ApiRefusal(errors.no_filter())
         if playlist not in self.world.youtube.by_playlist:
-            raise Refused(errors.no_playlist())
+            raise ApiRefusal(errors.no_playlist())
         entries = list(enumerate(self.world.youtube.by_playlist[playlist][1]))
         page, tokens, size = _paged(request, entries)
         items = []
@@ -220,9 +220,9 @@ def _list(request: Request, name: str) -> list[str]:
 def _ids(request: Request) -> list[str]:
     ids = _list(request, "id")
     if not ids:
-        raise Refused(errors.no_filter())
+        raise ApiRefusal(errors.no_filter())
     if len(ids) > 50:
-        raise Refused(errors.too_many_ids())
+        raise ApiRefusal(errors.too_many_ids())
     return ids
 
 
@@ -230,13 +230,13 @@ def _paged(request: Request, all_items: list[Any]) -> tuple[list[Any], dict[str,
     """(items of the page, its tokens, its size). Tokens are opaque and hold the offset."""
     given = request.args.get("maxResults", "5")
     if not given.isdigit() or int(given) > 50:
-        raise Refused(errors.bad_size(given))
+        raise ApiRefusal(errors.bad_size(given))
     size, start = int(given), 0
     if token := request.args.get("pageToken"):
         try:
             start = int(base64.urlsafe_b64decode(token.encode()).decode().removeprefix("at:"))
         except (ValueError, binascii.Error):
-            raise Refused(errors.bad_page_token()) from None
+            raise ApiRefusal(errors.bad_page_token()) from None
     tokens = {}
     if start + size < len(all_items):
         tokens["nextPageToken"] = base64.urlsafe_b64encode(b"at:%06d" % (start + size)).decode()

@@ -18,7 +18,7 @@ from kb.sandbox.youtube_pages import PAGE_KEY, watch_page
 from kb.sandbox.youtube_player import player_answer, signature
 
 
-class Web:
+class YouTubeWeb:
     """The web site over a world."""
 
     def __init__(self, world: World) -> None:

@@ -19,8 +19,8 @@ from werkzeug.routing import Map, Rule
 from werkzeug.wrappers import Request, Response
 
 from kb.sandbox.zenodo_answers import (
-    Answer,
-    Deposit,
+    Deposition,
+    ZenodoError,
     as_json,
     checked_metadata,
     file_entry,
@@ -62,7 +62,7 @@ class Deposits:
 
     def __init__(self, token: str = TOKEN) -> None:
         self.token = token
-        self.by_id: dict[int, Deposit] = {}
+        self.by_id: dict[int, Deposition] = {}
         self.deposits = self
         self._numbers = itertools.count(100_001)
         self._lock = threading.RLock()
@@ -106,10 +106,10 @@ class Deposits:
                 if not public:
                     self._authorize(request)
                 response = handler(request, **values)
-        except Answer as error:
+        except ZenodoError as error:
             response = error.get_response()
         except HTTPException as error:
-            response = Answer(error.code or 500, error.description or "").get_response()
+            response = ZenodoError(error.code or 500, error.description or "").get_response()
         if request.method in ("PUT", "POST"):
             request.get_data(
                 cache=False
@@ -123,9 +123,9 @@ class Deposits:
             "Bearer "
         ) or request.args.get("access_token", "")
         if not given:
-            raise Answer(401, _UNAUTHORIZED)
+            raise ZenodoError(401, _UNAUTHORIZED)
         if given != self.token:
-            raise Answer(403, "Invalid access token.")
+            raise ZenodoError(403, "Invalid access token.")
 
     def _list(self, request: Request) -> Response:
         status = request.args.get("status")
@@ -146,18 +146,18 @@ class Deposits:
         next(self._numbers)
         return as_json(self._shown(made, request), 201)
 
-    def _new(self, concept: int | None = None) -> Deposit:
+    def _new(self, concept: int | None = None) -> Deposition:
         number = next(self._numbers)
         bucket = str(uuid.uuid5(uuid.NAMESPACE_URL, str(number)))
-        self.by_id[number] = Deposit(number, concept or number - 1, bucket)
+        self.by_id[number] = Deposition(number, concept or number - 1, bucket)
         return self.by_id[number]
 
-    def _find(self, number: int) -> Deposit:
+    def _find(self, number: int) -> Deposition:
         if number not in self.by_id:
-            raise Answer(404, "PID does not exist.")
+            raise ZenodoError(404, "PID does not exist.")
         return self.by_id[number]
 
-    def _draft(self, number: int) -> Deposit:
+    def _draft(self, number: int) -> Deposition:
         deposit = self._find(number)
         if deposit.submitted:
             raise refused("Invalid action", "state", "The deposition is published.")
@@ -188,25 +188,25 @@ class Deposits:
             (name for name in deposit.files if file_entry(deposit, name)["id"] == file), None
         )
         if name is None:
-            raise Answer(404, "File not found.")
+            raise ZenodoError(404, "File not found.")
         del deposit.files[name]
         return Response(status=204)
 
     def _put(self, request: Request, bucket: str, name: str) -> Response:
         deposit = next((one for one in self.by_id.values() if one.bucket == bucket), None)
         if deposit is None:
-            raise Answer(404, "Bucket does not exist.")
+            raise ZenodoError(404, "Bucket does not exist.")
         if deposit.submitted:
-            raise Answer(403, "Bucket is locked for modifications.")
+            raise ZenodoError(403, "Bucket is locked for modifications.")
         if "/" in name:
-            raise Answer(400, "Invalid key: file names are flat.")
+            raise ZenodoError(400, "Invalid key: file names are flat.")
         data = request.get_data(cache=False)
         if request.content_length is not None and len(data) != request.content_length:
             raise BadRequest("The request body was cut off.")
         if name not in deposit.files and len(deposit.files) >= MOST_FILES:
-            raise Answer(400, f"The deposit has more than {MOST_FILES} files.")
+            raise ZenodoError(400, f"The deposit has more than {MOST_FILES} files.")
         if sum(map(len, deposit.files.values())) + len(data) > MOST_BYTES:
-            raise Answer(413, "Quota limit exceeded.")
+            raise ZenodoError(413, "Quota limit exceeded.")
         deposit.files[name] = data
         return as_json(file_stored(deposit, name, request), 201)
 
@@ -227,7 +227,7 @@ class Deposits:
             raise refused("Invalid action", "state", "The deposition is not published.")
         draft = self._open_draft(deposit)
         if draft is not None and draft.files:
-            raise Answer(
+            raise ZenodoError(
                 400,
                 "A validation error occurred.",
                 [{"field": "files.enabled", "messages": ["Please remove all files first."]}],
@@ -239,7 +239,7 @@ class Deposits:
             draft.files = dict(deposit.files)
         return as_json(self._shown(deposit, request), 201)
 
-    def _open_draft(self, deposit: Deposit) -> Deposit | None:
+    def _open_draft(self, deposit: Deposition) -> Deposition | None:
         return next(
             (
                 one
@@ -252,14 +252,14 @@ class Deposits:
     def _record(self, request: Request, number: int) -> Response:
         deposit = self._find(number)
         if not deposit.submitted:
-            raise Answer(404, "PID does not exist.")
+            raise ZenodoError(404, "PID does not exist.")
         return as_json(record(deposit, request))
 
     def _content(self, request: Request, number: int, name: str) -> Response:
         deposit = self._find(number)
         if not deposit.submitted or name not in deposit.files:
-            raise Answer(404, "File not found.")
+            raise ZenodoError(404, "File not found.")
         return Response(deposit.files[name], mimetype="application/octet-stream")
 
-    def _shown(self, one: Deposit, request: Request) -> dict[str, Any]:
+    def _shown(self, one: Deposition, request: Request) -> dict[str, Any]:
         return shown(one, self._open_draft(one), request)

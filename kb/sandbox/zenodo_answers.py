@@ -33,7 +33,7 @@ LICENCES = re.compile(
 STAMP = "2026-11-20T12:00:00.000000+00:00"
 
 
-class Answer(HTTPException):
+class ZenodoError(HTTPException):
     """An error in the API's own form."""
 
     def __init__(
@@ -50,13 +50,13 @@ class Answer(HTTPException):
         self.code = status
 
 
-def refused(message: str, field: str, why: str) -> Answer:
+def refused(message: str, field: str, why: str) -> ZenodoError:
     """400, with what is wrong at one field."""
-    return Answer(400, message, [{"field": field, "message": why}])
+    return ZenodoError(400, message, [{"field": field, "message": why}])
 
 
 @dataclass
-class Deposit:
+class Deposition:
     """One deposition: a draft, or a published record."""
 
     id: int
@@ -67,7 +67,7 @@ class Deposit:
     submitted: bool = False
 
 
-def shown(one: Deposit, draft: Deposit | None, request: Request) -> dict[str, Any]:
+def shown(one: Deposition, draft: Deposition | None, request: Request) -> dict[str, Any]:
     """A deposition; `draft`: the open one of its record, if there is one."""
     own = f"{root_of(request)}/api/deposit/depositions/{one.id}"
     links = {
@@ -131,7 +131,7 @@ def checked_metadata(given: dict[str, Any], *, whole: bool) -> dict[str, Any]:
     ):
         errors.append({"field": "metadata.publication_date", "message": "Not a valid date."})
     if errors:
-        raise Answer(400, "Validation error.", errors)
+        raise ZenodoError(400, "Validation error.", errors)
     kept = dict(given)
     if given.get("access_right", "open") in ("open", "embargoed"):
         kept.setdefault("access_right", "open")
@@ -139,7 +139,7 @@ def checked_metadata(given: dict[str, Any], *, whole: bool) -> dict[str, Any]:
     return kept
 
 
-def file_entry(one: Deposit, name: str) -> dict[str, Any]:
+def file_entry(one: Deposition, name: str) -> dict[str, Any]:
     """A file of a deposition; its id changes with its bytes."""
     data = one.files[name]
     digest = hashlib.md5(data).hexdigest()
@@ -151,7 +151,7 @@ def file_entry(one: Deposit, name: str) -> dict[str, Any]:
     }
 
 
-def file_stored(one: Deposit, name: str, request: Request) -> dict[str, Any]:
+def file_stored(one: Deposition, name: str, request: Request) -> dict[str, Any]:
     """A file as its bucket tells it."""
     entry = file_entry(one, name)
     return {
@@ -167,7 +167,7 @@ def file_stored(one: Deposit, name: str, request: Request) -> dict[str, Any]:
     }
 
 
-def record(one: Deposit, request: Request) -> dict[str, Any]:
+def record(one: Deposition, request: Request) -> dict[str, Any]:
     """A published record, as anybody may see it."""
     place = f"{root_of(request)}/api/records/{one.id}"
     files = [
@@ -190,13 +190,13 @@ def record(one: Deposit, request: Request) -> dict[str, Any]:
 
 def json_body(request: Request) -> dict[str, Any]:
     if request.mimetype != "application/json":
-        raise Answer(415, "Unsupported media type. Content-Type must be application/json.")
+        raise ZenodoError(415, "Unsupported media type. Content-Type must be application/json.")
     try:
         body = json.loads(request.get_data() or b"{}")
     except ValueError:
-        raise Answer(400, "Unable to decode JSON data in request body.") from None
+        raise ZenodoError(400, "Unable to decode JSON data in request body.") from None
     if not isinstance(body, dict):
-        raise Answer(400, "The body must be a JSON object.")
+        raise ZenodoError(400, "The body must be a JSON object.")
     return body
 
 

@@ -31,7 +31,7 @@ _TIME = r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,6})?Z$"
 _LARGEST = (1 << 63) - 1
 
 
-class Wrong:
+class WrongShape:
     """Stands for a field whose parent is not the object that it should be."""
 
     def __init__(self, value: Any) -> None:
@@ -174,7 +174,7 @@ def inner(value: Any, *names: str) -> Any:
 
 def shown(value: Any) -> str:
     """A bad value as text for `rejected.value`; long ones are cut."""
-    value = value.value if isinstance(value, Wrong) else value
+    value = value.value if isinstance(value, WrongShape) else value
     text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=repr)
     text = _UNHOLDABLE.sub("\ufffd", text)
     return text if len(text) <= 200 else text[:197] + "..."

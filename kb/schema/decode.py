@@ -20,7 +20,7 @@ import pyarrow.compute as pc
 
 from kb.core.errors import DamagedData
 from kb.schema import raw
-from kb.schema.coerce import Wrong, coerce, times
+from kb.schema.coerce import WrongShape, coerce, times
 from kb.schema.records import texts, verbatim
 from kb.schema.tables import Column, Table
 
@@ -28,7 +28,7 @@ _UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
 _NULL = msgspec.Raw(b"null")
 
 
-class Answer(NamedTuple):
+class DecodedAnswer(NamedTuple):
     """One decoded envelope; its records have the reader's fields and no others."""
 
     fetched_at: str | None
@@ -37,7 +37,7 @@ class Answer(NamedTuple):
     records: list[Any]
 
 
-class Reader:
+class ColumnReader:
     """Reads envelopes of one raw kind into the columns of `declared` that come from it.
 
     `note_absent`: whether a null where none may be is a problem (not for answers that may hold
@@ -78,7 +78,7 @@ class Reader:
         self._decoder: msgspec.json.Decoder[Any] = msgspec.json.Decoder(envelope)
         self._take = [attrgetter(".".join(path)) for path in self._paths]
 
-    def answer(self, line: bytes) -> Answer:
+    def answer(self, line: bytes) -> DecodedAnswer:
         """Decodes one envelope. Raises DamagedData when the line is no envelope at all."""
         if b"\\u0000" not in line:
             try:
@@ -87,7 +87,7 @@ class Reader:
                 pass
             else:
                 records = got.response.items if self._listed else [got.response]
-                return Answer(got.fetched_at, got.request.params, got.status, records)
+                return DecodedAnswer(got.fetched_at, got.request.params, got.status, records)
         return self._patient(line)
 
     def values(self, name: str, records: Iterable[Any]) -> list[Any]:
@@ -95,7 +95,7 @@ class Reader:
         places = (place for place, column in enumerate(self.columns) if column.name == name)
         return list(map(self._take[next(places)], records))
 
-    def _patient(self, line: bytes) -> Answer:
+    def _patient(self, line: bytes) -> DecodedAnswer:
         try:
             envelope = json.loads(line)
             fetched_at, status = envelope["fetched_at"], envelope["status"]
@@ -106,7 +106,7 @@ class Reader:
 
     def decoded(
         self, fetched_at: str | None, params: dict[str, Any], status: int, response: Any
-    ) -> Answer:
+    ) -> DecodedAnswer:
         """The answer of a decoded envelope that was recorded, so that Arrow can hold it."""
         records: list[Any] = [response]
         if self._listed:
@@ -116,7 +116,7 @@ class Reader:
                 if isinstance(items, list)
                 else []
             )
-        return Answer(fetched_at, params, status, [self._made(record) for record in records])
+        return DecodedAnswer(fetched_at, params, status, [self._made(record) for record in records])
 
     def _made(self, record: Any) -> Any:
         """A decoded object as a record."""
@@ -129,14 +129,16 @@ class Reader:
             setattr(inner, path[-1], verbatim(value) if is_records else value)
         return made
 
-    def tables(self, lines: Iterable[bytes], rows: int) -> Iterator[tuple[pa.Table, list[Answer]]]:
+    def tables(
+        self, lines: Iterable[bytes], rows: int
+    ) -> Iterator[tuple[pa.Table, list[DecodedAnswer]]]:
         """Batches of about `rows` rows with the answers they came from.
 
         Columns: the reader's own, `fetched_at`, and `problems`, a list of (column, reason, value):
         `malformed` for what could not be read, `absent` for what is not there and may not be null.
         Answers whose status is not 200 are left out.
         """
-        waiting: list[Answer] = []
+        waiting: list[DecodedAnswer] = []
         size = 0
         for line in lines:
             answer = self.answer(line)
@@ -150,7 +152,7 @@ class Reader:
         if waiting:
             yield self.table(waiting), waiting
 
-    def table(self, answers: list[Answer]) -> pa.Table:
+    def table(self, answers: list[DecodedAnswer]) -> pa.Table:
         """The columns of some answers."""
         records = list(chain.from_iterable(answer.records for answer in answers))
         data: dict[str, pa.Array[Any]] = {}
@@ -233,7 +235,7 @@ def _follow(record: Any, path: list[str]) -> Any:
         if record is None:
             return None
         if not isinstance(record, dict):
-            return Wrong(record)
+            return WrongShape(record)
         record = record.get(step)
     return record
 

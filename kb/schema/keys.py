@@ -38,7 +38,7 @@ Params = dict[str, Any]
 Gone = Mapping[str, Collection[str]]  # by `of`; "" has the keys
 
 
-class Place(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+class KeyLocation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """A place where names stand."""
 
     at: str
@@ -46,7 +46,7 @@ class Place(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     prefix: str = ""
     split: str | None = None
     stays: bool = False
-    beside: Place | None = None
+    beside: KeyLocation | None = None
 
     def text(self, value: Any) -> str | None:
         """The name that `value` makes at this place; None when it is neither text nor a number."""
@@ -63,7 +63,7 @@ class Entries(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """A list, and where its entries have their names."""
 
     at: str
-    keys: tuple[Place, ...]
+    keys: tuple[KeyLocation, ...]
 
 
 class Renamed(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -76,23 +76,23 @@ class Renamed(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     of: str
 
 
-class Keys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+class KeyDeclaration(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """What `x-keys` says of one raw kind."""
 
-    whole: tuple[Place, ...] = ()
-    request: tuple[Place, ...] = ()
+    whole: tuple[KeyLocation, ...] = ()
+    request: tuple[KeyLocation, ...] = ()
     entries: tuple[Entries, ...] = ()
     renamed: Renamed | None = None
 
 
 @cache
-def keys_of(kind: str) -> Keys:
+def keys_of(kind: str) -> KeyDeclaration:
     """Where the keys of a kind stand ("<source>/<kind>"); nowhere when it does not say.
 
     Raises SchemaMismatch when `x-keys` is not as described above, UsageError for an unknown kind.
     """
     try:
-        return msgspec.convert(raw(kind).get("x-keys", {}), Keys)
+        return msgspec.convert(raw(kind).get("x-keys", {}), KeyDeclaration)
     except msgspec.ValidationError as error:
         raise SchemaMismatch(f"schemas/raw/{kind}.json: x-keys: {error}") from None
 
@@ -151,7 +151,7 @@ def asked(kind: str, params: Params, gone: Gone) -> Params | None:
     return params
 
 
-def _without_asked(params: Params, place: Place, gone: Gone) -> Params | None:
+def _without_asked(params: Params, place: KeyLocation, gone: Gone) -> Params | None:
     said = params.get(place.at)
     if not said:
         return params
@@ -178,7 +178,7 @@ def _without_asked(params: Params, place: Place, gone: Gone) -> Params | None:
     return fewer
 
 
-def _with_other_names(declared: Keys, response: Any, gone: Gone) -> Gone:
+def _with_other_names(declared: KeyDeclaration, response: Any, gone: Gone) -> Gone:
     """The names that go, with the other names that this answer gives to the same things."""
     others: dict[str, set[str]] = {}
     for each in declared.entries:
@@ -206,7 +206,7 @@ def _forms(change: Any) -> set[str]:
     return {unquote(before) if change.get("fromencoded") else before, after}
 
 
-def _goes(entry: Any, places: Iterable[Place], gone: Gone) -> bool:
+def _goes(entry: Any, places: Iterable[KeyLocation], gone: Gone) -> bool:
     return any(place.has(_at(entry, place.at), gone) for place in places)
 
 

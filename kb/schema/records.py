@@ -21,7 +21,7 @@ import msgspec
 import pyarrow as pa
 
 from kb.core.errors import DamagedData
-from kb.schema.coerce import Bad, Wrong, a_list, a_number, a_text, shown
+from kb.schema.coerce import Bad, WrongShape, a_list, a_number, a_text, shown
 from kb.schema.types import Type
 
 _NUL = b"\\u0000"
@@ -30,7 +30,7 @@ AT_ONCE = 1_024  # rows, with their texts about as much as a processor's cache h
 
 def verbatim(value: Any) -> msgspec.Raw:
     """A decoded value as JSON text again, in ASCII: what no text may hold stands there escaped."""
-    return msgspec.Raw(json.dumps(value.value if isinstance(value, Wrong) else value).encode())
+    return msgspec.Raw(json.dumps(value.value if isinstance(value, WrongShape) else value).encode())
 
 
 def texts(values: Sequence[msgspec.Raw]) -> pa.Array[Any]:

@@ -22,11 +22,11 @@ from kb.search.passage import MOST_WORDS, Passage
 from kb.store import belonging, indexed
 from kb.store.atomic import replacing_folder
 from kb.store.catalog import NO_TABLES, Catalog, empty
-from kb.store.indexed import Note
+from kb.store.indexed import IndexNote
 from kb.store.layout import Layout
 
 
-class Made(NamedTuple):
+class BuiltIndex(NamedTuple):
     """A source's index: its passages, and whether it had to be made."""
 
     passages: int
@@ -55,7 +55,7 @@ def index(run: Run) -> Summary:
     )
 
 
-def follow(run: Run, source: str) -> Made | None:
+def follow(run: Run, source: str) -> BuiltIndex | None:
     """Make the source's index again where it has to be, or where the run says `again`.
 
     None where the source has no texts: then no index stays either. Raises as `index`.
@@ -71,16 +71,16 @@ def follow(run: Run, source: str) -> Made | None:
         if note and current and not run.again and indexed.is_whole(run.root, source):
             own = indexed.own(place)
             if note.own != own:  # the same bytes, copied
-                indexed.write(run.root, source, Note(rules, now, own, note.passages))
-            return Made(note.passages, fresh=False)
+                indexed.write(run.root, source, IndexNote(rules, now, own, note.passages))
+            return BuiltIndex(note.passages, fresh=False)
         with (
             run.progress.task(f"index {source}", unit="passages") as task,
             replacing_folder(place) as fresh,
         ):
             passages = _READ[source](run.profile)(run.root)
             count = writer.write(fresh, rules["stemmer"], passages, task.advance)
-            indexed.write_into(fresh, Note(rules, now, indexed.own(fresh), count))
-    return Made(count, fresh=True)
+            indexed.write_into(fresh, IndexNote(rules, now, indexed.own(fresh), count))
+    return BuiltIndex(count, fresh=True)
 
 
 def ensure(run: Run, sources: Sequence[str]) -> None:

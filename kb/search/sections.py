@@ -25,7 +25,7 @@ _ANCHOR = "!$'()*,-./:;=?@_~"  # what a fragment may hold as it is
 
 
 @dataclass
-class Section:
+class PageSection:
     """What stands under one heading."""
 
     anchor: str = ""
@@ -62,12 +62,12 @@ def grid(cells: Iterable[dict[str, Any]]) -> dict[int, list[str]]:
 
 def sections(
     elements: Iterable[dict[str, Any]], tables: dict[int, list[str]], alts: dict[int, str]
-) -> Iterator[Section]:
+) -> Iterator[PageSection]:
     """The sections of a page, out of its elements in reading order."""
     headings: list[tuple[int, str]] = []
     anchors: Counter[str] = Counter()
     taken: set[int] = set()
-    section = Section()
+    section = PageSection()
     for one in elements:
         key, text = one["element_id"], plain(one["text"]).strip()
         inside = one["parent_id"] in taken
@@ -98,18 +98,18 @@ def sections(
     yield section
 
 
-def _begun(headings: list[tuple[int, str]], anchors: Counter[str]) -> Section:
+def _begun(headings: list[tuple[int, str]], anchors: Counter[str]) -> PageSection:
     """An empty section under these headings; the page's own title is none of them."""
     names = [" ".join(name.split()) for level, name in headings if level > 1]
     if not names:
-        return Section()
+        return PageSection()
     anchor = names[-1].replace(" ", "_")
     anchors[anchor.lower()] += 1
     again = anchors[anchor.lower()]
-    return Section(anchor if again == 1 else f"{anchor}_{again}", " › ".join(names))
+    return PageSection(anchor if again == 1 else f"{anchor}_{again}", " › ".join(names))
 
 
-def _of(page: dict[str, Any], section: Section) -> Iterator[Passage]:
+def _of(page: dict[str, Any], section: PageSection) -> Iterator[Passage]:
     about = {
         "key": str(page["page_id"]),
         "thing": str(page["page_id"]),

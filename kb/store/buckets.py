@@ -34,7 +34,7 @@ LOOKED_AT = (
 
 
 @dataclass(frozen=True)
-class Kind:
+class RawKind:
     """A raw kind: how its lines become rows, which key names a record, which column decides its
     bucket.
 
@@ -79,7 +79,7 @@ def how_many(size: int) -> int:
 
 
 def spread(
-    kind: Kind,
+    kind: RawKind,
     name: str,
     segment: Path,
     number: int,
@@ -147,7 +147,7 @@ def _pieces(tables: Iterator[pa.Table]) -> Iterator[pa.Table]:
 
 
 def newest_of(
-    folder: Path, kind: Kind, wanted: pa.Array[Any] | None = None
+    folder: Path, kind: RawKind, wanted: pa.Array[Any] | None = None
 ) -> tuple[pa.Table | None, int]:
     """The newest row of each key of one kind's bucket, and how many older ones were left out.
 
@@ -163,7 +163,7 @@ def newest_of(
     return kept, duplicates(rows, kept, kind.echo)
 
 
-def _read(path: Path, kind: Kind, wanted: pa.Array[Any] | None) -> pa.Table:
+def _read(path: Path, kind: RawKind, wanted: pa.Array[Any] | None) -> pa.Table:
     with pa.ipc.open_file(pa.memory_map(str(path))) as file:
         if wanted is None:
             return file.read_all()

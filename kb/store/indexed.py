@@ -49,7 +49,7 @@ class Stamp(msgspec.Struct):
     sha256: str
 
 
-class Note(msgspec.Struct):
+class IndexNote(msgspec.Struct):
     """What an index was made of: fingerprints of `files` by "<table>/<name>", and `rules`, whatever
     else decides what is in it; `own`: the index itself.
     """
@@ -78,21 +78,21 @@ def folder(root: Path, source: str) -> Path:
     return Layout(Catalog(root.absolute()).workplace).index(source)
 
 
-def read(root: Path, source: str) -> Note | None:
+def read(root: Path, source: str) -> IndexNote | None:
     """The index's note; None where there is none, or it can't be read."""
     try:
-        note = notes.read(folder(root, source) / NAME, Note, mend="")
+        note = notes.read(folder(root, source) / NAME, IndexNote, mend="")
     except DamagedData:
         return None  # as good as none: the index is made again
     return note if note is not None and note.form == FORM else None
 
 
-def write(root: Path, source: str, note: Note) -> None:
+def write(root: Path, source: str, note: IndexNote) -> None:
     """Note what the index was made of. Raises DiskFull."""
     write_into(folder(root, source), note)
 
 
-def write_into(place: Path, note: Note) -> None:
+def write_into(place: Path, note: IndexNote) -> None:
     """The same for an index that is on its way in another folder."""
     write_bytes(place / NAME, msgspec.json.encode(note, order="sorted"))
 
@@ -184,7 +184,7 @@ def problem(root: Path, source: str, name: str) -> str:
     return _problem(place, note, name).removeprefix(f"{place / name} ")
 
 
-def _problem(place: Path, note: Note, name: str) -> str:
+def _problem(place: Path, note: IndexNote, name: str) -> str:
     path, wanted = place / name, note.own[name]
     if not path.is_file():
         return f"{path} is missing"

@@ -30,7 +30,7 @@ class Read(msgspec.Struct):
     links: int
 
 
-class Note(msgspec.Struct):
+class LinksNote(msgspec.Struct):
     """What links/ holds and what it was made of."""
 
     entities: int
@@ -45,9 +45,9 @@ def path(root: Path) -> Path:
     return Layout(Catalog(root.absolute()).workplace).links / complete.NOTE
 
 
-def read(root: Path) -> Note | None:
+def read(root: Path) -> LinksNote | None:
     """The note; None where there are no links. Raises DamagedData, also for lost files."""
-    note: Note | None = notes.read(path(root), Note, mend=advice(path(root)))
+    note: LinksNote | None = notes.read(path(root), LinksNote, mend=advice(path(root)))
     if note is None:
         return None
     complete.check(path(root).parent)

@@ -31,7 +31,7 @@ _PAIRS = list[tuple[str, str]]
 _NAMED = 3  # items that a message names
 
 
-class Lost(msgspec.Struct):
+class LostRange(msgspec.Struct):
     """A stretch of a raw segment that is gone, `start` and `end` in bytes of the segment as it was.
 
     `aside` is the name of the file beside it that has the bytes, "" where there are none. `items`
@@ -92,14 +92,14 @@ def take_out(root: Path, source: str, frontier: Frontier, *, every: bool = False
             sure = committed in (0, size) and not path.name.endswith(".open")
             if committed > size:
                 with frontier.transaction():
-                    _note(frontier, [Lost(kind, name, size, committed)])
+                    _note(frontier, [LostRange(kind, name, size, committed)])
                     frontier.set_offset(kind, name, size)
                 committed = size
             if every or not sure or (kind, name) in suspects:
                 take_out_of(path, kind, frontier, committed)
     for (kind, name), committed in known.items():
         with frontier.transaction():
-            _note(frontier, [Lost(kind, name, 0, committed)] if committed else [])
+            _note(frontier, [LostRange(kind, name, 0, committed)] if committed else [])
             frontier.drop_offset(kind, name)
     frontier.set_cursor(_SUSPECTS, None)
 
@@ -114,7 +114,7 @@ def take_out_of(path: Path, kind: str, frontier: Frontier, committed: int = 0) -
         return
     named = [(start, end, damage.aside_name(path, start, end)) for start, end in gaps]
     with frontier.transaction():
-        _note(frontier, [Lost(kind, name, *stretch) for stretch in named])
+        _note(frontier, [LostRange(kind, name, *stretch) for stretch in named])
         # Killed before the last line, the whole segment is read again, which changes nothing.
         frontier.set_offset(kind, name, 0)
     damage.set_aside(path, named)
@@ -205,13 +205,14 @@ def check(root: Path, source: str) -> None:
             name, size = rawlog.base_name(segment), segment.stat().st_size
             committed = known.pop((kind, name), 0)
             if committed > size:
-                losses.append(Lost(kind, name, size, committed))
+                losses.append(LostRange(kind, name, size, committed))
             elif segment.name.endswith(".open"):
                 # Readers take its end for a torn one; the state knows better.
                 losses += [
-                    Lost(kind, name, start, end) for start, end in damage.gaps(segment, committed)
+                    LostRange(kind, name, start, end)
+                    for start, end in damage.gaps(segment, committed)
                 ]
-    losses += [Lost(*place, 0, committed) for place, committed in known.items() if committed]
+    losses += [LostRange(*place, 0, committed) for place, committed in known.items() if committed]
     if losses:
         raise _error(root, source, losses)
 
@@ -235,7 +236,7 @@ def drop_asides(
     return gone
 
 
-def _open(frontier: Frontier, lost: Lost) -> bool:
+def _open(frontier: Frontier, lost: LostRange) -> bool:
     """Whether something of it was not asked for again."""
     if lost.items is None or not lost.told or lost.kind == DUMPS:
         return True
@@ -244,7 +245,7 @@ def _open(frontier: Frontier, lost: Lost) -> bool:
     )
 
 
-def _error(root: Path, source: str, losses: list[Lost]) -> DamagedData:
+def _error(root: Path, source: str, losses: list[LostRange]) -> DamagedData:
     first = losses[0]
     where = rawlog.folder(root, source, first.kind) / f"{first.segment}{rawlog.SUFFIX}"
     still = where.with_name(f"{where.name}.open")
@@ -265,7 +266,7 @@ def _error(root: Path, source: str, losses: list[Lost]) -> DamagedData:
     return DamagedData(f"{where} {what}", hint=_hint(source, losses))
 
 
-def _hint(source: str, losses: list[Lost]) -> str:
+def _hint(source: str, losses: list[LostRange]) -> str:
     if any(lost.kind == DUMPS for lost in losses):
         return "run `kb reddit import --again` with the dumps that were imported"
     if all(lost.items == [] for lost in losses):
@@ -273,7 +274,7 @@ def _hint(source: str, losses: list[Lost]) -> str:
     return f"run `kb {source} crawl`: it asks for them again"
 
 
-def _note(frontier: Frontier, new: list[Lost]) -> None:
+def _note(frontier: Frontier, new: list[LostRange]) -> None:
     losses = _load(frontier)
     known = {(lost.kind, lost.segment, lost.start, lost.end) for lost in losses if not lost.told}
     fresh = [lost for lost in new if (lost.kind, lost.segment, lost.start, lost.end) not in known]
@@ -281,10 +282,10 @@ def _note(frontier: Frontier, new: list[Lost]) -> None:
         _save(frontier, losses + fresh)
 
 
-def _load(frontier: Frontier) -> list[Lost]:
-    known: list[Lost] = frontier.cursor(_LOST, [], of=list[Lost])
+def _load(frontier: Frontier) -> list[LostRange]:
+    known: list[LostRange] = frontier.cursor(_LOST, [], of=list[LostRange])
     return known
 
 
-def _save(frontier: Frontier, losses: list[Lost]) -> None:
+def _save(frontier: Frontier, losses: list[LostRange]) -> None:
     frontier.set_cursor(_LOST, msgspec.to_builtins(losses) or None)

@@ -37,7 +37,7 @@ The same object when it holds none, None when nothing is left.
 """
 
 
-class Place(NamedTuple):
+class RowLocation(NamedTuple):
     """Where rows of keys stand: folder under the data root, table, and the column that names the
     key.
 
@@ -78,20 +78,20 @@ class Place(NamedTuple):
         return [self.column, *(["source"] if self.source else [])]
 
 
-def place_of(name: str, column: str) -> Place:
+def place_of(name: str, column: str) -> RowLocation:
     """Where a data root has the rows of a declared table: "youtube/videos", "pairs/pairs"."""
-    return Place(str(BELOW.table(name)), name, column)
+    return RowLocation(str(BELOW.table(name)), name, column)
 
 
-def links_of(source: str) -> Place:
+def links_of(source: str) -> RowLocation:
     """Where the entity tables name what a source has."""
-    return Place(str(BELOW.links), "links/links", "key", source=source)
+    return RowLocation(str(BELOW.links), "links/links", "key", source=source)
 
 
-def verdicts_of(source: str) -> tuple[Place, ...]:
+def verdicts_of(source: str) -> tuple[RowLocation, ...]:
     """Where a filter says what it did not keep."""
     return tuple(
-        Place(str(BELOW.clean(source, verdict)), f"shared/{verdict}", "key")
+        RowLocation(str(BELOW.clean(source, verdict)), f"shared/{verdict}", "key")
         for verdict in ("rejected", "failed", "pending")
     )
 
@@ -224,7 +224,7 @@ def replace(path: Path, left: Iterable[tuple[int, int, Envelope | None]]) -> int
     return len(changes)
 
 
-def drop_rows(root: Path, source: str, places: Iterable[Place], keys: Collection[str]) -> int:
+def drop_rows(root: Path, source: str, places: Iterable[RowLocation], keys: Collection[str]) -> int:
     """Write files of tables again without the rows of `keys`; how many rows went, those included
     that went before this purge was cut off.
 
@@ -233,7 +233,7 @@ def drop_rows(root: Path, source: str, places: Iterable[Place], keys: Collection
     noted = Layout(root).purged_rows(source)
     gone = notes.read(noted, int, mend="delete it; it counts rows, nothing more") or 0
     values: dict[str, pa.Array[Any]] = {}
-    named: dict[Path, list[Place]] = {}  # a file may name keys in several columns
+    named: dict[Path, list[RowLocation]] = {}  # a file may name keys in several columns
     for place in places:
         if place.prefix not in values:
             values[place.prefix] = place.values(keys)
@@ -255,7 +255,7 @@ def drop_rows(root: Path, source: str, places: Iterable[Place], keys: Collection
     return gone
 
 
-def _drop_rows(path: Path, places: list[Place], gone: Mapping[str, pa.Array[Any]]) -> int:
+def _drop_rows(path: Path, places: list[RowLocation], gone: Mapping[str, pa.Array[Any]]) -> int:
     def good(rows: pa.RecordBatch) -> pa.Array[Any]:
         kept: pa.Array[Any] = pc.invert(
             reduce(pc.or_, [place.holds(rows, gone[place.prefix]) for place in places])

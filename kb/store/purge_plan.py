@@ -15,12 +15,12 @@ from kb.core.verdict import Summary
 from kb.store import parquet, purge, rawlog
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
-from kb.store.purge import Place, Strip
+from kb.store.purge import RowLocation, Strip
 from kb.store.purge_search import Found, Holds, everything, search
 from kb.store.reading import reading
 
 
-class Line(msgspec.Struct):
+class PlanLine(msgspec.Struct):
     """A line of the plan: a folder under the data root, what it has of the keys, and how many."""
 
     folder: str
@@ -55,7 +55,7 @@ def plan(
     source: str,
     found: dict[str, str],
     strip: Strip,
-    places: Iterable[Place],
+    places: Iterable[RowLocation],
     holding: Callable[[Collection[str]], Holds] = everything,
 ) -> Summary:
     """Counts of what would go for `found` (key to reason) and what an unfinished purge has left.
@@ -69,7 +69,7 @@ def plan(
     seen = set()
     for place in (*places, *_released(places)) if keys else ():
         if place not in seen:
-            lines.append(Line(place.folder, place.table, _rows(root, place, keys)))
+            lines.append(PlanLine(place.folder, place.table, _rows(root, place, keys)))
             seen.add(place)
     lines = [line for line in lines if line.count]
     lines += _made(root, source) if keys else []
@@ -91,7 +91,7 @@ def plan(
 
 def _raw(
     root: Path, source: str, keys: Collection[str], strip: Strip, found: Found
-) -> Iterator[Line]:
+) -> Iterator[PlanLine]:
     for kind in rawlog.kinds(root, source):
         changed = sum(
             1
@@ -99,10 +99,10 @@ def _raw(
             if path.parent.name == kind
             for _ in purge.stripped(path, places, keys, strip)
         )
-        yield Line(str(BELOW.raw(source, kind)), "answers", changed)
+        yield PlanLine(str(BELOW.raw(source, kind)), "answers", changed)
 
 
-def _released(places: Iterable[Place]) -> Iterator[Place]:
+def _released(places: Iterable[RowLocation]) -> Iterator[RowLocation]:
     """The same tables in release/, whose folders are flat."""
     for place in places:
         source = place.table.partition("/")[0]
@@ -110,7 +110,7 @@ def _released(places: Iterable[Place]) -> Iterator[Place]:
             yield place._replace(folder=str(BELOW.release(source)))
 
 
-def _rows(root: Path, place: Place, keys: Collection[str]) -> int:
+def _rows(root: Path, place: RowLocation, keys: Collection[str]) -> int:
     wanted = place.values(keys)
     name = place.table.partition("/")[2]
     flat = Path(place.folder).is_relative_to(BELOW.release())
@@ -123,13 +123,15 @@ def _rows(root: Path, place: Place, keys: Collection[str]) -> int:
     return count
 
 
-def _made(root: Path, source: str) -> Iterator[Line]:
+def _made(root: Path, source: str) -> Iterator[PlanLine]:
     """What has to be written anew as a whole."""
     index = Layout(root).index(source)
     if files := sum(path.is_file() for path in index.rglob("*")):
         below = str(BELOW.index(source))
-        yield Line(below, "files, made again by the next search", files)
+        yield PlanLine(below, "files, made again by the next search", files)
     for folder in (Layout(root).export(), Layout(root).report):
         files = sum(path.is_file() for path in folder.rglob("*"))
         if files:
-            yield Line(folder.name, "files, made again as far as they are of this source", files)
+            yield PlanLine(
+                folder.name, "files, made again as far as they are of this source", files
+            )

@@ -37,7 +37,7 @@ _ARCHIVE = re.compile(r"(screenshots|images)-\d{5}-of-\d{5}\.tar")
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class ReleasedTable:
     """One table of a folder and its shards, in order."""
 
     table: Table
@@ -54,7 +54,7 @@ class ReleaseFolder:
 
     source: str
     path: Path
-    parts: tuple[Part, ...]
+    parts: tuple[ReleasedTable, ...]
     others: tuple[Path, ...]
 
     @property
@@ -113,7 +113,7 @@ def read(folder: Path, source: str) -> ReleaseFolder:
     """A source's folder as it is on disk; without data where it does not exist."""
     own = [file for file in entries(folder) if not file.is_symlink()]
     parts = tuple(
-        Part(declared, shards)
+        ReleasedTable(declared, shards)
         for declared in released_tables(source)
         if (shards := tuple(file for file in own if _short(file.name) == declared.short))
     )

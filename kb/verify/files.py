@@ -30,12 +30,12 @@ _OF_STATE = (
 )
 
 
-class Files:
+class FileVerifier:
     """Reads files of a data root in full, one after the other."""
 
     def __init__(self, look: Look, root: Path) -> None:
         self._look, self._root = look, root
-        self._segments = {source: raw.Segments(look, root, source) for source in SOURCES}
+        self._segments = {source: raw.SegmentVerifier(look, root, source) for source in SOURCES}
 
     def read(self, files: Iterable[Path]) -> None:
         """Each of them, then what the state knows of raw answers and is not among them."""

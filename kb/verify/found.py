@@ -32,7 +32,7 @@ KINDS = (
 _TRIES = 3  # of a step while files are replaced
 
 
-class Found(NamedTuple):
+class VerifyFinding(NamedTuple):
     """A file (or folder) that is damaged, missing or foreign; `what` says how, `advice` what to do.
 
     `size` in bytes, 0 for what is missing.
@@ -51,7 +51,7 @@ class Look:
 
     def __init__(self, advance: Callable[[int], None]) -> None:
         self.advance = advance
-        self.found: list[Found] = []
+        self.found: list[VerifyFinding] = []
         self._counts: dict[str, dict[str, tuple[int, int]]] = {}
 
     def steadily(self, step: Callable[[], object]) -> None:
@@ -65,7 +65,7 @@ class Look:
                 del self.found[found:]
                 self._counts = counts
 
-    def drop(self, gone: Collection[Found]) -> None:
+    def drop(self, gone: Collection[VerifyFinding]) -> None:
         """What was found and is so no more."""
         for one in gone:
             files, size = self._counts[one.kind][one.state]
@@ -87,17 +87,17 @@ class Look:
 
     def damaged(self, kind: str, path: Path, what: str, advice: str) -> None:
         """A file that is there and not what was written."""
-        self._add(Found(kind, "damaged", path, _size(path), what, advice))
+        self._add(VerifyFinding(kind, "damaged", path, _size(path), what, advice))
 
     def missing(self, kind: str, path: Path, advice: str, what: str = "is not there") -> None:
         """A file that something speaks of and that is not there."""
-        self._add(Found(kind, "missing", path, 0, what, advice))
+        self._add(VerifyFinding(kind, "missing", path, 0, what, advice))
 
     def foreign(self, kind: str, path: Path, what: str, advice: str) -> None:
         """A file that no command of ours has written there."""
-        self._add(Found(kind, "foreign", path, _size(path), what, advice))
+        self._add(VerifyFinding(kind, "foreign", path, _size(path), what, advice))
 
-    def of(self, *kinds: str, state: str = "") -> list[Found]:
+    def of(self, *kinds: str, state: str = "") -> list[VerifyFinding]:
         """What was found of these kinds."""
         return [one for one in self.found if one.kind in kinds and state in ("", one.state)]
 
@@ -132,7 +132,7 @@ class Look:
                 yield (kind, *(_cell(*counts.get(state, (0, 0))) for state in STATES))
         yield ("all", *(_cell(*self.total(state)) for state in STATES))
 
-    def _add(self, one: Found) -> None:
+    def _add(self, one: VerifyFinding) -> None:
         self.found.append(one)
         self._count(one.kind, one.state, one.size)
 

@@ -23,7 +23,7 @@ class _Extraction(msgspec.Struct):
     sprites: dict[str, str] = {}
 
 
-class Segments:
+class SegmentVerifier:
     """The segments of a source. What the state knows is read first: a crawl may add meanwhile."""
 
     def __init__(self, look: Look, root: Path, source: str) -> None:

@@ -17,7 +17,7 @@ from kb.core.progress import Progress
 from kb.store import digests, lock, parquet, sidefiles
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout, parquet_files
-from kb.verify.found import Found, Look
+from kb.verify.found import Look, VerifyFinding
 from kb.verify.root import verify
 
 Act = Callable[[], object]
@@ -84,10 +84,10 @@ class Make:
             return [f"{self.places[0]} was left: move {foreign} away, then run `{self.command}`"]
         return _tried(self.command, self.make, note)
 
-    def _holds(self, one: Found) -> bool:
+    def _holds(self, one: VerifyFinding) -> bool:
         return one.state != "foreign" and any(map(one.path.is_relative_to, self.places))
 
-    def _is_in_the_way(self, one: Found) -> bool:
+    def _is_in_the_way(self, one: VerifyFinding) -> bool:
         if one.state != "foreign" or one.kind == "leftovers":
             return False
         return any(map(one.path.is_relative_to, self.places))
@@ -153,7 +153,7 @@ def _set_aside(root: Path, look: Look) -> list[str]:
     return said
 
 
-def _tombstones(root: Path, one: Found) -> str:
+def _tombstones(root: Path, one: VerifyFinding) -> str:
     source = one.path.parent.name
     for other in Layout(root).tombstones(source):
         # A copy that is as whole takes its place; of two damaged ones none is right.

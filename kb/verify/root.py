@@ -11,7 +11,7 @@ from kb.store.catalog import Catalog, empty, existing, is_root
 from kb.store.release_folder import DOWNLOAD
 from kb.verify import releases, together
 from kb.verify.busy import Busy
-from kb.verify.files import NEIGHBOURS, Files
+from kb.verify.files import NEIGHBOURS, FileVerifier
 from kb.verify.found import Look
 
 
@@ -51,7 +51,7 @@ def verify(folder: Path, progress: Progress) -> Look:
 
 def _root(look: Look, root: Path, files: Iterable[Path]) -> None:
     """Each file by where it is, then what is not there, then what the files say together."""
-    Files(look, root).read(files)
+    FileVerifier(look, root).read(files)
     together.compare(look, root)
 
 

@@ -4,7 +4,7 @@ Every request says `maxlag=5`: a wiki whose database lags answers with an error 
 and is left alone that long. That, the contact in the User-Agent and one pace for all requests are
 what MediaWiki asks of API clients (https://www.mediawiki.org/wiki/API:Etiquette). robots.txt tells
 crawlers which pages to leave alone, and most wikis bar the folder of their scripts there; so it
-rules pages and images, and the API only where it names us (`Web.barred`).
+rules pages and images, and the API only where it names us (`WikiHosts.barred`).
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from kb.core.errors import Blocked, FatalError, ItemFinal, Retryable
 from kb.crawl.source import Answer
 from kb.net import retry
 from kb.wiki import answers
-from kb.wiki.errors import Refused
-from kb.wiki.web import Web
+from kb.wiki.errors import PageRefused
+from kb.wiki.web import WikiHosts
 
 BATCH = 50
 _AGAIN = ("maxlag", "readonly", "ratelimited", "internal_api_error")  # and what begins like them
@@ -41,14 +41,14 @@ _FILES = {
 }
 
 
-class Api:
+class WikiApi:
     """Each question gives the answer to be recorded.
 
     What is no answer to the question (kb.wiki.answers) is tried again and never kept. All raise
     Retryable or Blocked after all tries, FatalError for a request that the API refuses.
     """
 
-    def __init__(self, endpoint: str, web: Web) -> None:
+    def __init__(self, endpoint: str, web: WikiHosts) -> None:
         self.endpoint, self._web = endpoint, web
         self._circles: dict[tuple[int, int], _Circle] = {}
 
@@ -127,7 +127,7 @@ class Api:
             answer = self._web.get(
                 self.endpoint, {**params, "format": "json", "formatversion": "2", "maxlag": "5"}
             )
-        except Refused as error:
+        except PageRefused as error:
             raise Blocked(
                 f"the wiki's API refuses us ({error.reason})",
                 hint="wait and run the same command again",
@@ -226,7 +226,7 @@ class _FrontPage(HTMLParser):
             self.unlisted = "noindex" in given.get("content", "").lower()
 
 
-def find_endpoint(web: Web, url: str, *, known: bool = False) -> str:
+def find_endpoint(web: WikiHosts, url: str, *, known: bool = False) -> str:
     """The address of `api.php` by the front page's EditURI link. Raises FatalError, Blocked.
 
     `known`: it had one before, so that a front page without it is a challenge.
@@ -234,7 +234,7 @@ def find_endpoint(web: Web, url: str, *, known: bool = False) -> str:
     web.barred(f"{url}/")
     try:
         page = web.attempt(lambda: web.get(f"{url}/", {}), service="the wiki")
-    except Refused as error:
+    except PageRefused as error:
         raise Blocked(
             f"the wiki refuses us ({error.reason})", hint="wait and run the same command again"
         ) from None

@@ -7,19 +7,21 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.store.buckets import Kind
+from kb.store.buckets import RawKind
 from kb.wiki import addresses, parse
 
 # Columns that the stages read and the table has not.
 KINDS = {
-    "pages": Kind(parse.pages, key=("of", "name"), bucket="name", prefer="answered", echo="echo"),
-    "renders": Kind(
+    "pages": RawKind(
+        parse.pages, key=("of", "name"), bucket="name", prefer="answered", echo="echo"
+    ),
+    "renders": RawKind(
         parse.renders, key=("page_id", "captured", "revision_id", "title"), bucket="page_id"
     ),
-    "files": Kind(parse.files, key=("key",), named_by=("renders", "files")),
-    "site": Kind(parse.site, key=()),
-    "titles": Kind(parse.nothing, key=()),
-    "imageinfo": Kind(parse.nothing, key=()),
+    "files": RawKind(parse.files, key=("key",), named_by=("renders", "files")),
+    "site": RawKind(parse.site, key=()),
+    "titles": RawKind(parse.nothing, key=()),
+    "imageinfo": RawKind(parse.nothing, key=()),
 }
 HELPERS = (
     "key",

@@ -14,8 +14,8 @@ from kb.core import clock
 from kb.core.errors import ItemFinal, Retryable
 from kb.wiki import screenshot
 from kb.wiki.browser import Browser
-from kb.wiki.errors import Challenge, NotShown, PageTimeout, Served, Unserved, of_status
-from kb.wiki.network import Network
+from kb.wiki.errors import Challenge, NotShown, PageTimeout, ServerFault, Unserved, of_status
+from kb.wiki.network import PageTraffic
 
 _SETTLE = "return await window.__kb.settle(arguments[0]);"
 _AGAIN = "window.__kb.again(arguments[0]);"
@@ -101,7 +101,7 @@ def capture(
     (the page may go well next time) or ItemFinal (it will not).
     """
     watch = Stopwatch()
-    network = Network(browser)
+    network = PageTraffic(browser)
     try:
         browser.go(url)
         network.read()
@@ -109,9 +109,9 @@ def capture(
         if page_id is not None:
             _check_identity(browser.script(_IDENTITY), page_id)
             if strict and _has_no_end(network):
-                raise Served("cut_off")
+                raise ServerFault("cut_off")
         if strict and (broken := browser.script(_BROKEN)):
-            raise Served("resource_failed", after=_longest(network, broken))
+            raise ServerFault("resource_failed", after=_longest(network, broken))
         watch.lap("load")
         settled = _settle(browser, network, rules, turn)
         browser.promise(_FREEZE, rules)
@@ -152,7 +152,7 @@ def capture(
 
 def _settle(
     browser: Browser,
-    network: Network,
+    network: PageTraffic,
     rules: dict[str, Any],
     turn: Callable[[float | None, float], bool],
 ) -> bool:
@@ -185,13 +185,13 @@ def _settle(
             return bool(ready["settled"])
 
 
-def _longest(network: Network, addresses: list[str]) -> float | None:
+def _longest(network: PageTraffic, addresses: list[str]) -> float | None:
     """The longest Retry-After of some addresses."""
     waits = [served.after for url in addresses if (served := network.of(url))]
     return max((wait for wait in waits if wait is not None), default=None)
 
 
-def _wished(network: Network, url: str) -> float | None:
+def _wished(network: PageTraffic, url: str) -> float | None:
     """The Retry-After of a document that the browser would not show."""
     try:
         network.read()
@@ -201,7 +201,7 @@ def _wished(network: Network, url: str) -> float | None:
     return served.after if served and served.may_come_back else None
 
 
-def _check_document(browser: Browser, network: Network, url: str) -> None:
+def _check_document(browser: Browser, network: PageTraffic, url: str) -> None:
     """The page's own status: the browser shows error pages without a word."""
     where, status = browser.script(_STATUS)
     if not where.startswith(("http:", "https:")):
@@ -212,11 +212,13 @@ def _check_document(browser: Browser, network: Network, url: str) -> None:
         raise ItemFinal("redirected_away", where)
     if status == 429 or status >= 500:
         served = network.of(where)
-        raise Served(f"http_{status}", after=served.after if served else None, unreachable=True)
+        raise ServerFault(
+            f"http_{status}", after=served.after if served else None, unreachable=True
+        )
     if status >= 400:
         raise of_status(status)
     if network.cut_off:
-        raise Served("cut_off")
+        raise ServerFault("cut_off")
 
 
 def _check_identity(shown: dict[str, Any], page_id: int) -> None:
@@ -230,7 +232,7 @@ def _check_identity(shown: dict[str, Any], page_id: int) -> None:
         raise ItemFinal("other_page", str(shown["page_id"]))
 
 
-def _has_no_end(network: Network) -> bool:
+def _has_no_end(network: PageTraffic) -> bool:
     """Whether the document stops before its end although as many bytes came as were announced."""
     text = network.document()
     return text is not None and "</html" not in text[-1000:].lower()
@@ -238,7 +240,7 @@ def _has_no_end(network: Network) -> bool:
 
 def check_shown(browser: Browser, url: str) -> None:
     """Load any page of the wiki. Raises Challenge when another one comes, and as `capture` does."""
-    network = Network(browser)
+    network = PageTraffic(browser)
     browser.go(url)
     network.read()
     _check_document(browser, network, url)

@@ -17,7 +17,7 @@ from kb.store import rawlog, sidefiles, tombstones
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
 from kb.wiki import extraction, reduce
-from kb.wiki.payloads import Site, Title
+from kb.wiki.payloads import SiteItem, Title
 
 COMPARED = 3  # pages that are loaded before a challenge is one to all of them
 _IDENTIFIED = "identified"  # cursor: all captures are of the pages that they were stored for
@@ -45,7 +45,7 @@ def begin(
         frontier.set_cursor(cursor, held)
         tag = str(held.number) if names is None else f"t{held.number}"
         if not held.done and frontier.cursor(reduce.SITE + tag) is None:
-            frontier.add("site", [(tag, Site(names is None, tuple(namespaces)))])
+            frontier.add("site", [(tag, SiteItem(names is None, tuple(namespaces)))])
         if names is None:
             if not held.done:
                 reduce.add_lists(frontier, held.number)

@@ -36,15 +36,15 @@ class NotNow(HttpStatus):
     """An answer about one request, which says nothing about the page."""
 
 
-class Refused(HttpStatus):
+class PageRefused(HttpStatus):
     """The address is not for us; whether that is so for the whole wiki, its front page says."""
 
 
-class Served(Retryable):
+class ServerFault(Retryable):
     """The server answered with an error, or with a page that lacks what it needs."""
 
 
-class Challenge(Served):
+class Challenge(ServerFault):
     """An answer with status 200 that does not identify itself as a page of the wiki.
 
     Challenge pages (Anubis, Cloudflare) are such answers: they are HTML without `mw.config`.
@@ -81,7 +81,7 @@ def of_browser(reason: str) -> NotShown:
 def of_status(status: int) -> HttpStatus:
     """The error for an answer with a status of 400 or more."""
     if status in (401, 403):
-        return Refused(status)
+        return PageRefused(status)
     if status in (408, 425):
         return NotNow(status)
     return HttpStatus(status)

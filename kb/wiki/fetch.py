@@ -14,22 +14,22 @@ from kb.crawl.source import Answer
 from kb.store import rawlog
 from kb.store.frontier import Frontier, Item
 from kb.wiki import answers, discover
-from kb.wiki.api import BATCH, Api
+from kb.wiki.api import BATCH, WikiApi
 from kb.wiki.originals import fetch_original
 from kb.wiki.pool import Pool
 from kb.wiki.show import show_page
-from kb.wiki.web import Web
+from kb.wiki.web import WikiHosts
 
 LONGEST = 5000  # bytes of titles in one address; servers refuse longer ones
 
 
-def listing(api: Api, item: Item) -> Iterator[Answer]:
+def listing(api: WikiApi, item: Item) -> Iterator[Answer]:
     """The next piece of a namespace's list."""
     asked = item.payload
     yield api.listing(asked.round, asked.namespace, asked.going)
 
 
-def titles(api: Api, items: list[Item]) -> Iterator[Answer]:
+def titles(api: WikiApi, items: list[Item]) -> Iterator[Answer]:
     """The pages of up to 50 titles of one round."""
     yield api.details(_tag(items[0]), titles=[item.payload.title for item in items])
 
@@ -59,7 +59,7 @@ def _parts(names: Iterable[str]) -> Iterator[list[str]]:
         yield part
 
 
-def compare(api: Api, frontier: Frontier, root: Path, tag: str) -> Iterator[Answer]:
+def compare(api: WikiApi, frontier: Frontier, root: Path, tag: str) -> Iterator[Answer]:
     """The end of a round: what has gone since the last one, and what files were replaced."""
     if tag.isdigit():
         ids = discover.unlisted(frontier, int(tag))
@@ -73,7 +73,7 @@ def compare(api: Api, frontier: Frontier, root: Path, tag: str) -> Iterator[Answ
     discover.end(frontier, root, tag)
 
 
-def _replaced(api: Api, frontier: Frontier, root: Path) -> Iterator[Answer]:
+def _replaced(api: WikiApi, frontier: Frontier, root: Path) -> Iterator[Answer]:
     """Ask after all files that were fetched; those that are others now are fetched again."""
     held: dict[str, dict[str, Any]] = {}
     for envelope in rawlog.read(root, "wiki", "files"):
@@ -96,8 +96,8 @@ def _replaced(api: Api, frontier: Frontier, root: Path) -> Iterator[Answer]:
 
 
 def page(
-    api: Api,
-    web: Web,
+    api: WikiApi,
+    web: WikiHosts,
     section: Wiki,
     pool: Pool,
     item: Item,
@@ -116,7 +116,7 @@ def page(
 
 
 def files(
-    api: Api, web: Web, section: Wiki, threads: Executor, items: list[Item]
+    api: WikiApi, web: WikiHosts, section: Wiki, threads: Executor, items: list[Item]
 ) -> Iterator[Answer]:
     """The original images, with what the wiki says of them."""
     known: dict[str, dict[str, Any]] = {}

@@ -10,7 +10,7 @@ from kb.store import rawlog, tombstones
 from kb.wiki import answers
 
 
-class Named(NamedTuple):
+class NamedPage(NamedTuple):
     """A page: `prefix` is its namespace's name ("Cookbook"), empty for articles."""
 
     title: str
@@ -19,14 +19,14 @@ class Named(NamedTuple):
     categories: tuple[str, ...]
 
 
-def pages(root: Path) -> list[Named]:
+def pages(root: Path) -> list[NamedPage]:
     """Every page of the wiki but its front page, by title; the newest answer wins.
 
     Purged pages and those that are gone are left out. Raises DamagedData.
     """
     spaces, front = _site(root)
     removed = tombstones.keys(root, "wiki")
-    newest: dict[str, tuple[str, Named | None]] = {}
+    newest: dict[str, tuple[str, NamedPage | None]] = {}
     for envelope in rawlog.read(root, "wiki", "pages"):
         query = (envelope.response or {}).get("query") or {}
         for page in query.get("pages", []):
@@ -49,7 +49,7 @@ def _site(root: Path) -> tuple[dict[int, str], str]:
     return spaces, front
 
 
-def _named(page: dict[str, Any], spaces: dict[int, str], removed: Collection[str]) -> Named:
+def _named(page: dict[str, Any], spaces: dict[int, str], removed: Collection[str]) -> NamedPage:
     prefix = spaces.get(page.get("ns", 0), "")
 
     def titles(name: str) -> tuple[str, ...]:
@@ -57,4 +57,4 @@ def _named(page: dict[str, Any], spaces: dict[int, str], removed: Collection[str
 
     categories = tuple(title.partition(":")[2] or title for title in titles("categories"))
     redirects = tuple(title for title in titles("redirects") if title not in removed)
-    return Named(page["title"], prefix, redirects, categories)
+    return NamedPage(page["title"], prefix, redirects, categories)

@@ -15,7 +15,7 @@ from kb.wiki.browser import Browser
 
 
 @dataclass(frozen=True)
-class Served:
+class DocumentResponse:
     """The last answer of an address: `status` is 0 when there was none, or when it was cut off.
 
     `after` is its Retry-After in seconds. `barred`: the browser itself refused to ask.
@@ -31,7 +31,7 @@ class Served:
         return not self.barred and (self.status in (0, 429) or self.status >= 500)
 
 
-class Network:
+class PageTraffic:
     """The record since the page was opened; `read` brings it up to date."""
 
     def __init__(self, browser: Browser) -> None:
@@ -40,7 +40,7 @@ class Network:
         self._failed: set[str] = set()
         self._frame: str | None = None  # of the page itself
         self._document: str | None = None  # the newest request for it
-        self.served: dict[str, Served] = {}
+        self.served: dict[str, DocumentResponse] = {}
         browser.record()  # forget the pages before
 
     def read(self) -> None:
@@ -59,7 +59,7 @@ class Network:
         elif method == "Network.responseReceived":
             answer = params["response"]
             headers = {name.lower(): value for name, value in answer.get("headers", {}).items()}
-            self.served[_bare(answer["url"])] = Served(
+            self.served[_bare(answer["url"])] = DocumentResponse(
                 int(answer["status"]),
                 retry.retry_after(headers.get("retry-after"), headers.get("date")),
             )
@@ -68,7 +68,7 @@ class Network:
             url = self._addresses.get(params["requestId"])
             # An error page's body is not wanted by an image: the status before it says more.
             if url is not None and (url not in self.served or self.served[url].status < 400):
-                self.served[url] = Served(0, barred="blockedReason" in params)
+                self.served[url] = DocumentResponse(0, barred="blockedReason" in params)
 
     @property
     def cut_off(self) -> bool:
@@ -85,7 +85,7 @@ class Network:
             return None
         return None if answer["base64Encoded"] else str(answer["body"])
 
-    def of(self, url: str) -> Served | None:
+    def of(self, url: str) -> DocumentResponse | None:
         """The last answer of an address; None when it was not asked for."""
         return self.served.get(_bare(url))
 

@@ -11,10 +11,12 @@ from kb.store.frontier import Item
 from kb.store.layout import BELOW, Layout
 from kb.wiki import addresses, images
 from kb.wiki.errors import NoPicture
-from kb.wiki.web import Web
+from kb.wiki.web import WikiHosts
 
 
-def fetch_original(web: Web, section: Wiki, item: Item, page: dict[str, Any]) -> dict[str, Any]:
+def fetch_original(
+    web: WikiHosts, section: Wiki, item: Item, page: dict[str, Any]
+) -> dict[str, Any]:
     """The answer to be recorded; `page` is what the wiki says of the file, empty where nothing.
 
     The file goes into raw/wiki/images, named by what is in it. Raises Blocked.

@@ -17,7 +17,7 @@ from __future__ import annotations
 import msgspec
 
 
-class Site(msgspec.Struct):
+class SiteItem(msgspec.Struct):
     """`listed`: the namespaces are to be listed, these or those that the wiki calls content."""
 
     listed: bool
@@ -38,7 +38,7 @@ class Title(msgspec.Struct):
     title: str
 
 
-class Page(msgspec.Struct):
+class PageItem(msgspec.Struct):
     """A page by its newest answer.
 
     `round` is the newest one that listed it, 0 when none did. `rendered` is what was captured:
@@ -56,7 +56,7 @@ class Page(msgspec.Struct):
     gone: bool = False
 
 
-class File(msgspec.Struct):
+class ImageItem(msgspec.Struct):
     """An image: its address, its title on the wiki where it has one, and where it was seen."""
 
     key: str
@@ -65,9 +65,9 @@ class File(msgspec.Struct):
 
 
 PAYLOADS: dict[str, type[msgspec.Struct]] = {
-    "site": Site,
+    "site": SiteItem,
     "titles": List,
     "info": Title,
-    "pages": Page,
-    "files": File,
+    "pages": PageItem,
+    "files": ImageItem,
 }

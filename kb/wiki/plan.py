@@ -7,7 +7,7 @@ from pathlib import Path
 
 from kb.core.addresses import is_loopback
 from kb.core.context import Run
-from kb.core.plan import Phase, plan
+from kb.core.plan import PlanPhase, plan
 from kb.core.verdict import Summary
 from kb.core.waiting import to_read
 from kb.store import reading
@@ -51,9 +51,9 @@ def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
     calls = math.ceil(asked / BATCH)
     seconds = max(pause, SECONDS_A_PAGE / run.workers)
     phases = [
-        Phase("titles", asked, requests=calls, hours=calls * pause / 3600),
-        Phase("pages", pages, requests=pages, hours=pages * seconds / 3600, gb=pages * size),
-        Phase("image files", files, requests=files, hours=files * pause / 3600),
+        PlanPhase("titles", asked, requests=calls, hours=calls * pause / 3600),
+        PlanPhase("pages", pages, requests=pages, hours=pages * seconds / 3600, gb=pages * size),
+        PlanPhase("image files", files, requests=files, hours=files * pause / 3600),
     ]
     return Summary(plan("wiki crawl", "wiki", phases, assumed if pages or files else []))
 

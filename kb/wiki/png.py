@@ -25,7 +25,7 @@ _CHUNK = 1 << 16  # bytes; always cut alike, so that the same pixels give the sa
 Box = tuple[int, int, int, int]
 
 
-class Rows:
+class PixelRows:
     """Rows of RGB pixels: `packed` has 1 + 3 × `width` bytes a row, the first against black."""
 
     def __init__(self, packed: bytes, width: int) -> None:
@@ -160,7 +160,7 @@ class PngWriter:
         self._chunk(b"IHDR", struct.pack(">IIBBBBB", self._width, self._height, 8, 2, 0, 0, 0))
         return self
 
-    def add(self, rows: Rows, count: int) -> None:
+    def add(self, rows: PixelRows, count: int) -> None:
         """Append the first `count` rows."""
         from PIL import ImageChops
 

@@ -9,7 +9,7 @@ from typing import Self, TypeVar
 
 from kb.core.errors import ItemFinal, MissingExtra, Retryable
 from kb.wiki.browser import Browser
-from kb.wiki.errors import Served, Unserved
+from kb.wiki.errors import ServerFault, Unserved
 from kb.wiki.guard import Guard
 
 Result = TypeVar("Result")
@@ -62,7 +62,7 @@ class Pool:
                 result = work(browser)
             healthy = True
             return result
-        except (ItemFinal, Served, Unserved):
+        except (ItemFinal, ServerFault, Unserved):
             healthy = True
             raise
         finally:

@@ -13,7 +13,7 @@ from kb.core.context import Run
 from kb.core.verdict import Summary
 from kb.crawl import purge as frame
 from kb.crawl.id_list import IdList
-from kb.crawl.session import Session
+from kb.crawl.session import CrawlSession
 from kb.store import purge, purge_plan, rawlog, sidefiles, tombstones
 from kb.store.frontier import Frontier
 from kb.store.inside import is_inside
@@ -34,7 +34,7 @@ ROWS = (
 )
 
 
-def purge_raw(run: Run, ids: Path | None) -> frame.Keys:
+def purge_raw(run: Run, ids: Path | None) -> frame.PurgeKeys:
     """Tombstones, raw segments, captured files and frontier; the keys that must leave the rest too.
 
     `ids` names pages by id, title or address: lines, Parquet with `page_id` or `title`, or
@@ -44,12 +44,12 @@ def purge_raw(run: Run, ids: Path | None) -> frame.Keys:
     """
     named = read_names(ids, run.progress.say) if ids else IdList([])
 
-    def collect(session: Session) -> frame.Keys:
+    def collect(session: CrawlSession) -> frame.PurgeKeys:
         known, unknown, bad = _find(named, session.frontier, session.gone)
         found = _gone(session.frontier) | dict.fromkeys([*known, *unknown], "named")
-        return frame.Keys(found, {"unknown": len(unknown), "bad_lines": bad} if ids else {})
+        return frame.PurgeKeys(found, {"unknown": len(unknown), "bad_lines": bad} if ids else {})
 
-    def remove(session: Session, keys: frame.Keys, found: Found) -> None:
+    def remove(session: CrawlSession, keys: frame.PurgeKeys, found: Found) -> None:
         _remove(run.root, session.frontier, keys, found)
 
     return frame.purge_raw(run, WikiSource(run), collect, exact=("renders",), remove=remove)

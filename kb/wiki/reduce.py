@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
 from kb.wiki import answers
-from kb.wiki.payloads import File, List, Page, Site, Title
+from kb.wiki.payloads import ImageItem, List, PageItem, SiteItem, Title
 
 # Reasons for which a page is too large, and what in [wiki] allows more.
 TOO_LARGE = {"too_tall": "max_page_height", "too_many_elements": "max_elements"}
@@ -35,7 +35,7 @@ def _site(frontier: Frontier, envelope: Envelope) -> None:
     """The wiki's description of itself: the rounds that wait for it know what to list."""
     spaces = envelope.response.get("query", {}).get("namespaces", {})
     content = sorted(int(key) for key, space in spaces.items() if space.get("content"))
-    frontier.add("site", [(ANSWERED, Site(listed=False))])
+    frontier.add("site", [(ANSWERED, SiteItem(listed=False))])
     frontier.done("site", ANSWERED)
     for tag, _, _, site in list(frontier.items("site")):
         if tag == ANSWERED:
@@ -126,7 +126,7 @@ def _gone(frontier: Frontier, key: str, reason: str) -> None:
 
 def _note(frontier: Frontier, number: int, page: dict[str, Any], revision: dict[str, Any]) -> None:
     key = str(page["pageid"])
-    new = Page(page["title"], page["fullurl"], revision["revid"], number)
+    new = PageItem(page["title"], page["fullurl"], revision["revid"], number)
     known = frontier.get("pages", key)
     if known is None:
         frontier.add("pages", [(key, new)])
@@ -169,7 +169,7 @@ def _renders(frontier: Frontier, envelope: Envelope) -> None:
             rendered = (answer["revision_id"], answer["title"])
             frontier.payload("pages", key, replace(known[1], rendered=rendered))
         frontier.done("pages", key)
-        files = [File(file["key"], file["title"], file["src"]) for file in answer["files"]]
+        files = [ImageItem(file["key"], file["title"], file["src"]) for file in answer["files"]]
         if frontier.add("files", [(file.key, file) for file in files]) < len(files):
             for file in files:
                 _complete(frontier, file)
@@ -184,7 +184,7 @@ def _renders(frontier: Frontier, envelope: Envelope) -> None:
     frontier.skip("pages", key, reason)
 
 
-def _complete(frontier: Frontier, file: File) -> None:
+def _complete(frontier: Frontier, file: ImageItem) -> None:
     """Say what a file is that a replay knows by its answer alone."""
     known = frontier.get("files", file.key)
     if known is not None and known[1] is None:

@@ -17,7 +17,7 @@ from typing import Any
 
 from kb.core.errors import Retryable
 from kb.wiki.browser import Browser
-from kb.wiki.png import Box, PngWriter, Rows
+from kb.wiki.png import Box, PixelRows, PngWriter
 
 # CSS px. A browser paints the whole page anew for each picture, so that few tall ones cost least;
 # a tile with its strip keeps within the lowest limit that was seen, 8,192.
@@ -99,7 +99,7 @@ class _Joint:
 
     def add(self, data: bytes, top: int, rows: int, more: int) -> None:
         """Append the first `rows` of a picture (PNG bytes). Raises Retryable."""
-        tile = Rows.read(data, self._width, rows + more)
+        tile = PixelRows.read(data, self._width, rows + more)
         if self._below is not None:
             _compare(self._below, tile.part((0, 0, self._width, self._below.height)))
         if not rows:

@@ -22,17 +22,17 @@ from kb.store.frontier import Item
 from kb.store.layout import Layout
 from kb.wiki import addresses
 from kb.wiki.capture import Captured, capture, check_shown
-from kb.wiki.errors import Challenge, NotNow, NotShown, Refused
+from kb.wiki.errors import Challenge, NotNow, NotShown, PageRefused
 from kb.wiki.pool import Pool
 from kb.wiki.screenshot import snapped
-from kb.wiki.web import Web
+from kb.wiki.web import WikiHosts
 
 SCRATCH = ".shot-"
 _ENCODER = msgspec.json.Encoder()
 
 
 def show_page(
-    web: Web, section: Wiki, pool: Pool, item: Item, others: Callable[[], Iterable[str]]
+    web: WikiHosts, section: Wiki, pool: Pool, item: Item, others: Callable[[], Iterable[str]]
 ) -> dict[str, Any]:
     """All tries of one page: the answer to be recorded. `others` are addresses of pages to compare
     it with when it is challenged. Raises Retryable, Stopped, MissingExtra.
@@ -76,7 +76,7 @@ def show_page(
 
 
 def _capture(
-    web: Web, section: Wiki, pool: Pool, item: Item, url: str, shot: Path, *, strict: bool
+    web: WikiHosts, section: Wiki, pool: Pool, item: Item, url: str, shot: Path, *, strict: bool
 ) -> Captured:
     """One try. Raises ItemFinal, Retryable."""
     return pool.use(
@@ -94,18 +94,18 @@ def _capture(
     )
 
 
-def _final(web: Web, error: ItemFinal) -> dict[str, Any]:
+def _final(web: WikiHosts, error: ItemFinal) -> dict[str, Any]:
     """What an answer that makes further tries useless means for the page. Raises Blocked.
 
     Answers about one request rather than about the page are asked for again by the next run.
     """
-    if isinstance(error, Refused):
+    if isinstance(error, PageRefused):
         _look_at_front_page(web)
-    outcome = "failed" if isinstance(error, (Refused, NotNow)) else "final"
+    outcome = "failed" if isinstance(error, (PageRefused, NotNow)) else "final"
     return {"outcome": outcome, "reason": error.reason, "value": error.value}
 
 
-def _look_at_front_page(web: Web) -> None:
+def _look_at_front_page(web: WikiHosts) -> None:
     """A refused page may be that page's own matter; a refused front page is not. Raises Blocked."""
     try:
         web.attempt(lambda: web.get(f"{web.root}/", {}), service="the wiki")
@@ -115,7 +115,7 @@ def _look_at_front_page(web: Web) -> None:
         ) from None
 
 
-def _compare_with_others(web: Web, pool: Pool, others: Iterable[str]) -> None:
+def _compare_with_others(web: WikiHosts, pool: Pool, others: Iterable[str]) -> None:
     """A challenge instead of one page may be about that page; instead of others, too, it is about
     us. They are loaded in the browser, as challenges tell browsers from plain clients, until one
     is shown. Raises Blocked.
@@ -125,7 +125,7 @@ def _compare_with_others(web: Web, pool: Pool, others: Iterable[str]) -> None:
         show = partial(check_shown, url=web.today(url))
         try:
             pool.use(show, first=web.pace.wait)
-        except (Challenge, Refused):
+        except (Challenge, PageRefused):
             challenged = True
         except (ItemFinal, Retryable):
             continue  # it says nothing about challenges
@@ -135,7 +135,7 @@ def _compare_with_others(web: Web, pool: Pool, others: Iterable[str]) -> None:
         raise retry.blocked("the wiki answers with a challenge instead of its pages")
 
 
-def _ask_plainly(web: Web, url: str, error: Retryable) -> ItemFinal | None:
+def _ask_plainly(web: WikiHosts, url: str, error: Retryable) -> ItemFinal | None:
     """A plain request tells what the browser hides: 4xx without a body, no wiki at all.
 
     When the browser was told a time to come back, nothing is asked before. The answer that makes

@@ -43,7 +43,7 @@ _NO_WIDTH = re.compile(
 _ESCAPED = re.compile(r"\\([&/\\])")
 
 
-class Rules(NamedTuple):
+class MarkupRules(NamedTuple):
     """Of the profile's markup: units besides the usual ones, and the expression of names in long
     texts.
     """
@@ -52,7 +52,7 @@ class Rules(NamedTuple):
     item: str = ""
 
 
-def facts(page: Mapping[str, Any], found: Iterable[Row], rules: Rules) -> list[Row]:
+def facts(page: Mapping[str, Any], found: Iterable[Row], rules: MarkupRules) -> list[Row]:
     """Rows of wiki/facts of a page with `page_id`, `title` and `revision_id`.
 
     Fields that say nothing are left out.
@@ -113,7 +113,7 @@ def _measures(units: tuple[str, ...]) -> tuple[re.Pattern[str], re.Pattern[str],
     )
 
 
-def recipes(page: Mapping[str, Any], found: Iterable[Row], rules: Rules) -> list[Row]:
+def recipes(page: Mapping[str, Any], found: Iterable[Row], rules: MarkupRules) -> list[Row]:
     """Rows of wiki/recipes of a page with `page_id` and `revision_id`."""
     return [
         {

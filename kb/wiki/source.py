@@ -26,19 +26,19 @@ from kb.core.verdict import Summary
 from kb.crawl.id_list import IdList
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
-from kb.crawl.session import Session
+from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Opened, Phase, Plain
 from kb.net.session import Note
 from kb.store import tombstones
 from kb.store.frontier import Frontier, Item
 from kb.store.rawlog import Envelope
 from kb.wiki import browser, capture, chromium, discover, fetch, reduce, show
-from kb.wiki.api import BATCH, Api, find_endpoint
+from kb.wiki.api import BATCH, WikiApi, find_endpoint
 from kb.wiki.guard import Guard
 from kb.wiki.payloads import PAYLOADS
 from kb.wiki.pool import Pool
 from kb.wiki.titles import read_titles
-from kb.wiki.web import Web
+from kb.wiki.web import WikiHosts
 
 _NAMED = ("robots.txt", "api.php")  # requests of the ledger that have a name of their own
 SITE = Phase(kind="site", unit="sites", feeds=("titles",), shown=False)
@@ -81,10 +81,10 @@ class WikiSource(Plain):
         )
         files = Phase(kind="files", unit="files", name="images", batch=BATCH, whole=True)
         self.phases: Sequence[Phase] = (SITE, TITLES, INFO, GONE, pages, files)
-        self._web = Web(run, self.url, section.hosts, section.seconds_between)
+        self._web = WikiHosts(run, self.url, section.hosts, section.seconds_between)
         self._threads = ThreadPoolExecutor(max(2, run.workers), "wiki-files")
         self._lock = threading.Lock()
-        self._api: Future[Api] | None = None
+        self._api: Future[WikiApi] | None = None
         self._pool: Pool | None = None
         self._shown = 0  # pages that were answered for in this run
         self._missing_before = 0
@@ -187,7 +187,7 @@ class WikiSource(Plain):
 
     # -- what is needed before anything is asked -------------------------------------------------
 
-    def _start(self) -> Api:
+    def _start(self) -> WikiApi:
         """robots.txt and the API, found by the first thread for all; once again if it could not."""
         with self._lock:
             mine = self._api is None
@@ -197,7 +197,7 @@ class WikiSource(Plain):
         if mine:
             try:
                 self._web.read_robots()
-                api.set_result(Api(self._endpoint(), self._web))
+                api.set_result(WikiApi(self._endpoint(), self._web))
             except BaseException as error:  # noqa: BLE001  raised again in every thread that waits
                 with self._lock:
                     self._api = None
@@ -245,7 +245,7 @@ class WikiSource(Plain):
         """The progress of the title lists also shows how many titles they had."""
         return {"titles": self.opened.frontier.waiting("info")} if phase is TITLES else {}
 
-    def summary(self, session: Session, loop: Loop) -> Summary:
+    def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """What this run crawled and asked, and how the whole data root stands.
 
         `crawled` are this run's answers, as the filter counts them: pages that were captured, are

@@ -35,7 +35,7 @@ def size(root: Path) -> int:
 
 
 def read_pages(
-    root: Path, rows: dict[str, Any], whole: bool, *, rules: shown.Rules
+    root: Path, rows: dict[str, Any], whole: bool, *, rules: shown.MarkupRules
 ) -> dict[str, Any]:
     """Pages with sizes, `text` and `word_count`; with `whole` also the tables of PARTS.
 
@@ -87,7 +87,7 @@ def read_pages(
 class _Parts:
     """The tables that follow the pages, a column at once of some pages."""
 
-    def __init__(self, files: Files, rules: shown.Rules) -> None:
+    def __init__(self, files: Files, rules: shown.MarkupRules) -> None:
         self._files, self._rules = files, rules
         self._done: dict[str, list[pa.Table]] = {
             name: [table(name).arrow().empty_table()] for name in PARTS
@@ -155,7 +155,7 @@ def page_text(elements: list[Any]) -> str:
     return "\n".join(element.text for element in tops(elements) if element.text)
 
 
-def elements(pages: list[tuple[int, list[Any]]], rules: shown.Rules) -> pa.Table:
+def elements(pages: list[tuple[int, list[Any]]], rules: shown.MarkupRules) -> pa.Table:
     """Rows of wiki/elements of some pages, in reading order."""
 
     def text(element: Any) -> str | None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from kb.crawl import id_list
-from kb.crawl.id_list import LEFT_OUT, Entry, IdList, IdRules
+from kb.crawl.id_list import LEFT_OUT, IdList, IdRules, ListedId
 
 LONGEST = 1024  # bytes; MediaWiki's own titles end at 255, and a namespace before them
 # One call asks for several titles with "|" between them, so it can stand in none. What else no
@@ -57,7 +57,7 @@ def read_names(path: Path, say: Callable[[str], None] | None = None) -> IdList:
     return id_list.read(path, _rules("--ids", None, ("page_id", "pageid", "title")), say)
 
 
-def _title(namespaces: Collection[int] | None, entry: Entry) -> str | None:
+def _title(namespaces: Collection[int] | None, entry: ListedId) -> str | None:
     """A title as the wiki writes it, with spaces for underscores; None: all namespaces."""
     value, record = entry.value, entry.record
     if isinstance(value, bool) or not isinstance(value, (str, int)):

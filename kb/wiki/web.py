@@ -22,10 +22,10 @@ from kb.net.rate import Pace
 from kb.net.robots import Robots, robots_url
 from kb.net.session import (
     PRODUCT,
+    HttpSession,
     Ledger,
     Note,
     PerThread,
-    Session,
     failure,
     host_of,
     send,
@@ -53,7 +53,7 @@ class Reply:
     after: float | None
 
 
-class Web:
+class WikiHosts:
     """One wiki's hosts. Thread-safe. `root` and `hosts` are the only ones that are ever asked."""
 
     def __init__(self, run: Run, root: str, hosts: tuple[str, ...], pause: float) -> None:
@@ -151,8 +151,8 @@ class Web:
         """Close the connections."""
         self._sessions.close()
 
-    def _session(self) -> Session:
-        return Session(
+    def _session(self) -> HttpSession:
+        return HttpSession(
             self.run.settings,
             hosts=self._hosts,
             ledger=self._count,

@@ -13,10 +13,10 @@ from googleapiclient.errors import HttpError
 
 from kb.core.context import Run
 from kb.core.errors import Retryable
-from kb.core.profile.youtube import YouTube
+from kb.core.profile.youtube import YouTubeSection
 from kb.crawl.source import Opened
 from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
-from kb.net.session import Session, failure, host_of, never_sent, user_agent
+from kb.net.session import HttpSession, failure, host_of, never_sent, user_agent
 from kb.youtube import quota
 from kb.youtube.errors import meaning
 from kb.youtube.transport import Transport
@@ -24,16 +24,16 @@ from kb.youtube.transport import Transport
 GOOGLE = "https://youtube.googleapis.com"
 
 
-class Api:
+class YouTubeApi:
     """The calls that a crawl makes. Not for several threads at once.
 
     With `--wait` it sleeps however long the service asks for.
     """
 
-    def __init__(self, run: Run, profile: YouTube, opened: Opened, *, lane: str) -> None:
+    def __init__(self, run: Run, profile: YouTubeSection, opened: Opened, *, lane: str) -> None:
         settings = run.settings
         endpoint = settings.kb_youtube_endpoint or GOOGLE
-        session = Session(settings, hosts={host_of(endpoint)})
+        session = HttpSession(settings, hosts={host_of(endpoint)})
         # build() only reads a file of the package, so that no error of its own shows the key.
         self._service = build(
             "youtube",

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.schema.tables import table
-from kb.store.buckets import Kind
+from kb.store.buckets import RawKind
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
 from kb.youtube import parse
@@ -22,11 +22,11 @@ from kb.youtube.ytdlp.tracks import ENGLISH, TrackLanguage
 VIDEOS = "videos"  # kind in the frontier
 HELPERS = ("missing", "game_label_id", "game_label", "transcript_outcome")
 KINDS = {
-    "videos": Kind(parse.videos, key=("video_id",), bucket="video_id"),
-    "statistics": Kind(parse.statistics, key=("video_id",), bucket="video_id"),
-    "ytdlp_info": Kind(info.rows, key=("video_id",), bucket="video_id"),
-    "ytdlp_subtitles": Kind(tracks.rows, key=("video_id", "track", "format"), bucket="video_id"),
-    "transcripts": Kind(parse.transcripts, key=("video_id",), bucket="video_id", prefer="final"),
+    "videos": RawKind(parse.videos, key=("video_id",), bucket="video_id"),
+    "statistics": RawKind(parse.statistics, key=("video_id",), bucket="video_id"),
+    "ytdlp_info": RawKind(info.rows, key=("video_id",), bucket="video_id"),
+    "ytdlp_subtitles": RawKind(tracks.rows, key=("video_id", "track", "format"), bucket="video_id"),
+    "transcripts": RawKind(parse.transcripts, key=("video_id",), bucket="video_id", prefer="final"),
 }
 WATCH = "https://www.youtube.com/watch?v="
 

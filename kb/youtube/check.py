@@ -23,13 +23,13 @@ import msgspec
 
 from kb.core import clock
 from kb.core.context import Run
-from kb.core.plan import Phase as Step
+from kb.core.plan import PlanPhase as Step
 from kb.core.plan import plan as make_plan
 from kb.core.verdict import Summary
 from kb.crawl import id_list
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
-from kb.crawl.session import Session
+from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Phase
 from kb.schema.coerce import durations
 from kb.schema.decode import holdable
@@ -42,7 +42,7 @@ from kb.youtube.fetch import API, PACK
 from kb.youtube.ids import RULES, some_ids
 from kb.youtube.parse import requested
 from kb.youtube.quota import GENERAL
-from kb.youtube.source import YouTube
+from kb.youtube.source import YouTubeSource
 
 CHECKS = "checks"  # kind of the frontier and of the verdicts
 THERE, CHANGED, GONE = "there", "changed", "gone"
@@ -62,7 +62,7 @@ class Said(NamedTuple):
     year: str | None = None
 
 
-class Kept(msgspec.Struct):
+class CheckCounts(msgspec.Struct):
     """Counts of a finished check; `by_year` year → verdict → videos."""
 
     checked_at: str
@@ -80,7 +80,7 @@ def check(run: Run, ids: Path) -> Summary:
     place = Layout(run.root).state_folder("youtube-check") / name
     kept = place.with_suffix(".json")
     if kept.is_file() and not run.again:
-        known = msgspec.json.decode(kept.read_bytes(), type=Kept)
+        known = msgspec.json.decode(kept.read_bytes(), type=CheckCounts)
         run.progress.say(f"{ids}: checked at {known.checked_at}; --again asks anew")
         return _summary(known.by_year, bad_lines, kept)
     if run.again and kept.is_file():
@@ -92,7 +92,7 @@ def check(run: Run, ids: Path) -> Summary:
     numbers = {one: done[one] for one in ("requests", "units", "failed")}
     if done["failed"]:  # the next run asks for these again
         return Summary({**_summary(counts, bad_lines, place), **numbers})
-    write_bytes(kept, msgspec.json.encode(Kept(clock.stamp(), counts)))
+    write_bytes(kept, msgspec.json.encode(CheckCounts(clock.stamp(), counts)))
     shutil.rmtree(place)
     return Summary({**_summary(counts, bad_lines, kept), **numbers})
 
@@ -115,7 +115,7 @@ def lines(summary: Mapping[str, Any]) -> Iterator[str]:
         yield year.ljust(8) + "".join(f"{n:,}".rjust(12) for n in numbers)
 
 
-class Check(YouTube):
+class Check(YouTubeSource):
     """The ids of a list, each asked for once."""
 
     def __init__(self, run: Run, listed: list[str], said: Mapping[str, Said]) -> None:
@@ -144,7 +144,7 @@ class Check(YouTube):
         frontier.add(CHECKS, keys)
         frontier.done(CHECKS, *keys)
 
-    def summary(self, session: Session, loop: Loop) -> Summary:
+    def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """What this run asked, and what is left."""
         asked = self.of_known("youtube check", session, CHECKS)
         return Summary(asked, left=session.frontier.waiting(CHECKS))

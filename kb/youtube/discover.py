@@ -9,7 +9,7 @@ from pathlib import Path
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import FatalError
-from kb.core.profile.youtube import YouTube
+from kb.core.profile.youtube import YouTubeSection
 from kb.store.frontier import Frontier
 from kb.youtube import errors
 from kb.youtube.parse import PO_TOKEN
@@ -20,7 +20,7 @@ from kb.youtube.reduce import (
     TRANSCRIPTS,
     UPLOADS,
     VIDEOS,
-    Search,
+    SearchItem,
     Uploads,
     search_key,
     uploads_list,
@@ -29,7 +29,7 @@ from kb.youtube.reduce import (
 _log = logging.getLogger("kb.youtube")
 
 
-def reopen(frontier: Frontier, profile: YouTube) -> None:
+def reopen(frontier: Frontier, profile: YouTubeSection) -> None:
     """What was taken as final without being a fact, or lay beyond fewer search_pages; and tracks
     that asked for a PO token on an earlier day: these come last, as what failed.
     """
@@ -56,9 +56,11 @@ def reopen(frontier: Frontier, profile: YouTube) -> None:
     frontier.reopen(VIDEOS, "skipped")
 
 
-def extend(frontier: Frontier, profile: YouTube, mine: Callable[[str], bool]) -> None:
+def extend(frontier: Frontier, profile: YouTubeSection, mine: Callable[[str], bool]) -> None:
     """Add the profile's keywords, and channels that were another part's share."""
-    frontier.add(SEARCHES, [(search_key(word, None), Search(word)) for word in profile.keywords])
+    frontier.add(
+        SEARCHES, [(search_key(word, None), SearchItem(word)) for word in profile.keywords]
+    )
     channels = (key for key, *_ in frontier.items(CHANNELS) if mine(key))
     frontier.add(UPLOADS, [(key, Uploads(uploads_list(key, profile))) for key in channels])
 

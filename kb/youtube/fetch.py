@@ -10,12 +10,12 @@ from typing import Any
 from kb.core.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.errors import ItemFinal, Retryable
-from kb.core.profile.youtube import YouTube
+from kb.core.profile.youtube import YouTubeSection
 from kb.crawl.source import Answer, Opened
 from kb.net.rate import Pace
 from kb.store.frontier import Item
 from kb.youtube import parse
-from kb.youtube.api import Api
+from kb.youtube.api import YouTubeApi
 from kb.youtube.quota import WEB as SITE_BUCKET
 from kb.youtube.reduce import (
     RAW_LIST,
@@ -40,17 +40,17 @@ FRAME = {"maxWidth": 1920, "maxHeight": 1080}  # of the embed: its shape is the 
 Count = Callable[..., None]
 
 
-class Fetch:
+class YouTubeFetcher:
     """Asks for items of a kind. The API for one thread at a time, transcripts for several.
 
     `count` is given what was had, by the names of the summary, when it was recorded.
     """
 
-    def __init__(self, run: Run, profile: YouTube, opened: Opened, count: Count) -> None:
+    def __init__(self, run: Run, profile: YouTubeSection, opened: Opened, count: Count) -> None:
         self._run, self._profile, self._opened, self._count = run, profile, opened, count
         local = is_loopback(run.settings.kb_youtube_web or SITE)
         self._pace = Pace(0 if local else 3600 / profile.transcripts_per_hour)
-        self._api: Api | None = None
+        self._api: YouTubeApi | None = None
         self._idle: list[Fetcher] = []
         self._lock = threading.Lock()
         self._ways = {
@@ -74,10 +74,10 @@ class Fetch:
             fetcher.close()
 
     @property
-    def api(self) -> Api:
+    def api(self) -> YouTubeApi:
         """The API's client, made when it is first needed."""
         if self._api is None:
-            self._api = Api(self._run, self._profile, self._opened, lane=API)
+            self._api = YouTubeApi(self._run, self._profile, self._opened, lane=API)
         return self._api
 
     def _search(self, items: list[Item]) -> Iterator[Answer]:

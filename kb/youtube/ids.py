@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from kb.crawl import id_list
-from kb.crawl.id_list import Entry, IdRules
+from kb.crawl.id_list import IdRules, ListedId
 
 Part = tuple[int, int] | None
 """Which of how many machines, from 1; None for one that does it all."""
@@ -17,7 +17,7 @@ _ID = re.compile(r"(?:^|[=/])([A-Za-z0-9_-]{11})(?:$|[?&#])")
 _ARCHIVED = re.compile(r"youtube ([A-Za-z0-9_-]{11})")  # a line of yt-dlp's download archive
 
 
-def _video_id(entry: Entry) -> str | None:
+def _video_id(entry: ListedId) -> str | None:
     value = str(entry.value).strip()
     match = _ARCHIVED.fullmatch(value) or _ID.search(value)
     return match[1] if match else None

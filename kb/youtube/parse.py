@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.schema.coerce import inner, times
-from kb.schema.decode import Answer, Reader, problems
+from kb.schema.decode import ColumnReader, DecodedAnswer, problems
 from kb.schema.records import records
 from kb.schema.tables import table
 from kb.store.rawlog import Envelope
@@ -56,7 +56,9 @@ def statistics(lines: Iterable[bytes], rows: int = ROWS) -> Iterator[pa.Table]:
         yield got.filter(pc.is_valid(got["video_id"])).drop_columns(["problems"])
 
 
-def _with_missing(reader: Reader, got: pa.Table, answers: list[Answer]) -> Iterator[pa.Table]:
+def _with_missing(
+    reader: ColumnReader, got: pa.Table, answers: list[DecodedAnswer]
+) -> Iterator[pa.Table]:
     """The rows that have an id, and one for each id that was asked for and not returned."""
     got = got.filter(pc.is_valid(got["video_id"]))
     got = got.append_column("missing", pa.repeat(pa.scalar(False), got.num_rows))
@@ -154,11 +156,11 @@ def next_page(response: Any) -> str | None:
 
 
 @cache
-def _reader(name: str, kind: str, *, note_absent: bool = True) -> Reader:
-    return Reader(table(name), kind, note_absent=note_absent)
+def _reader(name: str, kind: str, *, note_absent: bool = True) -> ColumnReader:
+    return ColumnReader(table(name), kind, note_absent=note_absent)
 
 
-def _not_returned(reader: Reader, answer: Answer) -> list[str]:
+def _not_returned(reader: ColumnReader, answer: DecodedAnswer) -> list[str]:
     asked, got = requested(answer.params), reader.values("video_id", answer.records)
     if asked == got:
         return []
@@ -166,7 +168,7 @@ def _not_returned(reader: Reader, answer: Answer) -> list[str]:
     return [key for key in asked if key not in there]
 
 
-def _missing(gone: list[tuple[str, Answer]], schema: pa.Schema) -> pa.Table:
+def _missing(gone: list[tuple[str, DecodedAnswer]], schema: pa.Schema) -> pa.Table:
     own = {
         "video_id": pa.array([key for key, _ in gone], pa.string()),
         "fetched_at": times([answer.fetched_at for _, answer in gone])[0],

@@ -13,7 +13,7 @@ from typing import Any
 
 from kb.core.addresses import is_loopback
 from kb.core.context import Run
-from kb.core.plan import Phase
+from kb.core.plan import PlanPhase
 from kb.core.plan import plan as make_plan
 from kb.core.verdict import Summary
 from kb.core.waiting import to_read
@@ -72,10 +72,10 @@ def plan(run: Run, ids: Path | None = None, part: Part = None) -> Summary:
     asked = left["transcripts"] * REQUESTS_A_TRANSCRIPT
     lists, packs = calls["playlist_items"], calls["videos"]
     phases = [
-        Phase("searches", calls["search"], calls["search"], gb=gb[RAW_SEARCH]),
-        Phase("channels", left["channels"], lists, lists, gb=gb[RAW_LIST]),
-        Phase("videos", left["videos"], packs, packs, gb=gb[RAW_VIDEOS]),
-        Phase("transcripts", left["transcripts"], asked, 0, hours, gb[RAW_TRANSCRIPTS]),
+        PlanPhase("searches", calls["search"], calls["search"], gb=gb[RAW_SEARCH]),
+        PlanPhase("channels", left["channels"], lists, lists, gb=gb[RAW_LIST]),
+        PlanPhase("videos", left["videos"], packs, packs, gb=gb[RAW_VIDEOS]),
+        PlanPhase("transcripts", left["transcripts"], asked, 0, hours, gb[RAW_TRANSCRIPTS]),
     ]
     days = max(
         calls["search"] / profile.searches_per_day, general / profile.units_per_day, hours / 24
@@ -99,14 +99,14 @@ def plan(run: Run, ids: Path | None = None, part: Part = None) -> Summary:
     )
 
 
-def phases_of_known(run: Run, videos: int) -> list[Phase]:
+def phases_of_known(run: Run, videos: int) -> list[PlanPhase]:
     """So many videos by their ids, and a transcript of each."""
     calls, asked = math.ceil(videos / PACK), videos * REQUESTS_A_TRANSCRIPT
     gb = {RAW_VIDEOS: calls * BYTES[RAW_VIDEOS] / 1e9}
     gb[RAW_TRANSCRIPTS] = videos * BYTES[RAW_TRANSCRIPTS] / 1e9
     return [
-        Phase("videos", videos, calls, calls, gb=gb[RAW_VIDEOS]),
-        Phase("transcripts", videos, asked, 0, _hours(run, videos), gb[RAW_TRANSCRIPTS]),
+        PlanPhase("videos", videos, calls, calls, gb=gb[RAW_VIDEOS]),
+        PlanPhase("transcripts", videos, asked, 0, _hours(run, videos), gb[RAW_TRANSCRIPTS]),
     ]
 
 

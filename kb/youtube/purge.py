@@ -12,10 +12,10 @@ import msgspec
 from kb.core.context import Run
 from kb.core.verdict import Summary
 from kb.crawl import purge
-from kb.crawl.purge import Keys
+from kb.crawl.purge import PurgeKeys
 from kb.store import purge_plan, rawlog
 from kb.store.layout import BELOW, Layout
-from kb.store.purge import Place, links_of, place_of, verdicts_of
+from kb.store.purge import RowLocation, links_of, place_of, verdicts_of
 from kb.store.purge_search import finder
 from kb.youtube import parse
 from kb.youtube.ids import read_ids
@@ -29,7 +29,7 @@ from kb.youtube.reduce import (
     VIDEOS,
 )
 from kb.youtube.restored import WORK
-from kb.youtube.source import YouTube
+from kb.youtube.source import YouTubeSource
 
 ROWS = (
     *(place_of(f"youtube/{name}", "video_id") for name in ("videos", "transcripts")),
@@ -37,12 +37,12 @@ ROWS = (
     place_of("pairs/pairs", "video_id"),
     links_of("youtube"),
     *(
-        Place(str(BELOW.restored("youtube", name)), f"youtube/{name}", "video_id")
+        RowLocation(str(BELOW.restored("youtube", name)), f"youtube/{name}", "video_id")
         for name in ("videos", "transcripts")
     ),
-    Place(str(BELOW.restored("youtube")), "shared/missing", "key"),
-    Place(str(BELOW.restored("pairs")), "pairs/pairs", "video_id"),
-    Place(str(BELOW.restored()), "shared/missing", "key"),
+    RowLocation(str(BELOW.restored("youtube")), "shared/missing", "key"),
+    RowLocation(str(BELOW.restored("pairs")), "pairs/pairs", "video_id"),
+    RowLocation(str(BELOW.restored()), "shared/missing", "key"),
 )
 
 
@@ -59,7 +59,7 @@ def plan(run: Run, ids: Path | None) -> Summary:
     return Summary(counts, **said)
 
 
-def purge_raw(run: Run, ids: Path | None) -> Keys:
+def purge_raw(run: Run, ids: Path | None) -> PurgeKeys:
     """Tombstones, raw segments and frontier; the keys that must leave everything else as well.
 
     Raises SettingError before anything is written.
@@ -67,8 +67,8 @@ def purge_raw(run: Run, ids: Path | None) -> Keys:
     named, said = _named(run, ids)
     keys = purge.purge_raw(
         run,
-        YouTube(run),
-        lambda session: Keys(collect(run, named), said),
+        YouTubeSource(run),
+        lambda session: PurgeKeys(collect(run, named), said),
         kinds=(VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS),
         exact=(RAW_VIDEOS, RAW_TRANSCRIPTS, RAW_STATISTICS),
     )

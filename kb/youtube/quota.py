@@ -13,7 +13,7 @@ from zoneinfo import ZoneInfo
 
 from kb.core import clock
 from kb.core.errors import QuotaSpent
-from kb.core.profile.youtube import YouTube
+from kb.core.profile.youtube import YouTubeSection
 from kb.store.frontier import Frontier
 
 PACIFIC = ZoneInfo("America/Los_Angeles")
@@ -34,14 +34,14 @@ def next_reset() -> datetime:
     return midnight.astimezone(UTC)
 
 
-def limit(profile: YouTube, bucket: str) -> int:
+def limit(profile: YouTubeSection, bucket: str) -> int:
     """Units a day of a bucket."""
     if bucket == STATISTICS:
         return STATISTICS_PER_DAY
     return profile.searches_per_day if bucket == SEARCH else profile.units_per_day
 
 
-def spend(frontier: Frontier, profile: YouTube, bucket: str, endpoint: str) -> int:
+def spend(frontier: Frontier, profile: YouTubeSection, bucket: str, endpoint: str) -> int:
     """Write the ledger row of a call of one unit, before it is made; its id. Raises QuotaSpent,
     with nothing written.
     """

@@ -19,7 +19,7 @@ from typing import Any
 import msgspec
 import pyarrow as pa
 
-from kb.core.profile.youtube import YouTube
+from kb.core.profile.youtube import YouTubeSection
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
 from kb.youtube import parse
@@ -59,7 +59,7 @@ def nothing(rows: Any) -> Sequence[str]:
     return ()
 
 
-class Search(msgspec.Struct):
+class SearchItem(msgspec.Struct):
     """A page of a search. `channels` is how many it found, None before it was answered."""
 
     q: str
@@ -87,13 +87,13 @@ class Transcript(msgspec.Struct):
 
 
 PAYLOADS: dict[str, type[msgspec.Struct]] = {
-    SEARCHES: Search,
+    SEARCHES: SearchItem,
     UPLOADS: Uploads,
     TRANSCRIPTS: Transcript,
 }
 
 
-def uploads_list(channel_id: str, profile: YouTube) -> str:
+def uploads_list(channel_id: str, profile: YouTubeSection) -> str:
     """The id of a channel's uploads list: UU…, or UULF… which leaves Shorts out."""
     return ("UULF" if profile.uploads == "no_shorts" else "UU") + channel_id[2:]
 
@@ -107,7 +107,11 @@ class Reducer:
     """Takes envelopes into the frontier. `mine` tells a part's channels, `gone` are purged."""
 
     def __init__(
-        self, profile: YouTube, wanted: Wanted, mine: Callable[[str], bool], gone: Collection[str]
+        self,
+        profile: YouTubeSection,
+        wanted: Wanted,
+        mine: Callable[[str], bool],
+        gone: Collection[str],
     ) -> None:
         self._profile, self._wanted, self._mine, self._gone = profile, wanted, mine, gone
         self._language = TrackLanguage(profile.language, profile.translate)
@@ -146,10 +150,10 @@ class Reducer:
         frontier.add(UPLOADS, [(key, self._from_the_top(key)) for key in mine])
         following = parse.next_page(envelope.response)
         if following and hits:
-            after = Search(keyword, following, page + 1)
+            after = SearchItem(keyword, following, page + 1)
             frontier.add(SEARCHES, [(search_key(keyword, following), after)])
         frontier.add(SEARCHES, [(key, None)])
-        frontier.payload(SEARCHES, key, Search(keyword, token, page, len(hits)))
+        frontier.payload(SEARCHES, key, SearchItem(keyword, token, page, len(hits)))
         frontier.done(SEARCHES, key)
 
     def _from_the_top(self, channel: str) -> Uploads:

@@ -22,20 +22,20 @@ import msgspec
 
 from kb.core import clock, waiting
 from kb.core.context import Run
-from kb.core.plan import Phase as Step
+from kb.core.plan import PlanPhase as Step
 from kb.core.plan import plan
-from kb.core.profile.youtube import YouTube as Profile
+from kb.core.profile.youtube import YouTubeSection as Profile
 from kb.core.verdict import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
-from kb.crawl.session import Session
+from kb.crawl.session import CrawlSession
 from kb.crawl.source import Opened, Phase
 from kb.store import rawlog, tombstones
 from kb.store.frontier import ROUND, Frontier, going_on
 from kb.youtube import parse, quota
 from kb.youtube.fetch import API, PACK
 from kb.youtube.reduce import RAW_INFO, RAW_STATISTICS, RAW_VIDEOS, REFRESH, STATISTICS
-from kb.youtube.source import YouTube
+from kb.youtube.source import YouTubeSource
 
 BYTES_A_CALL = {REFRESH: 60_000, STATISTICS: 3_000}  # compressed, of 50 videos
 READ = Phase(
@@ -156,11 +156,11 @@ def refresh(run: Run, older_than: int | None = None) -> Summary:
     found due is kept until it is read, so the same command goes on where it stopped. One unit for
     50 videos. Raises Stopped with `summary` when something is left.
     """
-    source = Refresh(run, older_than)
+    source = YouTubeRefresh(run, older_than)
     return work(run, source, source.summary, phases=source.chosen, facts=source.facts)
 
 
-class Refresh(YouTube):
+class YouTubeRefresh(YouTubeSource):
     """The videos that are due. Nothing is asked of the web site: transcripts don't age."""
 
     def __init__(self, run: Run, older_than: int | None) -> None:
@@ -187,7 +187,7 @@ class Refresh(YouTube):
             days = self.profile.max_age_days if self._older_than is None else self._older_than
             self.run.progress.say(f"youtube: nothing is older than {days} days")
 
-    def summary(self, session: Session, loop: Loop) -> Summary:
+    def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """What was read again, and what is left."""
         kinds = {phase.kind: session.frontier.counts(phase.kind) for phase in self.chosen}
         left = waiting.left_by("youtube", kinds)

@@ -22,7 +22,7 @@ import pyarrow.compute as pc
 
 from kb.core.context import Run
 from kb.core.errors import Interrupted, Stopped
-from kb.core.plan import Part
+from kb.core.plan import PlanPart
 from kb.core.verdict import Summary
 from kb.crawl.job import work
 from kb.crawl.source import Opened
@@ -32,7 +32,7 @@ from kb.store.layout import Layout, parquet_files
 from kb.store.reading import reading
 from kb.store.shards import write_table
 from kb.youtube.plan import REQUESTS_A_TRANSCRIPT, phases_of_known
-from kb.youtube.source import YouTube
+from kb.youtube.source import YouTubeSource
 
 # In the order of writing: a video whose row is there is not asked for again.
 NAMES = ("transcripts", "videos")
@@ -42,14 +42,14 @@ UNKNOWN = "unknown"  # kind of a transcript that was not had this time
 _AGAIN = "again"  # in a work folder: everything is read anew
 
 
-class Found(NamedTuple):
+class RestoredIds(NamedTuple):
     """What a restored data root has: ids of whole videos, and of those that are gone."""
 
     there: set[str]
     gone: set[str]
 
 
-def found(root: Path) -> Found:
+def found(root: Path) -> RestoredIds:
     """What was asked for before and needs no asking. Raises DamagedData."""
     folder, there = Layout(root).restored("youtube"), set()
     for path in parquet_files(folder / "videos"):
@@ -61,22 +61,22 @@ def found(root: Path) -> Found:
     gone = rows.filter(
         pc.and_(pc.equal(rows["part"], VIDEO), pc.not_equal(rows["reason"], "failed"))
     )
-    return Found(there, set(cast("list[str]", gone["key"].to_pylist())))
+    return RestoredIds(there, set(cast("list[str]", gone["key"].to_pylist())))
 
 
-def plan(run: Run, ids: Collection[str], gone: Collection[str]) -> Part:
+def plan(run: Run, ids: Collection[str], gone: Collection[str]) -> PlanPart:
     """What would be asked for, with which key. Sends and writes nothing."""
     if not ids:
-        return Part()
+        return PlanPart()
     videos, transcripts = phases_of_known(run, len(left(run, ids, gone)))
     key = run.settings.named("youtube_api_key")
     phases = [videos.of(f"YouTube's Data API, {key}"), transcripts.of("youtube.com, no key")]
-    return Part(phases, [f"{REQUESTS_A_TRANSCRIPT} requests a transcript"])
+    return PlanPart(phases, [f"{REQUESTS_A_TRANSCRIPT} requests a transcript"])
 
 
 def left(run: Run, ids: Iterable[str], gone: Collection[str]) -> list[str]:
     """Those of the ids that have to be asked for, in their order."""
-    known = Found(set(), set()) if run.again else found(run.root)
+    known = RestoredIds(set(), set()) if run.again else found(run.root)
     removed = {*gone, *tombstones.keys(run.root, "youtube")}
     return [
         key
@@ -142,7 +142,7 @@ def bring(
     return summary
 
 
-class Restore(YouTube):
+class Restore(YouTubeSource):
     """The crawl of known ids, each with its transcript; `removed` ones are never asked for."""
 
     def __init__(self, run: Run, ids: Path, removed: Collection[str]) -> None:

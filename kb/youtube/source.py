@@ -31,7 +31,7 @@ from kb.core.errors import KbError, SettingError
 from kb.core.verdict import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
-from kb.crawl.session import Session
+from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Opened, Phase, Plain
 from kb.store.frontier import Frontier, Item
 from kb.store.rawlog import Envelope
@@ -39,7 +39,7 @@ from kb.youtube import replay
 from kb.youtube.api import GOOGLE
 from kb.youtube.assemble import assemble
 from kb.youtube.discover import extend, new_round, no_channel, reopen
-from kb.youtube.fetch import API, PACK, WEB, Fetch
+from kb.youtube.fetch import API, PACK, WEB, YouTubeFetcher
 from kb.youtube.ids import Part, share, some_ids
 from kb.youtube.quota import GENERAL, SEARCH, limit, today
 from kb.youtube.reduce import (
@@ -94,7 +94,7 @@ def crawl(
     machine's share. Raises Stopped (with `summary`) when something is left for another run, and
     what kb.core.errors says for the rest.
     """
-    source = YouTube(run, partial(_promising, worth), only=only, ids=ids, part=part)
+    source = YouTubeSource(run, partial(_promising, worth), only=only, ids=ids, part=part)
     try:
         summary = work(run, source, source.summary, phases=source.chosen, facts=source.facts)
     except KbError as error:
@@ -115,7 +115,7 @@ def _promising(worth: Worth, videos: pa.Table) -> list[str]:
     return cast("list[str]", rows.filter(worth(rows))["video_id"].to_pylist())
 
 
-class YouTube(Plain):
+class YouTubeSource(Plain):
     """One run's source. Raises SettingError for ids that can't be read.
 
     `chosen` are the phases of this run; `counts` what it had, by the names of its summary.
@@ -148,7 +148,7 @@ class YouTube(Plain):
         self._wanted, self._mine = wanted, share(part)
         self.counts: Counter[str] = Counter()
         self._barren: list[str] = []
-        self._fetch: Fetch | None = None
+        self._fetch: YouTubeFetcher | None = None
         self._lock = threading.Lock()
 
     def identity(self) -> dict[str, str]:
@@ -166,7 +166,7 @@ class YouTube(Plain):
         """What reads and asks knows the data root now."""
         super().begin(opened)
         self._reduce = Reducer(self.profile, self._wanted, self._mine, opened.gone)
-        self._fetch = Fetch(self.run, self.profile, opened, self._count)
+        self._fetch = YouTubeFetcher(self.run, self.profile, opened, self._count)
 
     def discover(self, frontier: Frontier) -> None:
         """Known ids, or the profile's keywords, channels, and a new round."""
@@ -220,7 +220,7 @@ class YouTube(Plain):
         spent = self.opened.frontier.spent(phase.bucket, today())
         return {"quota": f"{spent:,}/{limit(self.profile, phase.bucket):,}"}
 
-    def summary(self, session: Session, loop: Loop) -> Summary:
+    def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """What the run did, what failed and what is left."""
         frontier = session.frontier
         self._barren = []
@@ -250,7 +250,7 @@ class YouTube(Plain):
             left_by=left,
         )
 
-    def of_known(self, command: str, session: Session, *kinds: str) -> Summary:
+    def of_known(self, command: str, session: CrawlSession, *kinds: str) -> Summary:
         """What a run over known videos did, `kinds` of the frontier; what is left is not in it."""
         requests, units = session.requests()
         return Summary(

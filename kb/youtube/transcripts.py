@@ -20,11 +20,11 @@ import youtube_transcript_api as lib
 from youtube_transcript_api import YouTubeTranscriptApi
 
 from kb.core.errors import Retryable
-from kb.core.profile.youtube import YouTube
+from kb.core.profile.youtube import YouTubeSection
 from kb.core.settings import Settings
 from kb.net.rate import Pace
 from kb.net.retry import PATIENCE_S, attempt, blocked
-from kb.net.session import Door, Session, failure, refusal
+from kb.net.session import Door, HttpSession, failure, refusal
 from kb.youtube import player
 
 SITE = "https://www.youtube.com/"
@@ -37,7 +37,7 @@ class Fetcher:
     def __init__(
         self,
         settings: Settings,
-        profile: YouTube,
+        profile: YouTubeSection,
         pace: Pace,
         before: Callable[[str], None],
         *,
@@ -54,9 +54,9 @@ class Fetcher:
         self._patience = math.inf if wait else PATIENCE_S
         # The library's own User-Agent would be Python's; the site serves any, so ours says who we
         # are.
-        self._session = Session(settings)
+        self._session = HttpSession(settings)
         self._session.max_redirects = REDIRECTS
-        self._session.mount("", Site(settings.kb_youtube_web, before))
+        self._session.mount("", SiteDoor(settings.kb_youtube_web, before))
         self._session.hooks["response"].append(self._look)
         self._page, self._answer, self._needs_token = "", None, False
         self._api = YouTubeTranscriptApi(http_client=self._session)
@@ -222,7 +222,7 @@ def _no_wall(target: SplitResult) -> None:
         raise blocked("YouTube blocks this address (automated queries)")
 
 
-class Site(Door):
+class SiteDoor(Door):
     """Sends to `root` what is for the web site, and nothing anywhere else. `before` writes the
     ledger.
 

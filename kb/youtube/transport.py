@@ -8,13 +8,13 @@ from typing import Any
 import httplib2
 import requests
 
-from kb.net.session import Session
+from kb.net.session import HttpSession
 
 
 class Transport:
     """Stands in for httplib2.Http. Raises requests' exceptions."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: HttpSession) -> None:
         self._session = session
 
     def request(

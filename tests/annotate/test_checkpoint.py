@@ -291,11 +291,11 @@ def test_it_loads_without_asking_any_host(tiny):
 
 
 def test_without_the_extra_it_is_exit_2(monkeypatch, make_run):
-    from kb.annotate.toxicity import Scorer
+    from kb.annotate.toxicity import ToxicityScorer
 
     monkeypatch.setattr(checkpoint, "EXTRA", ("torch", "no_such_package"))
     run = make_run()
     with pytest.raises(MissingExtra) as error:
-        Scorer.open(run, "youtube")
+        ToxicityScorer.open(run, "youtube")
     assert "[toxicity]" in error.value.hint
     assert not run.root.exists()

@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from kb.annotate.toxicity import Scorer
+from kb.annotate.toxicity import ToxicityScorer
 from kb.filters.clean import run_clean, texts
 from kb.release.measure import models
 from kb.sandbox.server import Sandbox
@@ -72,7 +72,7 @@ def test_a_release_names_the_model_whose_scores_decided(job, make_run, tmp_path)
     assert models(job.root, "youtube") == ((tiny["model"], tiny["revision"], "fp32"),)
     assert tiny["model"] == "lorecrawl_tiny"
     second = make_run(root=job.root, model=str(make_checkpoint(tmp_path / "model")))
-    Scorer.open(second, "youtube", precision="bf16").annotate(texts(second, "youtube"))
+    ToxicityScorer.open(second, "youtube", precision="bf16").annotate(texts(second, "youtube"))
     other = run_clean(second, "youtube")
     assert other["model"] == "mine"
     found = models(job.root, "youtube")

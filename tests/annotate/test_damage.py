@@ -10,7 +10,7 @@ import pytest
 
 from kb.annotate import detoxify_model, worker
 from kb.annotate.scores import Scores
-from kb.annotate.worker import Job, score_chunk
+from kb.annotate.worker import ScoringJob, score_chunk
 from kb.core.errors import DamagedData, FatalError, MissingModel
 
 HASH = hashlib.sha256(b"a text").hexdigest()
@@ -56,7 +56,7 @@ def test_too_little_memory_is_no_wrong_model(
     def read(*arguments: object) -> None:
         raise error
 
-    job = Job(checkpoint, "bf16", "cpu", 1, None)
+    job = ScoringJob(checkpoint, "bf16", "cpu", 1, None)
     monkeypatch.setattr(detoxify_model, "_read", read)
     worker._runner.cache_clear()
     with pytest.raises(FatalError, match="not enough memory for the toxicity model") as told:

@@ -12,7 +12,7 @@ from kb.annotate import backends
 from kb.annotate.detoxify_model import load_detoxify
 from kb.annotate.hashes import text_hashes
 from kb.annotate.scores import CATEGORIES
-from kb.annotate.toxicity import Scorer
+from kb.annotate.toxicity import ToxicityScorer
 from kb.core.errors import MissingModel
 from kb.store.purge import drop_annotations
 from tests.annotate.made import UNBIASED, WORDS, checkpoint_of, make_checkpoint
@@ -52,7 +52,7 @@ def test_a_class_that_only_some_models_have_is_kept_and_counts(sixteen, make_run
     the largest.
     """
     run = make_run(model=str(sixteen.path))
-    scorer = Scorer.open(run, "reddit")
+    scorer = ToxicityScorer.open(run, "reddit")
     scorer.annotate([TEXTS])
     columns = scorer.columns(pa.array(TEXTS))
     detoxify = load_detoxify(sixteen)
@@ -71,25 +71,25 @@ def test_a_class_that_the_model_lacks_is_null_and_one_without_toxicity_is_exit_2
     run = make_run(
         model=str(make_checkpoint(tmp_path / "two", classes=("toxic", "spam"), outputs=2))
     )
-    Scorer.open(run, "wiki").annotate([TEXTS])
-    found = Scorer.open(run, "wiki").lookup(text_hashes(pa.array(TEXTS)))
+    ToxicityScorer.open(run, "wiki").annotate([TEXTS])
+    found = ToxicityScorer.open(run, "wiki").lookup(text_hashes(pa.array(TEXTS)))
     assert found["toxicity"].null_count == 0
     assert all(found[name].null_count == len(TEXTS) for name in CATEGORIES[1:])
     foreign = make_run(
         model=str(make_checkpoint(tmp_path / "foreign", classes=("spam", "ham"), outputs=2))
     )
     with pytest.raises(MissingModel, match="no class 'toxicity'") as error:
-        Scorer.open(foreign, "youtube").annotate([TEXTS])
+        ToxicityScorer.open(foreign, "youtube").annotate([TEXTS])
     assert error.value.exit_code == 2
     assert not (run.root / "annotations/youtube").exists()
 
 
 def test_scores_are_read_and_merged(make_run):
     run = make_run()
-    Scorer.open(run, "reddit").annotate([TEXTS[:3]])
+    ToxicityScorer.open(run, "reddit").annotate([TEXTS[:3]])
     path = run.root / "annotations/reddit/toxicity.parquet"
-    counts = Scorer.open(run, "reddit").annotate([TEXTS])
+    counts = ToxicityScorer.open(run, "reddit").annotate([TEXTS])
     assert (counts.scored, counts.known) == (len(TEXTS) - 3, 3)
     assert pq.read_table(path).num_rows == len(TEXTS)
     assert drop_annotations(run.root, "reddit", text_hashes(pa.array(TEXTS[:2]))) == len(TEXTS) - 2
-    assert Scorer.open(run, "reddit").annotate([TEXTS[:2]]).scored == 0
+    assert ToxicityScorer.open(run, "reddit").annotate([TEXTS[:2]]).scored == 0

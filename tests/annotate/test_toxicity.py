@@ -11,7 +11,7 @@ from kb.annotate import toxicity as room
 from kb.annotate.hashes import text_hashes
 from kb.annotate.rounding import DECIMALS
 from kb.annotate.scores import CATEGORIES, Scores
-from kb.annotate.toxicity import Scorer
+from kb.annotate.toxicity import ToxicityScorer
 from kb.core import signals
 from kb.core.errors import Interrupted, LimitReached, SettingError
 from kb.core.progress import Task
@@ -99,9 +99,11 @@ def test_each_text_is_scored_once_in_this_and_all_later_runs(make_run, monkeypat
         lambda job, texts, real=room.score_chunk: seen.extend(texts) or real(job, texts),
     )
     run = make_run()
-    first = Scorer.open(run, "reddit").annotate([pa.array([*TEXTS, None, "", TEXTS[1]]), TEXTS[:3]])
+    first = ToxicityScorer.open(run, "reddit").annotate(
+        [pa.array([*TEXTS, None, "", TEXTS[1]]), TEXTS[:3]]
+    )
     assert (first.texts, first.scored) == (len(TEXTS), len(TEXTS))
-    second = Scorer.open(run, "reddit").annotate([[*TEXTS, "one more text"]])
+    second = ToxicityScorer.open(run, "reddit").annotate([[*TEXTS, "one more text"]])
     assert (second.texts, second.scored) == (len(TEXTS) + 1, 1)
     assert sorted(seen) == sorted([*TEXTS, "one more text"])
     assert [path.name for path in (run.root / "annotations/reddit").iterdir()] == [
@@ -121,7 +123,7 @@ def test_equal_texts_far_apart_are_scored_once_too(make_run, monkeypatch):
         "score_chunk",
         lambda job, texts, real=room.score_chunk: seen.extend(texts) or real(job, texts),
     )
-    counts = Scorer.open(make_run(), "reddit").annotate(
+    counts = ToxicityScorer.open(make_run(), "reddit").annotate(
         [["a", "b"], ["a", "c"], ["d", "e"], ["a", "e"], ["f", "b"]]
     )
     assert seen == ["a", "b", "c", "d", "e", "f"]
@@ -131,8 +133,8 @@ def test_equal_texts_far_apart_are_scored_once_too(make_run, monkeypatch):
 def test_looked_up_scores_are_detoxifys_and_null_only_for_empty_text(make_run, reference):
     run = make_run()
     texts = pa.chunked_array([TEXTS[:2], ["", None], TEXTS[2:]])
-    Scorer.open(run, "youtube").annotate([texts])
-    columns = Scorer.open(run, "youtube").columns(texts, "toxicity_title")
+    ToxicityScorer.open(run, "youtube").annotate([texts])
+    columns = ToxicityScorer.open(run, "youtube").columns(texts, "toxicity_title")
     assert list(columns) == ["toxicity_title", *(f"toxicity_title_{name}" for name in CATEGORIES)]
     for n, text in enumerate(texts.to_pylist()):
         row = [columns[f"toxicity_title_{name}"][n].as_py() for name in SIX]
@@ -153,14 +155,14 @@ def test_looked_up_scores_are_detoxifys_and_null_only_for_empty_text(make_run, r
 def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(make_run, tmp_path, monkeypatch):
     monkeypatch.setattr(chunks, "CHUNK_TEXTS", 3)
     whole = make_run(root=tmp_path / "whole")
-    Scorer.open(whole, "reddit").annotate([TEXTS])
+    ToxicityScorer.open(whole, "reddit").annotate([TEXTS])
     limited = make_run(root=tmp_path / "cut", limit=4)
     with pytest.raises(LimitReached) as stop:
-        Scorer.open(limited, "reddit").annotate([TEXTS])
+        ToxicityScorer.open(limited, "reddit").annotate([TEXTS])
     assert stop.value.exit_code == 3
     folder = limited.root / "annotations/reddit"
     assert sum(pq.read_metadata(path).num_rows for path in folder.iterdir()) == 4
-    counts = Scorer.open(make_run(root=tmp_path / "cut"), "reddit").annotate([TEXTS])
+    counts = ToxicityScorer.open(make_run(root=tmp_path / "cut"), "reddit").annotate([TEXTS])
     assert (counts.scored, counts.known) == (len(TEXTS) - 4, 4)
     assert (folder / "toxicity.parquet").read_bytes() == (
         whole.root / "annotations/reddit/toxicity.parquet"
@@ -190,7 +192,7 @@ def test_a_chunk_grows_and_shrinks_with_the_time_it_takes(tmp_path):
 
 
 def test_a_stop_waits_for_a_chunk_of_seconds_not_for_one_of_minutes(checkpoint, monkeypatch):
-    job = worker.Job(checkpoint, "fp32", "cpu", 1, None)
+    job = worker.ScoringJob(checkpoint, "fp32", "cpu", 1, None)
     texts = ["hello there", "x " * 2000]
     try:
         signals.stop.request("SIGTERM")
@@ -203,10 +205,10 @@ def test_a_stop_waits_for_a_chunk_of_seconds_not_for_one_of_minutes(checkpoint, 
 
 
 def test_a_changed_threshold_loads_no_model(make_run, monkeypatch):
-    Scorer.open(make_run(), "reddit").annotate([TEXTS])
+    ToxicityScorer.open(make_run(), "reddit").annotate([TEXTS])
     monkeypatch.setattr(worker, "open_runner", lambda *_: pytest.fail("a model was loaded"))
     worker._runner.cache_clear()
-    counts = Scorer.open(make_run(thresholds={"reddit": 0.9}), "reddit").annotate([TEXTS])
+    counts = ToxicityScorer.open(make_run(thresholds={"reddit": 0.9}), "reddit").annotate([TEXTS])
     assert (counts.scored, counts.known) == (0, len(TEXTS))
 
 
@@ -222,8 +224,8 @@ def test_reduced_precision_is_recorded_and_exact_near_the_threshold(
     assert 0 < max(differ) < backends.REACH["bf16"]
     middle = max(exact[3])
     run = make_run(thresholds={"reddit": middle})
-    counts = Scorer.open(run, "reddit", precision="bf16").annotate([TEXTS])
-    found = Scorer.open(run, "reddit").lookup(text_hashes(pa.array(TEXTS)))
+    counts = ToxicityScorer.open(run, "reddit", precision="bf16").annotate([TEXTS])
+    found = ToxicityScorer.open(run, "reddit").lookup(text_hashes(pa.array(TEXTS)))
     precisions = found["precision"].to_pylist()
     assert precisions[3] == "fp32"
     assert 0 < counts.exact_again == precisions.count("fp32") < len(TEXTS) == counts.scored
@@ -234,33 +236,37 @@ def test_reduced_precision_is_recorded_and_exact_near_the_threshold(
     # A run in fp32 takes what is there, and makes exact what a new threshold comes near to.
     other = precisions.index("bf16")
     again = make_run(thresholds={"reddit": max(reduced[other])})
-    assert Scorer.open(again, "reddit").annotate([TEXTS]).scored >= 1
-    assert Scorer.open(again, "reddit").lookup(text_hashes(pa.array([TEXTS[other]])))[
+    assert ToxicityScorer.open(again, "reddit").annotate([TEXTS]).scored >= 1
+    assert ToxicityScorer.open(again, "reddit").lookup(text_hashes(pa.array([TEXTS[other]])))[
         "precision"
     ].to_pylist() == ["fp32"]
 
 
 def test_a_precision_that_is_asked_for_is_the_least_a_score_may_have(make_run):
     run = make_run()
-    Scorer.open(run, "reddit", precision="bf16").annotate([TEXTS])
-    assert Scorer.open(run, "reddit").annotate([TEXTS]).scored == 0, (
+    ToxicityScorer.open(run, "reddit", precision="bf16").annotate([TEXTS])
+    assert ToxicityScorer.open(run, "reddit").annotate([TEXTS]).scored == 0, (
         "without one, what there is stays"
     )
-    assert Scorer.open(run, "reddit", precision="bf16").annotate([TEXTS]).scored == 0
-    assert Scorer.open(run, "reddit", precision="fp32").annotate([TEXTS]).scored == len(TEXTS)
+    assert ToxicityScorer.open(run, "reddit", precision="bf16").annotate([TEXTS]).scored == 0
+    assert ToxicityScorer.open(run, "reddit", precision="fp32").annotate([TEXTS]).scored == len(
+        TEXTS
+    )
     assert set(
-        Scorer.open(run, "reddit").lookup(text_hashes(pa.array(TEXTS)))["precision"].to_pylist()
+        ToxicityScorer.open(run, "reddit")
+        .lookup(text_hashes(pa.array(TEXTS)))["precision"]
+        .to_pylist()
     ) == {"fp32"}
-    assert Scorer.open(run, "reddit", precision="bf16").annotate([TEXTS]).scored == 0, (
+    assert ToxicityScorer.open(run, "reddit", precision="bf16").annotate([TEXTS]).scored == 0, (
         "better ones stay as well"
     )
 
 
 def test_where_a_cluster_scores_is_decided_by_its_workers(make_run):
     """This machine may have no GPU where the workers have one."""
-    Scorer.open(make_run(engine="dask"), "reddit", device="cuda")
+    ToxicityScorer.open(make_run(engine="dask"), "reddit", device="cuda")
     with pytest.raises(SettingError):
-        Scorer.open(make_run(engine="dask"), "reddit", device="tpu")
+        ToxicityScorer.open(make_run(engine="dask"), "reddit", device="tpu")
 
 
 def test_int8_is_near_enough(checkpoint):
@@ -286,7 +292,7 @@ def test_int8_is_near_enough(checkpoint):
 )
 def test_wrong_options_are_exit_2(make_run, options, words):
     with pytest.raises(SettingError) as error:
-        Scorer.open(make_run(), "reddit", **options)
+        ToxicityScorer.open(make_run(), "reddit", **options)
     assert words in error.value.hint
 
 
@@ -297,7 +303,7 @@ def test_without_a_gpu_the_device_is_the_cpu(make_run, monkeypatch):
         pytest.skip("there is a GPU here")
     assert backends.choose_device("auto") == "cpu"
     with pytest.raises(SettingError):
-        Scorer.open(make_run(), "reddit", device="cuda")
+        ToxicityScorer.open(make_run(), "reddit", device="cuda")
 
 
 def test_off_in_the_profile_scores_nothing(make_run):
@@ -310,7 +316,7 @@ def test_off_in_the_profile_scores_nothing(make_run):
             update={"toxicity": type(run.profile.toxicity).model_validate("off")}
         ),
     )
-    scorer = Scorer.open(off, "youtube")
+    scorer = ToxicityScorer.open(off, "youtube")
     assert not scorer.on
     assert scorer.annotate([TEXTS]).texts == 0
     assert scorer.columns(pa.array(TEXTS))["toxicity"].null_count == len(TEXTS)

@@ -20,7 +20,7 @@ import pytest
 
 from kb.core.profile import load_profile
 from kb.links.mentions import finder, mentions
-from kb.links.texts import Part, in_pieces
+from kb.links.texts import TextPart, in_pieces
 from kb.pairs.index import make_tools, pairs_of
 from kb.pairs.keywords import load
 from kb.pairs.text import Text
@@ -57,7 +57,7 @@ def test_links_are_made_at_the_speed_of_the_matcher(said, tools) -> None:  # typ
     keys = pa.array([f"t1_{number:07x}" for number in range(len(short))])
     texts = pa.array(short)
 
-    def comments() -> Iterator[Part]:
+    def comments() -> Iterator[TextPart]:
         return in_pieces("comment", keys, np.arange(len(short)), texts)
 
     rates = {
@@ -65,7 +65,9 @@ def test_links_are_made_at_the_speed_of_the_matcher(said, tools) -> None:  # typ
         "kb pairs": words_a_second(words, lambda: pairs_of(Text(rows, lengths), tools)),
         "kb links, transcripts": words_a_second(
             words,
-            lambda: mentions("youtube", Part("transcript", Text(rows, lengths), timed=True), with_),
+            lambda: mentions(
+                "youtube", TextPart("transcript", Text(rows, lengths), timed=True), with_
+            ),
         ),
         f"kb links, texts of {_SHORT} words": words_a_second(
             words, lambda: [mentions("reddit", part, with_) for part in comments()]

@@ -29,7 +29,7 @@ import zstandard
 
 from kb.core import clock
 from kb.reddit.byid import keep
-from kb.reddit.onedump import Job, import_file
+from kb.reddit.onedump import ImportJob, import_file
 from tests.reddit.test_containers import blocks
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(1800)]
@@ -189,12 +189,12 @@ def with_duckdb(path: Path) -> int:
 
 
 def ours(path: Path, root: Path) -> int:
-    return import_file(Job(str(root), str(path), "Minecraft", 0.0, float("inf"), 0)).things
+    return import_file(ImportJob(str(root), str(path), "Minecraft", 0.0, float("inf"), 0)).things
 
 
 def by_id(path: Path, root: Path, ids: Path, subreddit: str) -> int:
     """The same things by their names, as a reconstruction takes them."""
-    job = Job(str(root), str(path), subreddit, 0.0, float("inf"), 0, ids=str(ids))
+    job = ImportJob(str(root), str(path), subreddit, 0.0, float("inf"), 0, ids=str(ids))
     return import_file(job).things
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from kb.cli import progress
 from kb.core import clock
-from kb.core.progress import Counted, Plain, Silent
+from kb.core.progress import Counted, LineProgress, Silent
 from tests.cli.conftest import clean_environment
 
 PROGRAM = """
@@ -199,7 +199,7 @@ def test_a_pipe_gets_lines() -> None:
 def test_the_choice(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     assert isinstance(progress.choose(quiet=True), Silent)
-    assert isinstance(progress.choose(quiet=False), Plain)
+    assert isinstance(progress.choose(quiet=False), LineProgress)
 
 
 def test_a_command_that_a_line_names_is_as_it_has_to_be_typed() -> None:

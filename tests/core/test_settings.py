@@ -7,7 +7,7 @@ import pytest
 from kb.core.errors import MissingCredential, SettingError
 from kb.core.settings import REDDIT, Settings, load_settings
 from kb.core.unknown_settings import unknown_names
-from kb.net.session import Session
+from kb.net.session import HttpSession
 
 
 @pytest.fixture(autouse=True)
@@ -261,7 +261,7 @@ def test_a_contact_is_a_mail_or_web_address_where_it_is_needed(monkeypatch, cont
     if good:
         assert settings.need("kb_contact") == contact
         return
-    for use in (lambda: settings.need("kb_contact"), lambda: Session(settings)):
+    for use in (lambda: settings.need("kb_contact"), lambda: HttpSession(settings)):
         with pytest.raises(SettingError, match=r"KB_CONTACT is .*e-mail or web address") as error:
             use()
         assert "me@example.org" in error.value.hint

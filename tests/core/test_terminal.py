@@ -21,7 +21,7 @@ from kb.cli import logs, outcome
 from kb.cli.progress import Bars
 from kb.core import terminal
 from kb.core.errors import FatalError
-from kb.core.progress import Plain
+from kb.core.progress import LineProgress
 from kb.query.write import write
 
 HOSTILE = "a\x1b]0;t\x07\x9b31m\u202eb\r\nkb: all is well\u2028c\ud800"
@@ -77,7 +77,7 @@ def test_nothing_on_stderr_or_stdout_acts(capsys: pytest.CaptureFixture[str]) ->
         outcome.ending(FatalError(f"refused: {HOSTILE}"), debug=True, as_json=False)
         outcome.show_summary({"why": HOSTILE}, False)
         outcome.show_summary({"why": HOSTILE.replace("\ud800", "")}, True)
-        Plain(sys.stderr).say(HOSTILE)
+        LineProgress(sys.stderr).say(HOSTILE)
     finally:
         logging.getLogger().handlers[:] = handlers
         structlog.reset_defaults()
@@ -125,7 +125,7 @@ def test_an_answer_on_a_terminal_and_in_a_pipe(
         assert not [one for one in piped if acts(one) and one != "\n"]
 
 
-@pytest.mark.parametrize("display", [lambda: Plain(sys.stderr, every=0.0), Bars])
+@pytest.mark.parametrize("display", [lambda: LineProgress(sys.stderr, every=0.0), Bars])
 def test_names_and_facts_of_a_task(
     monkeypatch: pytest.MonkeyPatch, display: Callable[[], Any]
 ) -> None:

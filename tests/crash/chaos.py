@@ -34,7 +34,7 @@ import duckdb
 
 from kb.core.errors import FatalError, KbError
 from kb.core.progress import Silent
-from kb.sandbox.zenodo_answers import Deposit
+from kb.sandbox.zenodo_answers import Deposition
 from kb.store import leftovers
 from kb.verify.root import verify
 from tests.crash import damaged, harm, worlds
@@ -112,7 +112,7 @@ class Trial:
         self.env = made.env | {"KB_DATA": str(self.root)} | case.env
         self._publishes = "publish" in case.words
         service: Any = made.sandbox.servers["zenodo"].application
-        self._deposits: dict[int, Deposit] = service.deposits.by_id
+        self._deposits: dict[int, Deposition] = service.deposits.by_id
 
     def whole(self, base: str) -> tuple[Outcome, int]:
         """What an unharmed run leaves, and how many file operations it makes."""

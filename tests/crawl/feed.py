@@ -14,7 +14,7 @@ import requests
 
 from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.crawl.source import Answer, Phase, Plain
-from kb.net.session import Session, send
+from kb.net.session import HttpSession, send
 from kb.store.frontier import Frontier, Item
 from kb.store.rawlog import Envelope
 
@@ -39,7 +39,7 @@ class Feed(Plain):
     payloads = PAYLOADS
 
     def __init__(self, settings: Any, root: str) -> None:
-        self._root, self._session = root, Session(settings)
+        self._root, self._session = root, HttpSession(settings)
 
     def identity(self) -> dict[str, str]:
         """The feed's address."""

@@ -29,7 +29,7 @@ from kb.core.settings import load_settings
 from kb.core.verdict import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
-from kb.crawl.session import Session, open_session
+from kb.crawl.session import CrawlSession, open_session
 from kb.crawl.source import Answer, Phase
 from kb.store import rawlog
 from kb.store.frontier import Frontier, Item
@@ -55,7 +55,7 @@ def run(tmp_path: Path) -> Run:
     return Run(settings=settings, profile=load_profile("minecraft"), root=tmp_path)
 
 
-def summary(session: Session, loop: Loop) -> Summary:
+def summary(session: CrawlSession, loop: Loop) -> Summary:
     """The figures of a run."""
     return Summary(
         notes=loop.answered["notes"],

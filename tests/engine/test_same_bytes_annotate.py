@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from kb.annotate import chunks
-from kb.annotate.toxicity import Scorer
+from kb.annotate.toxicity import ToxicityScorer
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.profile import load_profile
@@ -34,7 +34,7 @@ def texts():
 def score(root: Path, texts: list[str], **options) -> bytes:
     settings = load_settings(dotenv=False, kb_toxicity_model=str(tiny_checkpoint()))
     run = Run(settings=settings, profile=load_profile("minecraft"), root=root, **options)
-    counts = Scorer.open(run, "reddit").annotate([texts])
+    counts = ToxicityScorer.open(run, "reddit").annotate([texts])
     assert counts.scored == len(set(texts))
     [file] = (root / "annotations/reddit").iterdir()
     return file.read_bytes()

@@ -8,7 +8,7 @@ import shutil
 
 import pytest
 
-from kb.annotate.toxicity import Scorer
+from kb.annotate.toxicity import ToxicityScorer
 from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
@@ -71,7 +71,7 @@ def clean(run: Run) -> dict[str, str]:
 
 def annotate(run: Run) -> dict[str, str]:
     """What `kb annotate wiki` does."""
-    assert Scorer.open(run, "wiki").annotate(texts(run, "wiki")).scored == PAGES
+    assert ToxicityScorer.open(run, "wiki").annotate(texts(run, "wiki")).scored == PAGES
     return digests(run.root, "annotations")
 
 

@@ -16,7 +16,7 @@ from kb.filters.predicates import (
     Predicate,
     Present,
     RatioAtLeast,
-    Told,
+    RecordedReason,
     Waits,
     passes,
 )
@@ -136,7 +136,7 @@ def test_flags_and_sets() -> None:
     waits = Waits("kind", ("unknown",), stage="transcript", reason="transcript")
     assert judge(waits, kind=["unknown", "asr"]) == [("transcript", None), (None, None)]
     assert waits.judge(pa.table({"kind": ["unknown"]})).verdict == "pending"
-    told = Told("render", stage="render", value="said")
+    told = RecordedReason("render", stage="render", value="said")
     assert judge(told, render=["too_tall", None, "http_500"], said=["12", "x", None]) == [
         ("too_tall", "12"),
         (None, None),

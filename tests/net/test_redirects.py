@@ -13,7 +13,7 @@ import pytest
 from kb.core.errors import FatalError
 from kb.core.settings import load_settings
 from kb.net import retry
-from kb.net.session import Session, host_of, send
+from kb.net.session import HttpSession, host_of, send
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from tests.inprocess import Here
@@ -106,7 +106,7 @@ def test_a_session_with_hosts_goes_nowhere_else(sandbox: Sandbox, elsewhere: Els
     sandbox.faults.add("/api.php", status=302, headers={"Location": elsewhere.url})
     root = sandbox.servers["wiki"].url
     with (
-        Session(load_settings(dotenv=False), hosts={host_of(root)}) as session,
+        HttpSession(load_settings(dotenv=False), hosts={host_of(root)}) as session,
         pytest.raises(FatalError, match="a service leads to http://localhost"),
     ):
         send(session, "GET", f"{root}/api.php", headers={"Authorization": "Bearer ours"})
@@ -118,7 +118,7 @@ def test_where_any_host_will_do_no_credential_goes_along(
 ) -> None:
     sandbox.faults.clear()
     sandbox.faults.add("/api.php", status=302, headers={"Location": elsewhere.url})
-    with Session(load_settings(dotenv=False)) as session:
+    with HttpSession(load_settings(dotenv=False)) as session:
         session.cookies.set("own", "cookie", domain="127.0.0.1")
         url = f"{sandbox.servers['wiki'].url}/api.php"
         send(session, "GET", url, headers={"Authorization": "Bearer ours"})

@@ -12,7 +12,7 @@ import pytest
 
 from kb.core.errors import Retryable
 from kb.core.settings import load_settings
-from kb.net.session import Session, send, user_agent
+from kb.net.session import HttpSession, send, user_agent
 
 
 class Service(BaseHTTPRequestHandler):
@@ -56,7 +56,7 @@ def root() -> Iterator[str]:
 
 
 def test_says_who_asks(root: str) -> None:
-    with Session(load_settings(dotenv=False, kb_contact="me@example.org")) as session:
+    with HttpSession(load_settings(dotenv=False, kb_contact="me@example.org")) as session:
         assert send(session, "GET", f"{root}/200").text == user_agent("me@example.org")
     assert user_agent("me@example.org").endswith(" (+me@example.org)")
     assert "(" not in user_agent(None)
@@ -67,7 +67,7 @@ def test_netrc_takes_no_credentials_place(
 ) -> None:
     (tmp_path / "netrc").write_text("machine 127.0.0.1 login someone password else\n")
     monkeypatch.setenv("NETRC", str(tmp_path / "netrc"))
-    with Session(load_settings(dotenv=False)) as session:
+    with HttpSession(load_settings(dotenv=False)) as session:
         ours = {"Authorization": "Bearer ours"}
         assert session.get(f"{root}/200?authorization", headers=ours).text == "Bearer ours"
         assert session.get(f"{root}/302", headers=ours).text == "Bearer ours"
@@ -77,13 +77,13 @@ def test_netrc_takes_no_credentials_place(
 
 @pytest.mark.parametrize("status", [200, 204, 403, 404])
 def test_other_answers_are_the_callers(root: str, status: int) -> None:
-    with Session(load_settings(dotenv=False)) as session:
+    with HttpSession(load_settings(dotenv=False)) as session:
         assert send(session, "GET", f"{root}/{status}").status_code == status
 
 
 @pytest.mark.parametrize(("status", "after"), [(429, 17.0), (500, None), (503, 17.0)])
 def test_what_may_go_well_later(root: str, status: int, after: float | None) -> None:
-    with Session(load_settings(dotenv=False)) as session, pytest.raises(Retryable) as caught:
+    with HttpSession(load_settings(dotenv=False)) as session, pytest.raises(Retryable) as caught:
         send(session, "GET", f"{root}/{status}?key=s3cret")
     assert caught.value.after == after
     assert not caught.value.unreachable
@@ -96,7 +96,7 @@ def test_a_broken_answer_and_no_server_are_unreachable(root: str) -> None:
         nowhere = f"http://127.0.0.1:{unused.getsockname()[1]}/x?key=s3cret"
         for url in (f"{root}/cut", nowhere):
             with (
-                Session(load_settings(dotenv=False)) as session,
+                HttpSession(load_settings(dotenv=False)) as session,
                 pytest.raises(Retryable) as caught,
             ):
                 send(session, "GET", url)

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from kb.pairs.fold import phrase
 from kb.pairs.listed import scan
-from kb.pairs.propose import Page, propose
+from kb.pairs.propose import PageNames, propose
 
 PAGES = [
-    Page("Rock Garden", ["Rockery", "Rock gardens", "RG/old", "Stone: a poem"], ["All", "Places"]),
-    Page("Spring", ["Springtime"], ["All", "Seasons"]),
-    Page("Trough (planter)", ["Alpine trough", "Springtime"], ["All", "Tools"]),
-    Page("Trough (river)", [], ["All"]),
-    Page("Secateurs", ["Pruners, old"], ["All", "Tools"]),
-    Page("1.19", [], ["All"]),
-    Page("List of all the plants that anybody ever had", [], ["All"]),
-    Page("Saxifrage", [], []),
-    Page("Guides/Pruning", [], ["All", "Techniques"]),
-    Page("Alpine", [], ["All", "Places"]),
+    PageNames(
+        "Rock Garden", ["Rockery", "Rock gardens", "RG/old", "Stone: a poem"], ["All", "Places"]
+    ),
+    PageNames("Spring", ["Springtime"], ["All", "Seasons"]),
+    PageNames("Trough (planter)", ["Alpine trough", "Springtime"], ["All", "Tools"]),
+    PageNames("Trough (river)", [], ["All"]),
+    PageNames("Secateurs", ["Pruners, old"], ["All", "Tools"]),
+    PageNames("1.19", [], ["All"]),
+    PageNames("List of all the plants that anybody ever had", [], ["All"]),
+    PageNames("Saxifrage", [], []),
+    PageNames("Guides/Pruning", [], ["All", "Techniques"]),
+    PageNames("Alpine", [], ["All", "Places"]),
 ]
 
 

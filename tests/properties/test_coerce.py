@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from kb.core.errors import DamagedData
 from kb.schema import coerce, records, table
-from kb.schema.decode import Reader
+from kb.schema.decode import ColumnReader
 from kb.schema.types import parse_type
 from kb.youtube import parse
 
@@ -105,7 +105,7 @@ def at(path: list[str], value: Any) -> Any:
 @settings(max_examples=150)
 @given(st.data())
 def test_any_value_in_any_place_costs_that_value_only(data: st.DataObject) -> None:
-    reader = Reader(table("youtube/videos"), "videos")
+    reader = ColumnReader(table("youtube/videos"), "videos")
     columns = [column for column in reader.columns if column.name != "video_id"]
     path = data.draw(
         st.sampled_from(
@@ -253,7 +253,7 @@ transcript = st.fixed_dictionaries(
 @settings(max_examples=150)
 @given(st.lists(transcript, min_size=1, max_size=4))
 def test_typed_and_patient_decoding_give_equal_tables(responses: list[Any]) -> None:
-    reader = Reader(table("youtube/transcripts"), "transcripts", note_absent=False)
+    reader = ColumnReader(table("youtube/transcripts"), "transcripts", note_absent=False)
     lines = [
         json.dumps(
             {

@@ -14,7 +14,7 @@ from kb.reddit import onedump
 from kb.reddit.authors import load_key
 from kb.reddit.importing import import_dumps
 from kb.reddit.lines import look_at_block
-from kb.reddit.onedump import Job, import_file, import_with
+from kb.reddit.onedump import ImportJob, import_file, import_with
 from kb.store import rawlog
 from tests.reddit.dumped import imported, post, run_in, write
 
@@ -67,7 +67,7 @@ def test_blocks_give_the_same_segments_and_counts(
             key = tmp_path / "many" / "state" / "reddit.key"
             key.parent.mkdir(parents=True)
             key.write_bytes((tmp_path / "one" / "state" / "reddit.key").read_bytes())
-        jobs.append(Job(str(tmp_path / name), str(dump), "Minecraft", 0, 4e9, 0, 10_000))
+        jobs.append(ImportJob(str(tmp_path / name), str(dump), "Minecraft", 0, 4e9, 0, 10_000))
     alone = import_file(jobs[0])
     looked: list[int] = []
 
@@ -91,7 +91,7 @@ def test_a_small_dump_starts_no_worker(dump: Path, tmp_path: Path) -> None:
             raise AssertionError("a worker costs more than the file")
 
     load_key(tmp_path)
-    job = Job(str(tmp_path), str(dump), "Minecraft", 0, 4e9, 0)
+    job = ImportJob(str(tmp_path), str(dump), "Minecraft", 0, 4e9, 0)
     assert import_with(Nobody(), 4, job).things > 500
 
 

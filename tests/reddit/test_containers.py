@@ -16,12 +16,12 @@ import pytest
 import zstandard
 
 from kb.core.errors import LimitReached, SettingError
-from kb.core.progress import Plain
+from kb.core.progress import LineProgress
 from kb.reddit import containers
 from kb.reddit.containers import Seen
 from kb.reddit.dumpfiles import find
 from kb.reddit.importing import import_dumps
-from kb.reddit.onedump import Job, import_file
+from kb.reddit.onedump import ImportJob, import_file
 from kb.store import rawlog
 from tests import forked
 from tests.reddit.dumped import imported, post, run_in
@@ -198,7 +198,7 @@ def test_a_killed_import_takes_each_record_once(tmp_path: Path, pack: Pack) -> N
         child.send_signal(signal.SIGKILL)
         child.wait()
     assert import_file(
-        Job(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 0, 60_000)
+        ImportJob(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 0, 60_000)
     ).done
     ids = [data["id"] for _, data in imported(tmp_path)]
     assert len(ids) == len(set(ids)) == 4_000
@@ -267,7 +267,7 @@ def test_folders_are_searched_and_other_files_counted(
         (place / name).parent.mkdir(parents=True, exist_ok=True)
         (place / name).write_bytes(made)
     root = place / "data"  # the data root's own raw answers are no dumps
-    run = run_in(root, progress=Plain())
+    run = run_in(root, progress=LineProgress())
     assert [file.name for file in find(run, [place]).files] == [
         "cut.zst",
         "mine.ndjson",

@@ -30,7 +30,7 @@ def things(work: Work) -> dict[str, dict[str, Any]]:
     """What the raw data say of every post and comment, by full name."""
     found: dict[str, dict[str, Any]] = {}
     for kind in rawlog.kinds(work.root, "reddit"):
-        reader = parse.Reader(kind, work.run().profile.reddit.links)
+        reader = parse.RecordReader(kind, work.run().profile.reddit.links)
         for path in rawlog.segments(work.root, "reddit", kind):
             for _, line in rawlog.Frames(path):
                 found |= {

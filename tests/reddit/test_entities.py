@@ -90,7 +90,7 @@ record = st.fixed_dictionaries(
 def test_columns_and_careful_rows_agree(things: list[tuple[str, dict[str, Any]]]) -> None:
     lines = [line([{"kind": kind, "data": data}]) for kind, data in things]
     found = [row for part in parse.rows(lines, "dumps", LINKS) for row in part.to_pylist()]
-    reader = parse.Reader("dumps", LINKS)
+    reader = parse.RecordReader("dumps", LINKS)
     careful = [row for one in lines for row in reader.envelope(one, marks=True)]
     assert found == parse.to_table(careful).to_pylist()
     brief = [row for part in heads.rows(lines, "dumps", LINKS) for row in part.to_pylist()]

@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import LimitReached, SettingError
-from kb.reddit.byid import ById, Kept, keep
+from kb.reddit.byid import ById, IdIndex, keep
 from kb.reddit.dumps import Chunk
 from kb.reddit.reconstruction import rebuild
 from kb.sandbox.made_ids import PEOPLE
@@ -252,7 +252,7 @@ def test_a_release_that_names_its_subreddit_takes_lines_of_it_alone(work: Work) 
 
 def test_ids_of_any_length_and_kind(tmp_path: Path) -> None:
     keep(["t3_a", "t1_abcdefg", "t1_abcdefgh", "t3_abcdefghijk"], ["tree1"], tmp_path / "ids")
-    search = ById(Kept(tmp_path / "ids"))
+    search = ById(IdIndex(tmp_path / "ids"))
     lines = [
         {"id": "a", "title": ""},
         {"id": "a", "body": ""},  # a comment of that id was not asked for

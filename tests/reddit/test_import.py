@@ -18,13 +18,13 @@ from hypothesis import strategies as some
 from kb.core.errors import LimitReached, SettingError
 from kb.core.profile import load_profile
 from kb.core.profile.toxicity import Toxicity
-from kb.core.progress import Plain
+from kb.core.progress import LineProgress
 from kb.filters.clean import run_clean
 from kb.reddit import containers, dumps, parse, places
 from kb.reddit.dumps import DEEPEST, Chunk
 from kb.reddit.importing import import_dumps
-from kb.reddit.onedump import Job, import_file
-from kb.reddit.search import CHECKED, Search
+from kb.reddit.onedump import ImportJob, import_file
+from kb.reddit.search import CHECKED, SubredditSearch
 from kb.store import rawlog, tombstones
 from tests import forked
 from tests.reddit.dumped import imported, post, run_in, write
@@ -36,7 +36,7 @@ def rows(root):
     return [
         row
         for envelope in rawlog.read(root, "reddit", "dumps")
-        for row in parse.Reader("dumps", links).envelope(rawlog.encode(envelope))
+        for row in parse.RecordReader("dumps", links).envelope(rawlog.encode(envelope))
     ]
 
 
@@ -104,7 +104,9 @@ def test_damage_far_behind_the_beginning_is_counted_and_the_first_place_is_said(
         other,
         post("last"),
     ]
-    summary = import_dumps(run_in(tmp_path, progress=Plain()), [write(tmp_path / "RS.zst", lines)])
+    summary = import_dumps(
+        run_in(tmp_path, progress=LineProgress()), [write(tmp_path / "RS.zst", lines)]
+    )
     assert (summary["crawled"], summary["lines"], summary["bad_lines"]) == (1, len(lines), 4)
     assert (
         f"left out 4 damaged lines, the first at byte {len(before) * (len(other) + 1)} "
@@ -381,7 +383,7 @@ def test_sigkill_then_the_same_command_takes_each_once(tmp_path):
         child.send_signal(signal.SIGKILL)
         child.wait()
     assert import_file(
-        Job(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 0, 60_000)
+        ImportJob(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 0, 60_000)
     ).done
     ids = [data["id"] for _, data in imported(tmp_path)]
     assert sorted(ids) == [f"p{n:05d}" for n in range(8_000)]
@@ -409,7 +411,7 @@ LINE = some.one_of(
 def test_search_finds_what_reading_every_line_finds(lines, start):
     chunk = b"".join(line + b"\n" for line in lines)
     taken = []
-    found = Search("Minecraft")(
+    found = SubredditSearch("Minecraft")(
         Chunk(start, b"x" + chunk + b"x", 1, len(chunk) + 1),
         lambda _, record: taken.append(record["id"]),
     )

@@ -11,7 +11,7 @@ import pytest
 
 from kb.reddit import importing
 from kb.reddit.containers import memory
-from kb.reddit.onedump import Job
+from kb.reddit.onedump import ImportJob
 from tests.reddit.dumped import imported, post, write
 
 GB = 10**9
@@ -58,7 +58,7 @@ def test_two_wide_dumps_are_read_at_once_only_where_both_fit(
     tmp_path: Path, gb: int, together: int
 ) -> None:
     files = [archived(tmp_path / f"RS_{n}.zst", f"k{n}") for n in range(5)]
-    jobs = [Job(str(tmp_path), str(file), "minecraft", 0, 4e9, 0) for file in files]
+    jobs = [ImportJob(str(tmp_path), str(file), "minecraft", 0, 4e9, 0) for file in files]
     importing.load_key(tmp_path)
     with Counted() as pool:
         tasks = ((job,) for job in jobs)

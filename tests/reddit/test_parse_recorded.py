@@ -79,7 +79,7 @@ def rows(recorded: Path) -> Callable[[str], list[Row]]:
             kind, params = _kind(exchange), {**exchange.query, **exchange.form}
             if kind == "comments":
                 params["article"] = exchange.path.split("/")[2]
-            found += parse.Reader(kind, LINKS).envelope(
+            found += parse.RecordReader(kind, LINKS).envelope(
                 encode(
                     Envelope(
                         "2026-01-01T00:00:00Z",
@@ -273,8 +273,8 @@ def test_a_raw_line_of_another_writer_may_hold_what_arrow_cannot(tmp_path: Path)
         b'{"kind":"Listing","data":{"children":[{"kind":"t3","data":{"id":"a",'
         b'"title":"half \\\\ud83d a face","selftext":"nul \\\\u0000"}}]}}}'
     ).replace(b"\\\\u", b"\\u")
-    (found,) = parse.Reader("info", LINKS).envelope(line)
+    (found,) = parse.RecordReader("info", LINKS).envelope(line)
     assert (found["title"], found["text"]) == ("half \ufffd a face", "nul \ufffd")
     assert parse.to_table([found]).num_rows == 1
     with pytest.raises(DamagedData):
-        parse.Reader("info", LINKS).envelope(line.replace(b"half", b"h\xe4lf"))
+        parse.RecordReader("info", LINKS).envelope(line.replace(b"half", b"h\xe4lf"))

@@ -14,12 +14,12 @@ from datetime import UTC, datetime
 import pytest
 
 from kb.core.errors import Interrupted, LimitReached
-from kb.core.progress import Plain
+from kb.core.progress import LineProgress
 from kb.core.signals import stop
 from kb.reddit import places
 from kb.reddit.authors import load_key
 from kb.reddit.importing import import_dumps
-from kb.reddit.onedump import Job, import_file
+from kb.reddit.onedump import ImportJob, import_file
 from kb.reddit.purge import purge_raw
 from kb.store import rawlog
 from tests import forked
@@ -36,7 +36,7 @@ def ids(root):
 
 def test_another_span_is_another_import(tmp_path, capsys):
     dump = write(tmp_path / "RS.zst", DAYS)
-    run = run_in(tmp_path, progress=Plain())
+    run = run_in(tmp_path, progress=LineProgress())
     assert import_dumps(run, [dump], since=HALF)["crawled"] == 50
     assert import_dumps(run, [dump])["crawled"] == 100
     capsys.readouterr()
@@ -99,7 +99,8 @@ def test_a_dump_that_is_given_twice_is_read_once(tmp_path, capsys):
     (tmp_path / "copy").mkdir()
     shutil.copy(dump, tmp_path / "copy" / "RS.zst")
     summary = import_dumps(
-        run_in(tmp_path, workers=2, progress=Plain()), [dump, dump, tmp_path / "copy" / "RS.zst"]
+        run_in(tmp_path, workers=2, progress=LineProgress()),
+        [dump, dump, tmp_path / "copy" / "RS.zst"],
     )
     assert (summary["crawled"], len(ids(tmp_path))) == (100, 100)
     assert capsys.readouterr().err.count("the same dump as") == 2
@@ -146,10 +147,10 @@ def test_a_signal_ends_it_within_a_dump(tmp_path, workers, number):
 
 def test_a_request_to_stop_reaches_a_worker_while_it_skips(tmp_path):
     dump = write(tmp_path / "RS.zst", DAYS)
-    job = Job(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 40)
+    job = ImportJob(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 40)
     import_file(job)
     left = import_file(
-        Job(
+        ImportJob(
             str(tmp_path),
             str(dump),
             "Minecraft",
@@ -184,7 +185,7 @@ def test_what_a_killed_import_left_is_noted_or_gone_before_a_purge(tmp_path):
             for n in range(4_000)
         ],
     )
-    import_file(Job(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 300))
+    import_file(ImportJob(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 300))
     name = places.name_of(dump, 0.0, float("inf"))
     place, base = places.load(tmp_path, name), rawlog.folder(tmp_path, "reddit", "dumps")
     os.rename(base / place.segment, places.written(base, place.segment))

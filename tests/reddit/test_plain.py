@@ -124,7 +124,7 @@ def test_columns_are_the_rows_field_by_field(
         ).encode()
         for children, asked in answers
     ]
-    reader = parse.Reader(kind, LINKS)
+    reader = parse.RecordReader(kind, LINKS)
     careful = [row for line in lines for row in reader.envelope(line, marks=True)]
     found = [row for part in parse.rows(lines, kind, LINKS) for row in part.to_pylist()]
     assert found == parse.to_table(careful).to_pylist()

@@ -129,5 +129,5 @@ def test_a_listing_of_a_span_holds_rows_of_that_span_alone(whole: Work) -> None:
             answer,
         )
     )
-    rows = parse.Reader("listings", whole.run().profile.reddit.links).envelope(line)
+    rows = parse.RecordReader("listings", whole.run().profile.reddit.links).envelope(line)
     assert [row["fullname"] for row in rows] == ["t3_good", "t3_odd"]

@@ -31,7 +31,7 @@ def frontier(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Frontier]:
 def effect(frontier: Frontier, way: Callable[[], None]) -> Any:
     """What is in the frontier afterwards, or what was raised."""
     with pytest.raises(Undo), frontier.transaction():
-        frontier.add("more", [("c2", reduce.Stub("p1")), ("c1", reduce.Stub("p1"))])
+        frontier.add("more", [("c2", reduce.StubItem("p1")), ("c1", reduce.StubItem("p1"))])
         try:
             way()
             found: Any = {kind: list(frontier.items(kind)) for kind in frontier.kinds()}

@@ -21,7 +21,7 @@ from kb.reddit.crawl import crawl
 from kb.reddit.importing import import_dumps
 from kb.reddit.reconstruction import rebuild
 from kb.reddit.refresh import refresh
-from kb.sandbox.ledger import Seen
+from kb.sandbox.ledger import LoggedRequest
 from kb.sandbox.server import Sandbox
 from tests.youtube.job import Job
 
@@ -34,7 +34,9 @@ class Work:
 
     crawled: Summary
     filtered: Summary
-    asked: list[Seen]  # what the crawl asked for: other tests may ask the same sandbox later
+    asked: list[
+        LoggedRequest
+    ]  # what the crawl asked for: other tests may ask the same sandbox later
 
     def __init__(
         self, sandbox: Sandbox, place: Path, *, scored: bool = False, **section: Any

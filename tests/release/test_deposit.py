@@ -575,13 +575,13 @@ def test_a_limit_with_a_date(root: Path, service: Sandbox) -> None:
 def test_an_upload_ends_in_the_midst_of_a_file(tmp_path: Path, service: Sandbox) -> None:
     from kb.core.settings import load_settings
     from kb.core.signals import stop
-    from kb.net.session import Session
+    from kb.net.session import HttpSession
     from kb.release.deposit import Zenodo, md5
 
     file = tmp_path / "large.tar"
     with file.open("wb") as sparse:
         sparse.truncate(64 << 20)
-    client = Zenodo(Session(load_settings(dotenv=False)), service.servers["zenodo"].url, TOKEN)
+    client = Zenodo(HttpSession(load_settings(dotenv=False)), service.servers["zenodo"].url, TOKEN)
     draft = client.create({"title": "x"})
     service.faults.add("/api/files/", when=lambda environ: stop.request("SIGTERM") is not None)  # type: ignore[func-returns-value]
     try:

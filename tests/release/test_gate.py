@@ -361,7 +361,7 @@ def test_shapes_of_keys_in_any_file_also_across_pieces(
     ],
 )
 def test_a_secret_that_begins_within_another(held: bytes, what: str | None) -> None:
-    found = list(scan.Wanted(["hunter22"]).within(b"x" * 99 + held + b" "))
+    found = list(scan.SecretPatterns(["hunter22"]).within(b"x" * 99 + held + b" "))
     assert what in found if what else not found
 
 

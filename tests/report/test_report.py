@@ -29,7 +29,7 @@ from kb.core.sources import PUBLISHED
 from kb.core.verdict import Summary
 from kb.report import links, pairs, services, style, wikipage, youtube
 from kb.report.build import report
-from kb.report.data import Data
+from kb.report.data import ReportData
 from kb.report.funnel import funnel
 from kb.report.style import readable
 from kb.report.toxicity import toxicity
@@ -183,7 +183,7 @@ def test_same_bytes_whenever_wherever_and_with_any_number_of_workers(
 
 
 def test_durations_end_at_the_percentile_of_the_profile(root: Path) -> None:
-    data, profile = Data(a_run(root)), load_profile("minecraft")
+    data, profile = ReportData(a_run(root)), load_profile("minecraft")
     figure = youtube.durations(data, profile)
     files = [str(path) for path in (root / "clean" / "youtube" / "videos").glob("*.parquet")]
     limit = (
@@ -203,7 +203,7 @@ def test_durations_end_at_the_percentile_of_the_profile(root: Path) -> None:
 
 
 def test_funnel_loses_exactly_what_the_stages_dropped(root: Path) -> None:
-    figure = funnel(Data(a_run(root)), load_profile("minecraft"), "youtube/videos")
+    figure = funnel(ReportData(a_run(root)), load_profile("minecraft"), "youtube/videos")
     assert figure is not None
     assert figure.rows[0] == ("crawled", 222, 0)
     assert ("views", 157, 31) in [tuple(row) for row in figure.rows]
@@ -214,7 +214,7 @@ def test_funnel_loses_exactly_what_the_stages_dropped(root: Path) -> None:
 
 
 def test_posts_and_comments_share_a_rejected_table_but_no_funnel(root: Path) -> None:
-    data = Data(a_run(root))
+    data = ReportData(a_run(root))
     posts, comments = data.funnel("reddit/posts"), data.funnel("reddit/comments")
     assert posts is not None
     assert comments is not None
@@ -223,7 +223,7 @@ def test_posts_and_comments_share_a_rejected_table_but_no_funnel(root: Path) -> 
 
 
 def test_quota_adds_up_by_day(root: Path) -> None:
-    figure = services.quota(Data(a_run(root)), load_profile("minecraft"))
+    figure = services.quota(ReportData(a_run(root)), load_profile("minecraft"))
     assert figure is not None
     assert sorted(tuple(row) for row in figure.rows) == sorted(
         [
@@ -235,13 +235,13 @@ def test_quota_adds_up_by_day(root: Path) -> None:
 
 
 def test_pair_lengths_count_every_pair(root: Path) -> None:
-    figure = pairs.lengths(Data(a_run(root)), load_profile("minecraft"))
+    figure = pairs.lengths(ReportData(a_run(root)), load_profile("minecraft"))
     assert figure is not None
     assert sum(n for _, n in figure.rows) == 240
 
 
 def test_word_cloud_counts_rows_not_mentions(root: Path) -> None:
-    data = Data(a_run(root))
+    data = ReportData(a_run(root))
     found = dict(data.words("reddit/posts", ("title", "body"), set(), 200))
     texts = [
         set(re.findall(r"[a-z]+", f"{row['title']} {row['body']}"))
@@ -329,7 +329,7 @@ def test_a_damaged_picture_is_named(tmp_path: Path) -> None:
     from PIL import Image
 
     build(tmp_path, sources=("wiki",), export=False, n=10)
-    with Data(a_run(tmp_path)) as data:
+    with ReportData(a_run(tmp_path)) as data:
         shots = [
             tmp_path / row[0] for row in data.rows("wiki/pages", "SELECT screenshot_path FROM {t}")
         ]
@@ -377,7 +377,7 @@ def test_each_service_has_a_scale_of_its_own(root: Path, monkeypatch: pytest.Mon
     """Thirty units beside six: each panel is as high as its own largest day."""
     sheets: list[Any] = []
     monkeypatch.setattr(services, "saved", lambda sheet: sheets.append(sheet) or {})
-    services.quota(Data(a_run(root)), load_profile("minecraft"))
+    services.quota(ReportData(a_run(root)), load_profile("minecraft"))
     tops = [panel.get_ylim()[1] for panel in sheets[0].axes]
     assert [panel.get_title(loc="left") for panel in sheets[0].axes] == [
         "YouTube: general",
@@ -400,7 +400,7 @@ def test_boxes_cover_nothing_of_the_page_and_a_pixel_is_a_pixel(
         path = tmp_path / "raw" / "wiki" / "pages" / f"{page}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
         Image.effect_noise((1280, 900), 64).convert("RGB").save(path, compress_level=1)
-    data = Data(a_run(tmp_path))
+    data = ReportData(a_run(tmp_path))
     _, detail = wikipage.page(data, load_profile("minecraft"))
     width, height, left, top = map(int, re.findall(r"\d+", detail.caption)[:4])
     shown = Image.open(BytesIO(detail.files["png"])).convert("RGB")
@@ -462,7 +462,7 @@ def test_what_is_spoken_of_and_who_knows_it(tmp_path: Path) -> None:
 
     build(tmp_path, edit, sources=("links",), export=False, n=12)
     profile = load_profile("minecraft")
-    with Data(a_run(tmp_path)) as data:
+    with ReportData(a_run(tmp_path)) as data:
         most, least, known = (
             make(data, profile) for make in (links.most, links.least, links.known)
         )
@@ -519,7 +519,7 @@ def test_dates_are_counted_by_a_step_that_gives_few_bars(tmp_path: Path) -> None
             row["created_utc"] = START.replace(year=2006 + index)
 
     build(tmp_path, edit, sources=("youtube", "reddit"), export=False, n=20)
-    data = Data(a_run(tmp_path))
+    data = ReportData(a_run(tmp_path))
     step, days = data.timeline("youtube/videos", "published_at") or ("", [])
     assert (step, days[0], days[1]) == ("day", ("2026-11-01", 1), ("2026-11-02", 2))
     step, years = data.timeline("reddit/posts", "created_utc") or ("", [])
@@ -533,7 +533,7 @@ def test_scores_of_kept_and_dropped_rows_meet_at_the_threshold(tmp_path: Path) -
 
     build(tmp_path, edit, sources=("youtube",), export=False, n=20)
     figure = toxicity(
-        Data(a_run(tmp_path)),
+        ReportData(a_run(tmp_path)),
         load_profile("minecraft"),
         "youtube/videos",
         ("toxicity_title", "toxicity_description"),
@@ -547,7 +547,7 @@ def test_scores_of_kept_and_dropped_rows_meet_at_the_threshold(tmp_path: Path) -
 
 
 def test_share_of_the_channels(root: Path) -> None:
-    share = Data(a_run(root)).channels(3)
+    share = ReportData(a_run(root)).channels(3)
     assert share is not None
     assert (share.videos, share.channels, share.half, len(share.largest)) == (120, 7, 4, 3)
 

@@ -16,9 +16,9 @@ from kb.export import convokit
 from kb.export import parquet as export
 from kb.filters.clean import run_clean
 from kb.pairs.build import build
-from kb.report.data import Data
+from kb.report.data import ReportData
 from kb.store import parquet, purge, tombstones
-from kb.store.purge import Place
+from kb.store.purge import RowLocation
 from kb.store.shards import write_table
 from tests.crash import killed
 from tests.filters.made import run_at
@@ -136,7 +136,7 @@ def _purged(root: Path) -> object:
     return purge.drop_rows(
         root,
         "youtube",
-        [Place("clean/youtube/videos", "youtube/videos", "video_id")],
+        [RowLocation("clean/youtube/videos", "youtube/videos", "video_id")],
         {"x": "named"},
     )
 
@@ -146,7 +146,7 @@ def _made_again(root: Path) -> object:
 
 
 def _reported(root: Path) -> object:
-    with Data(run_at(root)) as data:
+    with ReportData(run_at(root)) as data:
         return data.count("youtube/videos")
 
 

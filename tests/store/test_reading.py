@@ -130,6 +130,6 @@ def test_a_purge_takes_no_damaged_table_for_an_empty_one(tmp_path: Path, how: st
     path = tmp_path / "clean" / "reddit" / "posts" / "part-00000.parquet"
     a_file(path)
     path.write_bytes(b"" if how == "empty" else path.read_bytes()[:-9])
-    place = purge.Place("clean/reddit/posts", "reddit/posts", "post_id", "t3_")
+    place = purge.RowLocation("clean/reddit/posts", "reddit/posts", "post_id", "t3_")
     with pytest.raises(DamagedData, match=f"{path} can't be read"):
         purge.drop_rows(tmp_path, "reddit", [place], ["t3_a"])

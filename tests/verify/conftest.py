@@ -9,7 +9,7 @@ import pytest
 
 from kb.crawl.session import open_session
 from kb.store import tombstones
-from kb.youtube.source import YouTube
+from kb.youtube.source import YouTubeSource
 from tests.cli.conftest import kb  # noqa: F401  a fixture
 from tests.crash import killed
 from tests.filters.made import run_at
@@ -23,7 +23,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     killed.make(root)
     tombstones.add(root, "youtube", [("gone", "named")])
     run = run_at(root)
-    with open_session(run, YouTube(run), asks=False):
+    with open_session(run, YouTubeSource(run), asks=False):
         pass  # the state is made of the raw answers
     return root
 

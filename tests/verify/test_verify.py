@@ -16,7 +16,7 @@ from kb.core.errors import FatalError, UsageError
 from kb.core.pipeline import load, locate
 from kb.core.progress import Silent
 from kb.store import parquet
-from kb.verify.found import Found, Look
+from kb.verify.found import Look, VerifyFinding
 from kb.verify.repair import Crawl, Make, Step, repaired
 from kb.verify.root import verify as look_at
 from tests.filters.made import run_at
@@ -237,7 +237,7 @@ def test_a_release_that_is_not_what_was_published(folders: Path, name: str) -> N
     change, expected = RELEASES[name]
     change(folders / "reddit")
     for folder in (folders, folders / "reddit"):
-        told: list[Found] = verify(folder).found
+        told: list[VerifyFinding] = verify(folder).found
         assert {(each.state, each.path.name) for each in told} == expected
         assert all(each.advice for each in told)
 

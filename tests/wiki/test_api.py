@@ -11,9 +11,9 @@ import pytest
 from werkzeug.wrappers import Response
 
 from kb.core.errors import Blocked, FatalError, Retryable
-from kb.wiki.api import Api, find_endpoint
+from kb.wiki.api import WikiApi, find_endpoint
 from kb.wiki.browser import reach
-from kb.wiki.web import Web
+from kb.wiki.web import WikiHosts
 from tests.wiki.small import SmallWiki
 
 
@@ -26,17 +26,17 @@ def wiki(serve):
 
 
 @pytest.fixture
-def web(wiki, run_on, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Web:
+def web(wiki, run_on, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> WikiHosts:
     monkeypatch.setattr("kb.wiki.web.TRIES", 2)
-    return Web(run_on(tmp_path, wiki.url), wiki.url, (), 0.0)
+    return WikiHosts(run_on(tmp_path, wiki.url), wiki.url, (), 0.0)
 
 
 @pytest.fixture
-def api(wiki, web: Web) -> Api:
-    return Api(f"{wiki.url}/w/api.php", web)
+def api(wiki, web: WikiHosts) -> WikiApi:
+    return WikiApi(f"{wiki.url}/w/api.php", web)
 
 
-def listed(api: Api, kept: list, going: dict | None = None) -> None:
+def listed(api: WikiApi, kept: list, going: dict | None = None) -> None:
     """A whole list, as a crawl reads it piece by piece."""
     going = going or {}
     while going is not None:
@@ -108,7 +108,7 @@ def test_a_list_that_goes_in_a_circle_ends(wiki, api, web) -> None:
     assert len(kept) == 3
     # The next run goes on from the last step, and finds the circle again.
     with pytest.raises(Retryable, match="goes in a circle"):
-        listed(Api(api.endpoint, web), kept, {"apcontinue": "B", "continue": "-||"})
+        listed(WikiApi(api.endpoint, web), kept, {"apcontinue": "B", "continue": "-||"})
     assert len(kept) == 5
     wiki.hook = lambda request: {
         "continue": {"pccontinue": "1|2", "continue": "||"},
@@ -123,7 +123,7 @@ def test_a_list_that_goes_in_a_circle_ends(wiki, api, web) -> None:
         "query": {"allpages": [{"pageid": 1, "ns": 0, "title": "A"}]},
     }
     with pytest.raises(Retryable, match="goes in a circle"):
-        listed(Api(api.endpoint, web), kept)
+        listed(WikiApi(api.endpoint, web), kept)
 
 
 def test_robots_rule_the_api_only_where_they_name_us(wiki, web, api) -> None:

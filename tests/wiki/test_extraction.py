@@ -67,7 +67,7 @@ def extractions(draw: st.DrawFn) -> dict[str, Any]:
 
 
 def made(found: Any) -> list[Any]:
-    rules = shown.Rules()
+    rules = shown.MarkupRules()
     return [
         tables.elements([(7, found.elements)], rules).to_pylist(),
         tables.cells([(7, found.cells)]).to_pylist(),

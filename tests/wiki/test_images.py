@@ -12,7 +12,7 @@ from PIL import Image
 from kb.core.errors import Retryable
 from kb.wiki import screenshot
 from kb.wiki.images import inspect, media_type
-from kb.wiki.png import PngWriter, Rows
+from kb.wiki.png import PixelRows, PngWriter
 
 
 def picture(kind: str, size=(8, 6), frames: int = 1, **options) -> bytes:
@@ -132,7 +132,7 @@ def clear(image) -> bytes:
 @pytest.mark.parametrize("pack", [up, plain, clear])
 def test_any_part_of_a_png_can_be_had(whole, pack):
     tall = whole.crop((0, 0, 40, 700))
-    rows = Rows.read(pack(tall), 40, 700)
+    rows = PixelRows.read(pack(tall), 40, 700)
     for box in [
         (0, 0, 40, 700),
         (0, 0, 40, 1),
@@ -156,7 +156,7 @@ def test_png_writer_joins_tiles(whole, tmp_path, pack):
                 end = min(3_000, top + cut) if cut > 1 else {0: 1, 1: 2, 2: 300, 300: 3_000}[top]
                 more = min(5, 3_000 - end)
                 tile = whole.crop((0, top, 40, end + more))
-                png.add(Rows.read(pack(tile), 40, tile.height), end - top)
+                png.add(PixelRows.read(pack(tile), 40, tile.height), end - top)
     with Image.open(tmp_path / "a") as back:
         assert back.tobytes() == whole.tobytes()
     assert len({(tmp_path / path).read_bytes() for path in "abc"}) == 1
@@ -167,12 +167,12 @@ def test_png_writer_counts_rows(tmp_path):
         pytest.raises(Retryable, match="screenshot_size"),
         PngWriter(tmp_path / "x.png", 4, 9) as png,
     ):
-        png.add(Rows.of(Image.new("RGB", (4, 8))), 8)
+        png.add(PixelRows.of(Image.new("RGB", (4, 8))), 8)
     with (
         pytest.raises(Retryable, match="screenshot_size"),
         PngWriter(tmp_path / "x.png", 4, 9) as png,
     ):
-        png.add(Rows.of(Image.new("RGB", (5, 9))), 9)
+        png.add(PixelRows.of(Image.new("RGB", (5, 9))), 9)
 
 
 def test_a_damaged_answer_is_asked_for_again(whole):
@@ -181,7 +181,7 @@ def test_a_damaged_answer_is_asked_for_again(whole):
     short = up(whole.crop((0, 0, 40, 29)))
     for data in (*cut, good[:33] + short[33:], short[:33] + good[33:], short):
         with pytest.raises(Retryable, match="screenshot_"):
-            Rows.read(data, 40, 29 if data[:33] == short[:33] and data != short else 30)
+            PixelRows.read(data, 40, 29 if data[:33] == short[:33] and data != short else 30)
 
 
 class Repeating:

@@ -7,7 +7,7 @@ from typing import Any
 
 from kb.crawl.purge import strip_of
 from kb.store import rawlog, tombstones
-from kb.wiki.named import Named, pages
+from kb.wiki.named import NamedPage, pages
 from tests.wiki.made import FRIDAY, MONDAY, page, put, told
 
 SITE = {
@@ -36,8 +36,8 @@ def test_the_newest_answer_counts_and_what_is_gone_does_not(tmp_path: Path) -> N
     removed = [("5", "named"), ("Hidden name", "named")]
     tombstones.add(tmp_path, "wiki", removed)
     assert pages(tmp_path) == [
-        Named("Cookbook:Risotto", "Cookbook", (), ("Rice",)),
-        Named("Kiln", "", ("Oven",), ()),
+        NamedPage("Cookbook:Risotto", "Cookbook", (), ("Rice",)),
+        NamedPage("Kiln", "", ("Oven",), ()),
     ]
 
 

@@ -17,7 +17,7 @@ from kb.wiki import shown
 
 UNITS = shown.UNITS
 MINECRAFT = load_profile("minecraft").wiki.markup
-RULES = shown.Rules(MINECRAFT.units, MINECRAFT.item)
+RULES = shown.MarkupRules(MINECRAFT.units, MINECRAFT.item)
 PAGE = {"page_id": 1, "title": "The page", "revision_id": 5}
 
 

@@ -16,12 +16,12 @@ from pydantic import Field, ValidationError
 from kb.core.errors import ProfileError
 from kb.core.profile.base import Section, explain
 from kb.core.profile.pairs import Pairs
-from kb.core.profile.reddit import Reddit
+from kb.core.profile.reddit import RedditSection
 from kb.core.profile.release import Release
 from kb.core.profile.report import Report
 from kb.core.profile.toxicity import Toxicity
 from kb.core.profile.wiki import Wiki
-from kb.core.profile.youtube import YouTube
+from kb.core.profile.youtube import YouTubeSection
 from kb.core.resources import PROFILE_FILE, folder
 
 DEFAULT = "minecraft"
@@ -37,9 +37,9 @@ class Profile(Section):
     )
     title: str = Field(description="the domain's name for people, e.g. Minecraft")
     seed: int = Field(0, description="seed of every random choice")
-    youtube: YouTube | None = None
+    youtube: YouTubeSection | None = None
     wiki: Wiki | None = None
-    reddit: Reddit | None = None
+    reddit: RedditSection | None = None
     pairs: Pairs | None = None
     toxicity: Toxicity = Toxicity()
     release: Release = Release()
@@ -49,19 +49,19 @@ class Profile(Section):
     )
 
     @overload
-    def section(self, source: Literal["youtube"]) -> YouTube: ...
+    def section(self, source: Literal["youtube"]) -> YouTubeSection: ...
     @overload
     def section(self, source: Literal["wiki"]) -> Wiki: ...
     @overload
-    def section(self, source: Literal["reddit"]) -> Reddit: ...
+    def section(self, source: Literal["reddit"]) -> RedditSection: ...
     @overload
     def section(self, source: Literal["pairs"]) -> Pairs: ...
     @overload
-    def section(self, source: str) -> YouTube | Wiki | Reddit | Pairs: ...
+    def section(self, source: str) -> YouTubeSection | Wiki | RedditSection | Pairs: ...
 
-    def section(self, source: str) -> YouTube | Wiki | Reddit | Pairs:
+    def section(self, source: str) -> YouTubeSection | Wiki | RedditSection | Pairs:
         """The section of a source. Raises ProfileError when the profile has none."""
-        value: YouTube | Wiki | Reddit | Pairs | None = getattr(self, source)
+        value: YouTubeSection | Wiki | RedditSection | Pairs | None = getattr(self, source)
         if value is None:
             raise ProfileError(
                 f"profile {self.name!r} has no section [{source}]",

@@ -24,7 +24,7 @@ class Section(BaseModel):
     )
 
 
-class Problem(NamedTuple):
+class ProfileProblem(NamedTuple):
     """One wrong key: its full name, what is wrong with it and how it is mended."""
 
     key: str
@@ -42,7 +42,7 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
     return "; ".join(problem.line() for problem in problems(error, model))
 
 
-def problems(error: ValidationError, model: type[BaseModel]) -> list[Problem]:
+def problems(error: ValidationError, model: type[BaseModel]) -> list[ProfileProblem]:
     """The same one by one. A list whose entries are wrong is not also too short."""
     every = error.errors(include_url=False)
     entries = {one["loc"][:-1] for one in every if one["loc"] and isinstance(one["loc"][-1], int)}
@@ -50,7 +50,7 @@ def problems(error: ValidationError, model: type[BaseModel]) -> list[Problem]:
     return list(dict.fromkeys(lines))
 
 
-def _problem(problem: Any, model: type[BaseModel]) -> Problem:
+def _problem(problem: Any, model: type[BaseModel]) -> ProfileProblem:
     *parents, last = problem["loc"] or ("profile",)
     key = _key(problem["loc"])
     kind = problem["type"]
@@ -58,15 +58,17 @@ def _problem(problem: Any, model: type[BaseModel]) -> Problem:
         names = list(_fields(model, parents))
         close = difflib.get_close_matches(str(last), names, n=1, cutoff=0.5)
         if close:
-            return Problem(key, f"unknown key '{key}'", f"did you mean '{close[0]}'?", ", ")
-        return Problem(key, f"unknown key '{key}'", f"known keys: {', '.join(sorted(names))}", "; ")
+            return ProfileProblem(key, f"unknown key '{key}'", f"did you mean '{close[0]}'?", ", ")
+        return ProfileProblem(
+            key, f"unknown key '{key}'", f"known keys: {', '.join(sorted(names))}", "; "
+        )
     if kind == "missing":
-        return Problem(key, f"'{key}' is missing")
+        return ProfileProblem(key, f"'{key}' is missing")
     allowed = problem.get("ctx", {}).get("expected", "")
     value = problem.get("input")
     if value == FILL_IN:
         key = key.partition("[")[0]
-        return Problem(key, f"'{key}' is still to be filled in")
+        return ProfileProblem(key, f"'{key}' is still to be filled in")
     field = field_of(model, problem["loc"])
     # A table is not shown whole: what is wrong in it is said.
     given = "" if isinstance(value, (dict, BaseModel)) else f" is {wording.shown(value)}"
@@ -76,7 +78,7 @@ def _problem(problem: Any, model: type[BaseModel]) -> Problem:
             value, [part.strip("' ") for part in allowed.replace(" or ", ",").split(",")], n=1
         )
         mend += f" (did you mean {close[0]!r}?)" if close else ""
-    return Problem(key, f"'{key}'{given}", mend)
+    return ProfileProblem(key, f"'{key}'{given}", mend)
 
 
 def _key(parts: Any) -> str:

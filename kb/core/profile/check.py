@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from pydantic import ValidationError
 
 from kb.core.profile import Profile, sense
-from kb.core.profile.base import Problem, field_of, problems
+from kb.core.profile.base import ProfileProblem, field_of, problems
 from kb.core.profile.finding import ERROR, Finding
 from kb.core.profile.lines import key_lines, line_of
 
@@ -86,16 +86,16 @@ def check_file(path: Path, *, publishing: bool = True) -> Checked:
     return Checked(profile, _lists(data), findings)
 
 
-def _understand(data: dict[str, Any], path: Path) -> tuple[Profile | None, list[Problem]]:
+def _understand(data: dict[str, Any], path: Path) -> tuple[Profile | None, list[ProfileProblem]]:
     """The profile without its wrong keys, and what is wrong with them.
 
     Wrong keys hide others (a range is looked at when both ends are numbers), so it is read again
     without them until nothing is left to say.
     """
     data = copy.deepcopy(data)
-    wrong: list[Problem] = []
+    wrong: list[ProfileProblem] = []
     if data.pop("path", None) is not None:
-        wrong.append(Problem("path", "unknown key 'path'", "take the line out"))
+        wrong.append(ProfileProblem("path", "unknown key 'path'", "take the line out"))
     for _ in range(20):
         try:
             return Profile(**data, path=path.resolve()), wrong
@@ -123,14 +123,14 @@ def _leave_out(data: dict[str, Any], keys: list[str]) -> None:
         keys = parents
 
 
-def _described(problem: Problem, data: dict[str, Any]) -> tuple[str, str]:
+def _described(problem: ProfileProblem, data: dict[str, Any]) -> tuple[str, str]:
     """What is wrong and how to mend it; of a whole section what is said is what is wrong."""
     if problem.what == f"'{problem.key}'":
         return problem.line(), ""
     return problem.what, _mend(problem, data)
 
 
-def _mend(problem: Problem, data: dict[str, Any]) -> str:
+def _mend(problem: ProfileProblem, data: dict[str, Any]) -> str:
     field = field_of(Profile, re.sub(r"\[\d+\]", "", problem.key).split("."))
     about = field.description if field is not None else None
     if problem.what.endswith("is missing"):

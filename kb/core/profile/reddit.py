@@ -34,7 +34,7 @@ class Links(Section):
     )
 
 
-class Reddit(Section):
+class RedditSection(Section):
     """The Reddit part of a profile (MineDojo paper, data collection appendix: Reddit)."""
 
     subreddit: str = Field(

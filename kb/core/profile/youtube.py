@@ -9,7 +9,7 @@ from pydantic import Field, field_validator
 from kb.core.profile.base import Section
 
 
-class YouTube(Section):
+class YouTubeSection(Section):
     """The YouTube part of a profile (MineDojo paper, data collection appendix: YouTube)."""
 
     keywords: tuple[str, ...] = Field(min_length=1, description="searches that find channels")

@@ -21,12 +21,12 @@ from kb.core import clock, signals
 from kb.core.context import Run
 from kb.core.errors import FatalError, KbError, LimitReached, SettingError
 from kb.core.verdict import Summary
-from kb.crawl.session import Session, open_session
+from kb.crawl.session import CrawlSession, open_session
 from kb.schema.tables import table
 from kb.store import rawlog
 from kb.store.rawlog import Envelope, Request
 from kb.youtube.reduce import RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES
-from kb.youtube.source import YouTube
+from kb.youtube.source import YouTubeSource
 from kb.youtube.ytdlp import files, info, subtitles
 
 AT_ONCE = 256  # answers that are written and synced together
@@ -63,7 +63,7 @@ def import_folders(run: Run, folders: Sequence[Path]) -> Summary:
             raise SettingError(
                 f"{folder} is not a folder", hint="give the folders that yt-dlp wrote to"
             )
-    with open_session(run, YouTube(run), asks=False) as session:
+    with open_session(run, YouTubeSource(run), asks=False) as session:
         work = _Import(run, session)
         try:
             work.read(folders)
@@ -84,7 +84,7 @@ def import_folders(run: Run, folders: Sequence[Path]) -> Summary:
 class _Import:
     """One run: what is known, what waits to be written, and the counts."""
 
-    def __init__(self, run: Run, session: Session) -> None:
+    def __init__(self, run: Run, session: CrawlSession) -> None:
         self._run, self._session = run, session
         self._known = _known(run.root)
         self._waiting: list[tuple[str, Envelope]] = []

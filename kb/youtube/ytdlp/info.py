@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.schema import raw
-from kb.schema.decode import Reader
+from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
 from kb.youtube import player
 from kb.youtube.ytdlp.files import VIDEO_ID
@@ -158,8 +158,8 @@ def rows(lines: Iterable[bytes], most: int = ROWS) -> Iterator[pa.Table]:
 
 
 @cache
-def _reader() -> Reader:
-    return Reader(table("youtube/videos"), "ytdlp_info")
+def _reader() -> ColumnReader:
+    return ColumnReader(table("youtube/videos"), "ytdlp_info")
 
 
 def _as_videos(got: pa.Table) -> pa.Table:

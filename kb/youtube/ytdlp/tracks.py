@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.schema.decode import Reader, problems
+from kb.schema.decode import ColumnReader, problems
 from kb.schema.tables import table
 from kb.store import rawlog
 from kb.store.newest import newest
@@ -220,7 +220,7 @@ def _outcomes(found: list[_Found]) -> pa.Table:
 @cache
 def _types() -> dict[str, Any]:
     """Column → type of the rows that parsing makes of a crawl's outcomes."""
-    reader = Reader(table("youtube/transcripts"), "transcripts", note_absent=False)
+    reader = ColumnReader(table("youtube/transcripts"), "transcripts", note_absent=False)
     empty = reader.table([])
     types: dict[str, Any] = {field.name: field.type for field in empty.schema}
     return {**types, "final": pa.bool_()}
