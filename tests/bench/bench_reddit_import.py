@@ -243,8 +243,8 @@ def test_memory_does_not_grow_with_the_file(tmp_path, record_property):
         path = tmp_path / f"RC_{lines}.zst"
         write(path, lines, LATER)
         program = (
-            "import sys; from kb.reddit.onedump import Job, import_file; import resource;"
-            "import_file(Job(sys.argv[2], sys.argv[1], 'Minecraft', 0.0, float('inf'),"
+            "import sys; from kb.reddit.onedump import ImportJob, import_file; import resource;"
+            "import_file(ImportJob(sys.argv[2], sys.argv[1], 'Minecraft', 0.0, float('inf'),"
             " 0)); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
         )
         done = subprocess.run(

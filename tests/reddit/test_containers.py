@@ -187,8 +187,9 @@ def test_a_killed_import_takes_each_record_once(tmp_path: Path, pack: Pack) -> N
     dump = tmp_path / "x"
     dump.write_bytes(pack(joined(records(6_000, 300))))
     program = (
-        "import sys; from kb.reddit.onedump import Job, import_file; print('go', flush=True);"
-        "import_file(Job(sys.argv[2], sys.argv[1], 'Minecraft', 0.0, float('inf'), 0, 60_000))"
+        "import sys; from kb.reddit.onedump import ImportJob, import_file; print('go', flush=True);"
+        "import_file(ImportJob(sys.argv[2], sys.argv[1], 'Minecraft',"
+        " 0.0, float('inf'), 0, 60_000))"
     )
     folder = rawlog.folder(tmp_path, "reddit", "dumps")
     for segments in (1, 4):
@@ -196,7 +197,7 @@ def test_a_killed_import_takes_each_record_once(tmp_path: Path, pack: Pack) -> N
         while child.poll() is None and len(list(folder.glob("*.zst"))) < segments:
             time.sleep(0.001)
         child.send_signal(signal.SIGKILL)
-        child.wait()
+        assert child.wait() in (0, -signal.SIGKILL), child.said()
     assert import_file(
         ImportJob(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 0, 60_000)
     ).done
