@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import signal
+import time
 
 import zstandard
 
 from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
+from kb.reddit.onedump import ImportJob, import_file
 from kb.store import rawlog
+from tests import forked
 
 
 def run_in(root, **options):
@@ -53,3 +57,23 @@ def imported(root):
         for envelope in rawlog.read(root, "reddit", "dumps")
         for thing in envelope.response["data"]["children"]
     ]
+
+
+_IMPORT = """
+import sys
+from kb.reddit.onedump import ImportJob, import_file
+import_file(ImportJob(sys.argv[2], sys.argv[1], "Minecraft", 0.0, float("inf"), 0, 60_000))
+"""
+
+
+def import_killed(root, dump, segments):
+    """Import a dump, killed each time that there are so many `segments`, then to its end."""
+    folder = rawlog.folder(root, "reddit", "dumps")
+    for number in segments:
+        child = forked.program(_IMPORT, dump, root)
+        while child.poll() is None and len(list(folder.glob("*.zst"))) < number:
+            time.sleep(0.001)
+        child.send_signal(signal.SIGKILL)
+        assert child.wait() in (0, -signal.SIGKILL), child.said()
+    job = ImportJob(str(root), str(dump), "Minecraft", 0.0, float("inf"), 0, 60_000)
+    assert import_file(job).done

@@ -5,9 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import os
-import signal
 import struct
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,10 +19,8 @@ from kb.reddit import containers
 from kb.reddit.containers import Seen
 from kb.reddit.dumpfiles import find
 from kb.reddit.importing import import_dumps
-from kb.reddit.onedump import ImportJob, import_file
 from kb.store import rawlog
-from tests import forked
-from tests.reddit.dumped import imported, post, run_in
+from tests.reddit.dumped import import_killed, imported, post, run_in
 
 Pack = Callable[[bytes], bytes]
 
@@ -186,21 +182,7 @@ def test_a_limit_stops_anywhere_and_the_next_run_resumes(tmp_path: Path, pack: P
 def test_a_killed_import_takes_each_record_once(tmp_path: Path, pack: Pack) -> None:
     dump = tmp_path / "x"
     dump.write_bytes(pack(joined(records(6_000, 300))))
-    program = (
-        "import sys; from kb.reddit.onedump import ImportJob, import_file; print('go', flush=True);"
-        "import_file(ImportJob(sys.argv[2], sys.argv[1], 'Minecraft',"
-        " 0.0, float('inf'), 0, 60_000))"
-    )
-    folder = rawlog.folder(tmp_path, "reddit", "dumps")
-    for segments in (1, 4):
-        child = forked.program(program, dump, tmp_path)
-        while child.poll() is None and len(list(folder.glob("*.zst"))) < segments:
-            time.sleep(0.001)
-        child.send_signal(signal.SIGKILL)
-        assert child.wait() in (0, -signal.SIGKILL), child.said()
-    assert import_file(
-        ImportJob(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 0, 60_000)
-    ).done
+    import_killed(tmp_path, dump, (1, 4))
     ids = [data["id"] for _, data in imported(tmp_path)]
     assert len(ids) == len(set(ids)) == 4_000
 

@@ -6,8 +6,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
-import time
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -23,11 +21,9 @@ from kb.filters.clean import run_clean
 from kb.reddit import containers, dumps, parse, places
 from kb.reddit.dumps import DEEPEST, Chunk
 from kb.reddit.importing import import_dumps
-from kb.reddit.onedump import ImportJob, import_file
 from kb.reddit.search import CHECKED, SubredditSearch
 from kb.store import rawlog, tombstones
-from tests import forked
-from tests.reddit.dumped import imported, post, run_in, write
+from tests.reddit.dumped import import_killed, imported, post, run_in, write
 from tests.reddit.work import rows as read_rows
 
 
@@ -368,24 +364,7 @@ def test_sigkill_then_the_same_command_takes_each_once(tmp_path):
         [post(f"p{n:05d}", selftext=os.urandom(300).hex()) for n in range(8_000)],
         frames=3,
     )
-    program = (
-        "import sys; from kb.reddit.onedump import ImportJob, import_file; print('go', flush=True);"
-        "import_file(ImportJob(sys.argv[2], sys.argv[1], 'Minecraft',"
-        " 0.0, float('inf'), 0, 60_000))"
-    )
-    folder = rawlog.folder(tmp_path, "reddit", "dumps")
-    for segments in (1, 3, 6):
-        child = forked.program(program, dump, tmp_path)
-        while (
-            child.poll() is None
-            and len(list(folder.glob("*.zst")) if folder.is_dir() else []) < segments
-        ):
-            time.sleep(0.001)
-        child.send_signal(signal.SIGKILL)
-        assert child.wait() in (0, -signal.SIGKILL), child.said()
-    assert import_file(
-        ImportJob(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 0, 60_000)
-    ).done
+    import_killed(tmp_path, dump, (1, 3, 6))
     ids = [data["id"] for _, data in imported(tmp_path)]
     assert sorted(ids) == [f"p{n:05d}" for n in range(8_000)]
     assert places.load(tmp_path, places.name_of(dump, 0.0, float("inf"))).lines == 8_000
