@@ -91,17 +91,16 @@ def _about(kind: str, answer: _Answer) -> list[str]:
     return [key for key in keys if isinstance(key, str)]
 
 
-def newest(root: Path, *kinds: str) -> dict[str, str]:
-    """When each video was last read, by id, of answers of these raw kinds."""
+def newest(root: Path, kind: str) -> dict[str, str]:
+    """When each video was last read, by id, of answers of a raw kind."""
     decoder = msgspec.json.Decoder(_Answer)
     times: dict[str, str] = {}
-    for kind in kinds:
-        for path in rawlog.segments(root, "youtube", kind):
-            for _, line in rawlog.Frames(path):
-                answer = decoder.decode(line)
-                for key in _about(kind, answer):
-                    if times.get(key, "") < answer.fetched_at:
-                        times[key] = answer.fetched_at
+    for path in rawlog.segments(root, "youtube", kind):
+        for _, line in rawlog.Frames(path):
+            answer = decoder.decode(line)
+            for key in _about(kind, answer):
+                if times.get(key, "") < answer.fetched_at:
+                    times[key] = answer.fetched_at
     return times
 
 
@@ -134,12 +133,13 @@ def _due(run: Run, profile: Profile, purged: Collection[str], older_than: int | 
     oldest = clock.now() - timedelta(days=days)
     too_old = clock.now() - timedelta(days=max(days, profile.max_age_days))
     in_full, filed = newest(run.root, RAW_VIDEOS), newest(run.root, RAW_INFO)
-    counts = newest(run.root, RAW_VIDEOS, RAW_INFO, RAW_STATISTICS)
+    statistics = newest(run.root, RAW_STATISTICS)
     due = Due([], [])
-    for key, counted in counts.items():
-        full = in_full.get(key)
-        if key in purged or (full is None and key not in filed):
+    for key in {**in_full, **filed}:
+        if key in purged:
             continue
+        full = in_full.get(key)
+        counted = max(times.get(key, "") for times in (in_full, filed, statistics))
         if clock.parse(full or filed[key]) < too_old:
             due.metadata.append(key)
         elif clock.parse(counted) < oldest or older_than == 0:
