@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import bisect
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import numpy as np
+from kb.core.optional import np
 
 _CROWDED = (
     200  # clips within reach of one, from where listing all pairs of neighbours is no longer cheap
@@ -20,8 +18,6 @@ def supported(
 
     `first` and `last` are the words of each match, in order; certain matches support themselves.
     """
-    import numpy as np
-
     sure = np.flatnonzero(certain)
     near = certain.copy()
     asking = np.flatnonzero(~certain)
@@ -49,8 +45,6 @@ def clips(
     """Start and end (ms) of clips around centres, moved inside the video;
     as long as the video at most.
     """
-    import numpy as np
-
     length = np.minimum(length, video_length)
     start = np.clip(center - length // 2, 0, video_length - length)
     return start, start + length
@@ -65,8 +59,6 @@ def apart(
     The same as taking clips one by one in the order of their rank: a clip that has the best rank of
     all undecided ones that it overlaps is taken, those are dropped, and so on.
     """
-    import numpy as np
-
     size = len(start)
     place = np.empty(size, np.int64)
     place[np.lexsort((np.arange(size), rank))] = np.arange(size)  # ranks without ties
@@ -99,8 +91,6 @@ def _overlaps(
     """Pairs of clips of one video that are less than `gap` ms apart;
     None when they are too many to list.
     """
-    import numpy as np
-
     order = np.lexsort((start, video))
     begin, finish, of = start[order], end[order], video[order]
     reach = int((finish - begin).max(initial=0)) + gap
@@ -126,8 +116,6 @@ def _one_by_one(
     """Clips taken in the order of their rank: for crowds at one moment,
     where pairs of neighbours are too many.
     """
-    import numpy as np
-
     taken = np.zeros(len(start), bool)
     kept: dict[int, list[tuple[int, int]]] = {}
     begins, ends, of = start.tolist(), end.tolist(), video.tolist()

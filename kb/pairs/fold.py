@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import unicodedata
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import numpy as np
+from kb.core.optional import np
 
 WALL = 0xFF  # between texts: no byte of UTF-8, so no phrase reaches across
 _GONE = 0x00
@@ -59,8 +57,6 @@ class Folded:
     """
 
     def __init__(self, raw: bytes, wide: np.ndarray | None = None) -> None:
-        import numpy as np
-
         data = raw.translate(ASCII)
         codes = np.frombuffer(data, np.uint8)
         if wide is None:
@@ -90,8 +86,6 @@ class Folded:
 
     def origin(self, positions: np.ndarray) -> np.ndarray:
         """Positions in the buffer of positions in `bytes`."""
-        import numpy as np
-
         return positions + np.searchsorted(self._before, positions, "right")
 
 
@@ -100,8 +94,6 @@ def _fold_wide(codes: np.ndarray, leads: np.ndarray) -> bool:
 
     Tells whether any of their bytes vanish.
     """
-    import numpy as np
-
     first = codes[leads]
     size = np.where(first >= 0xF0, 4, np.where(first >= 0xE0, 3, 2))
     vanish = False

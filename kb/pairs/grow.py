@@ -8,13 +8,11 @@ alone is longer than that (text without spaces, addresses).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+from kb.core.optional import np
 from kb.pairs.text import Text
 from kb.pairs.tokens import ENDS, Tokens
-
-if TYPE_CHECKING:
-    import numpy as np
 
 _WORD = 10  # bytes of a word and its space; few texts have longer ones on average
 
@@ -44,8 +42,6 @@ def grow(
 ) -> Grown:
     """`places`: first byte of the phrase and the one after it; `goal`: tokens drawn; `side`: tokens
     out of `goal` for the left, at most."""
-    import numpy as np
-
     start, end = places
     words, begin, stop = near(text, start, end, video, high)
     first = np.searchsorted(words, start, "right") - 1
@@ -93,8 +89,6 @@ def near(
     behind it. Behind each stretch of words stands where it ends, as if a word began there. And for
     each phrase the number of its stretch's first word, and of what stands behind the last.
     """
-    import numpy as np
-
     at, stop = text.video_at[video], text.video_end[video]
     reach = np.full(len(start), _WORD * (most + 2))
     while True:
@@ -119,8 +113,6 @@ def near(
 
 def _within(low: np.ndarray, high: np.ndarray, size: int) -> np.ndarray:
     """A mask of what lies in any of the ranges."""
-    import numpy as np
-
     edges = np.bincount(low, minlength=size + 1) - np.bincount(high, minlength=size + 1)
     return np.cumsum(edges)[:size] > 0
 

@@ -12,15 +12,13 @@ from __future__ import annotations
 import re
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core.optional import np
 from kb.pairs.fold import WALL
-
-if TYPE_CHECKING:
-    import numpy as np
 
 _WALL = b" " + bytes([WALL]) + b" "
 _SPACES = bytes(0x20 if byte in b" \t\n\v\f\r\x1c\x1d\x1e\x1f" else byte for byte in range(256))
@@ -60,8 +58,6 @@ class Text:
         null when unknown. `parted`: these are no captions but texts, and no phrase reaches from
         one into the next.
         """
-        import numpy as np
-
         transcripts = transcripts.combine_chunks()
         self.ids, self.kinds = _column(transcripts, "video_id"), _column(transcripts, "kind")
         cues = _column(transcripts, "cues")
@@ -83,8 +79,6 @@ class Text:
         """A cue of an automatic track is over when the next begins;
         nothing lasts longer than its video.
         """
-        import numpy as np
-
         end = start + np.maximum(last, 0)
         video, videos = self.cue_video, len(self.ids)
         if len(start) > 1:
@@ -106,8 +100,6 @@ class Text:
 
     def _places(self, texts: pa.Array[Any], counts: np.ndarray, joint: bytes) -> None:
         """Join cues by a joint and transcripts by a wall, and note where each begins."""
-        import numpy as np
-
         videos = len(counts)
         sizes = np.asarray(pc.binary_length(texts)).astype(np.int64)
         starts = np.concatenate(([0], np.cumsum(counts)))
@@ -140,23 +132,17 @@ class Text:
 
     def cue_of(self, places: np.ndarray) -> np.ndarray:
         """The cue that holds each byte."""
-        import numpy as np
-
         cues: np.ndarray = np.searchsorted(self.cue_at, places, "right") - 1
         return cues
 
     def video_of(self, places: np.ndarray) -> np.ndarray:
         """The video that holds each byte."""
-        import numpy as np
-
         videos: np.ndarray = np.searchsorted(self.video_at, places, "right") - 1
         return videos
 
     @cached_property
     def spaced(self) -> np.ndarray:
         """The bytes, with every kind of white space as plain spaces."""
-        import numpy as np
-
         codes = np.frombuffer(self.raw, np.uint8)
         # One comparison tells whether there can be other spaces at all.
         if np.count_nonzero(codes <= 0x20) > np.count_nonzero(codes == 0x20):
@@ -176,15 +162,11 @@ class Text:
     @cached_property
     def _high(self) -> np.ndarray:
         """Where bytes beyond ASCII are, walls among them."""
-        import numpy as np
-
         return np.flatnonzero(np.frombuffer(self.raw, np.uint8) >= 0x80)
 
     @cached_property
     def wide(self) -> np.ndarray:
         """Where characters beyond ASCII begin."""
-        import numpy as np
-
         codes = np.frombuffer(self.raw, np.uint8)[self._high]
         leads: np.ndarray = self._high[(codes >= 0xC2) & (codes != WALL)]
         return leads
@@ -192,16 +174,12 @@ class Text:
     @cached_property
     def _inner(self) -> np.ndarray:
         """Where bytes are that continue a character."""
-        import numpy as np
-
         codes = np.frombuffer(self.given, np.uint8)
         inner: np.ndarray = np.flatnonzero((codes & 0xC0) == 0x80)
         return inner
 
     def characters(self, places: np.ndarray, videos: np.ndarray) -> np.ndarray:
         """Bytes of the batch as characters of their transcript's text."""
-        import numpy as np
-
         begin = self.video_at[videos]
         bytes_: np.ndarray = places - begin
         if not len(self._inner):
@@ -218,8 +196,6 @@ class Text:
     @cached_property
     def _flags(self) -> np.ndarray:
         """The mask, up to the end of a block."""
-        import numpy as np
-
         space = self.spaced == 0x20
         flags = np.zeros(-(-len(space) // _BLOCK) * _BLOCK, bool)
         np.greater(space[:-1], space[1:], out=flags[1 : len(space)])
@@ -228,8 +204,6 @@ class Text:
     @cached_property
     def _counted(self) -> np.ndarray:
         """How many words begin before each block, and before the end."""
-        import numpy as np
-
         # Eight flags are added at a time, as bytes of a number; then its bytes.
         eights = np.add.reduce(self._flags.view(np.uint64).reshape(-1, _BLOCK // 8), axis=1)
         counts = (eights * np.uint64(0x0101010101010101)) >> np.uint64(56)
@@ -238,14 +212,10 @@ class Text:
     @cached_property
     def words(self) -> np.ndarray:
         """First byte of each word."""
-        import numpy as np
-
         return np.flatnonzero(self.begins)
 
     def before(self, places: np.ndarray) -> np.ndarray:
         """How many words begin before each byte."""
-        import numpy as np
-
         if len(places) * _BLOCK > len(self.raw):
             numbers: np.ndarray = np.searchsorted(self.words, places)
             return numbers
@@ -265,8 +235,6 @@ class Text:
         """When the words that hold these bytes begin (or end, with `after`), in ms:
         a cue's time is shared out evenly among its words.
         """
-        import numpy as np
-
         cue = self.cue_of(places)
         begin = self.cue_at[cue]
         bounds = np.concatenate((places + 1, begin, begin + self.cue_size[cue]))
@@ -300,8 +268,6 @@ def _column(rows: pa.Table, name: str) -> pa.Array[Any]:
 
 def _seconds(cells: pa.Array[Any], name: str) -> np.ndarray:
     """A field of cues in ms; what is no time (null, NaN, infinite) counts as 0."""
-    import numpy as np
-
     values = (
         pc.struct_field(cells, name).cast("float64").fill_null(0).to_numpy(zero_copy_only=False)
     )

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, cast
 
 import pyarrow as pa
 
+from kb.core.optional import np
+
 if TYPE_CHECKING:
-    import numpy as np
     from instant_clip_tokenizer import Tokenizer
 
 ENDS = 2  # start and end token, counted in every text
@@ -38,8 +39,6 @@ class Tokens:
         `codes` are the text's bytes, `words` where each word begins (the last one ends with the
         bytes), `wanted` a mask over words.
         """
-        import numpy as np
-
         offsets = np.append(words, len(codes))
         kind, width = (
             (pa.binary(), np.int32) if len(codes) < 2**31 else (pa.large_binary(), np.int64)
@@ -76,8 +75,6 @@ def _tokenizer() -> Tokenizer:
 
 def _values(words: pa.Array[Any]) -> list[bytes]:
     """The values of a binary array, without an object for each that Arrow's own way makes."""
-    import numpy as np
-
     _, offsets, data = words.buffers()
     width: type[np.signedinteger[Any]] = np.int32 if words.type == pa.binary() else np.int64
     places = np.frombuffer(memoryview(offsets or b""), width).tolist()
