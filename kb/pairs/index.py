@@ -102,7 +102,7 @@ def matches(text: Text, tools: Finds, counts: PairCounts) -> Matches:
     """Keywords in the text, without excluded phrases and without everyday
     words that stand alone.
     """
-    found = tools.matcher.find(text.raw, text.wide)
+    found = tools.matcher.find(text.raw)
     keyword = tools.keywords.owner[found.phrase]
     counts.totals["excluded"] += int((keyword == EXCLUDED).sum())
     kept = keyword != EXCLUDED
@@ -145,7 +145,7 @@ def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, PairCounts]:
     clip_start, clip_end = choose.clips(center, length, text.length[found.video])
     gap = round(section.min_gap_s * 1000)
     taken = np.flatnonzero(
-        choose.apart(
+        choose.choose(
             clip_start, clip_end, found.video, rng.bits("rank"), gap, section.max_pairs_per_video
         )
     )
@@ -259,7 +259,7 @@ def _texts(text: Text, grown: Grown) -> tuple[pa.Array[Any], np.ndarray]:
     and where they end without the white space after.
     """
     slices = pa.LargeListViewArray.from_arrays(  # type: ignore[call-overload]  # wants exact classes
-        pa.array(grown.start), pa.array(grown.end - grown.start), pa.array(text.spaced)
+        pa.array(grown.start), pa.array(grown.end - grown.start), pa.array(text.codes)
     )
     offsets = np.concatenate(([0], np.cumsum(grown.end - grown.start))).astype(np.int64)
     data = np.asarray(slices.flatten())

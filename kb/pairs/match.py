@@ -40,12 +40,9 @@ class Matcher:
     def __init__(self, phrases: Sequence[str]) -> None:
         self._automaton = _automaton(tuple(phrases)) if phrases else None
 
-    def find(self, raw: bytes, wide: np.ndarray | None = None) -> KeywordMatches:
-        """Matches in UTF-8 text that begins and ends with a space.
-
-        `wide`: where characters beyond ASCII begin, for whom it is known.
-        """
-        folded = Folded(raw, wide)
+    def find(self, raw: bytes) -> KeywordMatches:
+        """Matches in UTF-8 text that begins and ends with a space."""
+        folded = Folded(raw)
         hits = (
             self._automaton.find_matches_as_indexes(folded.bytes, overlapping=True)
             if self._automaton
