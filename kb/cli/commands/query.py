@@ -113,11 +113,11 @@ def query(
     several, or the folder of a reconstruction. A query has half of the machine's memory; what does
     not fit is spilled below the data root, or to the temporary folder for a download.
     """
+    from kb.artifacts.catalog import read
     from kb.core.errors import UsageError
     from kb.query import catalog, connect, select
     from kb.query.bounds import bounded, generous
     from kb.query.write import choose, write
-    from kb.store.catalog import read
 
     if [tables, sql is not None, file is not None].count(True) != 1:
         raise UsageError(

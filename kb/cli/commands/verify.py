@@ -52,9 +52,9 @@ def verify(
     One line a kind of files, then one for each that is not whole, with what to do. Exit code 1
     where there is such a file. Nothing is changed without --repair.
     """
+    from kb.artifacts.catalog import existing, is_root
     from kb.core.errors import DamagedData, UsageError
     from kb.core.verdict import Summary
-    from kb.store.catalog import existing, is_root
 
     if folder is not None:
         options = replace(options, data=existing(folder))

@@ -138,7 +138,7 @@ class Options:
 
             refuse(profile)
         if exists:
-            from kb.store.catalog import existing
+            from kb.artifacts.catalog import existing
 
             existing(root)
         if needs == "profile":
@@ -191,10 +191,10 @@ def shared_option(name: str, help: str | None = None) -> inspect.Parameter:
 
 def _profile(given: str | None, root: Path, needs: str) -> Profile:
     """The profile that was named, else the data root's own, else the default."""
+    from kb.artifacts import belonging
     from kb.cli.framework.outcome import warn
     from kb.core.errors import ProfileError
     from kb.core.profile import Profile, load_profile
-    from kb.store import belonging
 
     if needs == "nothing":
         return Profile(name="none", title="none")
@@ -219,10 +219,10 @@ def _profile(given: str | None, root: Path, needs: str) -> Profile:
 
 def _of_download(root: Path, needs: str) -> Profile:
     """The profile that came with a release, else the default."""
+    from kb.artifacts import belonging
     from kb.cli.framework.outcome import warn
     from kb.core.errors import ProfileError
     from kb.core.profile import DEFAULT, load_profile
-    from kb.store import belonging
 
     own = belonging.profile_of(root)
     if own is None:

@@ -54,7 +54,7 @@ def add_export(
     parquet = formats("parquet")
 
     def export(run: Run, format: Any = parquet) -> Summary:
-        from kb.store import belonging
+        from kb.artifacts import belonging
 
         with belonging.writing(run, f"release-{source}"):
             summary: Summary = pipeline(run, source).export(run, format.value)

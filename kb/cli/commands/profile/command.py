@@ -214,9 +214,9 @@ def keywords(
 
 def _usual(options: Options) -> Path:
     """The file of the profile that a command with these options would use."""
+    from kb.artifacts import belonging
     from kb.core.profile import DEFAULT, find_profile
     from kb.core.settings import load_settings
-    from kb.store import belonging
 
     settings = load_settings(kb_data=options.data, kb_profile=options.profile)
     if settings.kb_profile is not None:

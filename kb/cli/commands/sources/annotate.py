@@ -50,10 +50,10 @@ DeviceOption = Annotated[
 
 def _annotate(run: Run, source: str, precision: Precision | None, device: Device) -> Summary:
     from kb.annotate.toxicity import ToxicityScorer
+    from kb.artifacts import belonging
     from kb.core.errors import KbError
     from kb.core.verdict import Summary
     from kb.filters.clean import texts
-    from kb.store import belonging
 
     run.profile.section(source)
     scorer = ToxicityScorer.open(run, source, precision and str(precision), str(device))

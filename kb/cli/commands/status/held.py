@@ -7,11 +7,11 @@ from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from kb.artifacts.catalog import Catalog, view_name
 from kb.core import clock, vocabulary
 from kb.core.sources import SORTED
 from kb.schema.tables import tables as declared
 from kb.store import parquet
-from kb.store.catalog import Catalog, view_name
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import filtered, reading
 from kb.store.tally import rows, span, tally

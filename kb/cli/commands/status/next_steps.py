@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from kb.artifacts import inputs
 from kb.cli.framework.as_typed import completed
 from kb.core import waiting
-from kb.store import inputs
 from kb.store.layout import Layout, parquet_files
 
 if TYPE_CHECKING:

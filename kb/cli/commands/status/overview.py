@@ -10,12 +10,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from kb.artifacts import linked
+from kb.artifacts.catalog import Catalog
 from kb.cli.commands.status import held
 from kb.cli.commands.status.next_steps import next_steps
 from kb.core import clock, waiting
 from kb.core.sources import SOURCES
-from kb.store import linked, lock, reading
-from kb.store.catalog import Catalog
+from kb.store import lock, reading
 from kb.store.layout import TOP, Layout
 
 if TYPE_CHECKING:

@@ -13,8 +13,9 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
+from kb.artifacts import complete
 from kb.schema.tables import released_tables
-from kb.store import complete, parquet, rawlog
+from kb.store import parquet, rawlog
 from kb.store.atomic import write_text
 from kb.store.layout import Layout
 

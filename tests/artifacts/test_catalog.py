@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from kb.artifacts import catalog
 from kb.core.errors import FatalError, SettingError, UsageError
-from kb.store import catalog
 from kb.store.shards import write_table
 
 SHARD = "-00000-of-00001.parquet"

@@ -3,7 +3,7 @@
 clean/<source>/files.json          the files of each table and verdict, as the filter wrote them
 <table>-00000-of-0000N.parquet     the name says how many there are
 state/release-<source>.exported    an export has filled release/<source>: the digest of
-                                   what it was made of (kb.store.inputs)
+                                   what it was made of (kb.artifacts.inputs)
 """
 
 from __future__ import annotations

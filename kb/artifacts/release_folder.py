@@ -21,10 +21,11 @@ from typing import cast
 import orjson
 import pyarrow as pa
 
+from kb.artifacts import complete
 from kb.core.errors import DamagedData
 from kb.core.resources import PROFILE_FILE
 from kb.schema.tables import Table, released_tables, table, tables
-from kb.store import complete, parquet
+from kb.store import parquet
 from kb.store.digests import SUMS, parsed
 from kb.store.reading import reading
 

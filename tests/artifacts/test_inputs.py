@@ -7,8 +7,9 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from kb.store import inputs, parquet
-from kb.store.complete import note_export
+from kb.artifacts import inputs
+from kb.artifacts.complete import note_export
+from kb.store import parquet
 from kb.store.layout import Layout
 from kb.store.shards import write_table
 

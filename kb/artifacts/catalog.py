@@ -23,14 +23,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
+from kb.artifacts import complete, release_folder
+from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.cache import cache_root
 from kb.core.errors import DamagedData, FatalError, KbError, SettingError, UsageError
 from kb.core.sources import PUBLISHED, SORTED, SOURCES
 from kb.schema.tables import Table, table, tables
-from kb.store import complete, release_folder
 from kb.store.advice import advice
 from kb.store.layout import TOP, Layout, parquet_files
-from kb.store.release_folder import ReleaseFolder
 from kb.store.tally import VERDICTS
 
 SCHEMAS = ("clean", "release", "restored", "links")  # a bare name is the first of these that has it

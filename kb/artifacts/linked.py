@@ -12,11 +12,12 @@ from pathlib import Path
 
 import msgspec
 
+from kb.artifacts import complete
+from kb.artifacts.catalog import Catalog
 from kb.core.errors import UsageError
 from kb.core.sources import SORTED, SOURCES
-from kb.store import complete, notes, parquet
+from kb.store import notes, parquet
 from kb.store.advice import advice
-from kb.store.catalog import Catalog
 from kb.store.layout import Layout
 
 

@@ -3,8 +3,8 @@
     index/youtube/             passages and their words (kb.search writes and reads them)
     index/youtube/note.json    the fingerprints of the files it was made of, and stamps of its own
 
-The files are those of clean/, else what was restored or released (kb.store.catalog); the index of a
-download is in the user's cache. An index is made again at any time, so whoever changes clean/
+The files are those of clean/, else what was restored or released (kb.artifacts.catalog); the index
+of a download is in the user's cache. An index is made again at any time, so whoever changes clean/
 removes one that is out of date: a purge at once (`forget`), a filter where its files are others
 than before (`follow`).
 Call both under the source's lock (kb.store.lock.of_clean).
@@ -18,10 +18,10 @@ from typing import Any
 
 import msgspec
 
+from kb.artifacts.catalog import Catalog
 from kb.core.errors import DamagedData
 from kb.store import notes, parquet
 from kb.store.atomic import followed, write_bytes
-from kb.store.catalog import Catalog
 from kb.store.digests import digest
 from kb.store.layout import Layout
 

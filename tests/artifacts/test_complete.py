@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from kb.artifacts import complete
 from kb.core.errors import DamagedData, KbError, ReleaseRefused
 from kb.core.pipeline import load, locate
 from kb.export import minedojo, parquet
@@ -15,7 +16,7 @@ from kb.filters.clean import run_clean
 from kb.pairs.build import build
 from kb.query import connect
 from kb.release.build import exported, release
-from kb.store import complete, lock
+from kb.store import lock
 from tests.crash import killed
 from tests.filters.made import run_at
 
