@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 
 from kb.core.errors import UsageError
-from kb.core.sources import SORTED, SOURCES
+from kb.core.sources import SOURCES, SPECS
 from kb.store import complete, notes, parquet
 from kb.store.advice import advice
 from kb.store.catalog import Catalog
@@ -66,7 +66,7 @@ def older_than(root: Path) -> list[str]:
     for source in SOURCES:
         known = note.sources.get(source)
         if known is None:
-            newer = bool(held.texts(f"{source}/{next(iter(SORTED[source]))}"))
+            newer = bool(held.texts(f"{source}/{next(iter(SPECS[source].tables))}"))
         else:
             newer = known.files != prints(held, source, _tables(known.files))
         if newer:
