@@ -16,6 +16,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from kb.artifacts import belonging, complete
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
@@ -29,7 +30,7 @@ from kb.pairs.text import Text, without_sounds
 from kb.pairs.tokens import ENDS
 from kb.schema.conform import conform
 from kb.schema.tables import table
-from kb.store import belonging, complete, parquet, tombstones
+from kb.store import parquet, tombstones
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
