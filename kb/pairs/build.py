@@ -50,7 +50,7 @@ def build(run: Run) -> Summary:
 
     Raises ProfileError, MissingExtra, FatalError without transcripts, LimitReached, Interrupted.
     """
-    section, keywords = run.profile.section("pairs"), check(run)
+    section, keywords = run.profile.section(Pairs), check(run)
     plan = json.dumps(
         {
             "section": section.model_dump(mode="json"),
@@ -93,7 +93,7 @@ def check(run: Run) -> lists.Keywords:
 
     Raises ProfileError, MissingExtra, FatalError without transcripts.
     """
-    section, keywords = run.profile.section("pairs"), lists.load(run.profile)
+    section, keywords = run.profile.section(Pairs), lists.load(run.profile)
     make_tools(section, run.seed, keywords)
     source.parts(run.root)
     return keywords

@@ -21,6 +21,7 @@ from typing import Any
 from kb.core.errors import ProfileError
 from kb.core.optional import np
 from kb.core.profile import Profile
+from kb.core.profile.pairs import Pairs
 from kb.pairs.fold import phrase
 from kb.pairs.forms import forms
 from kb.pairs.listed import COLUMNS, LONGEST, NEVER, Keyword, read
@@ -84,7 +85,7 @@ def of_plain(data: dict[str, Any]) -> Keywords:
 
 def load(profile: Profile) -> Keywords:
     """The keywords of [pairs]. Raises ProfileError naming the file and line."""
-    section = profile.section("pairs")
+    section = profile.section(Pairs)
     listed = [
         one
         for name in section.keyword_files

@@ -26,6 +26,9 @@ from kb.core.errors import (
     Stopped,
 )
 from kb.core.profile.finding import ERROR, NOTE, WARNING, Finding
+from kb.core.profile.reddit import RedditSection
+from kb.core.profile.wiki import Wiki
+from kb.core.profile.youtube import YouTubeSection
 from kb.net import retry
 from kb.reddit.client import Client
 from kb.store.frontier import Frontier
@@ -101,7 +104,7 @@ def _tried(question: Callable[[], Said], source: str) -> Said:
 
 def _youtube(run: Run, cost: Cost) -> Said:
     """One channel search: 1 of the search bucket's units."""
-    section = run.profile.section("youtube")
+    section = run.profile.section(YouTubeSection)
     words = section.keywords[0]
     with tempfile.TemporaryDirectory() as place:
         ledger = Frontier(Path(place) / "ledger.sqlite")
@@ -157,7 +160,7 @@ class _Once(WikiHosts):
 def _wiki(run: Run, cost: Cost) -> Said:
     """robots.txt and the front page, which names the API; then siteinfo and some pages."""
     run.settings.need("kb_contact")
-    section = run.profile.section("wiki")
+    section = run.profile.section(Wiki)
     url = run.settings.kb_wiki_url or section.url
     web = _Once(run, url, section.hosts, section.seconds_between)
     try:
@@ -192,7 +195,7 @@ def _some_pages(api: WikiApi, web: WikiHosts, namespace: int) -> Iterator[str]:
 
 def _reddit(run: Run, cost: Cost) -> Said:
     """The subreddit's own page; the token before it is a request as well."""
-    section = run.profile.section("reddit")
+    section = run.profile.section(RedditSection)
 
     def spend(endpoint: str, units: int) -> Callable[[str], None]:
         cost.requests += 1
