@@ -22,8 +22,8 @@ from kb.filters.chain import Clean
 from kb.filters.clean import run_clean
 from kb.filters.released import stages
 from kb.pairs import refill
-from kb.reddit import dumpfiles
 from kb.reddit import restored as reddit
+from kb.reddit.dumps import files as dumpfiles
 from kb.reddit.restored import Dumps
 from kb.release.downloaded import Folders, keep_profile, verify
 from kb.release.missing import write_missing

@@ -19,7 +19,7 @@ import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.reddit.tree import depths
+from kb.reddit.parse.tree import depths
 from kb.schema import table
 from kb.store import parquet
 from kb.store.atomic import settle_folder, write_bytes

@@ -35,12 +35,16 @@ from kb.core.settings import load_settings
 from kb.core.verdict import Summary
 from kb.crawl import job
 from kb.net import redact
-from kb.reddit import byid, credentials, dumpfiles, earlier, places, tables
+from kb.reddit import earlier, tables
 from kb.reddit.again import Rebuild, unanswered
-from kb.reddit.authors import load_key
-from kb.reddit.importing import different, import_jobs, summary_of
-from kb.reddit.onedump import ImportJob
-from kb.reddit.wanted import Ids, WantedThings, asked_for, released, subreddit_of
+from kb.reddit.connector import credentials
+from kb.reddit.connector.ids import Ids, WantedThings, asked_for, released, subreddit_of
+from kb.reddit.connector.importer import different, import_jobs, summary_of
+from kb.reddit.dumps import cursor as places
+from kb.reddit.dumps import files as dumpfiles
+from kb.reddit.dumps import id_search as byid
+from kb.reddit.dumps.import_file import ImportJob
+from kb.reddit.parse.anonymize import load_key
 from kb.store import leftovers, parquet, tombstones
 from kb.store.layout import Layout
 from kb.store.lock import writer

@@ -17,12 +17,13 @@ import pyarrow.compute as pc
 
 from kb.core.errors import SettingError
 from kb.core.profile.reddit import Links
-from kb.reddit import earlier, parse
-from kb.reddit.assemble import assemble, newest_of
+from kb.reddit import earlier
+from kb.reddit.connector.ids import Released, WantedThings
+from kb.reddit.dumps.cursor import KIND
 from kb.reddit.earlier import DONE, MISSING, NAMES, MissingReason, Verdicts
-from kb.reddit.places import KIND
-from kb.reddit.threads import counted
-from kb.reddit.wanted import Released, WantedThings
+from kb.reddit.parse import answers as parse
+from kb.reddit.parse.assemble import assemble, newest_of
+from kb.reddit.parse.comment_counts import counted
 from kb.schema.tables import Table, table
 from kb.store import database, parquet, rawlog
 from kb.store.atomic import full_disk_is_resumable, replacing_folder

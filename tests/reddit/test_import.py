@@ -18,10 +18,12 @@ from kb.core.profile import load_profile
 from kb.core.profile.toxicity import Toxicity
 from kb.core.progress import LineProgress
 from kb.filters.clean import run_clean
-from kb.reddit import containers, dumps, parse, places
-from kb.reddit.dumps import DEEPEST, Chunk
-from kb.reddit.importing import import_dumps
-from kb.reddit.search import CHECKED, SubredditSearch
+from kb.reddit.connector.importer import import_dumps
+from kb.reddit.dumps import chunks as dumps
+from kb.reddit.dumps import cursor as places
+from kb.reddit.dumps.chunks import DEEPEST, Chunk, containers
+from kb.reddit.dumps.subreddit_search import CHECKED, SubredditSearch
+from kb.reddit.parse import answers as parse
 from kb.store import rawlog, tombstones
 from tests.reddit.dumped import import_killed, imported, post, run_in, write
 from tests.reddit.work import rows as read_rows

@@ -12,8 +12,8 @@ import pytest
 
 from kb.core.errors import DamagedData
 from kb.core.profile import load_profile
-from kb.reddit import parse
-from kb.reddit.tree import depths
+from kb.reddit.parse import answers as parse
+from kb.reddit.parse.tree import depths
 from kb.store.rawlog import Envelope, Request, encode
 from tests.reddit.cassettes import Exchange, read
 
@@ -236,7 +236,7 @@ def test_old_listings_lack_what_came_later(rows: Callable[[str], list[Row]]) -> 
 
 
 def test_no_name_is_left_of_a_recorded_answer(recorded: Path) -> None:
-    from kb.reddit.authors import Scrubber
+    from kb.reddit.parse.anonymize import Scrubber
 
     scrubber = Scrubber(b"k" * 64)
     for path in sorted((recorded / "reddit").glob("*.json")):

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from kb.core.errors import LimitReached
-from kb.reddit import parse, tree
+from kb.reddit.parse import answers as parse
+from kb.reddit.parse import tree
 from kb.sandbox.server import Sandbox
 from kb.store.rawlog import Envelope, Request, encode
 from tests.reddit.conftest import small_world

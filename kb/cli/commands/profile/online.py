@@ -30,7 +30,7 @@ from kb.core.profile.reddit import RedditSection
 from kb.core.profile.wiki import Wiki
 from kb.core.profile.youtube import YouTubeSection
 from kb.net import retry
-from kb.reddit.client import Client
+from kb.reddit.connector.client import Client
 from kb.store.frontier import Frontier
 from kb.wiki.api import WikiApi, find_endpoint
 from kb.wiki.web import WikiHosts
