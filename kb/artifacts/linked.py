@@ -17,7 +17,6 @@ from kb.artifacts.catalog import Catalog
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES, SPECS
 from kb.store import notes, parquet
-from kb.core.sources import SOURCES
 from kb.store.advice import advice
 from kb.store.layout import Layout
 

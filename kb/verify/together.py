@@ -12,7 +12,6 @@ from kb.artifacts import complete, indexed
 from kb.core.errors import DamagedData
 from kb.core.sources import PUBLISHED, SOURCES, SPECS
 from kb.store import database, leftovers
-from kb.core.sources import PUBLISHED, SOURCES
 from kb.store.advice import advice
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import scan

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from kb.core.sources import SPECS, made_of
 from kb.artifacts import inputs
 from kb.cli.framework.as_typed import completed
+from kb.core.sources import SPECS, made_of
 from kb.store.layout import Layout, parquet_files
 
 if TYPE_CHECKING:

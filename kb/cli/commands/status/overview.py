@@ -9,16 +9,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kb.core.source_spec import SourceSpec
-from kb.core.sources import SOURCES, SPECS
-from kb.store import lock, reading
-from kb.store.frontier import Frontier
 from kb.artifacts import linked
 from kb.artifacts.catalog import Catalog
 from kb.cli.commands.status import held
 from kb.cli.commands.status.next_steps import next_steps
-from kb.core import clock
-from kb.core.sources import SOURCES
+from kb.core.source_spec import SourceSpec
+from kb.core.sources import SOURCES, SPECS
+from kb.store import lock, reading
+from kb.store.frontier import Frontier
 from kb.store.layout import TOP, Layout
 
 if TYPE_CHECKING:
