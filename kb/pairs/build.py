@@ -20,6 +20,7 @@ from kb.artifacts import complete
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import LimitReached
+from kb.core.optional import np
 from kb.core.profile.pairs import Pairs
 from kb.core.verdict import Summary
 from kb.pairs import keywords as lists
@@ -214,8 +215,6 @@ def _finish(
     run: Run, work: Path, keywords: lists.Keywords, mark: str, done: bool
 ) -> dict[str, Any]:
     """Merge what is done into pairs/, with the counts beside it."""
-    import numpy as np
-
     counts = PairCounts()
     for path in parquet_files(work):
         data = json.loads(path.with_suffix(".json").read_text())

@@ -10,6 +10,7 @@ from typing import NamedTuple, cast
 
 from kb.core import signals
 from kb.core.context import Run
+from kb.core.optional import np
 from kb.core.profile.pairs import Pairs
 from kb.pairs import draw, source
 from kb.pairs import keywords as lists
@@ -87,8 +88,6 @@ class _Examples:
         self._best: dict[int, list[tuple[int, str]]] = {}
 
     def look(self, text: Text, tools: Tools, counts: PairCounts) -> None:
-        import numpy as np
-
         found = matches(text, tools, counts)
         if not self._number or not len(found.keyword):
             return
