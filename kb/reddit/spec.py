@@ -28,10 +28,10 @@ SPEC = SourceSpec(
     credential="reddit_client_id",
     connector=".connector.source:RedditSource",
     purge=".purge",
-    commands="kb.cli.reddit",
+    commands="kb.cli.commands.sources.reddit",
     section="kb.core.profile.reddit:RedditSection",
     status=".status",
-    online=".online:question",
+    online=".connector.online:question",
     formats={
         "minedojo": "kb.export.minedojo_reddit:export",
         "convokit": "kb.export.convokit:export",
