@@ -33,7 +33,7 @@ from typing import Any
 import msgspec
 import pyarrow.parquet as pq
 
-import kb
+from kb import __version__
 from kb.artifacts.registry import ARTIFACTS, Artifact, artifact_of, of_table
 from kb.core.errors import DamagedData
 from kb.store import digests, notes, parquet, rawlog
@@ -122,7 +122,7 @@ def describe(name: str, folder: Path, build: Build) -> Manifest:
     files = {str(one.relative_to(folder)): one for one in _files(folder)}
     with ThreadPoolExecutor(_THREADS) as pool:
         entries = dict(zip(files, pool.map(entry_of, files.values()), strict=True))
-    command, version = ARTIFACTS[name].command, kb.__version__
+    command, version = ARTIFACTS[name].command, __version__
     return Manifest(name, command, version, build.inputs, build.rules, entries, build.figures)
 
 

@@ -15,16 +15,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from kb.core.sources import PUBLISHED, SORTED, SOURCES, exported_by, made_of
+from kb.core.sources import PUBLISHED, SOURCES, SPECS, exported_by, made_of
 from kb.schema.tables import tables
 
 VERDICTS = ("rejected", "failed", "pending")
-INDEXED = {
-    "youtube": ("videos", "transcripts"),
-    "wiki": ("pages", "elements", "cells", "images"),
-    "reddit": ("posts", "comments"),
-}
-"""The tables whose texts `kb search` finds, by source."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +63,7 @@ def _declared() -> Iterator[Artifact]:
         yield Artifact(
             f"clean/{source}", (f"raw/{source}",), f"kb {source} filter", tables=filtered
         )
-        texts = tuple(f"{source}/{short}" for short in INDEXED[source])
+        texts = tuple(f"{source}/{short}" for short in SPECS[source].indexed)
         yield Artifact(f"index/{source}", (f"clean/{source}",), "kb index", reads=texts)
         yield Artifact(f"restored/{source}", (), "kb restore")
     for name in ("pairs", "links"):
@@ -78,7 +72,7 @@ def _declared() -> Iterator[Artifact]:
     yield Artifact("restored/pairs", (), "kb restore", tables=("pairs/pairs",))
     for name in PUBLISHED:
         own = tuple(one.name for one in tables().values() if one.source == name and one.released)
-        made_from = f"clean/{name}" if name in SORTED else name
+        made_from = f"clean/{name}" if name in SPECS else name
         yield Artifact(
             f"release/{name}", (made_from,), exported_by(name), tables=own, reads=own, public=True
         )
@@ -117,4 +111,4 @@ def of_table(name: str) -> Artifact:
     "youtube/rejected").
     """
     source = name.partition("/")[0]
-    return ARTIFACTS[f"clean/{source}" if source in SORTED else source]
+    return ARTIFACTS[f"clean/{source}" if source in SPECS else source]
