@@ -27,7 +27,7 @@ SPEC = SourceSpec(
     counted="pages",
     connector=".source:WikiSource",
     purge=".purge",
-    commands="kb.cli.wiki",
+    commands="kb.cli.commands.sources.wiki",
     section="kb.core.profile.wiki:Wiki",
     status=".reduce",
     online=".online:question",
@@ -37,7 +37,7 @@ SPEC = SourceSpec(
         TextColumns("elements", reader="kb.links.texts:elements"),
     ),
     pages="pages",
-    passages="kb.search.sections:passages",
+    passages="kb.search.wiki_passages:passages",
     indexed=("pages", "elements", "cells", "images"),
     files=("pages", "images"),
     release=ReleaseSpec(
