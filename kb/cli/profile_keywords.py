@@ -8,7 +8,7 @@ from kb.core.errors import SettingError
 from kb.pairs import keywords
 from kb.pairs.propose import PageNames, Proposal, propose
 from kb.store import rawlog
-from kb.wiki.named import pages
+from kb.wiki.parse.page_names import pages
 
 if TYPE_CHECKING:
     from kb.core.context import Run

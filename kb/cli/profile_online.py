@@ -29,8 +29,8 @@ from kb.core.profile.finding import ERROR, NOTE, WARNING, Finding
 from kb.net import retry
 from kb.reddit.client import Client
 from kb.store.frontier import Frontier
-from kb.wiki.api import WikiApi, find_endpoint
-from kb.wiki.web import WikiHosts
+from kb.wiki.connector.client import WikiApi, find_endpoint
+from kb.wiki.connector.hosts import WikiHosts
 from kb.youtube.api import YouTubeApi
 
 if TYPE_CHECKING:

@@ -20,15 +20,15 @@ import requests
 from kb.core import pipeline
 from kb.core.sources import SOURCES
 from kb.filters.clean import run_clean
+from kb.sandbox.reddit.subreddit import Subreddit
 from kb.sandbox.server import Sandbox
-from kb.sandbox.subreddit import Subreddit
-from kb.sandbox.wiki_recorded import Recorded
+from kb.sandbox.wiki.recorded import Recorded
 from kb.sandbox.world import World
 from kb.search import sections
 from kb.search.ask import search
 from kb.search.build import index
 from kb.search.rank import Only
-from kb.wiki import chromium
+from kb.wiki.browser import chromium
 from tests.conftest import skip_or_fail
 from tests.reddit.work import NOW, Work, rows
 
