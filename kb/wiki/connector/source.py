@@ -20,8 +20,8 @@ from urllib.parse import urlsplit
 
 from requests import PreparedRequest
 
-from kb.core import waiting
 from kb.core.context import Run
+from kb.core.profile.wiki import Wiki
 from kb.core.verdict import Summary
 from kb.crawl.id_list import IdList
 from kb.crawl.job import work
@@ -41,6 +41,7 @@ from kb.wiki.connector.client import BATCH, WikiApi, find_endpoint
 from kb.wiki.connector.hosts import WikiHosts
 from kb.wiki.connector.ids import read_titles
 from kb.wiki.connector.payloads import PAYLOADS
+from kb.wiki.spec import SPEC
 
 _NAMED = ("robots.txt", "api.php")  # requests of the ledger that have a name of their own
 SITE = Phase(kind="site", unit="sites", feeds=("titles",), shown=False)
@@ -57,7 +58,7 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
 
     Raises UsageError before anything is sent, Stopped when it can go on later.
     """
-    spaces = run.profile.section("wiki").namespaces
+    spaces = run.profile.section(Wiki).namespaces
     named = read_titles(titles, spaces, run.progress.say) if titles else None
     source = WikiSource(run, named)
     return work(run, source, source.summary, phases=source.wanted, facts=source.facts)
@@ -70,7 +71,7 @@ class WikiSource(Plain):
     payloads = PAYLOADS
 
     def __init__(self, run: Run, titles: IdList | None = None) -> None:
-        section = run.profile.section("wiki")
+        section = run.profile.section(Wiki)
         self.url = run.settings.kb_wiki_url or section.url
         self.section, self._run, self._titles = section, run, titles
         pages = Phase(
@@ -261,7 +262,7 @@ class WikiSource(Plain):
         robots = skipped.pop("disallowed", 0)
         gone = sum(skipped.pop(reason, 0) for reason in (*reduce.LEFT, "removed"))
         missing = reduce.missing(frontier)
-        left = waiting.left_by("wiki", kinds)
+        left = SPEC.left_by(kinds)
         return Summary(
             command="wiki crawl",
             source="wiki",
