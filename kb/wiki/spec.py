@@ -27,10 +27,10 @@ SPEC = SourceSpec(
     counted="pages",
     connector=".connector.source:WikiSource",
     purge=".purge",
-    commands="kb.cli.wiki",
+    commands="kb.cli.commands.sources.wiki",
     section="kb.core.profile.wiki:Wiki",
     status=".connector.reduce",
-    online=".online:question",
+    online=".connector.online:question",
     formats={"parquet": "kb.export.wiki_tar:export", "minedojo": "kb.export.minedojo_wiki:wiki"},
     texts=(
         TextColumns("pages", "page_id", {"title": ("title",)}),

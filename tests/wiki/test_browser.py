@@ -73,7 +73,7 @@ def test_a_later_browser_that_does_not_start_costs_a_try_and_not_the_run(
 
 ALONE = """
 import sys, threading
-from kb.wiki import chromium
+from kb.wiki.browser import chromium
 from kb.wiki.browser.browser import Browser
 from kb.wiki.browser.pool import Pool
 
