@@ -20,7 +20,7 @@ from kb.core.errors import FatalError, MissingExtra, ProfileError
 from kb.core.verdict import Summary
 from kb.export import layouts
 from kb.links.build import build, check
-from kb.links.named import Names
+from kb.links.entity_pages import Names
 from kb.store.layout import Layout
 from kb.wiki.parse import page_names
 

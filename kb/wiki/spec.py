@@ -37,7 +37,7 @@ SPEC = SourceSpec(
         TextColumns("elements", reader="kb.links.texts:elements"),
     ),
     pages="pages",
-    passages="kb.search.sections:passages",
+    passages="kb.search.wiki_passages:passages",
     indexed=("pages", "elements", "cells", "images"),
     files=("pages", "images"),
     release=ReleaseSpec(

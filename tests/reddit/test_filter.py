@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from kb.sandbox.subreddit import CASES
 
 from kb.core import pipeline
 from kb.sandbox.invented_ids import ELSEWHERE
+from kb.sandbox.reddit.subreddit import CASES
 from kb.sandbox.server import Sandbox
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post, write

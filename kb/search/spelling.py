@@ -7,8 +7,8 @@ from collections import Counter
 from collections.abc import Sequence
 from difflib import SequenceMatcher
 
-from kb.search.engine import PassageIndex
-from kb.search.words import clean, question
+from kb.search.query import clean, question
+from kb.search.tantivy_index import PassageIndex
 
 _KNOWN = 50_000  # most frequent words with the same first letter that are compared
 _LEAST = 0.7  # similarity (difflib's ratio) of a word to one that is suggested for it

@@ -12,8 +12,8 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from kb.pairs.fold import phrase
 from kb.pairs.keywords import EXCLUDED, Keywords
+from kb.pairs.matching import phrase
 
 TITLE, ALIAS = "title", "alias"
 _BRACKETS = re.compile(r"\s*\([^()]*\)$")

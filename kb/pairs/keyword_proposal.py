@@ -13,9 +13,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from kb.core.profile.everyday import is_everyday
-from kb.pairs.fold import phrase
-from kb.pairs.forms import forms
-from kb.pairs.listed import COLUMNS, LONGEST
+from kb.pairs.keyword_forms import forms
+from kb.pairs.keyword_list import COLUMNS, LONGEST
+from kb.pairs.matching import phrase
 
 PAGE = "page"  # the kind of a page without a category
 _WORDS = 5  # titles with more words are hardly said so

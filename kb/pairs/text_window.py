@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from kb.core.optional import np
-from kb.pairs.text import Text
-from kb.pairs.tokens import ENDS, Tokens
+from kb.pairs.clip_tokens import ENDS, Tokens
+from kb.pairs.transcript_batch import Text
 
 
 class Grown(NamedTuple):

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from kb.core.profile import Profile
 from kb.search.passage import MOST_WORDS, Beside, Passage, day, pieces, plain, rows
 
 _PAGE = ["page_id", "title", "url", "revision_id", "revision_timestamp", "license"]
@@ -35,7 +36,7 @@ class PageSection:
     tables: list[list[str]] = field(default_factory=list)
 
 
-def passages(root: Path) -> Iterator[Passage]:
+def passages(_: Profile, root: Path) -> Iterator[Passage]:
     """The passages of all kept pages, by page. Raises DamagedData."""
     shown = [*_ELEMENT, "text", "visible"]
     elements = Beside(rows(root, "wiki/elements", shown), "page_id")

@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.optional import np
-from kb.pairs.fold import WALL
+from kb.pairs.matching import WALL
 
 _WALL = b" " + bytes([WALL]) + b" "
 _SPACES = bytes(0x20 if byte in b" \t\n\v\f\r\x1c\x1d\x1e\x1f" else byte for byte in range(256))

@@ -12,10 +12,10 @@ from kb.core import signals
 from kb.core.context import Run
 from kb.core.optional import np
 from kb.core.profile.pairs import Pairs
-from kb.pairs import draw, source
 from kb.pairs import keywords as lists
-from kb.pairs.index import PairCounts, Tools, make_tools, matches
-from kb.pairs.text import Text
+from kb.pairs import sampling, transcripts
+from kb.pairs.extract import PairCounts, Tools, make_tools, matches
+from kb.pairs.transcript_batch import Text
 
 _AROUND = 40  # bytes of context on each side
 
@@ -44,10 +44,10 @@ def keyword_lines(
     tools = make_tools(run.profile.section(Pairs), run.seed, lists.load(run.profile))
     counts, shown = PairCounts(), _Examples(examples)
     left = videos or None
-    total = videos or sum(map(source.rows, source.parts(run.root)))
+    total = videos or sum(map(transcripts.rows, transcripts.parts(run.root)))
     with run.progress.task("keywords", total, "transcripts") as task:
-        for path in source.parts(run.root):
-            for text in source.texts(path, 0, left):
+        for path in transcripts.parts(run.root):
+            for text in transcripts.texts(path, 0, left):
                 signals.stop.check()
                 shown.look(text, tools, counts)
                 task.advance(len(text))
@@ -92,8 +92,8 @@ class _Examples:
         if not self._number or not len(found.keyword):
             return
         ids = cast("list[str]", text.ids.to_pylist())
-        keys = draw.video_keys(tools.seed, ids)[found.video]
-        rank = draw.bits(keys, text.characters(found.start, found.video), "rank")
+        keys = sampling.video_keys(tools.seed, ids)[found.video]
+        rank = sampling.bits(keys, text.characters(found.start, found.video), "rank")
         order = np.lexsort((rank, found.keyword))
         sorted_ = found.keyword[order]
         nth = np.arange(len(order)) - np.searchsorted(sorted_, sorted_)

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core.profile import Profile
 from kb.search.passage import Beside, Passage, batches, day, pieces, plain, rows
 
 MOST = 120  # words of a window
@@ -52,7 +53,7 @@ class Talk(NamedTuple):
             begin = end
 
 
-def passages(root: Path) -> Iterator[Passage]:
+def passages(_: Profile, root: Path) -> Iterator[Passage]:
     """The passages of all kept videos, by video. Raises DamagedData."""
     heard = Beside(spoken(root), "video_id")
     for video in rows(root, "youtube/videos", _VIDEO):

@@ -18,12 +18,12 @@ from kb.core.errors import MissingExtra
 from kb.core.installation import install_extra
 from kb.core.optional import np
 from kb.core.profile.pairs import Pairs
-from kb.pairs import choose, draw
-from kb.pairs.grow import Grown, grow
+from kb.pairs import sampling
+from kb.pairs.clip_tokens import ENDS, Tokens
 from kb.pairs.keywords import EXCLUDED, NEVER, Keywords
-from kb.pairs.match import Matcher
-from kb.pairs.text import Text
-from kb.pairs.tokens import ENDS, Tokens
+from kb.pairs.matching import Matcher
+from kb.pairs.text_window import Grown, grow
+from kb.pairs.transcript_batch import Text
 
 
 class Tools(NamedTuple):
@@ -114,7 +114,9 @@ def matches(text: Text, tools: Finds, counts: PairCounts) -> Matches:
     certain, reach = tools.keywords.certain[keyword], tools.keywords.reach[keyword]
     if certain.all():
         return every
-    near = choose.supported(every.first, every.last, every.video, certain, reach) & (reach != NEVER)
+    near = sampling.supported(every.first, every.last, every.video, certain, reach) & (
+        reach != NEVER
+    )
     counts.tell(tools.keywords, "ambiguous", keyword[~certain])
     counts.tell(tools.keywords, "ambiguous_alone", keyword[~near])
     return every.take(near)
@@ -131,7 +133,7 @@ def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, PairCounts]:
         found = found.take(~over)
     position = text.characters(found.start, found.video)
     ids = cast("list[str]", text.ids.to_pylist())
-    keys = draw.video_keys(tools.seed, ids)
+    keys = sampling.video_keys(tools.seed, ids)
     rng = _Draws(keys[found.video] if len(keys) else keys, position)
     segment = _segment(text, found)
     grown = None
@@ -142,10 +144,10 @@ def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, PairCounts]:
         low, high = segment
     center = rng.whole("center", low, high)
     length = rng.whole("clip", *_lengths(section))
-    clip_start, clip_end = choose.clips(center, length, text.length[found.video])
+    clip_start, clip_end = sampling.clips(center, length, text.length[found.video])
     gap = round(section.min_gap_s * 1000)
     taken = np.flatnonzero(
-        choose.choose(
+        sampling.choose(
             clip_start, clip_end, found.video, rng.bits("rank"), gap, section.max_pairs_per_video
         )
     )
@@ -168,10 +170,10 @@ class _Draws(NamedTuple):
     position: np.ndarray
 
     def bits(self, purpose: str) -> np.ndarray:
-        return draw.bits(self.keys, self.position, purpose)
+        return sampling.bits(self.keys, self.position, purpose)
 
     def whole(self, purpose: str, low: Any, high: Any) -> np.ndarray:
-        return draw.whole(self.bits(purpose), low, high)
+        return sampling.whole(self.bits(purpose), low, high)
 
     def take(self, which: np.ndarray) -> _Draws:
         return _Draws(self.keys[which], self.position[which])
@@ -231,7 +233,7 @@ def _table(
     words, end = _texts(text, grown)
     return pa.table(
         {
-            "pair_id": draw.hexadecimal(rng.bits("id")),
+            "pair_id": sampling.hexadecimal(rng.bits("id")),
             "video_id": text.ids.take(video),
             "keyword": names.take(keyword),
             "keyword_kind": kinds.take(keyword),

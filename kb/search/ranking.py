@@ -28,8 +28,8 @@ from typing import NamedTuple
 from tantivy import Occur, Query
 
 from kb.core.errors import UsageError
-from kb.search.engine import PassageIndex
-from kb.search.words import Question, Term, is_small
+from kb.search.query import Question, Term, is_small
+from kb.search.tantivy_index import PassageIndex
 
 _HIGHEST = 2.2  # k + 1: what a term adds at most, as a multiple of its rarity
 _MARKED = 0.3  # of the rarest term's rarity

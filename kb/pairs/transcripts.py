@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 
 from kb.artifacts import complete
 from kb.core.errors import FatalError
-from kb.pairs.text import Text
+from kb.pairs.transcript_batch import Text
 from kb.store import parquet, rawlog
 from kb.store.layout import parquet_files
 from kb.store.reading import reading

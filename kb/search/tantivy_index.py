@@ -1,4 +1,4 @@
-"""What an index of tantivy's looks like, and how it is asked (kb.search.writer writes it).
+"""What an index of tantivy's looks like, and how it is asked (kb.search.tantivy_index writes it).
 
 A passage is one document. Its `words` are its title twice, its headings, its text and its alt texts
 one after the other, so that a word of the title counts twice; a phrase never reaches from one into
@@ -7,24 +7,26 @@ the next. Beside them stand what filters ask for, and `row`, all that an answer 
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
+import shutil
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import orjson
 import tantivy
-from tantivy import Occur, Query
+from tantivy import Filter, Occur, Query, Tokenizer
 
 from kb.artifacts import indexed
-from kb.core.errors import DamagedData
-from kb.search.analysis import analyzer
+from kb.core.errors import DamagedData, DiskFull
 from kb.search.passage import KINDS, Passage
+from kb.store.atomic import FULL_HINT
 
 WORDS, KEY, KIND, NUMBER, THING, DAY, ROW = "words", "key", "kind", "number", "thing", "day", "row"
-ANALYZER = "words"  # the name of kb.search.analysis.analyzer in an index
+ANALYZER = "words"  # the name of kb.search.tantivy_index.analyzer in an index
 _SPECIAL = re.compile(r"[^\w\s]")  # signs of a pattern; folding makes some: "⑴" is "(1)"
 _Given = TypeVar("_Given")
 
@@ -165,3 +167,85 @@ def _open(folder: Path) -> tantivy.Index:
             if path.name not in indexed.LOCKS:
                 Path(scratch, path.name).symlink_to(path.absolute())
         return tantivy.Index.open(scratch)  # its files are open, and stay
+
+
+STEMMERS = {
+    "ar": "arabic", "da": "danish", "de": "german", "el": "greek", "en": "english",
+    "es": "spanish", "fi": "finnish", "fr": "french", "hu": "hungarian", "it": "italian",
+    "nb": "norwegian", "nl": "dutch", "nn": "norwegian", "no": "norwegian", "pt": "portuguese",
+    "ro": "romanian", "ru": "russian", "sv": "swedish", "ta": "tamil", "tr": "turkish",
+}  # fmt: skip
+
+
+def analyzer(stemmer: str) -> tantivy.TextAnalyzer:
+    """A text's words: runs of letters and digits, small, without accents, and stemmed unless
+    `stemmer` is "".
+    """
+    made = tantivy.TextAnalyzerBuilder(Tokenizer.simple())
+    made = made.filter(Filter.lowercase()).filter(Filter.ascii_fold())
+    return (made.filter(Filter.stemmer(stemmer)) if stemmer else made).build()
+
+
+_HEAP = 128 << 20  # bytes that all threads of a writer may take before they write a segment
+_THREADS = 2  # on any machine, so that the memory is the same
+_AT_ONCE = 4_096  # passages between two reports of progress
+_LEAST_ROOM = 64 << 20  # bytes; where less is left on the disk, that is why a writer failed
+
+
+def write(
+    folder: Path,
+    stemmer: str,
+    passages: Iterable[Passage],
+    advance: Callable[[int], object],
+    heap: int = _HEAP,
+) -> int:
+    """Write an index of passages into an empty folder and return how many they are.
+
+    `advance` is called with the number of passages written since the last call. The passages of
+    one thing come together. Raises DiskFull.
+    """
+    index = tantivy.Index(schema(), path=str(folder))
+    index.register_tokenizer(ANALYZER, analyzer(stemmer))
+    count = reported = things = 0
+    thing = None
+    with _checking_disk(folder):
+        writer = index.writer(heap_size=heap, num_threads=_THREADS)
+        for count, passage in enumerate(passages, 1):
+            things += passage.thing != thing
+            thing = passage.thing
+            writer.add_document(_document(passage, count, things))
+            if count - reported == _AT_ONCE:
+                advance(_AT_ONCE)
+                reported = count
+        writer.commit()
+        writer.wait_merging_threads()
+    advance(count - reported)
+    written = PassageIndex(folder, stemmer).size
+    assert written == count, f"{written} of {count} passages in {folder}"
+    return count
+
+
+def _document(passage: Passage, number: int, thing: int) -> tantivy.Document:
+    made = tantivy.Document()
+    for text in (passage.title, passage.title, passage.path, passage.text, passage.alt):
+        if text:
+            made.add_text(WORDS, text)
+    made.add_text(KEY, passage.key)
+    made.add_integer(KIND, KINDS.index(passage.kind))
+    made.add_integer(NUMBER, number)
+    made.add_integer(THING, thing)
+    if passage.date:
+        made.add_integer(DAY, day(passage.date))
+    made.add_bytes(ROW, orjson.dumps(tuple(passage)))
+    return made
+
+
+@contextlib.contextmanager
+def _checking_disk(folder: Path) -> Iterator[None]:
+    """tantivy says only that a thread of it failed."""
+    try:
+        yield
+    except ValueError as error:
+        if shutil.disk_usage(folder).free < _LEAST_ROOM:
+            raise DiskFull(f"no room to write {folder}", hint=FULL_HINT) from error
+        raise
