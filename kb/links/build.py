@@ -21,7 +21,7 @@ import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.artifacts import complete, linked
+from kb.artifacts import linked, manifest
 from kb.artifacts.catalog import NO_TABLES, Catalog
 from kb.artifacts.linked import LinksNote, Read
 from kb.core.context import Run
@@ -145,7 +145,7 @@ def _work(run: Run, place: Path, reads: Mapping[str, Read]) -> Path:
 def _take_over(root: Path, work: Path, sources: list[str]) -> None:
     """The rows of sources that are as they were, in one part."""
     wanted = pa.array(sources, pa.string())
-    files = complete.rows(root, "links/links")
+    files = manifest.rows(root, "links/links")
     with reading(files), ShardWriter(work / "taken.parquet", "links/links", in_order=True) as out:
         for path in files:
             with parquet.open_file(path, pre_buffer=False) as file:
@@ -266,7 +266,9 @@ def _finish(
             for name, one in reads.items()
         }
         note = LinksNote(len(keywords.every), len(own), sum(counted.values()), total, sources)
-        write_bytes(fresh / complete.NOTE, msgspec.json.format(msgspec.json.encode(note), indent=1))
+        write_bytes(
+            fresh / manifest.SUMMARY, msgspec.json.format(msgspec.json.encode(note), indent=1)
+        )
     return note
 
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import pyarrow as pa
 
-from kb.artifacts import complete
+from kb.artifacts import manifest
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import LimitReached
@@ -113,14 +113,14 @@ def clear_finished(root: Path) -> None:
 def read_summary(root: Path) -> dict[str, Any]:
     """What the last run left beside the pairs; empty when there was none."""
     try:
-        return dict(json.loads((Layout(root).pairs / complete.NOTE).read_text()))
+        return dict(json.loads((Layout(root).pairs / manifest.SUMMARY).read_text()))
     except (OSError, ValueError):
         return {}
 
 
 def _all_there(root: Path) -> None:
     """Raises DamagedData where pairs that were made have lost a file."""
-    complete.check(Layout(root).pairs)
+    manifest.check_complete(root, "pairs")
 
 
 class Stretch(NamedTuple):
@@ -241,7 +241,7 @@ def _finish(
             rows_per_shard=run.profile.release.rows_per_shard,
             released=False,
         )
-        write_text(fresh / complete.NOTE, json.dumps(known, indent=1, ensure_ascii=False) + "\n")
+        write_text(fresh / manifest.SUMMARY, json.dumps(known, indent=1, ensure_ascii=False) + "\n")
     return known
 
 

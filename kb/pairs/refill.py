@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from kb.artifacts import belonging, complete
+from kb.artifacts import belonging, manifest
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
@@ -175,4 +175,4 @@ def _write(run: Run, rows: pa.Table, texts: list[str | None], out: Path) -> None
         )
         part.unlink()
         note = {"fingerprint": "index", "complete": False}
-        write_text(fresh / complete.NOTE, json.dumps(note) + "\n")
+        write_text(fresh / manifest.SUMMARY, json.dumps(note) + "\n")

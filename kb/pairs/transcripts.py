@@ -11,7 +11,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.artifacts import complete
+from kb.artifacts import manifest
 from kb.core.errors import FatalError
 from kb.pairs.transcript_batch import Text
 from kb.store import parquet, rawlog
@@ -28,7 +28,7 @@ def parts(root: Path, table: str = "transcripts", *, index: Path | None = None) 
 
     `index`: the released pairs whose transcripts are wanted, for the advice.
     """
-    found = complete.rows(root, f"youtube/{table}")
+    found = manifest.rows(root, f"youtube/{table}")
     if not found and table == "transcripts":
         raise FatalError("there are no transcripts in clean/youtube", hint=_how(root, index))
     return found

@@ -46,7 +46,7 @@ from tests.store import flips
 # How many answers it took, which a killed refresh asks for twice; how many requests and writes.
 _COUNTS = ("summary.json", ".done.json")
 # What it was made of: a crawl that was killed leaves the same answers in more segments.
-_INPUTS = "inputs.json"
+_INPUTS = "_manifest.json"
 _SETTLES = (".sqlite-wal", ".sqlite-shm")
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
-from kb.artifacts import complete
+from kb.artifacts import manifest
 from kb.core.errors import DamagedData, KbError, ReleaseRefused
 from kb.core.pipeline import load, locate
 from kb.export import minedojo, parquet
@@ -17,6 +20,9 @@ from kb.pairs.build import build
 from kb.query import connect
 from kb.release.build import exported, release
 from kb.store import lock
+from kb.store.digests import digest
+from kb.store.parquet import read_table
+from kb.store.shards import write_table
 from tests.crash import killed
 from tests.filters.made import run_at
 
@@ -70,13 +76,13 @@ def test_a_deleted_clean_file_or_table_is_one_line(root: Path, name: str, whole:
 
 
 def test_a_source_that_was_never_filtered_is_no_damage(tmp_path: Path) -> None:
-    assert complete.rows(tmp_path, "youtube/videos") == []
+    assert manifest.rows(tmp_path, "youtube/videos") == []
 
 
-@pytest.mark.parametrize("content", ["", "[]", '{"videos": 3}', "{"])
-def test_a_damaged_list_is_told(root: Path, content: str) -> None:
-    (root / "clean/youtube/files.json").write_text(content)
-    with pytest.raises(DamagedData, match=r"files.json can't be read") as told:
+@pytest.mark.parametrize("content", ["", "[]", '{"files": 3}', "{"])
+def test_a_damaged_manifest_is_an_error(root: Path, content: str) -> None:
+    (root / "clean/youtube/_manifest.json").write_text(content)
+    with pytest.raises(DamagedData, match=r"_manifest.json can't be read") as told:
         parquet.export(run_at(root), "youtube")
     assert told.value.hint == "run `kb youtube filter` again"
 
@@ -147,3 +153,78 @@ def test_a_link_that_an_earlier_version_replaced_is_no_obstacle(root: Path, tmp_
     (root / "clean/.youtube.old").symlink_to(tmp_path / "disk")
     run_clean(run_at(root), "youtube")
     assert sorted(path.name for path in (root / "clean").iterdir()) == ["youtube"]
+
+
+def test_the_manifest_names_inputs_and_files_with_digest_and_rows(root: Path) -> None:
+    found = manifest.read(root, "clean/youtube")
+    assert found is not None
+    assert (found.artifact, found.command) == ("clean/youtube", "kb youtube filter")
+    assert found.inputs == manifest.inputs(root, "clean/youtube")
+    there = {path for path in (root / "clean/youtube").rglob("*") if path.is_file()}
+    assert {root / "clean/youtube" / name for name in found.files} == {
+        path for path in there if path.name != manifest.NAME
+    }
+    for name, entry in found.files.items():
+        path = root / "clean/youtube" / name
+        assert (entry.size, entry.sha256) == (path.stat().st_size, digest(path))
+        if path.suffix == ".parquet":
+            assert entry.rows == pq.read_metadata(path).num_rows
+            assert manifest.content_digest(path) == entry.sha256
+
+
+def test_editing_notes_what_changed_and_promises_nothing_when_it_is_cut_off(root: Path) -> None:
+    before = manifest.read(root, "clean/youtube")
+    assert before is not None
+    path = one(root / "clean/youtube/videos")
+    with pytest.raises(KeyboardInterrupt), manifest.editing(root, "clean/youtube"):
+        path.write_bytes(path.read_bytes() + b"x")
+        raise KeyboardInterrupt
+    cut = manifest.read(root, "clean/youtube")
+    assert cut is not None
+    assert set(cut.files) == set(before.files)
+    assert not any(entry.sha256 for entry in cut.files.values())
+    path.write_bytes(path.read_bytes()[:-1])
+    with manifest.editing(root, "clean/youtube"):
+        pass
+    assert manifest.read(root, "clean/youtube") == before
+
+
+def test_a_copied_root_is_current_and_a_changed_one_is_not(root: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(root, tmp_path / "copy")
+    for number, path in enumerate(sorted(copy.rglob("*"), reverse=True)):
+        os.utime(path, (1_000_000 + number, 1_000_000 + number))
+    for name in ("clean/youtube", "release/youtube"):
+        assert manifest.is_current(copy, name)
+    segment = next(iter((copy / "raw/youtube/videos").iterdir()))
+    segment.rename(segment.with_name(f"{segment.name}.open"))  # the same bytes
+    assert manifest.is_current(copy, "clean/youtube")
+    (segment.parent / "00000099.ndjson.zst").write_bytes(b"more")
+    assert not manifest.is_current(copy, "clean/youtube")
+    videos = one(copy / "clean/youtube/videos")
+    with manifest.editing(copy, "clean/youtube"):
+        write_table(videos, read_table(videos).slice(1), "youtube/videos")
+    assert not manifest.is_current(copy, "release/youtube")
+
+
+def test_a_root_of_an_older_version_is_current_and_complete(root: Path) -> None:
+    """Before there were manifests: files.json, inputs.json and release-<source>.exported."""
+    clean, made_from = root / "clean/youtube", manifest.inputs(root, "clean/youtube")
+    (clean / manifest.NAME).unlink()
+    names = {
+        folder.name: [path.name for path in sorted(folder.iterdir())]
+        for folder in sorted(clean.iterdir())
+        if folder.is_dir()
+    }
+    (clean / "files.json").write_text(json.dumps(names))
+    (clean / "inputs.json").write_text(json.dumps({"raw": made_from["raw/youtube"]}))
+    shutil.rmtree(root / "state/manifests")
+    exported_from = manifest.inputs(root, "release/youtube")["clean/youtube"]
+    (root / "state/release-youtube.exported").write_text(exported_from)
+    assert manifest.is_current(root, "clean/youtube")
+    assert manifest.is_current(root, "release/youtube")
+    assert manifest.missing(root, "clean/youtube") == []
+    gone = one(clean / "videos")
+    gone.unlink()
+    assert manifest.missing(root, "clean/youtube") == [gone]
+    (clean / "inputs.json").write_text(json.dumps({"raw": "other"}))
+    assert not manifest.is_current(root, "clean/youtube")
