@@ -34,7 +34,7 @@ import duckdb
 
 from kb.core.errors import FatalError, KbError
 from kb.core.progress import Silent
-from kb.sandbox.zenodo_answers import Deposition
+from kb.sandbox.zenodo.answers import Deposition
 from kb.store import leftovers
 from kb.verify.root import verify
 from tests.crash import damaged, harm, worlds

@@ -20,8 +20,9 @@ from kb.core.progress import LineProgress
 from kb.filters.clean import run_clean
 from kb.reddit.connector.importer import import_dumps
 from kb.reddit.dumps import chunks as dumps
+from kb.reddit.dumps import containers
 from kb.reddit.dumps import cursor as places
-from kb.reddit.dumps.chunks import DEEPEST, Chunk, containers
+from kb.reddit.dumps.chunks import DEEPEST, Chunk
 from kb.reddit.dumps.subreddit_search import CHECKED, SubredditSearch
 from kb.reddit.parse import answers as parse
 from kb.store import rawlog, tombstones
