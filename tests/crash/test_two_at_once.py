@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.crash.killed import GONE, make, traces
 
 from kb.core.progress import Silent, Task
 from kb.core.resources import folder
@@ -23,9 +24,8 @@ from kb.pairs.build import build
 from kb.store.layout import Layout
 from kb.store.lock import holders, writer
 from kb.verify.root import verify
-from tests import forked
+from tests import processes
 from tests.cli.conftest import clean_environment
-from tests.crash.killed import GONE, make, traces
 from tests.filters.made import digests, run_at
 
 pytestmark = pytest.mark.crash
@@ -65,16 +65,16 @@ def environment(root: Path) -> dict[str, str]:
     return clean_environment() | {"KB_PROFILE": str(root.parent / "profile" / "profile.toml")}
 
 
-def start(root: Path, *words: str, pause: str) -> forked.Started:
+def start(root: Path, *words: str, pause: str) -> processes.ForkedProcess:
     """A command that stops itself when it makes what is named."""
     words = (pause, *words, "--data", str(root))
-    return forked.program(PAUSED, *words, env=environment(root), cwd=root.parent)
+    return processes.program(PAUSED, *words, env=environment(root), cwd=root.parent)
 
 
 def kb(root: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """A command, finished."""
     words = (*words, "--data", str(root))
-    return forked.run(words, env=environment(root), cwd=root.parent, timeout=120)
+    return processes.run(words, env=environment(root), cwd=root.parent, timeout=120)
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def test_the_second_names_the_first_and_nothing_comes_back(
     named = {"purge": ("--ids", str(ids))}
     child = start(root, *first, *named.get(first[0], ()), pause=pause)
     try:
-        assert child.stopped(), child.communicate()
+        assert child.has_stopped(), child.communicate()
         other = kb(root, *second, *named.get(second[0], ()))
         assert other.returncode == 1, other.stderr
         assert f"another process (pid {child.pid}) writes to" in other.stderr
@@ -115,7 +115,7 @@ def test_the_second_names_the_first_and_nothing_comes_back(
 def test_verify_beside_a_writer_tells_damage_and_not_what_is_on_its_way(root: Path) -> None:
     child = start(root, "youtube", "filter", pause=".youtube.new")
     try:
-        assert child.stopped(), child.communicate()
+        assert child.has_stopped(), child.communicate()
         (root / "clean/.youtube.new/videos").mkdir(parents=True)
         (root / "clean/.youtube.new/videos/part-00000.parquet").write_bytes(b"on its way")
         whole = kb(root, "verify")
@@ -203,7 +203,7 @@ def test_two_repairs_at_once_are_one_and_a_line_with_its_pid(root: Path) -> None
     path.unlink()
     child = start(root, "verify", "--repair", pause=".youtube.new")
     try:
-        assert child.stopped(), child.communicate()
+        assert child.has_stopped(), child.communicate()
         other = kb(root, "verify", "--repair")
         assert other.returncode == 1
         assert f"another process (pid {child.pid}) writes to" in other.stderr
