@@ -1,0 +1,77 @@
+"""`kb profile check --online`: one question to each service, by the crawls' own clients.
+
+Only what a crawl would ask first: a search for channels, the wiki's siteinfo with a few pages to
+try the selectors on, the subreddit. Nothing is stored; a question is asked once and not again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+from kb.core.errors import (
+    CredentialRefused,
+    Interrupted,
+    KbError,
+    MissingCredential,
+    Retryable,
+    SettingError,
+    Stopped,
+)
+from kb.core.profile.finding import (
+    ERROR,
+    REFUSED,
+    UNREACHABLE,
+    WARNING,
+    WRONG,
+    Finding,
+    OnlineAnswer,
+    QuestionCost,
+)
+from kb.core.sources import SPECS
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+
+
+class ServiceCheck(NamedTuple):
+    """What a service said: the finding, what it cost, and the exit code that follows.
+
+    `pages` are some of the wiki's pages as HTML, to try the selectors on.
+    """
+
+    source: str
+    finding: Finding
+    requests: int = 0
+    units: int = 0
+    code: int = 0
+    pages: tuple[str, ...] = ()
+
+
+def ask(run: Run) -> Iterator[ServiceCheck]:
+    """One answer for each source of the profile. Raises Interrupted only."""
+    for source, spec in SPECS.items():
+        if not spec.online or getattr(run.profile, source) is None:
+            continue
+        question = spec.load(spec.online)
+        cost = QuestionCost()
+        level, key, what, mend, code = _tried(partial(question, run, cost), source)
+        finding = Finding(level, f"online: {source}", 0, key, f"{what} ({cost})", mend)
+        yield ServiceCheck(source, finding, cost.requests, cost.units, code, tuple(cost.pages))
+
+
+def _tried(question: Callable[[], OnlineAnswer], source: str) -> OnlineAnswer:
+    """The answer, or what an error means for the profile."""
+    try:
+        return question()
+    except (MissingCredential, SettingError) as error:
+        return OnlineAnswer(WARNING, "", f"not asked: {error}", error.hint)
+    except (Retryable, Stopped) as error:
+        if isinstance(error, Interrupted):
+            raise
+        hint = error.hint or "run the same command later"
+        return OnlineAnswer(WARNING, "", f"no answer: {error}", hint, UNREACHABLE)
+    except KbError as error:
+        code = REFUSED if isinstance(error, CredentialRefused) else WRONG
+        return OnlineAnswer(ERROR, "", str(error), error.hint, code)
