@@ -18,6 +18,7 @@ from pathlib import Path
 from types import ModuleType
 
 from kb.annotate.scores import drop_unused
+from kb.artifacts import belonging, indexed, inputs
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.pipeline import load, locate
@@ -26,7 +27,7 @@ from kb.export import layouts
 from kb.filters.clean import texts
 from kb.release.build import describe
 from kb.report.build import report_again
-from kb.store import belonging, indexed, inputs, lock
+from kb.store import lock
 from kb.store import purge as store
 from kb.store.layout import Layout
 

@@ -26,6 +26,7 @@ from typing import Any, NamedTuple, Protocol, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.errors import SettingError
 from kb.core.plan import PlanPart
 from kb.core.verdict import Summary
@@ -35,7 +36,6 @@ from kb.store.atomic import replacing_folder, settle_folder
 from kb.store.layout import Layout, parquet_files
 from kb.store.newest import newest
 from kb.store.reading import reading
-from kb.store.release_folder import ReleaseFolder
 from kb.store.shards import write_table
 from kb.store.shuffle import Shuffle
 
@@ -180,9 +180,7 @@ class RestoreFolder:
             columns[0] = [f"{part} {key}" for part, key in zip(parts, columns[0], strict=True)]
         else:
             times = rows["said_at"].to_pylist()
-        return {
-            key: MissingReason(why, at) for key, why, at in zip(*columns, times, strict=True)
-        }
+        return {key: MissingReason(why, at) for key, why, at in zip(*columns, times, strict=True)}
 
     def merge(
         self,

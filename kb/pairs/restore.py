@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from kb.artifacts import belonging, complete
 from kb.artifacts.restore import WantedContent
 from kb.core import signals
 from kb.core.context import Run
@@ -30,7 +31,7 @@ from kb.pairs.text import Text, without_sounds
 from kb.pairs.tokens import ENDS
 from kb.schema.conform import conform
 from kb.schema.tables import table
-from kb.store import belonging, complete, parquet, tombstones
+from kb.store import parquet, tombstones
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
@@ -96,22 +97,21 @@ class TextRestore:
         """As `RestoreJob.missing`: pairs without text, and whether their video has a transcript."""
         at = Layout(self.run.root)
         transcripts = parquet_files(at.restored("youtube", "transcripts"))
-        videos = pa.array([], pa.string())
-        if transcripts:
-            ids = [parquet.read_table(path, columns=["video_id"]) for path in transcripts]
-            videos = pa.concat_tables(ids)["video_id"].cast(pa.string()).combine_chunks()
+        columns = [parquet.read_table(path, columns=["video_id"])[0] for path in transcripts]
+        ids = [chunk for column in columns for chunk in column.cast(pa.string()).chunks]
+        videos = pa.chunked_array(ids, pa.string()).combine_chunks()
         lists = []
         for path in parquet_files(at.restored("pairs")):
             rows = parquet.read_table(path, columns=["pair_id", "video_id", "text"])
             rows = rows.filter(pc.is_null(rows["text"]))
             known = pc.is_in(rows["video_id"].cast(pa.string()), value_set=videos)
-            columns = {
+            listed = {
                 "source": pa.repeat("pairs", rows.num_rows),
                 "part": pa.repeat("text", rows.num_rows),
                 "key": rows["pair_id"].cast(pa.string()),
                 "reason": pc.if_else(known, "other transcript", "no transcript"),
             }
-            lists.append(pa.table(columns))
+            lists.append(pa.table(listed))
         return pa.concat_tables(lists) if lists else None
 
 

@@ -1,7 +1,8 @@
 """`kb index`: the rows of a source to index/<source>, in the cache for a download.
 
 The folder is written anew and takes the old one's place whole, so no file of it ever held anything
-else; it is made again where the rows or the rules are others than noted in it (kb.store.indexed).
+else; it is made again where the rows or the rules are others than noted in it
+(kb.artifacts.indexed).
 """
 
 from __future__ import annotations
@@ -11,6 +12,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from kb.artifacts import belonging, indexed
+from kb.artifacts.catalog import NO_TABLES, Catalog, empty
+from kb.artifacts.indexed import IndexNote
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.profile import Profile
@@ -19,10 +23,7 @@ from kb.core.verdict import Summary
 from kb.search import sections, threads, transcripts, writer
 from kb.search.analysis import STEMMERS
 from kb.search.passage import MOST_WORDS, Passage
-from kb.store import belonging, indexed
 from kb.store.atomic import replacing_folder
-from kb.store.catalog import NO_TABLES, Catalog, empty
-from kb.store.indexed import IndexNote
 from kb.store.layout import Layout
 
 

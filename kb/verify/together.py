@@ -8,9 +8,10 @@ from pathlib import Path
 
 import duckdb
 
+from kb.artifacts import complete, indexed
 from kb.core.errors import DamagedData
 from kb.core.sources import PUBLISHED, SORTED, SOURCES
-from kb.store import complete, database, indexed, leftovers
+from kb.store import database, leftovers
 from kb.store.advice import advice
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import scan

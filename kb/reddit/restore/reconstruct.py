@@ -1,5 +1,4 @@
-"""`kb reddit reconstruct`: full posts and comments from ids, with the user's own key or from archive
-dumps.
+"""`kb reddit reconstruct`: full posts and comments from ids, with a key of one's own or from dumps.
 
 Known ids go through `info`, 100 full names a request, posts and comments together. Posts of the
 published `reddit.json` have no comment ids: their whole trees are read, with every nested reply.

@@ -33,7 +33,7 @@ from kb.reddit.places import KIND
 from kb.reddit.threads import counted
 from kb.reddit.tree import depths
 from kb.reddit.wanted import Released, WantedThings
-from kb.schema.tables import Table, table
+from kb.schema.tables import Table
 from kb.store import rawlog
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.shuffle import Shuffle

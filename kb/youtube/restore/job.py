@@ -117,7 +117,7 @@ class VideoRestore:
         return [key for key in self.kinds if key not in known]
 
     def restore(self) -> Summary:
-        """As `RestoreJob.restore`. Raises MissingCredential before anything is sent, DamagedData."""
+        """As `RestoreJob.restore`. Raises MissingCredential, DamagedData."""
         run, place = self.run, self.folder.path / WORK
         if run.again and not (place / _AGAIN).exists():
             shutil.rmtree(place, ignore_errors=True)
@@ -183,14 +183,15 @@ class VideoRestore:
             for key, kind in videos.items()
             if kind in (NONE, UNKNOWN)
         }
-        unlisted = {f"{TRANSCRIPT}{key}" for key in videos if self.kinds.get(key, NONE) == videos[key]}
+        unlisted = {
+            f"{TRANSCRIPT}{key}" for key in videos if self.kinds.get(key, NONE) == videos[key]
+        }
         lost = {key: MissingReason(PURGED, FOREVER) for key in self.removed}
         for verdict in ("failed", "rejected"):
             for path in parquet_files(clean.clean("youtube", verdict)):
-                rows = parquet.read_table(path, columns=["key", "reason"])
-                for key, reason in zip(*(column.to_pylist() for column in rows.columns), strict=True):
-                    why = MissingReason(FAILED if verdict == "failed" else reason)
-                    lost.setdefault(key, why)
+                for row in parquet.read_table(path, columns=["key", "reason"]).to_pylist():
+                    why = FAILED if verdict == "failed" else row["reason"]
+                    lost.setdefault(row["key"], MissingReason(why))
         for key, why in lost.items():
             reasons |= {f"{VIDEO}{key}": why, f"{TRANSCRIPT}{key}": why}
             unlisted.add(f"{TRANSCRIPT}{key}")
