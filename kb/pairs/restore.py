@@ -23,6 +23,7 @@ from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
 from kb.core.plan import PlanPart, PlanPhase
+from kb.core.profile.pairs import Pairs
 from kb.core.verdict import Summary
 from kb.pairs import source
 from kb.pairs.index import make_tools
@@ -68,7 +69,7 @@ class TextRestore:
     def check(self, needed: tuple[str, ...]) -> tuple[str, ...]:
         """As `RestoreJob.check`. Raises ProfileError without [pairs], SettingError."""
         if self.wanted:
-            self.run.profile.section("pairs")
+            self.run.profile.section(Pairs)
         if len(self.content.of("pairs")) > 1:
             raise SettingError(
                 "several folders of pairs",
@@ -117,7 +118,7 @@ class TextRestore:
 
 def fill(run: Run, rows: pa.Table, files: Sequence[Path], out: Path) -> Summary:
     """Rows of an index with the texts of these transcripts → `out`."""
-    counter = make_tools(run.profile.section("pairs"), run.seed, Keywords((), (), ())).tokens
+    counter = make_tools(run.profile.section(Pairs), run.seed, Keywords((), (), ())).tokens
     places: dict[str, list[int]] = {}
     videos = cast("list[str]", rows["video_id"].to_pylist())
     for row, video in enumerate(videos):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.framework.command import command, group
+from kb.core.sources import SOURCES
 
 if TYPE_CHECKING:
     from kb.cli.framework.options import Options
@@ -20,12 +21,7 @@ app = group("Ranked answers from transcripts, wiki and threads, with links to th
 LIMIT = 10
 
 
-class SearchSource(StrEnum):
-    """Where an answer may come from."""
-
-    youtube = "youtube"
-    wiki = "wiki"
-    reddit = "reddit"
+SearchSource = StrEnum("SearchSource", SOURCES)  # type: ignore[misc]  # where an answer comes from
 
 
 class HitKind(StrEnum):
@@ -65,7 +61,10 @@ def search(
     ],
     source: Annotated[
         list[SearchSource] | None,
-        typer.Option("--source", help="Answers from there only; may be given several times."),
+        typer.Option(
+            "--source",
+            help="Answers from there only; may be given several times.",
+        ),
     ] = None,
     kind: Annotated[
         list[HitKind] | None,

@@ -12,6 +12,7 @@ import pyarrow.compute as pc
 from kb.artifacts.restore import MISSING, WantedContent
 from kb.core.context import Run
 from kb.core.plan import PlanPart, PlanPhase
+from kb.core.profile.reddit import RedditSection
 from kb.core.verdict import Summary
 from kb.reddit import credentials
 from kb.reddit.plan import plan_rebuild
@@ -36,7 +37,7 @@ class ThreadRestore:
     def check(self, needed: tuple[str, ...]) -> tuple[str, ...]:
         """As `RestoreJob.check`. Raises ProfileError without [reddit], MissingCredential."""
         if self.wanted:
-            self.run.profile.section("reddit")
+            self.run.profile.section(RedditSection)
             if not self.dumps:
                 credentials.require(self.run, *needed, without=WITHOUT_KEY)
         return needed

@@ -33,6 +33,7 @@ from kb.artifacts.restore import (
 from kb.core.context import Run
 from kb.core.errors import Interrupted, Stopped
 from kb.core.plan import PlanPart
+from kb.core.profile.youtube import YouTubeSection
 from kb.core.verdict import Summary
 from kb.crawl.job import work
 from kb.crawl.source import Opened
@@ -92,7 +93,7 @@ class VideoRestore:
     def check(self, needed: tuple[str, ...]) -> tuple[str, ...]:
         """As `RestoreJob.check`. Raises ProfileError without [youtube]."""
         if self.wanted:
-            self.run.profile.section("youtube")
+            self.run.profile.section(YouTubeSection)
         return (*needed, "youtube_api_key") if self.left() else needed
 
     def plan(self) -> PlanPart:
