@@ -20,7 +20,7 @@ import pytest
 from kb.core.errors import LimitReached, SettingError
 from kb.reddit.byid import ById, IdIndex, keep
 from kb.reddit.dumps import Chunk
-from kb.reddit.reconstruction import rebuild
+from kb.reddit.restore.reconstruct import rebuild
 from kb.sandbox.invented_ids import PEOPLE
 from kb.store import tombstones
 from tests.reddit.dumped import post, write
