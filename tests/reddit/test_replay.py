@@ -16,7 +16,7 @@ from kb.core.settings import load_settings
 from kb.net.rate import Pace
 from kb.reddit.connector import client as room
 from kb.reddit.connector.client import Client, Limiter
-from kb.reddit.reconstruction import rebuild
+from kb.reddit.restore.reconstruct import rebuild
 from tests.reddit.cassettes import Cassette, Exchange, read
 from tests.reddit.work import rows
 

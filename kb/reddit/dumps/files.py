@@ -15,6 +15,7 @@ from kb.reddit.dumps import containers
 from kb.reddit.dumps.chunks import read_object
 from kb.reddit.dumps.containers import Seen
 
+Dumps = Sequence[Path]  # archive files to read instead of asking Reddit
 _SHOWN = 3  # names of foreign files in a message
 
 

@@ -1,14 +1,15 @@
-"""`kb pairs --from-index`: a released index and one's own transcripts → pairs/*.parquet with text.
+"""`kb pairs --from-index` and `kb restore`: a released index and transcripts → pairs with texts.
 
-A text is cut out of the transcript by its released character positions and taken when it has the
-released number of tokens; another transcript (edited since, another language) gives none. Releases
-of earlier versions counted sounds ([Music]) as words of a text.
+A text is cut out of its transcript by the released character positions. It counts when it has the
+released number of tokens; a transcript that was edited since, or in another language, gives no
+text. Releases of earlier versions counted sounds ([Music]) as words of a text.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
@@ -17,6 +18,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from kb.artifacts import belonging, manifest
+from kb.artifacts.restore import WantedContent
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
@@ -50,36 +52,68 @@ def refill(run: Run, index: Path) -> Summary:
         return fill(run, rows, files, Layout(run.root).pairs)
 
 
-def check(run: Run, indexes: Sequence[Path]) -> None:
-    """Whether these can be restored into one data root. Raises SettingError."""
-    if indexes:
-        run.profile.section(Pairs)
-    if len(indexes) > 1:
-        raise SettingError(
-            "several folders of pairs", hint="restore one index at a time, each into its --data"
-        )
-
-
-def plan(indexes: Sequence[Path]) -> PlanPart:
-    """Texts that would be filled in. Raises DamagedData."""
-    if not indexes:
-        return PlanPart()
-    files = [path for index in indexes for path in sorted(index.glob("pairs-*-of-*.parquet"))]
-    with reading(files):
-        rows = sum(parquet.footer(path).num_rows for path in files)
-    return PlanPart([PlanPhase("texts of pairs, out of the transcripts", rows)])
-
-
-def restore(run: Run, index: Path, removed: Collection[str]) -> Summary:
-    """The same from restored transcripts into restored/pairs/, without pairs of `removed` videos.
-
-    Without transcripts every text is null. Raises SettingError, DamagedData.
+@dataclass(frozen=True)
+class TextRestore:
+    """Texts of released pairs, cut out of restored transcripts into restored/pairs/, as a job of
+    `kb restore`; without transcripts every text is null.
     """
-    rows, at = _read(index), Layout(run.root)
-    gone = pa.array(sorted({*removed, *tombstones.keys(run.root, "youtube")}), pa.string())
-    rows = rows.filter(pc.invert(pc.is_in(rows["video_id"].cast(pa.string()), value_set=gone)))
-    files = parquet_files(at.restored("youtube", "transcripts"))
-    return fill(run, rows, files, at.restored("pairs"))
+
+    run: Run
+    content: WantedContent
+
+    @property
+    def wanted(self) -> bool:
+        """Whether a folder of pairs was chosen."""
+        return bool(self.content.of("pairs"))
+
+    def check(self, needed: tuple[str, ...]) -> tuple[str, ...]:
+        """As `RestoreJob.check`. Raises ProfileError without [pairs], SettingError."""
+        if self.wanted:
+            self.run.profile.section(Pairs)
+        if len(self.content.of("pairs")) > 1:
+            raise SettingError(
+                "several folders of pairs",
+                hint="restore one index at a time, each into its own --data",
+            )
+        return needed
+
+    def plan(self) -> PlanPart:
+        """As `RestoreJob.plan`. Raises DamagedData."""
+        files = [path for one in self.content.of("pairs") for path in one.shards("pairs")]
+        with reading(files):
+            rows = sum(parquet.footer(path).num_rows for path in files)
+        return PlanPart([PlanPhase("texts of pairs, out of the transcripts", rows)] * self.wanted)
+
+    def restore(self) -> Summary:
+        """As `RestoreJob.restore`; pairs of removed videos are left out. Raises DamagedData."""
+        at, (folder,) = Layout(self.run.root), self.content.of("pairs")
+        own = tombstones.keys(self.run.root, "youtube")
+        removed = pa.array(sorted(own | self.content.removed("youtube", "pairs")), pa.string())
+        rows = _read(folder.path)
+        purged = pc.is_in(rows["video_id"].cast(pa.string()), value_set=removed)
+        transcripts = parquet_files(at.restored("youtube", "transcripts"))
+        return fill(self.run, rows.filter(pc.invert(purged)), transcripts, at.restored("pairs"))
+
+    def missing(self) -> pa.Table | None:
+        """As `RestoreJob.missing`: pairs without text, and whether their video has a transcript."""
+        at = Layout(self.run.root)
+        transcripts = parquet_files(at.restored("youtube", "transcripts"))
+        columns = [parquet.read_table(path, columns=["video_id"])[0] for path in transcripts]
+        ids = [chunk for column in columns for chunk in column.cast(pa.string()).chunks]
+        videos = pa.chunked_array(ids, pa.string()).combine_chunks()
+        lists = []
+        for path in parquet_files(at.restored("pairs")):
+            rows = parquet.read_table(path, columns=["pair_id", "video_id", "text"])
+            rows = rows.filter(pc.is_null(rows["text"]))
+            known = pc.is_in(rows["video_id"].cast(pa.string()), value_set=videos)
+            listed = {
+                "source": pa.repeat("pairs", rows.num_rows),
+                "part": pa.repeat("text", rows.num_rows),
+                "key": rows["pair_id"].cast(pa.string()),
+                "reason": pc.if_else(known, "other transcript", "no transcript"),
+            }
+            lists.append(pa.table(listed))
+        return pa.concat_tables(lists) if lists else None
 
 
 def fill(run: Run, rows: pa.Table, files: Sequence[Path], out: Path) -> Summary:

@@ -1,16 +1,16 @@
-"""`kb reddit reconstruct`: full posts and comments again from ids, with the user's own key or out
-of archive dumps.
+"""`kb reddit reconstruct`: full posts and comments from ids, with a key of one's own or from dumps.
 
 Known ids go through `info`, 100 full names a request, posts and comments together. Posts of the
 published `reddit.json` have no comment ids: their whole trees are read, with every nested reply.
-Answers wait in a work folder until every id is answered, so a run that was cut off asks again only
-for what was in flight; then they are added to the tables and the work folder goes. What other runs
-brought into the same folder stays (kb.reddit.earlier).
+Answers wait in a work folder until every id is answered, so an interrupted run repeats only what
+was in flight; then kb.artifacts.restore adds them to the tables of earlier runs.
 
     out/posts/*.parquet  out/comments/*.parquet     the clean tables' columns, scores of models null
     out/missing.parquet                             key, reason: missing, deleted, removed, purged,
                                                     forbidden, malformed, failed, not in these
                                                     dumps; and when the source said so
+    out/.done.json                                  which lists of ids were answered
+    out/.work-<digest>                              raw answers of an unfinished run
 """
 
 from __future__ import annotations
@@ -27,16 +27,15 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from kb.artifacts.restore import FAILED, MISSING, WORK
 from kb.core.context import Run
-from kb.core.errors import KbError
+from kb.core.errors import DamagedData, KbError
 from kb.core.profile import DEFAULT, load_profile
 from kb.core.profile.reddit import RedditSection
 from kb.core.settings import load_settings
 from kb.core.verdict import Summary
 from kb.crawl import job
 from kb.net import redact
-from kb.reddit import earlier, tables
-from kb.reddit.again import Rebuild, unanswered
 from kb.reddit.connector import credentials
 from kb.reddit.connector.ids import Ids, WantedThings, asked_for, released, subreddit_of
 from kb.reddit.connector.importer import different, import_jobs, summary_of
@@ -45,12 +44,16 @@ from kb.reddit.dumps import files as dumpfiles
 from kb.reddit.dumps import id_search as byid
 from kb.reddit.dumps.import_file import ImportJob
 from kb.reddit.parse.anonymize import load_key
+from kb.reddit.restore import tables
+from kb.reddit.restore.source import KnownIds, unanswered
 from kb.store import leftovers, parquet, tombstones
-from kb.store.layout import Layout
+from kb.store.atomic import write_bytes
+from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
 
 LOCK = ".lock"  # in a folder of tables outside of the data root: one run at a time adds to them
-NOT_THERE = "not in these dumps"
+_SINCE = "writes"  # in a work folder: how often the tables had been written when it began
+NOT_IN_DUMPS = "not in these dumps"
 WITHOUT_KEY = "archive dumps need no key: --dumps FILE…"
 
 
@@ -138,46 +141,44 @@ def rebuild(
     out: Path,
     *,
     dumps: Sequence[Path] = (),
-    gone: Collection[str] = (),
+    removed: Collection[str] = (),
 ) -> Summary:
-    """Read everything, add it to the tables in `out`. With `--again` what was answered before is
-    read anew.
+    """Read everything and add it to the tables in `out`; with `--again` also what was answered.
 
-    `dumps` are read instead of asking Reddit. `gone` are full names that were purged elsewhere:
+    `dumps` are read instead of asking Reddit. `removed` are full names that were purged elsewhere:
     like the data root's own tombstones they are never asked for. Raises SettingError (also where
-    the tables would take the place of other files) and MissingCredential before anything is sent
-    (exit 2); LimitReached, Blocked, Unreachable and Interrupted (exit 3; the same command goes
-    on); CredentialRefused and WriterLocked (exit 1).
+    the tables would replace other files) and MissingCredential before anything is sent (exit 2);
+    LimitReached, Blocked, Unreachable and Interrupted (exit 3; the same command resumes);
+    CredentialRefused and WriterLocked (exit 1).
     """
     if dumps:
         dumps = dumpfiles.find(run, dumps).files
     else:
         credentials.require(run, without=WITHOUT_KEY)
     wanted, sources = asked_for(ids, Layout(run.root).release("reddit"), run.progress.say)
-    digest = _digest(wanted, dumps, gone)
+    digest = _digest(wanted, dumps, removed)
     tables.check_place(out)
     with _writer(run.root, out):
-        for name in (earlier.DONE, earlier.MISSING):
+        for name in (tables.DONE, MISSING):
             leftovers.ended(out / name)  # of a killed run
-        earlier.settle(out)
-        done, work = earlier.load(out), out / f"{tables.WORK}{digest}"
+        tables.folder_of(out).settle()
+        done, work = _load(out), out / f"{WORK}-{digest}"
         if digest in done.answered and not run.again:
             shutil.rmtree(work, ignore_errors=True)
-            said = "these dumps were read" if dumps else "every id was answered"
-            run.progress.say(f"{out}: {said} before; --again reads them anew")
+            state = "these dumps are already read" if dumps else "every id is already answered"
+            run.progress.say(f"{out}: {state}; --again reads them again")
             return Summary(**{**done.answered[digest], **_counts(out, done), "requests": 0})
-        stale = earlier.begin(work, done)
-        gone = {*gone, *tombstones.keys(run.root, "reddit")}
-        answers = tables.Answers(work, wanted, {}, released(sources), stale, gone)
+        stale = _is_stale(work, done)
+        removed = {*removed, *tombstones.keys(run.root, "reddit")}
+        answers = tables.Answers(work, wanted, {}, released(sources), stale, removed)
         if dumps:
             subreddit = "" if wanted.trees else subreddit_of(sources)
-            summary = _read_dumps(run, wanted, dumps, work, gone, subreddit)
-            answers = answers._replace(stale=True, otherwise=NOT_THERE)
+            summary = _read_dumps(run, wanted, dumps, work, removed, subreddit)
+            answers = answers._replace(stale=True, otherwise=NOT_IN_DUMPS)
         else:
-            source = Rebuild(run, wanted, gone)
+            source = KnownIds(run, wanted, removed)
             summary = job.work(run, source, source.summary, place=work, facts=source.facts)
-            left = unanswered(Layout(work).state("reddit"))
-            answers = answers._replace(unanswered=left)
+            answers = answers._replace(unanswered=unanswered(Layout(work).state("reddit")))
         if wanted.bad_lines:
             summary["bad_lines"] = summary.get("bad_lines", 0) + wanted.bad_lines
         try:
@@ -188,13 +189,48 @@ def rebuild(
         except KbError as error:
             error.summary = summary
             raise
-        earlier.wrote(work, done)
+        write_bytes(work / _SINCE, str(done.writes).encode())
         if not summary["failed"]:
             done.answered[digest] = dict(summary)
-        earlier.save(out, done)
+        write_bytes(out / tables.DONE, msgspec.json.encode(done))
         if not summary["failed"]:
             shutil.rmtree(work)
     return summary
+
+
+class Done(msgspec.Struct):
+    """What .done.json says: the summary of each list of ids by its digest, rows of the tables, and
+    how often they were written.
+    """
+
+    answered: dict[str, dict[str, Any]] = {}
+    counts: dict[str, int] = {}
+    writes: int = 0
+
+
+def _load(out: Path) -> Done:
+    """What .done.json says of `out`; no list counts as answered where a table is incomplete."""
+    try:
+        done = msgspec.json.decode((out / tables.DONE).read_bytes(), type=Done)
+    except (OSError, msgspec.DecodeError):
+        return Done()
+    try:
+        names = [one.declared.short for one in tables.TABLES]
+        counts = tables.folder_of(out).counts() | {MISSING: parquet.footer(out / MISSING).num_rows}
+        if counts == done.counts and all(parquet_files(out / name) for name in names):
+            return done
+    except (OSError, ValueError, DamagedData):
+        pass
+    return Done(writes=done.writes)
+
+
+def _is_stale(work: Path, done: Done) -> bool:
+    """Whether other runs have written to the tables since this work folder began."""
+    path = work / _SINCE
+    if not path.exists():
+        write_bytes(path, str(done.writes).encode())
+        return False
+    return path.read_text() != str(done.writes)
 
 
 def _writer(root: Path, out: Path) -> AbstractContextManager[None]:
@@ -207,11 +243,11 @@ def _writer(root: Path, out: Path) -> AbstractContextManager[None]:
     return writer(out / LOCK, "reddit")
 
 
-def _digest(wanted: WantedThings, dumps: Sequence[Path], gone: Collection[str]) -> str:
-    """Tells what is wanted, of which dumps, and without what, from anything else."""
-    if not dumps and not gone:
+def _digest(wanted: WantedThings, dumps: Sequence[Path], removed: Collection[str]) -> str:
+    """Identifies what is wanted, from which dumps, and without which names."""
+    if not dumps and not removed:
         return wanted.digest()
-    names = [*sorted(places.name_of(file, 0.0, math.inf) for file in dumps), *sorted(gone)]
+    names = [*sorted(places.name_of(file, 0.0, math.inf) for file in dumps), *sorted(removed)]
     return hashlib.sha256(" ".join([wanted.digest(), *names]).encode()).hexdigest()[:16]
 
 
@@ -220,12 +256,12 @@ def _read_dumps(
     wanted: WantedThings,
     dumps: Sequence[Path],
     work: Path,
-    gone: Collection[str],
+    removed: Collection[str],
     subreddit: str,
 ) -> Summary:
-    """What is wanted of the dumps → raw answers in the work folder, as an import writes them.
+    """Wanted records of the dumps → raw answers in the work folder, as an import writes them.
 
-    `subreddit` is that of all ids, "" where nobody knows.
+    `subreddit` is that of all ids, "" where it is unknown.
     """
     ids, notes = work / "ids", Layout(work).importing("reddit")
     if run.again and not notes.exists():
@@ -234,7 +270,7 @@ def _read_dumps(
     load_key(run.root)
     if not ids.is_dir():
         with run.progress.task("ids", unit="steps"):
-            byid.keep(wanted.names, wanted.trees, ids, gone)
+            byid.keep(wanted.names, wanted.trees, ids, removed)
     room, home = run.limit or 0, str(run.root)
     job_ = ImportJob(str(work), "", subreddit, 0.0, math.inf, room, ids=str(ids), home=home)
     files = different(run, dumps)
@@ -252,15 +288,12 @@ def _of_dumps(summary: Mapping[str, Any]) -> Summary:
     return Summary({**summary, "command": "reddit reconstruct", "failed": 0, "pending": 0})
 
 
-def _counts(out: Path, done: earlier.Done) -> dict[str, int]:
-    """Rows of the tables as they are now; what failed is not `missing`, as it is asked for
-    again.
-    """
-    failed = sum(one.reason == "failed" for one in earlier.missing(out).values())
-    return {
-        **{name: done.counts[name] for name in earlier.NAMES},
-        "missing": done.counts[earlier.MISSING] - failed,
-    }
+def _counts(out: Path, done: Done) -> dict[str, int]:
+    """Rows of the tables now; what failed is not `missing`, as the next run asks for it."""
+    reasons = tables.folder_of(out).missing().values()
+    failed = sum(one.reason == FAILED for one in reasons)
+    counts = {one.declared.short: done.counts[one.declared.short] for one in tables.TABLES}
+    return {**counts, "missing": done.counts[MISSING] - failed}
 
 
 def _run(profile: str | None, settings: dict[str, Any]) -> Run:

@@ -1,4 +1,4 @@
-"""What a reconstruction asks Reddit for, as a source of a crawl into its work folder."""
+"""The crawl of a reconstruction: known ids and whole trees, into its work folder."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from kb.store.frontier import Frontier, Item
 _WHY = {"404": "missing", "410": "missing", "purged": "purged"}
 
 
-class Rebuild(RedditSource):
+class KnownIds(RedditSource):
     """What is wanted: names, and posts whose whole trees are read. `answered` counts names."""
 
     phases = (replace(INFO, name="reddit reconstruct"), MORE, THREAD, TREE)
 
-    def __init__(self, run: Run, wanted: WantedThings, gone: Collection[str] = ()) -> None:
+    def __init__(self, run: Run, wanted: WantedThings, removed: Collection[str] = ()) -> None:
         super().__init__(run)
-        self.wanted, self.gone = wanted, gone
+        self.wanted, self.removed = wanted, removed
         self.answered = 0
 
     def begin(self, opened: Opened) -> None:
         """What was purged elsewhere counts as purged here."""
-        opened.gone.update(self.gone)
+        opened.gone.update(self.removed)
         super().begin(opened)
 
     def identity(self) -> dict[str, str]:
@@ -84,12 +84,12 @@ def unanswered(state: Path) -> dict[str, str]:
     """What has no answer with content for a reason that is not in the answers: full name →
     reason.
     """
-    found: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     with reading.state(state, PAYLOADS) as frontier:
         for kind, prefix in (("info", ""), ("tree", "t3_"), ("more", "t1_")):
             for key, *_ in frontier.items(kind, "error"):
-                found[f"{prefix}{key}"] = "failed"
+                reasons[f"{prefix}{key}"] = "failed"
         for kind, prefix in (("info", ""), ("tree", "t3_")):
             for key, _, reason, _ in frontier.items(kind, "skipped"):
-                found[f"{prefix}{key}"] = _WHY.get(reason or "", "forbidden")
-    return found
+                reasons[f"{prefix}{key}"] = _WHY.get(reason or "", "forbidden")
+    return reasons
