@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -10,11 +12,42 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from kb.reddit import reduce, replay
+from kb.reddit import parse, reduce, replay
 from kb.store import rawlog
 from kb.store.frontier import Frontier
-from kb.store.rawlog import Envelope
-from tests.reddit.test_sift import answers, spelled
+from kb.store.rawlog import Envelope, Request
+from tests.reddit.raw import post
+from tests.reddit.test_plain import params, response, things
+
+NAMES = [*(f"t1_c{number}" for number in range(10)), "t3_p1", "t3_c1", "t3_7", "t1_3", "t3_"]
+crossposts = st.sampled_from(
+    [{"crosspost_parent": "t3_p1"}, {"crosspost_parent_list": [{"id": 7}]}]
+)
+
+
+@st.composite
+def answers(draw: st.DrawFn) -> tuple[str, Envelope]:
+    kind = draw(st.sampled_from(parse.KINDS))
+    children = draw(st.lists(things(), max_size=4))
+    if draw(st.booleans()):
+        children.append(post("c2", **draw(crossposts)))
+    answer = response(kind, children)
+    if isinstance(answer, dict) and "data" in answer:
+        answer["data"]["after"] = draw(st.sampled_from([None, *NAMES]))
+    return kind, Envelope(None, Request("comments/p1", draw(params)), 200, answer)
+
+
+def spelled(line: bytes, how: str) -> bytes:
+    """The same JSON as others write it."""
+    if how == "as ours":
+        return line
+    value = json.loads(line)
+    if how == "with spaces":
+        return json.dumps(value, indent=1).replace("\n", " ").encode()
+    text = json.dumps(value, separators=(",", ":"))
+    # Of an id only: the digits of another escape may read like one.
+    text = re.sub(r'(?<=["_,])c1', r"\\u0063\\u0031", text)
+    return re.sub(r'(?<=["_,])p1', r"p\\u0031", text).encode()
 
 
 class Undo(Exception):
