@@ -13,14 +13,14 @@ from __future__ import annotations
 import shutil
 from collections.abc import Mapping
 
+from kb.artifacts import belonging
+from kb.artifacts.catalog import Catalog
 from kb.core.context import Run
 from kb.core.errors import FatalError, MissingExtra, ProfileError
 from kb.core.verdict import Summary
 from kb.export import layouts
 from kb.links.build import build, check
 from kb.links.named import Names
-from kb.store import belonging
-from kb.store.catalog import Catalog
 from kb.store.layout import Layout
 from kb.wiki import named
 

@@ -12,13 +12,13 @@ again.
 
 from __future__ import annotations
 
-import importlib
 import shutil
 from pathlib import Path
 
 from kb.annotate.scores import drop_unused
+from kb.artifacts import belonging, inputs
 from kb.artifacts import purge as steps
-from kb.artifacts.purge import PurgeLine, PurgeRules, Step
+from kb.artifacts.purge import PurgeLine, Step
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.pipeline import load, locate
@@ -28,7 +28,7 @@ from kb.export import layouts
 from kb.filters.clean import texts
 from kb.release.build import describe
 from kb.report.build import report_again
-from kb.store import belonging, inputs, lock
+from kb.store import lock
 from kb.store.layout import Layout
 
 STEPS: tuple[Step, ...] = (steps.rows, steps.index, steps.exports)
@@ -39,7 +39,7 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
 
     After an interruption the same command continues.
     """
-    rules = rules_of(source)
+    rules = steps.rules_of(source)
     listed = rules.read_ids(ids, run.progress.say) if ids else None
     with belonging.writing(run, *lock.of_purge(source)):
         current = inputs.is_filtered(run.root, source)
@@ -65,17 +65,11 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
 
 def plan(run: Run, source: str, ids: Path | None) -> Summary:
     """The same as a dry run: what would be removed, by table and folder."""
-    rules = rules_of(source)
+    rules = steps.rules_of(source)
     listed = rules.read_ids(ids, run.progress.say) if ids else None
     with steps.dry_purge(run, rules, listed) as purge:
         counted = (steps.answers, *STEPS) if purge.keys else ()
         return steps.plan_summary(purge, (line for step in counted for line in step(purge)))
-
-
-def rules_of(source: str) -> PurgeRules:
-    """The rules of a source."""
-    rules: PurgeRules = importlib.import_module(f"kb.{source}.purge").RULES
-    return rules
 
 
 def _write_again(run: Run, source: str) -> None:

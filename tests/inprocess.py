@@ -11,8 +11,8 @@ from typing import NamedTuple
 import pytest
 import structlog
 
-from kb.cli import outcome
 from kb.cli.app import app
+from kb.cli.framework import outcome
 from tests.cli.conftest import clean_environment
 
 

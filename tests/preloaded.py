@@ -14,7 +14,7 @@ import itertools
 from pathlib import Path
 
 from kb.cli.app import leaves
-from kb.cli.profile_check import examine
+from kb.cli.commands.profile.check import examine
 from kb.core.profile import load_profile
 from kb.core.sources import PUBLISHED
 from kb.pairs import keywords, list_check, listed, match, tokens

@@ -1,7 +1,7 @@
 """The import arrows of the design, read from the source text:
 
 cli → pipelines → {annotate, filters, pairs, export, release, report, query} and
-    {youtube, wiki, reddit} → crawl → store → {schema, net} → core
+    {youtube, wiki, reddit} → crawl → artifacts → store → {schema, net} → core
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from kb.core.sources import SOURCES
 
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = {*SOURCES, "annotate", "filters", "pairs", "export", "release", "report", "verify"}
-GROUND = {"net", "store", "schema"}
+GROUND = {"net", "store", "schema", "artifacts"}
+DATA = {"artifacts", "store", "schema", "core"}
 ASKING = {"query", "search"}  # over the ground alone; only commands and pipelines ask it
 
 # room -> the rooms that it may import (itself always)
@@ -27,12 +28,13 @@ ALLOWED: dict[str, set[str]] = {
     "schema": {"core"},
     "net": {"core"},
     "store": {"schema", "net", "core"},
+    "artifacts": {"store", "schema", "core"},
     "crawl": GROUND | {"core"},
     **{room: GROUND | {"core"} | ({"crawl"} if room in SOURCES else set()) for room in ROOMS},
-    **{room: {"store", "schema", "core"} for room in ASKING},
-    "links": {"pairs", "store", "schema", "core"},  # over the pairs' matcher
-    "reader": ASKING | {"store", "schema", "core"},
-    "mcp": {"reader"} | ASKING | {"store", "schema", "core"},
+    **dict.fromkeys(ASKING, DATA),
+    "links": {"pairs", *DATA},  # over the pairs' matcher
+    "reader": ASKING | DATA,
+    "mcp": {"reader"} | ASKING | DATA,
     "sandbox": ROOMS | GROUND | {"core"},
     "cli": ROOMS | ASKING | GROUND | {"core", "links", "sandbox", "mcp"},
     "pipelines": ROOMS | ASKING | GROUND | {"core", "crawl", "links", "sandbox"},

@@ -20,7 +20,7 @@ import shutil
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -28,13 +28,14 @@ from typing import Any, Protocol
 
 import msgspec
 
-from kb.artifacts import purge_raw
+from kb.artifacts import indexed, purge_raw
 from kb.artifacts.purge_raw import Matcher, Names, Strip
 from kb.artifacts.purge_rows import RowLocation, drop_rows, released
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
+from kb.core.sources import SPECS
 from kb.core.verdict import Summary
-from kb.store import buckets, indexed, lock, mending, notes, rawlog, tombstones
+from kb.store import buckets, lock, mending, notes, rawlog, tombstones
 from kb.store.atomic import write_bytes
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
@@ -87,7 +88,6 @@ def _no_repeats(envelope: Envelope, keys: Collection[str]) -> Iterable[str]:
 class PurgeRules:
     """What a purge has to know about a source.
 
-    connector   opens the source for a run, as a crawl does
     read_ids    reads a list of ids
     rows        where rows name keys
     items       kinds of the frontier whose items have the key of what is removed
@@ -105,7 +105,6 @@ class PurgeRules:
     """
 
     source: str
-    connector: Callable[[Run], Any]
     read_ids: Callable[[Path, Callable[[str], None] | None], PurgeList]
     rows: tuple[RowLocation, ...]
     items: tuple[str, ...] = ()
@@ -181,6 +180,17 @@ class Purge:
         return own - self.counts.get("unknown", 0)
 
 
+def rules_of(source: str) -> PurgeRules:
+    """The rules of a source, as its spec names them."""
+    rules: PurgeRules = SPECS[source].load(SPECS[source].purge)
+    return rules
+
+
+def connector(source: str) -> Any:
+    """The class that crawls a source, as its spec names it."""
+    return SPECS[source].load(SPECS[source].connector)
+
+
 def unfinished(root: Path, source: str) -> dict[str, str]:
     """The list of an interrupted purge (key → reason), {} if there is none."""
     hint = f"delete it, then run `kb purge {source}` again"
@@ -213,8 +223,8 @@ def dry_purge(run: Run, rules: PurgeRules, listed: PurgeList | None) -> Iterator
         for file in (original, original.with_name(f"{original.name}-wal")):
             if file.is_file():
                 shutil.copyfile(file, Path(scratch, file.name))
-        with closing(rules.connector(run)) as source:
-            frontier = Frontier(Path(scratch, original.name), payloads=source.payloads)
+        payloads = connector(rules.source).payloads
+        frontier = Frontier(Path(scratch, original.name), payloads=payloads)
         try:
             purge = Purge(run, rules, listed, frontier, Path(scratch, "work"), dry=True)
             purge.find()

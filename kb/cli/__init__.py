@@ -20,8 +20,8 @@ def main(arguments: list[str] | None = None) -> None:
     ]
     before = {number: signal.signal(number, _leave) for number in ours}
     try:
-        from kb.cli import outcome
         from kb.cli.app import app
+        from kb.cli.framework import outcome
 
         words = {"args": arguments, "prog_name": "kb", "standalone_mode": False}
         sys.exit(outcome.guarded(lambda: app(**words)))

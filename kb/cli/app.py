@@ -14,32 +14,71 @@ import typer.core
 import typer.main
 
 from kb import __version__
-from kb.cli import misplaced
+from kb.cli.framework import misplaced
 
 # name -> (module, one line for `kb --help`). The module's `app` is a typer app, of one command or
 # several.
 TREE = {
-    "youtube": ("kb.cli.youtube", "Channels, videos and transcripts: crawl, filter, export."),
-    "wiki": ("kb.cli.wiki", "Wiki pages as a browser shows them: crawl, filter, export."),
-    "reddit": ("kb.cli.reddit", "Posts and comments: crawl, import, filter, export, reconstruct."),
-    "restore": ("kb.cli.restore", "The content of a downloaded release, with your own keys."),
-    "models": ("kb.cli.models", "The toxicity model's files: fetch."),
-    "annotate": ("kb.cli.annotate", "Toxicity scores for text that has none yet."),
-    "pairs": ("kb.cli.pairs", "Keyword-matched video-text pairs."),
-    "links": ("kb.cli.links", "Entities, and where videos, wiki and threads speak of them."),
-    "release": ("kb.cli.release", "Checks, metadata and checksums around release/; publish."),
-    "report": ("kb.cli.report", "Figures and one HTML page of what was collected."),
-    "status": ("kb.cli.status", "Progress, quota, age of the data, what is left."),
-    "verify": ("kb.cli.verify", "Every byte: whole, damaged, missing or foreign; --repair."),
-    "profile": ("kb.cli.profile", "A new domain's profile; what is wrong with one."),
-    "index": ("kb.cli.index", "One local index over everything that is clean."),
-    "search": ("kb.cli.search", "Ranked answers out of the index, with links to the place."),
-    "mcp": ("kb.cli.mcp", "Search and tables for agents (Model Context Protocol on stdio)."),
-    "query": ("kb.cli.query", "SQL over the tables of the data root, by DuckDB."),
-    "refresh": ("kb.cli.refresh", "Read again what the services' terms ask to keep fresh."),
-    "purge": ("kb.cli.purge", "Remove for good what was deleted at its source, or named."),
-    "sandbox": ("kb.cli.sandbox", "Invented services on this machine, to try everything on."),
-    "demo": ("kb.cli.demo", "The whole job on the sandbox: no key, no network, minutes."),
+    "youtube": (
+        "kb.cli.commands.sources.youtube",
+        "Channels, videos and transcripts: crawl, filter, export.",
+    ),
+    "wiki": (
+        "kb.cli.commands.sources.wiki",
+        "Wiki pages as a browser shows them: crawl, filter, export.",
+    ),
+    "reddit": (
+        "kb.cli.commands.sources.reddit",
+        "Posts and comments: crawl, import, filter, export, reconstruct.",
+    ),
+    "restore": (
+        "kb.cli.commands.restore",
+        "The content of a downloaded release, with your own keys.",
+    ),
+    "models": ("kb.cli.commands.models", "The toxicity model's files: fetch."),
+    "annotate": ("kb.cli.commands.sources.annotate", "Toxicity scores for text that has none yet."),
+    "pairs": ("kb.cli.commands.pairs", "Keyword-matched video-text pairs."),
+    "links": (
+        "kb.cli.commands.links",
+        "Entities, and where videos, wiki and threads speak of them.",
+    ),
+    "release": (
+        "kb.cli.commands.release",
+        "Checks, metadata and checksums around release/; publish.",
+    ),
+    "report": ("kb.cli.commands.report", "Figures and one HTML page of what was collected."),
+    "status": ("kb.cli.commands.status.command", "Progress, quota, age of the data, what is left."),
+    "verify": (
+        "kb.cli.commands.verify",
+        "Every byte: whole, damaged, missing or foreign; --repair.",
+    ),
+    "profile": (
+        "kb.cli.commands.profile.command",
+        "A new domain's profile; what is wrong with one.",
+    ),
+    "index": ("kb.cli.commands.index", "One local index over everything that is clean."),
+    "search": (
+        "kb.cli.commands.search",
+        "Ranked answers out of the index, with links to the place.",
+    ),
+    "mcp": (
+        "kb.cli.commands.mcp",
+        "Search and tables for agents (Model Context Protocol on stdio).",
+    ),
+    "query": ("kb.cli.commands.query", "SQL over the tables of the data root, by DuckDB."),
+    "refresh": (
+        "kb.cli.commands.sources.refresh",
+        "Read again what the services' terms ask to keep fresh.",
+    ),
+    "purge": (
+        "kb.cli.commands.sources.purge",
+        "Remove for good what was deleted at its source, or named.",
+    ),
+    "sandbox": (
+        "kb.cli.commands.sandbox",
+        "Invented services on this machine, to try everything on.",
+    ),
+    "demo": ("kb.cli.commands.demo", "The whole job on the sandbox: no key, no network, minutes."),
 }
 CONTEXT: dict[str, Any] = {"help_option_names": ["--help", "-h"]}  # groups inherit it
 

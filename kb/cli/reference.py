@@ -34,7 +34,7 @@ def pages() -> dict[str, str]:
 def commands() -> str:
     """Every command with its own options and examples; the shared options once."""
     from kb.cli.app import context, leaves
-    from kb.cli.options import COMMON, DESCRIBED, RUNNING
+    from kb.cli.framework.options import COMMON, DESCRIBED, RUNNING
 
     shared = {
         p.name: (p, context(path, command))

@@ -22,7 +22,7 @@ def purge_answers(run: Run, rules: PurgeRules, listed: PurgeList | None) -> Purg
     Interrupted.
     """
     # Opening a session takes in what a killed crawl or import had not committed.
-    with open_session(run, rules.connector(run), asks=False, tells=False) as session:
+    with open_session(run, steps.connector(rules.source)(run), asks=False, tells=False) as session:
         session.recorder.close()
         scratch = Layout(run.root).known(rules.source)
         purge = Purge(run, rules, listed, session.frontier, scratch)

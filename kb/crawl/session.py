@@ -12,11 +12,12 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from kb.artifacts import belonging
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import Blocked, Retryable
 from kb.crawl.source import Answer, Source
-from kb.store import belonging, identity, lock, tombstones
+from kb.store import identity, lock, tombstones
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
 from kb.store.rawlog import Envelope

@@ -25,10 +25,11 @@ from typing import Any
 
 import duckdb
 
+from kb.artifacts import complete
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
-from kb.store import complete, database, parquet
+from kb.store import database, parquet
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
 from kb.store.reading import reading, scan

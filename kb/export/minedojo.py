@@ -13,10 +13,10 @@ import contextlib
 import json
 import re
 
+from kb.artifacts import complete
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
-from kb.store import complete
 from kb.store.atomic import writing
 from kb.store.layout import Layout
 from kb.store.merge import Merge

@@ -11,10 +11,11 @@ from __future__ import annotations
 import json
 from typing import cast
 
+from kb.artifacts import complete
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
-from kb.store import complete, parquet
+from kb.store import parquet
 from kb.store.atomic import writing
 from kb.store.layout import Layout
 from kb.store.reading import reading

@@ -27,11 +27,12 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote, urlsplit
 
+from kb.artifacts import complete
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
 from kb.export.wiki_tar import rows
-from kb.store import complete, sidefiles
+from kb.store import sidefiles
 from kb.store.atomic import replacing_folder
 from kb.store.inside import inside
 from kb.store.layout import Layout

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from kb.artifacts import complete
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.schema.tables import table
-from kb.store import complete
 from kb.store.layout import Layout
 from kb.store.merge import Merge
 from kb.store.shards import order

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import pyarrow as pa
 
+from kb.artifacts import complete, inputs
 from kb.core import vocabulary
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
@@ -20,7 +21,7 @@ from kb.core.errors import FatalError
 from kb.core.sources import SOURCES, made_by
 from kb.core.verdict import Summary
 from kb.schema.tables import released_tables
-from kb.store import complete, inputs, shards
+from kb.store import shards
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
 

@@ -23,12 +23,13 @@ from typing import Any
 
 import pyarrow as pa
 
+from kb.artifacts import complete
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
 from kb.export import parquet
 from kb.schema.tables import table
-from kb.store import complete, sidefiles
+from kb.store import sidefiles
 from kb.store.inside import inside
 from kb.store.merge import Merge
 

@@ -21,6 +21,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from kb.artifacts import belonging, complete, indexed, inputs
 from kb.core import pipeline, vocabulary
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
@@ -30,17 +31,7 @@ from kb.filters.chain import VERDICTS, Clean
 from kb.filters.lost import unanswered
 from kb.filters.tasks import FilterJob, parse_segment, sort_bucket, spec_of, texts_of
 from kb.schema.tables import table
-from kb.store import (
-    belonging,
-    buckets,
-    complete,
-    indexed,
-    inputs,
-    mending,
-    rawlog,
-    tally,
-    tombstones,
-)
+from kb.store import buckets, mending, rawlog, tally, tombstones
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout

@@ -21,6 +21,9 @@ import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.artifacts import complete, linked
+from kb.artifacts.catalog import NO_TABLES, Catalog
+from kb.artifacts.linked import LinksNote, Read
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError, MissingExtra
@@ -33,11 +36,9 @@ from kb.links.named import Names, Own
 from kb.links.texts import TABLES, parts
 from kb.pairs import keywords as lists
 from kb.pairs.keywords import Keywords
-from kb.store import complete, linked, parquet
+from kb.store import parquet
 from kb.store.atomic import replacing_folder, write_bytes, write_text
-from kb.store.catalog import NO_TABLES, Catalog
 from kb.store.layout import Layout, parquet_files
-from kb.store.linked import LinksNote, Read
 from kb.store.lock import writer
 from kb.store.reading import reading
 from kb.store.shards import ShardWriter, sorted_shards, write_table

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from kb.artifacts import catalog, indexed
+from kb.artifacts.catalog import bare
 from kb.core import terminal
 from kb.core.context import Run
 from kb.core.sources import SOURCES
 from kb.mcp.fence import Fence, Unit, cut, together
 from kb.reader.opened import OpenTables
 from kb.reader.rows import TableView
-from kb.store import catalog, indexed
-from kb.store.catalog import bare
 
 _THINGS = {"youtube": "youtube_videos", "wiki": "wiki_pages", "reddit": "reddit_posts"}
 _WHEN = {

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from kb.artifacts import catalog
 from kb.core.errors import UsageError
 from kb.mcp.fence import Fence, Unit
 from kb.mcp.found import revision
@@ -19,7 +20,6 @@ from kb.reader.opened import OpenTables
 from kb.search.passage import plain
 from kb.search.sections import grid, link, sections
 from kb.search.transcripts import Talk, talk
-from kb.store import catalog
 
 _WATCH = "https://www.youtube.com/watch?v="
 

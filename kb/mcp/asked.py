@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from kb.artifacts import catalog
 from kb.core.errors import UsageError
 from kb.mcp.fence import Fence, cut
 from kb.query import guarded
 from kb.query.bounds import Limits
-from kb.store import catalog
 
 ROWS, MOST_ROWS = 100, 1_000
 SECONDS, MOST_SECONDS = 10, 60

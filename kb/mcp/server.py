@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError
 
 from kb import __version__
+from kb.artifacts import catalog
 from kb.core.context import Run
 from kb.core.errors import KbError, MissingExtra, UsageError
 from kb.core.installation import install_extra
@@ -26,7 +27,6 @@ from kb.mcp.asked import MOST_ROWS, MOST_SECONDS, ROWS, SECONDS, asked
 from kb.mcp.found import found
 from kb.mcp.places import place
 from kb.search.rank import Only, day_given
-from kb.store import catalog
 
 INSTRUCTIONS = (
     "A local knowledge base made of video transcripts, a wiki and forum threads. Ask `search`"

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import pyarrow as pa
 
+from kb.artifacts import complete
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import LimitReached
@@ -24,7 +25,6 @@ from kb.core.verdict import Summary
 from kb.pairs import keywords as lists
 from kb.pairs import source
 from kb.pairs.index import PairCounts, Tools, make_tools, pairs_of
-from kb.store import complete
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
@@ -49,7 +49,7 @@ def build(run: Run) -> Summary:
 
     Raises ProfileError, MissingExtra, FatalError without transcripts, LimitReached, Interrupted.
     """
-    section, keywords = run.profile.section("pairs"), check(run)
+    section, keywords = run.profile.section(Pairs), check(run)
     plan = json.dumps(
         {
             "section": section.model_dump(mode="json"),
@@ -92,7 +92,7 @@ def check(run: Run) -> lists.Keywords:
 
     Raises ProfileError, MissingExtra, FatalError without transcripts.
     """
-    section, keywords = run.profile.section("pairs"), lists.load(run.profile)
+    section, keywords = run.profile.section(Pairs), lists.load(run.profile)
     make_tools(section, run.seed, keywords)
     source.parts(run.root)
     return keywords

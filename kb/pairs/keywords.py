@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from kb.core.errors import ProfileError
 from kb.core.profile import Profile
+from kb.core.profile.pairs import Pairs
 from kb.pairs.fold import phrase
 from kb.pairs.forms import forms
 from kb.pairs.listed import COLUMNS, LONGEST, NEVER, Keyword, read
@@ -93,7 +94,7 @@ def of_plain(data: dict[str, Any]) -> Keywords:
 
 def load(profile: Profile) -> Keywords:
     """The keywords of [pairs]. Raises ProfileError naming the file and line."""
-    section = profile.section("pairs")
+    section = profile.section(Pairs)
     listed = [
         one
         for name in section.keyword_files

@@ -11,9 +11,10 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.artifacts import complete
 from kb.core.errors import FatalError
 from kb.pairs.text import Text
-from kb.store import complete, parquet, rawlog
+from kb.store import parquet, rawlog
 from kb.store.layout import parquet_files
 from kb.store.reading import reading
 

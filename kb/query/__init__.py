@@ -7,8 +7,8 @@ Views are in `views`, statements in `statements`, the nearest names in `nearest`
 `text` and `box`, files in `write`.
 """
 
+from kb.artifacts.catalog import View
 from kb.query.execute import select
 from kb.query.views import Listed, catalog, connect, found
-from kb.store.catalog import View
 
 __all__ = ["Listed", "View", "catalog", "connect", "found", "select"]

@@ -10,12 +10,12 @@ from typing import Any
 import duckdb
 import pyarrow as pa
 
+from kb.artifacts.catalog import View
 from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.core.progress import Progress, Silent
 from kb.query import nearest, statements
 from kb.query.views import found
 from kb.store import parquet
-from kb.store.catalog import View
 from kb.store.reading import broken
 
 _BATCH = 10_000  # rows

@@ -15,9 +15,9 @@ from pathlib import Path
 import msgspec
 
 import kb
+from kb.artifacts.catalog import View
 from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.query.bounds import Limits, too_long
-from kb.store.catalog import View
 
 _START = 20.0  # seconds that a process may take beside its query
 _KINDS: dict[str, type[KbError]] = {

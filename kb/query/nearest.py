@@ -9,10 +9,10 @@ from pathlib import Path
 
 import duckdb
 
+from kb.artifacts.catalog import SCHEMAS, empty, view_name
 from kb.core.errors import KbError, UsageError
 from kb.core.sources import PUBLISHED, SOURCES, exported_by
 from kb.schema.tables import tables
-from kb.store.catalog import SCHEMAS, empty, view_name
 
 _TABLE = re.compile(r'Table with name "?([^"!]+?)"? does not exist')
 _COLUMN = re.compile(r'Values list "[^"]*" does not have a column named "([^"]+)"')

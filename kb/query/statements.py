@@ -9,8 +9,8 @@ from typing import Any
 import duckdb
 import duckdb.sqltypes
 
+from kb.artifacts.catalog import SCHEMAS, View
 from kb.core.errors import UsageError
-from kb.store.catalog import SCHEMAS, View
 
 # A table by a text that is put together, or by its file's name.
 _ANY = re.compile(r"\b(query|query_table|\w*parquet\w*|read_\w+|glob)\b|/|u&")

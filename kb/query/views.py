@@ -1,8 +1,8 @@
 """DuckDB over a data root or a download: a schema for each kind of table, one view a table.
 
 `clean.youtube_videos`, `release.reddit_posts`, `restored.reddit_comments`, `links.entities`, as
-kb.store.catalog finds them; a bare name is the clean view where it exists, else the released, else
-the restored one, else the links'. Only files of these tables can be read: nothing is written,
+kb.artifacts.catalog finds them; a bare name is the clean view where it exists, else the released,
+else the restored one, else the links'. Only files of these tables can be read: nothing is written,
 attached, loaded or fetched.
 """
 
@@ -14,13 +14,14 @@ from typing import NamedTuple
 
 import duckdb
 
+from kb.artifacts import complete
+from kb.artifacts.catalog import SCHEMAS, Catalog, View, bare
+from kb.artifacts.release_folder import read_tombstones
 from kb.core.errors import DamagedData
 from kb.query.bounds import Limits
-from kb.store import complete, database, parquet
+from kb.store import database, parquet
 from kb.store.advice import advice
-from kb.store.catalog import SCHEMAS, Catalog, View, bare
 from kb.store.reading import escaped, reading, scan
-from kb.store.release_folder import read_tombstones
 
 
 class Listed(NamedTuple):

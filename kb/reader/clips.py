@@ -5,10 +5,10 @@ from __future__ import annotations
 import difflib
 from typing import cast
 
+from kb.artifacts.catalog import View
 from kb.core.errors import UsageError
 from kb.reader.opened import OpenTables
 from kb.reader.rows import QueryResult, TableView
-from kb.store.catalog import View
 
 _OF_VIDEO = ("title", "view_count", "like_count", "published_at")
 

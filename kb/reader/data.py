@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from kb import query
+from kb.artifacts import catalog
+from kb.artifacts.catalog import Catalog
 from kb.core.errors import UsageError
 from kb.reader import clips, html, page, thread
 from kb.reader.hints import hinted
@@ -14,8 +16,6 @@ from kb.reader.opened import OpenTables
 from kb.reader.rows import QueryResult, TableView
 from kb.reader.tables import Tables
 from kb.search.rank import Only, day_given
-from kb.store import catalog
-from kb.store.catalog import Catalog
 
 Place = str | os.PathLike[str]
 _WAYS = ("sql", "page", "thread", "clips", "search")

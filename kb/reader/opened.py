@@ -9,8 +9,8 @@ import duckdb
 import pyarrow as pa
 
 from kb import query
+from kb.artifacts.catalog import SCHEMAS, Catalog, View, check_once
 from kb.store import parquet
-from kb.store.catalog import SCHEMAS, Catalog, View, check_once
 from kb.store.reading import reading
 
 

@@ -8,13 +8,13 @@ import io
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, cast
 
+from kb.artifacts.catalog import View
 from kb.core.errors import KbError, UsageError
 from kb.reader import html, image
 from kb.reader.hints import hinted
 from kb.reader.image import Box
 from kb.reader.opened import OpenTables
 from kb.reader.rows import QueryResult
-from kb.store.catalog import View
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -12,13 +12,13 @@ import pyarrow as pa
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
+from kb.artifacts.catalog import View
+from kb.artifacts.release_folder import read_tombstones
 from kb.core.errors import MissingExtra, UsageError
 from kb.reader import html
 from kb.reader.hints import hinted
 from kb.store import parquet
-from kb.store.catalog import View
 from kb.store.reading import reading
-from kb.store.release_folder import read_tombstones
 
 if TYPE_CHECKING:
     import pandas

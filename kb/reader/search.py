@@ -5,6 +5,8 @@ from __future__ import annotations
 import msgspec
 import pyarrow as pa
 
+from kb.artifacts import belonging, indexed
+from kb.artifacts.catalog import Catalog
 from kb.core.context import Run
 from kb.core.errors import UsageError
 from kb.core.profile import DEFAULT, load_profile
@@ -16,8 +18,6 @@ from kb.search.ask import SearchHit, search
 from kb.search.build import ensure
 from kb.search.passage import KINDS
 from kb.search.rank import Only
-from kb.store import belonging, indexed
-from kb.store.catalog import Catalog
 
 _NUMBERS = ("score", "start_s")
 _SCHEMA = pa.schema(

@@ -5,11 +5,11 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterator, Mapping
 
+from kb.artifacts.catalog import View, bare
 from kb.core.errors import UsageError
 from kb.reader import html
 from kb.reader.hints import hinted
 from kb.reader.rows import TableView
-from kb.store.catalog import View, bare
 
 
 class Tables(Mapping[str, TableView]):

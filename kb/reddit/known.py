@@ -20,7 +20,7 @@ import pyarrow.compute as pc
 
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
-from kb.core.profile.reddit import Links
+from kb.core.profile.reddit import Links, RedditSection
 from kb.reddit import heads, parse
 from kb.store import buckets, rawlog
 from kb.store.atomic import full_disk_is_resumable
@@ -84,7 +84,7 @@ def _spread(
     run: Run, segments: list[tuple[str, Path]], folder: Path, number: int, executor: Any
 ) -> None:
     """Every segment of the raw log → `folder/<bucket>/<segment>.arrow`, of `number` buckets."""
-    links = run.profile.section("reddit").links
+    links = run.profile.section(RedditSection).links
     tasks = (
         (kind, links, str(path), place, str(folder), number)
         for place, (kind, path) in enumerate(segments)

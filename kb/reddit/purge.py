@@ -21,7 +21,7 @@ from kb.crawl.id_list import IdList
 from kb.reddit import threads, tree
 from kb.reddit.crossposts import drop_parents, repeats
 from kb.reddit.known import known
-from kb.reddit.source import INFO, RedditSource
+from kb.reddit.source import INFO
 from kb.reddit.strip import strip
 from kb.reddit.wanted import read_wanted
 from kb.store import tombstones
@@ -116,7 +116,6 @@ def repair(purge: Purge) -> None:
 
 RULES = PurgeRules(
     "reddit",
-    RedditSource,
     read_list,
     rows=(
         *(

@@ -12,6 +12,7 @@ from functools import cached_property
 
 from kb.core.context import Run
 from kb.core.errors import ItemFinal
+from kb.core.profile.reddit import RedditSection
 from kb.crawl.source import Answer, Opened, Phase, Plain
 from kb.reddit import credentials, discover, places, reduce, replay, tree
 from kb.reddit.authors import Scrubber, load_key
@@ -49,7 +50,7 @@ class RedditSource(Plain):
     def __init__(
         self, run: Run, since: datetime | None = None, until: datetime | None = None
     ) -> None:
-        self.run, self.section = run, run.profile.section("reddit")
+        self.run, self.section = run, run.profile.section(RedditSection)
         self.span = discover.Span(
             since.timestamp() if since else None, until.timestamp() if until else None
         )

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import duckdb
 
+from kb.artifacts.release_folder import INDEX, ReleaseFolder
 from kb.release.columns import numbered
 from kb.release.problem import GateProblem, damaged
 from kb.store import database
-from kb.store.release_folder import INDEX, ReleaseFolder
 
 _AGAIN = "run `kb wiki export` again"
 _COLUMNS = (

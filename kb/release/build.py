@@ -12,6 +12,14 @@ from collections.abc import Sequence
 import duckdb
 import pyarrow as pa
 
+from kb.artifacts import belonging, complete
+from kb.artifacts.release_folder import (
+    EARLIER_TOMBSTONES,
+    TOMBSTONES,
+    ReleaseFolder,
+    read,
+    tombstone_lines,
+)
 from kb.core.context import Run
 from kb.core.errors import DamagedData, ReleaseRefused, UsageError
 from kb.core.licences import KNOWN
@@ -25,17 +33,10 @@ from kb.release.metadata import deposit
 from kb.release.pages import card, citation, datasheet, law
 from kb.release.problem import GateProblem
 from kb.schema import table
-from kb.store import belonging, complete, tombstones
+from kb.store import tombstones
 from kb.store.atomic import write_text
 from kb.store.layout import Layout
 from kb.store.lock import RELEASES
-from kb.store.release_folder import (
-    EARLIER_TOMBSTONES,
-    TOMBSTONES,
-    ReleaseFolder,
-    read,
-    tombstone_lines,
-)
 
 _log = logging.getLogger(__name__)
 

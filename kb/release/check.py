@@ -14,6 +14,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import ValidationError
 
+from kb.artifacts import complete, linked
+from kb.artifacts.release_folder import TOMBSTONES, ReleasedTable, ReleaseFolder
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError
@@ -25,10 +27,9 @@ from kb.release.measure import folder_licence, page_licences
 from kb.release.metadata import Document
 from kb.release.problem import GateProblem, damaged
 from kb.schema import Table, released_tables, table
-from kb.store import complete, database, linked, parquet
+from kb.store import database, parquet
 from kb.store.digests import SUMS
 from kb.store.layout import Layout
-from kb.store.release_folder import TOMBSTONES, ReleasedTable, ReleaseFolder
 
 
 def check(run: Run, folders: list[ReleaseFolder]) -> list[GateProblem]:

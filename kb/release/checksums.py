@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from kb.artifacts import release_folder
+from kb.artifacts.release_folder import ReleaseFolder
 from kb.release.folders import is_made
 from kb.release.problem import GateProblem
-from kb.store import release_folder
 from kb.store.atomic import write_text
 from kb.store.digests import SUMS, digest, listed
-from kb.store.release_folder import ReleaseFolder
 
 
 def write(folder: ReleaseFolder) -> Path:

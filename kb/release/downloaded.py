@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from kb.artifacts import release_folder
+from kb.artifacts.catalog import Catalog
+from kb.artifacts.release_folder import DOWNLOAD, ReleaseFolder
 from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
-from kb.store import release_folder
 from kb.store.atomic import write_bytes
-from kb.store.catalog import Catalog
 from kb.store.digests import SUMS, digest
 from kb.store.layout import Layout
-from kb.store.release_folder import DOWNLOAD, ReleaseFolder
 
 Folders = Sequence[ReleaseFolder]
 

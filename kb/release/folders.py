@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from kb.artifacts.release_folder import EARLIER_TOMBSTONES, TOMBSTONES, ReleaseFolder, entries, read
 from kb.core.licences import KNOWN
 from kb.core.resources import PROFILE_FILE
 from kb.core.sources import PUBLISHED
 from kb.schema import Table, released_tables
 from kb.store.digests import SUMS
 from kb.store.layout import Layout
-from kb.store.release_folder import EARLIER_TOMBSTONES, TOMBSTONES, ReleaseFolder, entries, read
 
 DEPOSIT = "zenodo.json"
 MADE = (

@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from duckdb import DuckDBPyConnection
 
+from kb.artifacts.release_folder import ReleaseFolder
 from kb.store.reading import scan
-from kb.store.release_folder import ReleaseFolder
 
 # The longest chain of comments that can be walked from a post, each by its parent.
 _WALK = """

@@ -13,6 +13,8 @@ from typing import Any
 
 from duckdb import DuckDBPyConnection
 
+from kb.artifacts import complete
+from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.core.context import Run
 from kb.core.licences import KNOWN
 from kb.core.sources import made_of
@@ -20,11 +22,10 @@ from kb.release.facts import ColumnFacts, DataFile, Facts, TableFacts
 from kb.release.gaps import gaps
 from kb.release.personal import personal_counts
 from kb.schema import Column, released_tables
-from kb.store import complete, database, parquet, tombstones
+from kb.store import database, parquet, tombstones
 from kb.store.digests import digest
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import filtered
-from kb.store.release_folder import ReleasedTable, ReleaseFolder
 from kb.store.tally import VERDICTS
 
 _TOPS = 8

@@ -21,11 +21,11 @@ from typing import Any, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.errors import DamagedData
 from kb.core.profile.release import Release
 from kb.release.problem import GateProblem
 from kb.store import parquet
-from kb.store.release_folder import ReleaseFolder
 
 # Arrow's expressions (RE2) know letters of every script as \pL.
 EMAIL = r"[\pL\pN._%+\-]+@[\pL\pN\-]+(?:\.[\pL\pN\-]+)*\.[A-Za-z]{2,}"

@@ -9,6 +9,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+from kb.artifacts import belonging
+from kb.artifacts.release_folder import ReleaseFolder
 from kb.core import signals
 from kb.core.addresses import is_loopback
 from kb.core.contact import is_placeholder
@@ -26,11 +28,9 @@ from kb.release.measure import models
 from kb.release.problem import GateProblem
 from kb.release.service import TIMEOUT_S, stray
 from kb.release.upload import Upload, document_of
-from kb.store import belonging
 from kb.store.digests import SUMS
 from kb.store.lock import RELEASES, writer
 from kb.store.reading import SANDBOX_MODEL
-from kb.store.release_folder import ReleaseFolder
 
 HOSTS = {"zenodo-sandbox": "https://sandbox.zenodo.org", "zenodo": "https://zenodo.org"}
 MOST_FILES, MOST_BYTES = 100, 50 * 10**9  # a record at Zenodo

@@ -17,10 +17,10 @@ import orjson
 import pyarrow as pa
 from duckdb import DuckDBPyConnection
 
+from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.release.folders import sample_name
 from kb.store import database
 from kb.store.atomic import writing
-from kb.store.release_folder import ReleasedTable, ReleaseFolder
 from kb.store.shards import order
 
 _MOST = 5_000  # groups: a sample is for reading

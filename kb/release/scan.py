@@ -14,10 +14,10 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from ahocorasick_rs import BytesAhoCorasick, MatchKind
 
+from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.errors import DamagedData
 from kb.release.problem import GateProblem
 from kb.store import parquet
-from kb.store.release_folder import ReleaseFolder
 
 KEY_SHAPES = {
     "a Google API key": r"AIza[0-9A-Za-z_\-]{35}",

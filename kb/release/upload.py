@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+from kb.artifacts.release_folder import ReleaseFolder
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData
@@ -24,7 +25,6 @@ from kb.release.service import Forbidden, Gone
 from kb.store.atomic import write_text
 from kb.store.digests import SUMS, digest
 from kb.store.layout import Layout
-from kb.store.release_folder import ReleaseFolder
 
 
 def document_of(folder: ReleaseFolder) -> dict[str, Any]:

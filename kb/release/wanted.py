@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple, cast
 
+from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.errors import SettingError
 from kb.store import parquet
 from kb.store.reading import reading
-from kb.store.release_folder import ReleaseFolder
 
 COLUMNS = ("video_id", "transcript_kind")
 

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from kb.artifacts import belonging
+from kb.artifacts.catalog import Catalog, empty
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, MissingExtra, UsageError
@@ -26,9 +28,7 @@ from kb.report.services import quota
 from kb.report.style import BLUE, GREEN, PURPLE, Figure, applied
 from kb.report.toxicity import toxicity
 from kb.schema import table
-from kb.store import belonging
 from kb.store.atomic import replacing_folder
-from kb.store.catalog import Catalog, empty
 from kb.store.layout import Layout
 from kb.store.reading import SANDBOX_MODEL, filtered
 

@@ -15,10 +15,10 @@ from typing import Any, Self
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from kb.artifacts.catalog import Catalog
 from kb.core.context import Run
 from kb.schema import table, tables
 from kb.store import database, parquet
-from kb.store.catalog import Catalog
 from kb.store.layout import Layout
 from kb.store.reading import reading, scan, state
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import msgspec
 
+from kb.artifacts import indexed
+from kb.artifacts.catalog import NO_TABLES
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
 from kb.search.engine import PassageIndex
@@ -18,8 +20,6 @@ from kb.search.rank import IndexedTerm, Only, Ranked, Weights, rank
 from kb.search.snippet import snippet
 from kb.search.suggest import corrected
 from kb.search.words import question
-from kb.store import indexed
-from kb.store.catalog import NO_TABLES
 
 
 class SearchHit(msgspec.Struct):

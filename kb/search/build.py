@@ -1,7 +1,8 @@
 """`kb index`: the rows of a source to index/<source>, in the cache for a download.
 
 The folder is written anew and takes the old one's place whole, so no file of it ever held anything
-else; it is made again where the rows or the rules are others than noted in it (kb.store.indexed).
+else; it is made again where the rows or the rules are others than noted in it
+(kb.artifacts.indexed).
 """
 
 from __future__ import annotations
@@ -11,18 +12,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from kb.artifacts import belonging, indexed
+from kb.artifacts.catalog import NO_TABLES, Catalog, empty
+from kb.artifacts.indexed import IndexNote
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.profile import Profile
+from kb.core.profile.reddit import RedditSection
 from kb.core.sources import SOURCES
 from kb.core.verdict import Summary
 from kb.search import sections, threads, transcripts, writer
 from kb.search.analysis import STEMMERS
 from kb.search.passage import MOST_WORDS, Passage
-from kb.store import belonging, indexed
 from kb.store.atomic import replacing_folder
-from kb.store.catalog import NO_TABLES, Catalog, empty
-from kb.store.indexed import IndexNote
 from kb.store.layout import Layout
 
 
@@ -97,12 +99,12 @@ def _rules(profile: Profile, source: str) -> dict[str, Any]:
     return {
         "stemmer": STEMMERS.get(language, ""),
         "words": [MOST_WORDS, transcripts.MOST, transcripts.LEAST],
-        "subreddit": profile.section("reddit").subreddit if source == "reddit" else "",
+        "subreddit": profile.section(RedditSection).subreddit if source == "reddit" else "",
     }
 
 
 _READ: dict[str, Callable[[Profile], Callable[[Path], Iterator[Passage]]]] = {
     "youtube": lambda _: transcripts.passages,
     "wiki": lambda _: sections.passages,
-    "reddit": lambda profile: partial(threads.passages, profile.section("reddit").subreddit),
+    "reddit": lambda profile: partial(threads.passages, profile.section(RedditSection).subreddit),
 }

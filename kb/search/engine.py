@@ -18,10 +18,10 @@ import orjson
 import tantivy
 from tantivy import Occur, Query
 
+from kb.artifacts import indexed
 from kb.core.errors import DamagedData
 from kb.search.analysis import analyzer
 from kb.search.passage import KINDS, Passage
-from kb.store import indexed
 
 WORDS, KEY, KIND, NUMBER, THING, DAY, ROW = "words", "key", "kind", "number", "thing", "day", "row"
 ANALYZER = "words"  # the name of kb.search.analysis.analyzer in an index

@@ -10,9 +10,10 @@ from typing import Any, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.artifacts import indexed, linked
+from kb.artifacts.catalog import Catalog
 from kb.core.errors import UsageError
-from kb.store import indexed, linked, parquet
-from kb.store.catalog import Catalog
+from kb.store import parquet
 from kb.store.reading import reading
 
 

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from kb.artifacts.catalog import Catalog
 from kb.schema import table
-from kb.store.catalog import Catalog
 from kb.store.merge import Merge
 from kb.store.reading import reading
 from kb.store.shards import order

@@ -39,7 +39,7 @@ def sweep(root: Path, name: str) -> None:
     ended(Layout(root).profile)
     for folder in _read_whole(Layout(root), name):
         settle_folder(folder)
-    # `release-<source>.exported`, which an export notes beside its lock (kb.store.complete).
+    # `release-<source>.exported`, which an export notes beside its lock (kb.artifacts.complete).
     exported = Layout(root).lock(name).with_suffix(".exported")
     for path in (exported, *_places(Layout(root), name)):
         for place in dict.fromkeys((path, followed(path))):

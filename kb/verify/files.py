@@ -6,9 +6,10 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
+from kb.artifacts import complete, indexed
 from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES
-from kb.store import complete, indexed, leftovers, rawlog, sidefiles
+from kb.store import leftovers, rawlog, sidefiles
 from kb.store.advice import advice
 from kb.store.layout import Layout
 from kb.verify import raw, tables

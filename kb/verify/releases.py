@@ -8,7 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from kb.store import complete, digests, release_folder
+from kb.artifacts import complete, release_folder
+from kb.store import digests
 from kb.verify import tables
 from kb.verify.found import Look
 

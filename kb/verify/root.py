@@ -6,9 +6,9 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from kb.artifacts.catalog import Catalog, empty, existing, is_root
+from kb.artifacts.release_folder import DOWNLOAD
 from kb.core.progress import Progress
-from kb.store.catalog import Catalog, empty, existing, is_root
-from kb.store.release_folder import DOWNLOAD
 from kb.verify import releases, together
 from kb.verify.busy import Busy
 from kb.verify.files import NEIGHBOURS, FileVerifier

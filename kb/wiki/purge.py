@@ -16,7 +16,6 @@ from kb.store.inside import is_inside
 from kb.store.layout import BELOW, Layout
 from kb.wiki import extraction, tables
 from kb.wiki.reduce import LEFT
-from kb.wiki.source import WikiSource
 from kb.wiki.titles import read_names
 
 _PURGED = "purged titles"  # cursor of the frontier
@@ -142,7 +141,6 @@ def forget(purge: Purge) -> None:
 
 RULES = PurgeRules(
     "wiki",
-    WikiSource,
     read_names,
     rows=(
         *(location_of(name, "page_id") for name in ("wiki/pages", *tables.PARTS)),

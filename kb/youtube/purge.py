@@ -21,7 +21,6 @@ from kb.youtube.reduce import (
     TRANSCRIPTS,
     VIDEOS,
 )
-from kb.youtube.source import YouTubeSource
 
 
 def read_list(path: Path, say: Callable[[str], None] | None = None) -> IdList:
@@ -52,7 +51,6 @@ def vanished(root: Path) -> set[str]:
 
 RULES = PurgeRules(
     "youtube",
-    YouTubeSource,
     read_list,
     rows=(
         *(location_of(f"youtube/{name}", "video_id") for name in ("videos", "transcripts")),

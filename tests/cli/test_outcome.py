@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from kb.cli.command import Nature, _call
-from kb.cli.options import Options
+from kb.cli.framework.command import Nature, _call
+from kb.cli.framework.options import Options
 from kb.core import errors
 from kb.core.resources import folder
 from tests.cli.conftest import clean_environment

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from kb.cli import progress
+from kb.cli.framework import progress
 from kb.core import clock
 from kb.core.progress import Counted, LineProgress, Silent
 from tests.cli.conftest import clean_environment
 
 PROGRAM = """
 import sys
-from kb.cli import progress
+from kb.cli.framework import progress
 shown = progress.choose(quiet='--quiet' in sys.argv)
 task = shown.task('metadata', total=40, unit='videos')
 for _ in range(40):
@@ -34,7 +34,7 @@ print('result')
 # Sixty wait when the 42nd is done; ten more were found meanwhile; then Ctrl-C.
 STOPPED = """
 import sys, time
-from kb.cli import progress
+from kb.cli.framework import progress
 shown = progress.choose(quiet=False)
 waiting = 60
 try:
@@ -53,7 +53,7 @@ print('result')
 
 NAMED = """
 from pathlib import Path
-from kb.cli import as_typed, progress
+from kb.cli.framework import as_typed, progress
 as_typed.begin(Path('my data'), 'stardew')
 shown = progress.choose(quiet=False)
 with shown.task('metadata', total=1, unit='videos') as task:
@@ -64,7 +64,7 @@ print('result')
 """
 
 UNKNOWN = """
-from kb.cli import progress
+from kb.cli.framework import progress
 shown = progress.choose(quiet=False)
 for name, error in (('listed', None), ('cut', KeyboardInterrupt)):
     try:

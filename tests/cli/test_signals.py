@@ -18,8 +18,8 @@ from tests.cli.conftest import clean_environment
 PROGRAM = """
 import signal, sys, threading
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from kb.cli import outcome
-from kb.cli.command import command, group
+from kb.cli.framework import outcome
+from kb.cli.framework.command import command, group
 from kb.core import clock, signals
 from kb.core.verdict import Summary
 

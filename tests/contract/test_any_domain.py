@@ -18,9 +18,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb import query
-from kb.cli import demo, main
-from kb.cli.demo import play
-from kb.cli.options import Options
+from kb.cli import main
+from kb.cli.commands import demo
+from kb.cli.commands.demo import play
+from kb.cli.framework.options import Options
 from kb.core.profile import load_profile
 from kb.pairs import keywords
 from kb.pairs.fold import phrase

@@ -17,8 +17,8 @@ import structlog
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kb.cli import logs, outcome
-from kb.cli.progress import Bars
+from kb.cli.framework import logs, outcome
+from kb.cli.framework.progress import Bars
 from kb.core import terminal
 from kb.core.errors import FatalError
 from kb.core.progress import LineProgress

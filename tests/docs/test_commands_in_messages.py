@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from kb.cli.app import TREE
-from kb.cli.as_typed import as_typed, begin
+from kb.cli.framework.as_typed import as_typed, begin
 from tests.cli.test_help import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -17,6 +17,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 import kb
+from kb.artifacts import indexed
 from kb.core.errors import DamagedData, UsageError
 from kb.core.sources import SOURCES
 from kb.filters.clean import run_clean
@@ -28,7 +29,7 @@ from kb.search.passage import MOST_WORDS, Passage
 from kb.search.rank import Only, Weights, rank
 from kb.search.transcripts import LEAST, MOST, talk
 from kb.search.words import Term, question
-from kb.store import indexed, lock
+from kb.store import lock
 from kb.store.layout import Layout
 from kb.verify.root import verify
 from tests.crash import killed

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from kb.artifacts import belonging
 from kb.core.errors import DamagedData, OtherService, ProfileError
 from kb.core.profile import load_profile
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from kb.store import belonging, lock, process, rawlog
+from kb.store import lock, process, rawlog
 from kb.store.identity import remember
 from kb.store.rawlog import Envelope, Request, Segment
 from tests.youtube.job import Job
@@ -93,7 +94,8 @@ BEGINS = """
 import sys
 from pathlib import Path
 from kb.core.profile import load_profile
-from kb.store import belonging, lock
+from kb.store import lock
+from kb.artifacts import belonging
 root = Path(sys.argv[1])
 with lock.writer(root, "youtube"):
     belonging.note(root, load_profile("minecraft"))

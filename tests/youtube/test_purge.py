@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from kb.artifacts import belonging
 from kb.core.profile import load_profile
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from kb.store import belonging
 from tests.crash import harm
 from tests.youtube.job import Job
 

@@ -1,0 +1,355 @@
+"""Which tables a folder holds: a data root, what `kb restore` left, or a downloaded release.
+
+    clean.youtube_videos   rows that a filter kept; rejected, failed and pending beside them
+    release.wiki_pages     rows of a release folder: a data root's own, or a download
+    restored.reddit_posts  what `kb restore` or a reconstruction brought back
+    links.entities         `kb links`' own tables, else those of a release
+
+A download is one release folder, or a folder above several. Commands that only read take it as
+`--data` like a data root; what they make of it goes to `workplace`, never into it. Looks at file
+names only.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import os
+import re
+import shlex
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+from kb.artifacts import complete, release_folder
+from kb.artifacts.release_folder import ReleaseFolder
+from kb.core.cache import cache_root
+from kb.core.errors import DamagedData, FatalError, KbError, SettingError, UsageError
+from kb.core.sources import PUBLISHED, SOURCES, SPECS
+from kb.schema.tables import Table, table, tables
+from kb.store.advice import advice
+from kb.store.layout import TOP, Layout, parquet_files
+from kb.store.tally import VERDICTS
+
+SCHEMAS = ("clean", "release", "restored", "links")  # a bare name is the first of these that has it
+CONTENT = ("clean", "restored", "release")  # where a source's texts are read: the fullest first
+_OF_A_ROOT = ("raw", "state", "clean", "restored")  # any of these makes a folder a data root
+_SHARD = re.compile(r"([a-z][a-z0-9_]*?)(?:-[0-9]+(?:-of-[0-9]+)?)?\.parquet")
+NO_TABLES = "run a crawl and its filter first, or `kb demo`"
+_MOST = 500  # entries of a folder among which a data root is looked for
+
+
+class View(NamedTuple):
+    """A table that has files; `schema` is one of SCHEMAS, `doc` the table's one line. `home` is
+    the folder that paths in its rows start from: a data root or a release folder.
+    """
+
+    schema: str
+    name: str
+    files: list[Path]
+    doc: str
+    home: Path = Path()
+
+    @property
+    def full(self) -> str:
+        """ "clean.youtube_videos"."""
+        return f"{self.schema}.{self.name}"
+
+
+@dataclass(frozen=True)
+class Catalog:
+    """What a folder holds. `path` is absolute."""
+
+    path: Path
+
+    @property
+    def is_download(self) -> bool:
+        """Whether this is a release, or a reconstruction's `--out`, and not a data root: nothing
+        may be written into it.
+        """
+        if is_root(self.path):
+            return False
+        return bool(self.releases) or (self.path / "missing.parquet").is_file()
+
+    @cached_property
+    def releases(self) -> tuple[ReleaseFolder, ...]:
+        """The release folder itself, or those below; of a data root those of `kb release`, else
+        downloads that lie in it.
+        """
+        if not is_root(self.path) and (single := release_folder.recognise(self.path)):
+            return (single,)
+        own = tuple(release_folder.below(Layout(self.path).release()))
+        left_out = TOP if is_root(self.path) else ("release",)
+        beside = (one for one in release_folder.below(self.path) if one.path.name not in left_out)
+        return own or tuple(beside)
+
+    @cached_property
+    def views(self) -> tuple[View, ...]:
+        """Every table, in a fixed order. Raises UsageError where two releases hold the same."""
+        found = [*_clean(self.path), *_released(self.releases), *_restored(self.path)]
+        found += _links(self.path, self.workplace, self.releases)
+        return tuple(found)
+
+    def check(self) -> None:
+        """Raises DamagedData for a table's file that should be there and is not."""
+        for folder in self.releases:
+            for path in folder.missing():
+                hint = release_folder.DOWNLOAD if self.is_download else advice(path)
+                raise DamagedData(f"{path} is missing", hint=hint)
+        for place in (*complete.tables(self.path), *self._made()):
+            complete.check(place)
+
+    def _made(self) -> tuple[Path, ...]:
+        return () if self.is_download else (Layout(self.path).pairs,)
+
+    @cached_property
+    def workplace(self) -> Path:
+        """The folder under which an index, a report or links of this are kept: the data root
+        itself, or one of the user's cache for a download.
+        """
+        if not self.is_download:
+            return self.path
+        mark = hashlib.sha256(os.fsencode(self.path.resolve())).hexdigest()[:16]
+        return cache_root() / "downloads" / f"{self.path.name or 'root'}-{mark}"
+
+    def schema_of(self, source: str) -> str:
+        """Where the source's content is read from: one of CONTENT, "" where it has none.
+
+        Raises DamagedData for lost clean files: they are never taken for none.
+        """
+        shorts = [*SPECS[source].tables] if source in SPECS else [source]
+        held = {(view.schema, view.name) for view in self.views}
+        for schema in CONTENT:
+            for short in shorts:
+                declared = table(f"{source}/{short}")
+                if schema == "clean" and not self.is_download:
+                    complete.check(Layout(self.path).table(declared.name))
+                if (schema, view_name(declared)) in held:
+                    return schema
+        return ""
+
+    def texts(self, name: str) -> list[Path]:
+        """The same as `files`, without tables of sources whose release holds no texts."""
+        source = name.partition("/")[0]
+        return self.files(name) if has_texts(source, self.schema_of(source)) else []
+
+    def files(self, name: str) -> list[Path]:
+        """The files of a declared table ("wiki/elements", "youtube/rejected") where its source's
+        content is read from, in order. Raises DamagedData for a missing one.
+        """
+        source, _, short = name.partition("/")
+        if source == "links":
+            wanted = f"links.{short}"
+        elif short in VERDICTS:
+            wanted = f"clean.{source}_{short}"
+        elif schema := self.schema_of(source):
+            wanted = f"{schema}.{view_name(table(name))}"
+        else:
+            return []
+        for view in self.views:
+            if view.full == wanted:
+                complete.check(view.files[0].parent)
+                return view.files
+        return []
+
+
+def has_texts(source: str, schema: str) -> bool:
+    """Whether tables of a schema hold what people wrote: of a release only some sources' do."""
+    shorts = [one for one in tables().values() if one.source == source]
+    return schema != "release" or any(
+        column.content and column.released for one in shorts for column in one.columns
+    )
+
+
+def read(path: Path) -> Catalog:
+    """What a folder holds. Raises SettingError for a folder that does not exist, FatalError for one
+    without tables, DamagedData for a table's file that is missing.
+    """
+    there = existing(path)
+    found = Catalog(there)
+    found.check()
+    if not found.views:
+        raise empty(there)
+    return found
+
+
+def existing(path: Path) -> Path:
+    """The folder as an absolute path. Raises SettingError, which names the nearest data root."""
+    path = path.expanduser().absolute()
+    if not path.is_dir():
+        raise empty(path)
+    return path
+
+
+def empty(path: Path) -> KbError:
+    """What to say of a folder that does not exist (exit 2) or holds no tables (exit 1): the --data
+    that was probably meant, or what makes tables.
+    """
+    if path.exists() and not path.is_dir():
+        return SettingError(
+            f"{path} is not a folder", hint="give a data root or a release folder as --data"
+        )
+    near = None if is_root(path) else nearest(path)
+    if path.is_dir() and near is not None:
+        return SettingError(f"{path} is not a data root or a release", hint=_meant(near))
+    if path.is_dir():
+        return FatalError(f"no tables in {path} yet, and it is not a release", hint=NO_TABLES)
+    return SettingError(
+        f"there is no data root {path}",
+        hint=_meant(near) if near else f"check --data and KB_DATA, or {NO_TABLES}",
+    )
+
+
+def nearest(path: Path) -> Path | None:
+    """The data root or download that was probably meant: below the folder or above it; for one
+    that does not exist, beside it, the most similar name first.
+    """
+    above = (one for one in path.parents[:2] if Layout(one).state_folder().is_dir())
+    tries = [*_two_levels(_folders(path)), *above]
+    if not path.exists():
+        beside = {one.name: one for one in _folders(path.parent)}
+        like = [beside[name] for name in difflib.get_close_matches(path.name, beside, 3)]
+        tries = [*_two_levels(like), *_two_levels(beside.values()), *tries]
+    return next((one for one in tries if _holds_data(one)), None)
+
+
+def _two_levels(folders: Iterable[Path]) -> list[Path]:
+    some = list(folders)
+    return [*some, *(inner for one in some for inner in _folders(one))]
+
+
+def _holds_data(path: Path) -> bool:
+    return Layout(path).state_folder().is_dir() or bool(Catalog(path).views)
+
+
+def is_root(path: Path) -> bool:
+    """Whether a folder is a data root, which commands may write to."""
+    return any((path / name).is_dir() for name in _OF_A_ROOT)
+
+
+def _folders(path: Path) -> list[Path]:
+    if not path.is_dir():
+        return []
+    with os.scandir(path) as entries:
+        some = [entry for entry, _ in zip(entries, range(_MOST), strict=False)]
+    found = [Path(entry.path) for entry in some if entry.is_dir() and entry.name[0] != "."]
+    return sorted(found, key=lambda one: (one.name != "demo", one.name))
+
+
+def _meant(path: Path) -> str:
+    here = os.path.relpath(path)
+    return f"did you mean --data {shlex.quote(str(path) if here.startswith('..') else here)}?"
+
+
+def bare(views: Iterable[View]) -> dict[str, View]:
+    """What a name without a schema stands for."""
+    ranked = sorted(views, key=lambda view: SCHEMAS.index(view.schema), reverse=True)
+    return {view.name: view for view in ranked}
+
+
+def view_name(declared: Table) -> str:
+    """The view's name of a declared table: "youtube_videos"; "pairs", "entities" and "links" bear
+    their own names.
+    """
+    own = declared.source in PUBLISHED and declared.source not in SOURCES
+    return declared.short if own else f"{declared.source}_{declared.short}"
+
+
+def _clean(root: Path) -> Iterator[View]:
+    """Kept rows, what was rejected, failed or waits, and what was purged."""
+    if not is_root(root):
+        return
+    at = Layout(root)
+    for declared in tables().values():
+        if declared.source in PUBLISHED and declared.source != "links":
+            name, place = view_name(declared), at.table(declared.name)
+            yield from _view("clean", name, place, "*.parquet", declared.doc, root)
+    for source in PUBLISHED:
+        for verdict in VERDICTS:
+            place, doc = at.clean(source, verdict), table(f"shared/{verdict}").doc
+            yield from _view("clean", f"{source}_{verdict}", place, "*.parquet", doc, root)
+        doc = table("shared/tombstones").doc
+        place = at.tombstones(source)[0]
+        yield from _view("clean", f"{source}_tombstones", place.parent, place.name, doc, root)
+
+
+def _released(folders: Iterable[ReleaseFolder]) -> list[View]:
+    found: dict[str, View] = {}
+    for folder in folders:
+        mine = [
+            View("release", view_name(part.table), [*part.shards], part.table.doc, folder.path)
+            for part in folder.parts
+        ]
+        if mine and folder.tombstones is not None:
+            name, doc = f"{folder.source}_tombstones", table("shared/tombstones").doc
+            mine.append(View("release", name, [folder.tombstones], doc, folder.path))
+        for view in mine:
+            check_once(found, view)
+    return list(found.values())
+
+
+def check_once(found: dict[str, View], view: View) -> None:
+    """Add a view by its full name. Raises UsageError where another folder holds the same table."""
+    other = found.setdefault(view.full, view)
+    if other.files != view.files:
+        raise UsageError(
+            f"{view.full} is in {other.home} and in {view.home}",
+            hint="read them separately: give one of them as --data, or kb.load(…) for each",
+        )
+
+
+def _restored(root: Path) -> Iterator[View]:
+    """What `kb restore` and a reconstruction brought back."""
+    at = Layout(root)
+    for short in ("videos", "transcripts"):
+        doc = table(f"youtube/{short}").doc
+        place = at.restored("youtube", short)
+        yield from _view("restored", f"youtube_{short}", place, "*.parquet", doc, root)
+    yield from _reconstructed(root)
+    doc = table("pairs/pairs").doc
+    yield from _view("restored", "pairs", at.restored("pairs"), "*.parquet", doc, root)
+    doc = table("shared/missing").doc
+    yield from _view("restored", "missing", at.restored(), "missing.parquet", doc, root)
+
+
+def _reconstructed(root: Path) -> Iterator[View]:
+    """Posts and comments: restored, or of a reconstruction in its usual place, or `root` is its
+    `--out` itself.
+    """
+    at = Layout(root)
+    for place in (at.restored("reddit"), at.reconstructed, root):
+        if not (place / "missing.parquet").is_file():
+            continue
+        for short in ("posts", "comments"):
+            doc = table(f"reddit/{short}").doc
+            yield from _view("restored", f"reddit_{short}", place / short, "*.parquet", doc, root)
+        doc = table("reddit/missing").doc
+        yield from _view("restored", "reddit_missing", place, "missing.parquet", doc, root)
+        return
+
+
+def _links(root: Path, work: Path, releases: Iterable[ReleaseFolder]) -> Iterator[View]:
+    """The tables of `kb links` or of a release: of a data root its own first, of a download the
+    released ones, which were made of more.
+    """
+    shards: dict[str, list[Path]] = {}
+    made = [(Layout(work).links, root)] if is_root(root) or work != root else []
+    released = [(one.path, one.path) for one in releases]
+    for place, home in [*made, *released] if is_root(root) else [*released, *made]:
+        for path in parquet_files(place):
+            named = _SHARD.fullmatch(path.name)
+            if named and f"links/{named[1]}" in tables():
+                shards.setdefault(named[1], []).append(path)
+        if shards:
+            for name, files in shards.items():
+                yield View("links", name, files, table(f"links/{name}").doc, home)
+            return
+
+
+def _view(
+    schema: str, name: str, folder: Path, pattern: str, doc: str, home: Path
+) -> Iterator[View]:
+    if files := parquet_files(folder, pattern):
+        yield View(schema, name, files, doc, home)

@@ -1,0 +1,189 @@
+"""A release folder: one deposit, flat, with shards of the tables of one source.
+
+    videos-00000-of-00002.parquet    a shard of a released table
+    screenshots-00000-of-00001.tar   the wiki's archives, with index.ndjson
+    SHA256SUMS, profile.toml, …      what `kb release` adds
+
+This is the one place that recognises such a folder and lists what is in it; `kb release`, `kb
+restore`, `kb verify`, `kb query` and `kb.load` all ask here.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from functools import cache
+from pathlib import Path
+from typing import cast
+
+import orjson
+import pyarrow as pa
+
+from kb.artifacts import complete
+from kb.core.errors import DamagedData
+from kb.core.resources import PROFILE_FILE
+from kb.schema.tables import Table, released_tables, table, tables
+from kb.store import parquet
+from kb.store.digests import SUMS, parsed
+from kb.store.reading import reading
+
+TOMBSTONES = "tombstones.ndjson"  # readers of `*.parquet` took a Parquet file for a shard
+EARLIER_TOMBSTONES = "tombstones.parquet"  # of earlier releases
+INDEX = "index.ndjson"
+DOWNLOAD = "download it again, into the same folder"
+_SHARD = re.compile(r"([a-z][a-z0-9_]*)-[0-9]{5}-of-[0-9]{5}\.parquet")
+_ARCHIVE = re.compile(r"(screenshots|images)-\d{5}-of-\d{5}\.tar")
+
+
+@dataclass(frozen=True, slots=True)
+class ReleasedTable:
+    """One table of a folder and its shards, in order."""
+
+    table: Table
+    shards: tuple[Path, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ReleaseFolder:
+    """The data files of a release folder.
+
+    `source` is youtube, wiki, reddit, pairs or links; `others` are data files that are no shards:
+    the wiki's tar files and their index.
+    """
+
+    source: str
+    path: Path
+    parts: tuple[ReleasedTable, ...]
+    others: tuple[Path, ...]
+
+    @property
+    def data(self) -> list[Path]:
+        """Every file that an export wrote."""
+        return [shard for part in self.parts for shard in part.shards] + list(self.others)
+
+    def files(self) -> list[Path]:
+        """Every file but the checksums, by name; links and hidden files are not part of it."""
+        return [path for path in entries(self.path) if path.name != SUMS and not path.is_symlink()]
+
+    def shards(self, short: str) -> list[Path]:
+        """The files of a released table."""
+        return [shard for part in self.parts if part.table.short == short for shard in part.shards]
+
+    @property
+    def tombstones(self) -> Path | None:
+        """The list of keys that were removed since collection began."""
+        places = (self.path / name for name in (TOMBSTONES, EARLIER_TOMBSTONES))
+        return next((path for path in places if path.is_file()), None)
+
+    def removed(self) -> set[str]:
+        """The removed keys. Raises DamagedData."""
+        if self.tombstones is None:
+            return set()
+        return set(cast("list[str]", read_tombstones(self.tombstones)["key"].to_pylist()))
+
+    @property
+    def profile(self) -> Path | None:
+        """The profile that the release was made with."""
+        path = self.path / PROFILE_FILE
+        return path if path.is_file() else None
+
+    def missing(self) -> list[Path]:
+        """Table files that other shards or SHA256SUMS name and that are not there."""
+        there = {path.name for path in self.path.glob("*.parquet")}
+        named = complete.siblings(there) | {
+            name for name in sums(self.path)[0] if name.endswith(".parquet")
+        }
+        return [self.path / name for name in sorted(named - there)]
+
+
+def recognise(folder: Path) -> ReleaseFolder | None:
+    """The release folder that this is, by the names of its shards, or by those in SHA256SUMS where
+    all are lost; None for any other folder.
+    """
+    names = [path.name for path in folder.glob("*.parquet")]
+    for some in (names, sums(folder)[0]):
+        sources = {_sources()[short] for short in map(_short, some) if short in _sources()}
+        if sources:
+            return read(folder, sources.pop()) if len(sources) == 1 else None
+    return None
+
+
+def read(folder: Path, source: str) -> ReleaseFolder:
+    """A source's folder as it is on disk; without data where it does not exist."""
+    own = [file for file in entries(folder) if not file.is_symlink()]
+    parts = tuple(
+        ReleasedTable(declared, shards)
+        for declared in released_tables(source)
+        if (shards := tuple(file for file in own if _short(file.name) == declared.short))
+    )
+    archives = source == "wiki"
+    others = tuple(
+        file for file in own if archives and (file.name == INDEX or _ARCHIVE.fullmatch(file.name))
+    )
+    return ReleaseFolder(source, folder, parts, others)
+
+
+def read_tombstones(path: Path) -> pa.Table:
+    """The rows of a folder's tombstones, as shared/tombstones declares them. Raises DamagedData."""
+    if path.suffix == ".parquet":
+        with reading([path]):
+            return parquet.read_table(path)
+    schema = table("shared/tombstones").arrow(True)
+    try:
+        rows = [orjson.loads(line) for line in path.read_bytes().splitlines()]
+        for row in rows:
+            row["removed_at"] = datetime.fromisoformat(row["removed_at"])
+        return pa.Table.from_pylist(rows, schema)
+    except (ValueError, TypeError, KeyError, OSError, pa.ArrowException) as error:
+        what = (str(error).splitlines() or [type(error).__name__])[0]
+        raise DamagedData(f"{path} can't be read: {what}", hint=DOWNLOAD) from None
+
+
+def tombstone_lines(rows: pa.Table) -> str:
+    """The rows as the file holds them: a JSON object a line."""
+    lines = (orjson.dumps(row, option=orjson.OPT_UTC_Z) for row in rows.to_pylist())
+    return "".join(f"{line.decode()}\n" for line in lines)
+
+
+def below(folder: Path) -> Iterator[ReleaseFolder]:
+    """The release folders directly below a folder, by name."""
+    for inner in sorted(folder.glob("*/")):
+        if not inner.name.startswith(".") and (found := recognise(inner)):
+            yield found
+
+
+def entries(folder: Path) -> list[Path]:
+    """Files and links by name; hidden ones stay on this machine."""
+    return [
+        file
+        for file in sorted(folder.glob("*"))
+        if not file.name.startswith(".") and (file.is_symlink() or file.is_file())
+    ]
+
+
+def sums(folder: Path) -> tuple[dict[str, str], int]:
+    """SHA256SUMS as (file name → digest, number of invalid lines); ({}, 0) where there is none.
+
+    A file that can't be read as text counts as one invalid line.
+    """
+    path = folder / SUMS
+    if not path.is_file():
+        return {}, 0
+    try:
+        return parsed(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError):
+        return {}, 1
+
+
+def _short(name: str) -> str:
+    """The table that a shard's name begins with, "" for another file."""
+    match = _SHARD.fullmatch(name)
+    return match[1] if match else ""
+
+
+@cache
+def _sources() -> dict[str, str]:
+    """The source of each released table, by the first word of its shards' names."""
+    return {one.short: one.source for one in tables().values() if one.released}

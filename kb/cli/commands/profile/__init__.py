@@ -1,0 +1,1 @@
+"""`kb profile`: make a profile for a new domain, and check one."""

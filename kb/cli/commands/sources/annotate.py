@@ -1,0 +1,119 @@
+"""`kb annotate`: toxicity scores for text that has none yet."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from kb.cli.framework.command import command, group
+from kb.cli.framework.options import CLUSTER
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+    from kb.core.verdict import Summary
+
+app = group("Toxicity scores for text that has none yet; `filter` calls it.")
+
+
+class Precision(StrEnum):
+    """Numbers that the model computes with."""
+
+    fp32 = "fp32"
+    bf16 = "bf16"
+    int8 = "int8"
+
+
+class Device(StrEnum):
+    """Where the model runs."""
+
+    auto = "auto"
+    cpu = "cpu"
+    cuda = "cuda"
+
+
+PrecisionOption = Annotated[
+    Precision | None,
+    typer.Option(
+        "--precision",
+        help="Reduced ones are faster, recorded with the scores, and exact again near the"
+        " threshold."
+        " When given, scores of a lower one are computed again; default for new scores: fp32.",
+    ),
+]
+DeviceOption = Annotated[
+    Device,
+    typer.Option("--device", help="Where the model runs; auto takes a GPU when there is one."),
+]
+
+
+def _annotate(run: Run, source: str, precision: Precision | None, device: Device) -> Summary:
+    from kb.annotate.toxicity import ToxicityScorer
+    from kb.artifacts import belonging
+    from kb.core.errors import KbError
+    from kb.core.verdict import Summary
+    from kb.filters.clean import texts
+
+    run.profile.section(source)
+    scorer = ToxicityScorer.open(run, source, precision and str(precision), str(device))
+    checkpoint, scores = scorer.checkpoint, scorer.scores
+    if checkpoint is None or scores is None:
+        return Summary(
+            command=f"annotate {source}", source=source, scored=0, toxicity="off in the profile"
+        )
+    try:
+        with belonging.writing(run, source):
+            counts = scorer.annotate(texts(run, source))
+    except KbError as error:
+        error.summary = Summary(
+            command=f"annotate {source}", source=source, precisions=scores.precisions()
+        )
+        raise
+    return Summary(
+        command=f"annotate {source}",
+        source=source,
+        texts=counts.texts,
+        scored=counts.scored,
+        known=counts.known,
+        exact_again=counts.exact_again,
+        model=checkpoint.model,
+        revision=checkpoint.revision,
+        precisions=scores.precisions(),
+    )
+
+
+def _add(source: str, about: str, *examples: str) -> None:
+    def annotate(
+        run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto
+    ) -> Summary:
+        return _annotate(run, source, precision, device)
+
+    annotate.__doc__ = about
+    command(
+        app,
+        name=source,
+        uses=(*CLUSTER, "pipeline"),
+        limit="Stop after scoring N more texts (exit code 3); the next run resumes.",
+        json="texts, scored, known, exact_again, model, revision, precisions",
+        examples=examples,
+    )(annotate)
+
+
+_add(
+    "youtube",
+    "Score titles and descriptions of crawled videos.",
+    "kb annotate youtube                     titles and descriptions",
+)
+_add(
+    "wiki",
+    "Score the text of crawled wiki pages.",
+    "kb annotate wiki                        each page's visible text",
+)
+_add(
+    "reddit",
+    "Score titles, bodies and comments.",
+    "kb annotate reddit --precision int8     faster; what lies near the threshold is computed"
+    " exactly",
+    "kb annotate reddit --engine dask --scheduler tcp://10.0.0.1:8786",
+)

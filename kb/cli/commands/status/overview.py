@@ -1,0 +1,147 @@
+"""What `kb status` says about a data root. Reads only, and never waits for or stops a running
+crawl.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kb.artifacts import linked
+from kb.artifacts.catalog import Catalog
+from kb.cli.commands.status import held
+from kb.cli.commands.status.next_steps import next_steps
+from kb.core.source_spec import SourceSpec
+from kb.core.sources import SOURCES, SPECS
+from kb.store import lock, reading
+from kb.store.frontier import Frontier
+from kb.store.layout import TOP, Layout
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+
+_LEFT = ("todo", "in_progress")  # what failed is counted by itself, as in a crawl's summary
+
+
+def overview(run: Run) -> dict[str, Any]:
+    """All about the data root: by source, disk use in bytes by folder, what to type next."""
+    catalog = Catalog(run.root)
+    sources = {source: about for source in SOURCES if (about := _source(run, source, catalog))}
+    links = _links(catalog)
+    folders = [one.path for one in catalog.releases] if catalog.is_download else []
+    disk = {path.name: _size(path) for path in folders or _folders(run.root)}
+    collected = any(about["rows"] or about["phases"] for about in sources.values())
+    return {
+        "data": str(run.root),
+        "profile": run.profile.name,
+        "sources": sources,
+        "left": sum(source["left"] for source in sources.values()),
+        "too_old": sum(source["too_old"] for source in sources.values()),
+        "links": links,
+        "disk_bytes": disk,
+        "disk_bytes_total": sum(disk.values()),
+        "download": catalog.is_download,
+        "pairs": {
+            schema: held.rows_of(catalog, schema, "pairs").get("pairs", 0)
+            for schema in ("clean", "restored", "release")
+        },
+        "next": next_steps(run, sources, links) if collected else [],
+    }
+
+
+def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
+    """Progress, quota, age and rows of one source; empty when there is nothing of it."""
+    spec, state = SPECS[source], Layout(run.root).state(source)
+    tables = held.tables(run.root, source)
+    released, restored = (held.rows_of(catalog, one, source) for one in ("release", "restored"))
+    if not (state.is_file() or tables or released or restored):
+        return {}
+    about: dict[str, Any] = {
+        "running_pid": _writer(run.root, source),
+        "counted": spec.counted,
+        "phases": {},
+        "left_by": {},
+        "crawled_so_far": 0,
+        "requests": 0,
+        "units": 0,
+        "quota": {},
+    }
+    if state.is_file():
+        about |= _frontier(run, spec, state)
+    about["left"] = sum(counts["left"] for counts in about["phases"].values())
+    about["rows"] = tables
+    about |= held.answers(run.root, source)
+    about |= {"released": released, "restored": restored}
+    about |= held.age(run, source, catalog)
+    about["unknown_keys"] = held.unknown_keys(run.root, source)
+    incomplete = getattr(spec.load(spec.status), "incomplete", None) if spec.status else None
+    about |= incomplete(run.root) if incomplete is not None else {}
+    return about
+
+
+def _frontier(run: Run, spec: SourceSpec, state: Path) -> dict[str, Any]:
+    with reading.state(state) as frontier:
+        kinds = frontier.kinds()
+        phases = {}
+        for kind in spec.in_order(kinds):
+            counts = kinds[kind]
+            phases[spec.noun(kind)] = {
+                **counts,
+                "total": sum(counts.values()),
+                "left": sum(counts.get(status, 0) for status in _LEFT),
+            }
+        requests, _ = frontier.requests()
+        details = getattr(spec.load(spec.status), "details", None) if spec.status else None
+        return {
+            "phases": phases,
+            "left_by": spec.left_by(kinds),
+            "crawled_so_far": _crawled(spec, frontier),
+            "requests": requests,
+            **(details(run, frontier) if details is not None else {}),
+        }
+
+
+def _crawled(spec: SourceSpec, frontier: Frontier) -> int:
+    """What the crawls of all runs have read, as their summaries count it."""
+    if spec.status:
+        return int(spec.load(spec.status).crawled(frontier))
+    counts = (frontier.counts(kind) for kind, noun in spec.nouns.items() if noun == spec.counted)
+    return sum(each.get("done", 0) for each in counts)
+
+
+def _links(catalog: Catalog) -> dict[str, Any]:
+    """The entity tables, and which sources' tables differ from those that they were made of; empty
+    when there are none.
+    """
+    counts = held.rows_of(catalog, "links", "links")
+    if not counts:
+        return {}
+    older = [] if catalog.is_download else linked.older_than(catalog.path)
+    return {"entities": 0, "links": 0, **counts, "older_than": older}
+
+
+def _writer(root: Path, source: str) -> int | None:
+    """The pid of the process that writes to the source now."""
+    pid = lock.holders(root).get(source, "")
+    return int(pid) if pid.isdigit() else None
+
+
+def _folders(root: Path) -> Iterator[Path]:
+    yield from (root / name for name in (*TOP, "demo") if (root / name).is_dir())
+
+
+def _size(folder: Path) -> int:
+    """Bytes of all files in a folder; files that vanish meanwhile count nothing."""
+    total = 0
+    try:
+        with os.scandir(folder) as entries:
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    total += _size(Path(entry.path))
+                elif entry.is_file(follow_symlinks=False):
+                    total += entry.stat(follow_symlinks=False).st_size
+    except FileNotFoundError:
+        pass
+    return total

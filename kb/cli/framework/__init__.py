@@ -1,0 +1,1 @@
+"""How a command is declared and run: options, help, progress, log, messages, exit codes."""

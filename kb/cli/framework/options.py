@@ -1,0 +1,265 @@
+"""The options that commands share, in one place, and the Run that they make."""
+
+from __future__ import annotations
+
+import copy
+import inspect
+import re
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
+
+import typer
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+    from kb.core.context import Run
+    from kb.core.profile import Profile
+
+
+class Engine(StrEnum):
+    """Where stages run."""
+
+    local = "local"
+    dask = "dask"
+
+
+@dataclass(frozen=True)
+class Options:
+    """The options that commands share, declared once, and what a command line gave of them.
+
+    A command has those of COMMON and, of the others, those it declares; what it does not have is
+    refused and keeps its default here. `limit`, `again` and `json` mean something else for each
+    command, which describes them itself (`command`).
+    """
+
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            "--workers",
+            min=1,
+            metavar="N",
+            help="Parallel workers. [default: one a core, and no more processes for a few MiB]",
+        ),
+    ] = None
+    limit: Annotated[int | None, typer.Option("--limit", min=1, metavar="N")] = None
+    wait: Annotated[
+        bool,
+        typer.Option(
+            "--wait", help="Sleep until a spent quota or limit is reset instead of stopping."
+        ),
+    ] = False
+    again: Annotated[bool, typer.Option("--again")] = False
+    engine: Annotated[
+        Engine,
+        typer.Option(
+            "--engine", help="Where stages run: processes on this machine, or a Dask cluster."
+        ),
+    ] = Engine.local
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            "--scheduler", metavar="ADDRESS", help="The Dask scheduler, e.g. tcp://10.0.0.1:8786."
+        ),
+    ] = None
+    pipeline: Annotated[
+        Path | None,
+        typer.Option(
+            "--pipeline", metavar="FILE", help="Your own pipeline file instead of the shipped one."
+        ),
+    ] = None
+    data: Annotated[
+        Path | None,
+        typer.Option("--data", metavar="DIR", help="The data root. [default: KB_DATA, or data]"),
+    ] = None
+    profile: Annotated[
+        str | None,
+        typer.Option(
+            "--profile",
+            metavar="NAME|FILE",
+            help="The domain: a shipped profile or a .toml file."
+            " [default: KB_PROFILE, or the data root's own, or minecraft]",
+        ),
+    ] = None
+    quiet: Annotated[
+        bool, typer.Option("--quiet", help="No progress; warnings and errors only.")
+    ] = False
+    json: Annotated[bool, typer.Option("--json")] = False
+    debug: Annotated[bool, typer.Option("--debug", help="More log lines, and tracebacks.")] = False
+
+    def make_run(
+        self,
+        *,
+        dotenv: bool = True,
+        needs: str = "profile",
+        checks: bool = False,
+        exists: bool = False,
+        **settings: object,
+    ) -> Run:
+        """The Run of these options; `settings` (field names) win over the environment.
+
+        `needs`: "profile"; "root" for a command that reads the data root without a profile's
+        rules, so that it works where the remembered file is gone; "nothing" for one that looks
+        at neither. `checks`: errors of the profile and its keyword lists are looked for first.
+        `exists`: a folder that does not exist is an error, which names the nearest data root.
+        Raises SettingError, ProfileError or OtherService before anything is sent or written.
+        """
+        from kb.cli.framework import progress
+        from kb.cli.framework.outcome import warn
+        from kb.core.context import Run, default_workers
+        from kb.core.errors import SettingError
+        from kb.core.settings import load_settings
+        from kb.core.unknown_settings import unknown_names
+        from kb.net import redact
+
+        given = {"kb_data": self.data, "kb_profile": self.profile, **settings}
+        loaded = load_settings(dotenv=dotenv, **given)
+        redact.know(loaded.secret_values())
+        for line in unknown_names(dotenv=dotenv):
+            warn(line)
+        if self.scheduler and self.engine != Engine.dask:
+            raise SettingError("--scheduler needs --engine dask")
+        if self.engine == Engine.dask:
+            from kb.core.dask_engine import check
+
+            check(self.scheduler)
+        root = loaded.kb_data.expanduser().absolute()
+        if root.exists() and not root.is_dir():
+            raise SettingError(
+                f"the data root {root} is not a folder",
+                hint="choose another with --data or KB_DATA",
+            )
+        profile = _profile(loaded.kb_profile, root, needs)
+        if checks:
+            from kb.cli.commands.profile.check import refuse
+
+            refuse(profile)
+        if exists:
+            from kb.artifacts.catalog import existing
+
+            existing(root)
+        if needs == "profile":
+            from kb.cli.commands.demo_root import carried_on
+
+            loaded, profile = carried_on(root, loaded, profile)
+        return Run(
+            settings=loaded,
+            profile=profile,
+            root=root,
+            workers=self.workers or default_workers(),
+            asked=self.workers is not None,
+            limit=self.limit,
+            wait=self.wait,
+            again=self.again,
+            engine=str(self.engine),
+            scheduler=self.scheduler,
+            pipeline=str(self.pipeline) if self.pipeline else None,
+            progress=progress.choose(quiet=self.quiet),
+        )
+
+
+# Those that mean something else for each command.
+DESCRIBED = ("limit", "again", "json")
+COMMON = ("data", "profile", "quiet", "json", "debug")
+SHARED = tuple(field.name for field in fields(Options))
+RUNNING = tuple(name for name in SHARED if name not in COMMON)
+CLUSTER = ("workers", "engine", "scheduler")  # of what runs in worker processes
+
+
+@cache
+def _annotations() -> dict[str, Any]:
+    return get_type_hints(Options, include_extras=True)
+
+
+def shared_option(name: str, help: str | None = None) -> inspect.Parameter:
+    """The shared option of that name as a command's parameter, with a `help` of its own."""
+    (field,) = (one for one in fields(Options) if one.name == name)
+    kind, option = get_args(_annotations()[name])
+    if help:
+        option = copy.copy(option)
+        option.help = help
+    return inspect.Parameter(
+        name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=field.default,
+        annotation=Annotated[kind, option],
+    )
+
+
+def _profile(given: str | None, root: Path, needs: str) -> Profile:
+    """The profile that was named, else the data root's own, else the default."""
+    from kb.artifacts import belonging
+    from kb.cli.framework.outcome import warn
+    from kb.core.errors import ProfileError
+    from kb.core.profile import Profile, load_profile
+
+    if needs == "nothing":
+        return Profile(name="none", title="none")
+    if given is not None:
+        profile = load_profile(given)
+        belonging.check(root, profile)
+        return profile
+    bound = belonging.remembered(root)
+    if bound is None:
+        return _of_download(root, needs)
+    try:
+        profile, said = belonging.load(root, bound)
+    except ProfileError as error:
+        if needs == "profile":
+            raise
+        warn(f"{error}; {error.hint}" if error.hint else str(error))
+        return Profile(name=bound.name, title=bound.name)
+    if said:
+        warn(said)
+    return profile
+
+
+def _of_download(root: Path, needs: str) -> Profile:
+    """The profile that came with a release, else the default."""
+    from kb.artifacts import belonging
+    from kb.cli.framework.outcome import warn
+    from kb.core.errors import ProfileError
+    from kb.core.profile import DEFAULT, load_profile
+
+    own = belonging.profile_of(root)
+    if own is None:
+        return load_profile(DEFAULT)
+    try:
+        return load_profile(own)
+    except ProfileError as error:
+        if needs == "profile":
+            raise
+        warn(f"{error}; {error.hint}" if error.hint else str(error))
+        return load_profile(DEFAULT)
+
+
+Plan = Annotated[
+    bool, typer.Option("--plan", help="Print what is left and what it costs; send nothing.")
+]
+Part = Annotated[
+    str | None,
+    typer.Option("--part", metavar="I/N", help="The I-th of N parts of the ids, for N machines."),
+]
+
+
+def parse_part(text: str | None) -> tuple[int, int] | None:
+    """ "2/4" as (2, 4), counted from 1. Raises SettingError."""
+    if text is None:
+        return None
+    from kb.core.errors import SettingError
+
+    match = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", text)
+    number, count = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not 1 <= number <= count:
+        raise SettingError(f"--part is {text!r}", hint="write it like 1/4, from 1/4 to 4/4")
+    return number, count
+
+
+def pipeline(run: Run, name: str) -> ModuleType:
+    """The shipped pipeline of that name, or the file of `--pipeline`."""
+    from kb.core.pipeline import load, locate
+
+    return load(str(locate(name, run.pipeline)))

@@ -1,0 +1,72 @@
+"""What every source has alike: the commands `filter` and `export`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from kb.cli.framework.command import command
+from kb.cli.framework.options import CLUSTER, pipeline
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+    from kb.core.verdict import Summary
+
+
+def add_filter(app: typer.Typer, source: str, what: str = "raw answers") -> Callable[..., Summary]:
+    """`kb <source> filter`, which sorts `what`."""
+
+    def filter_(run: Run) -> Summary:
+        from kb.filters.clean import run_clean
+        from kb.filters.nothing_kept import check_kept
+
+        summary = run_clean(run, source)
+        check_kept(run, source, summary)
+        return summary
+
+    filter_.__doc__ = (
+        f"Sort {what} into clean/{source}: kept, rejected with the reason, failed and pending."
+    )
+    return command(
+        app,
+        name="filter",
+        uses=(*CLUSTER, "pipeline"),
+        limit="Stop after scoring N more texts for toxicity (exit code 3); the next run resumes.",
+        json="crawled, kept, rejected, failed, pending, missing, stages, tables",
+        needs_data=True,
+        checks=True,
+        examples=[f"kb {source} filter", f"kb {source} filter --profile mine.toml"],
+    )(filter_)
+
+
+def add_export(
+    app: typer.Typer,
+    source: str,
+    *others: str,
+    goes: str = "Parquet goes",
+    tables: str = "the released tables",
+) -> Callable[..., Summary]:
+    """`kb <source> export`, as Parquet and in `others`; the last of these is the example."""
+    formats = StrEnum("Format", ["parquet", *others])  # type: ignore[misc]
+    parquet = formats("parquet")
+
+    def export(run: Run, format: Any = parquet) -> Summary:
+        from kb.artifacts import belonging
+
+        with belonging.writing(run, f"release-{source}"):
+            summary: Summary = pipeline(run, source).export(run, format.value)
+            return summary
+
+    option = typer.Option("--format", help=f"{goes} to release/, others to export/FORMAT/.")
+    export.__annotations__["format"] = Annotated[formats, option]
+    export.__doc__ = f"Write clean/{source} as {tables}, or in another layout."
+    return command(
+        app,
+        uses=("engine", "scheduler", "pipeline"),
+        json="the rows of each table, and path",
+        needs_data=True,
+        examples=[f"kb {source} export", f"kb {source} export --format {others[-1]}"],
+    )(export)
