@@ -12,6 +12,8 @@ from pathlib import Path
 import msgspec
 from ahocorasick_rs import BytesAhoCorasick, Implementation
 
+from kb.core import signals
+from kb.core.engine import make_threads
 from kb.schema import keys as schema
 from kb.store import damage, rawlog
 from kb.store.atomic import writing
@@ -115,6 +117,20 @@ def rewrite_segment(path: Path, changes: Iterable[tuple[int, int, Envelope | Non
             at = end
         damage.copy(old, new, at, path.stat().st_size)
     return len(frames)
+
+
+def check_readable(root: Path, source: str, threads: int) -> None:
+    """Read every segment. Raises DamagedData for the first that can't be read in full, except for
+    the torn end of an open one; Interrupted.
+    """
+
+    def read(path: Path) -> None:
+        signals.stop.check()
+        for _ in rawlog.Frames(path, checked=True):
+            pass
+
+    with make_threads(threads) as pool:  # decompressing releases the interpreter lock
+        list(pool.map(read, rawlog.all_segments(root, source)))
 
 
 def uncommitted(frontier: Frontier, paths: Iterable[Path]) -> Iterator[Path]:

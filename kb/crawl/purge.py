@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeVar
-
 from kb.artifacts import purge as steps
+from kb.artifacts import purge_raw
 from kb.artifacts.purge import Purge, PurgeList, PurgeRules
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.crawl.session import CrawlSession, open_session
+from kb.crawl.session import open_session
 from kb.store.layout import Layout
-
-T = TypeVar("T")
 
 
 def purge_answers(run: Run, rules: PurgeRules, listed: PurgeList | None) -> Purge:
@@ -26,20 +22,13 @@ def purge_answers(run: Run, rules: PurgeRules, listed: PurgeList | None) -> Purg
         session.recorder.close()
         scratch = Layout(run.root).known(rules.source)
         purge = Purge(run, rules, listed, session.frontier, scratch)
-        _repaired(session, purge.find)
-        _repaired(session, purge.begin)
-        _repaired(session, lambda: list(steps.answers(purge)))
+        try:
+            purge_raw.check_readable(run.root, rules.source, run.workers)
+        except DamagedData:
+            session.recorder.look_into_all()
+        purge.find()
+        purge.begin()
         if purge.keys:
+            list(steps.answers(purge))
             list(steps.state(purge))
         return purge
-
-
-def _repaired(session: CrawlSession, read: Callable[[], T]) -> T:
-    """What `read` returns; if it meets damaged raw data, that is set aside first."""
-    try:
-        return read()
-    except DamagedData as error:
-        if getattr(error, "path", None) is None:
-            raise
-        session.recorder.look_into_all()
-        return read()
