@@ -4,8 +4,8 @@ What was deleted at its source, or named, leaves every folder for good; what was
 again.
 
     raw        tombstones, raw answers, frontier: the source's own
-    rows       of tables, of rejected, failed and pending; pairs, links
     index      removed; the next search builds it again
+    rows       of tables, of rejected, failed and pending; pairs, links
     scores     annotations of texts that no row has any more
     exports    release/, export/, links/ and report/ as far as they are there
 """
@@ -16,7 +16,7 @@ import shutil
 from pathlib import Path
 
 from kb.annotate.scores import drop_unused
-from kb.artifacts import belonging, inputs
+from kb.artifacts import belonging, manifest
 from kb.artifacts import purge as steps
 from kb.artifacts.purge import PurgeLine, Step
 from kb.core.context import Run
@@ -31,7 +31,7 @@ from kb.report.build import report_again
 from kb.store import lock
 from kb.store.layout import Layout
 
-STEPS: tuple[Step, ...] = (steps.rows, steps.index, steps.exports)
+STEPS: tuple[Step, ...] = (steps.index, steps.rows, steps.exports)
 
 
 def purge(run: Run, source: str, ids: Path | None) -> Summary:
@@ -42,15 +42,16 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
     rules = steps.rules_of(source)
     listed = rules.read_ids(ids, run.progress.say) if ids else None
     with belonging.writing(run, *lock.of_purge(source)):
-        current = inputs.is_filtered(run.root, source)
+        clean = f"clean/{source}"
+        current = manifest.is_current(run.root, clean)
         purge = purge_answers(run, rules, listed)
         removed: list[PurgeLine] = []
         scores = 0
         if purge.keys:
-            removed = list(steps.rows(purge))
             list(steps.index(purge))
+            removed = list(steps.rows(purge))
             if current:  # what was removed left raw/ and clean/ alike
-                inputs.note_raw(Layout(run.root).clean(source), inputs.of_raw(run.root, source))
+                manifest.note_inputs(run.root, clean)
             scores = drop_unused(run.root, source, texts(run, source))
             _write_again(run, source)
         counts = {"rows": sum(line.count for line in removed), "scores": scores, **purge.counts}

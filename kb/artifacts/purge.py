@@ -6,8 +6,8 @@ plan, it only counts. What differs between sources is in their `PurgeRules`.
     begin       the list of keys in state/, and tombstones, so that nothing comes back meanwhile
     raw         answers, and what else a source stores of a key
     state       items of the frontier
-    rows        clean tables, verdicts, pairs, links, restored rows
     index       removed; the next search builds it again
+    rows        clean tables, verdicts, pairs, links, restored rows
     rest        scores, exports, releases and the report (pipelines/purge.py)
 
 Every step may be repeated. The list of keys stays until the last step is done, so a purge that was
@@ -28,9 +28,10 @@ from typing import Any, Protocol
 
 import msgspec
 
-from kb.artifacts import indexed, purge_raw
+from kb.artifacts import indexed, manifest, purge_raw
 from kb.artifacts.purge_raw import Matcher, Names, Strip
 from kb.artifacts.purge_rows import RowLocation, drop_rows, released
+from kb.artifacts.registry import artifact_of
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.sources import SPECS
@@ -315,11 +316,20 @@ def rows(purge: Purge) -> Iterator[PurgeLine]:
     for location in purge.rules.rows if not purge.dry else ():
         for work in (purge.root / location.folder).parent.glob(".work*"):
             shutil.rmtree(work, ignore_errors=True)  # of an interrupted restore, which asks again
-    locations = [*purge.rules.rows, *(released(purge.rules.rows) if purge.dry else ())]
-    lines = drop_rows(purge.root, locations, purge.keys, dry=purge.dry)
-    yield from (PurgeLine(*line) for line in lines)
-    if not purge.dry:
+    if purge.dry:
+        locations = *purge.rules.rows, *released(purge.rules.rows)
+        yield from _rows(purge, locations)
+        return
+    folders = (purge.root / location.folder / "rows" for location in purge.rules.rows)
+    artifacts = {found[1].name for folder in folders if (found := artifact_of(folder))}
+    with manifest.editing(purge.root, *sorted(artifacts)):
+        yield from _rows(purge, purge.rules.rows)
         purge.rules.repair(purge)
+
+
+def _rows(purge: Purge, locations: Iterable[RowLocation]) -> Iterator[PurgeLine]:
+    lines = drop_rows(purge.root, locations, purge.keys, dry=purge.dry)
+    return (PurgeLine(*line) for line in lines)
 
 
 def index(purge: Purge) -> Iterator[PurgeLine]:

@@ -15,22 +15,14 @@ import typer.main
 
 from kb import __version__
 from kb.cli.framework import misplaced
+from kb.core.sources import SPECS
+
+DEFAULT = "kb.cli.commands.sources.default"  # of sources without commands of their own
 
 # name -> (module, one line for `kb --help`). The module's `app` is a typer app, of one command or
 # several.
 TREE = {
-    "youtube": (
-        "kb.cli.commands.sources.youtube",
-        "Channels, videos and transcripts: crawl, filter, export.",
-    ),
-    "wiki": (
-        "kb.cli.commands.sources.wiki",
-        "Wiki pages as a browser shows them: crawl, filter, export.",
-    ),
-    "reddit": (
-        "kb.cli.commands.sources.reddit",
-        "Posts and comments: crawl, import, filter, export, reconstruct.",
-    ),
+    **{name: (spec.commands or DEFAULT, spec.help) for name, spec in SPECS.items()},
     "restore": (
         "kb.cli.commands.restore",
         "The content of a downloaded release, with your own keys.",
@@ -129,7 +121,10 @@ class Tree(typer.core.TyperGroup):
 @functools.cache
 def _loaded(name: str) -> Any:
     """A command of the tree, whose file is imported."""
-    command = typer.main.get_command(importlib.import_module(TREE[name][0]).app)
+    module = importlib.import_module(TREE[name][0])
+    command = typer.main.get_command(
+        module.app_of(name) if TREE[name][0] == DEFAULT else module.app
+    )
     command.name = name
     return command
 

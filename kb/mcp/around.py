@@ -18,8 +18,8 @@ from kb.mcp.places import SourceLocation, anchor
 from kb.reader import thread as threads
 from kb.reader.opened import OpenTables
 from kb.search.passage import plain
-from kb.search.sections import grid, link, sections
-from kb.search.transcripts import Talk, talk
+from kb.search.wiki_passages import grid, link, sections
+from kb.search.youtube_passages import Talk, talk
 
 _WATCH = "https://www.youtube.com/watch?v="
 

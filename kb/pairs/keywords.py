@@ -1,8 +1,9 @@
 """The profile's keywords: forms, kinds, and rules for everyday words.
 
 A list is a tab-separated file with the columns `keyword`, `kind`, `rule`, `forms`; lines that begin
-with # are comments. Plural and joined forms follow by rule (kb.pairs.forms); `forms` adds others,
-separated by commas. A rule says what an everyday word ("bed", "chest") needs to count:
+with # are comments. Plural and joined forms follow by rule (kb.pairs.keyword_forms);
+`forms` adds others, separated by commas. A rule says what an everyday word ("bed", "chest")
+needs to count:
 
     near       an unmistakable keyword within the profile's `near_words`
     near:30    the same within 30 words
@@ -16,18 +17,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from kb.core.errors import ProfileError
+from kb.core.optional import np
 from kb.core.profile import Profile
 from kb.core.profile.pairs import Pairs
-from kb.pairs.fold import phrase
-from kb.pairs.forms import forms
-from kb.pairs.listed import COLUMNS, LONGEST, NEVER, Keyword, read
-
-if TYPE_CHECKING:
-    import numpy as np
-
+from kb.pairs.keyword_forms import forms
+from kb.pairs.keyword_list import COLUMNS, LONGEST, NEVER, Keyword, read
+from kb.pairs.matching import phrase
 
 __all__ = [
     "COLUMNS",
@@ -58,22 +56,16 @@ class Keywords:
     @cached_property
     def certain(self) -> np.ndarray:
         """Which keywords need no other."""
-        import numpy as np
-
         return np.asarray([keyword.reach is None for keyword in self.every], bool)
 
     @cached_property
     def reach(self) -> np.ndarray:
         """Words within which the others need a certain one; NEVER for those that no other helps."""
-        import numpy as np
-
         return np.asarray([keyword.reach or 0 for keyword in self.every], np.int64)
 
     @cached_property
     def owner(self) -> np.ndarray:
         """`of` as an array."""
-        import numpy as np
-
         return np.asarray(self.of, np.int64)
 
 

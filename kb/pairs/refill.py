@@ -16,18 +16,18 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from kb.artifacts import belonging, complete
+from kb.artifacts import belonging, manifest
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
 from kb.core.plan import PlanPart, PlanPhase
 from kb.core.profile.pairs import Pairs
 from kb.core.verdict import Summary
-from kb.pairs import source
-from kb.pairs.index import make_tools
+from kb.pairs import transcripts
+from kb.pairs.clip_tokens import ENDS
+from kb.pairs.extract import make_tools
 from kb.pairs.keywords import Keywords
-from kb.pairs.text import Text, without_sounds
-from kb.pairs.tokens import ENDS
+from kb.pairs.transcript_batch import Text, without_sounds
 from kb.schema.conform import conform
 from kb.schema.tables import table
 from kb.store import parquet, tombstones
@@ -44,7 +44,7 @@ def refill(run: Run, index: Path) -> Summary:
     `index` is a released Parquet file or its folder. Holds the index in memory, transcripts a batch
     at a time. Raises SettingError, DamagedData, FatalError without transcripts.
     """
-    files = source.parts(run.root, index=index)
+    files = transcripts.parts(run.root, index=index)
     rows = _read(index)
     with belonging.writing(run, "pairs"):
         return fill(run, rows, files, Layout(run.root).pairs)
@@ -78,8 +78,8 @@ def restore(run: Run, index: Path, removed: Collection[str]) -> Summary:
     rows, at = _read(index), Layout(run.root)
     gone = pa.array(sorted({*removed, *tombstones.keys(run.root, "youtube")}), pa.string())
     rows = rows.filter(pc.invert(pc.is_in(rows["video_id"].cast(pa.string()), value_set=gone)))
-    transcripts = parquet_files(at.restored("youtube", "transcripts"))
-    return fill(run, rows, transcripts, at.restored("pairs"))
+    files = parquet_files(at.restored("youtube", "transcripts"))
+    return fill(run, rows, files, at.restored("pairs"))
 
 
 def fill(run: Run, rows: pa.Table, files: Sequence[Path], out: Path) -> Summary:
@@ -94,13 +94,13 @@ def fill(run: Run, rows: pa.Table, files: Sequence[Path], out: Path) -> Summary:
         rows[name].to_pylist() for name in ("text_start_char", "text_end_char", "token_count")
     )
     found = differing = 0
-    total = sum(source.rows(path) for path in files)
+    total = sum(transcripts.rows(path) for path in files)
     with (
         writer(run.root, "pairs"),
         run.progress.task("fill pairs", total, "transcripts") as task,
     ):
         for path in files:
-            for batch in source.texts(path):
+            for batch in transcripts.texts(path):
                 signals.stop.check()
                 for video, whole in _wanted(batch, places):
                     for row in places[video]:
@@ -175,4 +175,4 @@ def _write(run: Run, rows: pa.Table, texts: list[str | None], out: Path) -> None
         )
         part.unlink()
         note = {"fingerprint": "index", "complete": False}
-        write_text(fresh / complete.NOTE, json.dumps(note) + "\n")
+        write_text(fresh / manifest.SUMMARY, json.dumps(note) + "\n")

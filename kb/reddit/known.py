@@ -9,7 +9,7 @@ much is known.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -21,11 +21,13 @@ import pyarrow.compute as pc
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.profile.reddit import Links, RedditSection
-from kb.reddit import heads, parse
+from kb.reddit import parse
 from kb.store import buckets, rawlog
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.layout import Layout
 from kb.store.newest import newest
+
+COLUMNS = ("fullname", "post_id", "state", "fetched_at", "live", "gone", "dump")
 
 
 class Known:
@@ -97,10 +99,17 @@ def _spread(
 def spread(kind: str, links: Links, segment: str, place: int, folder: str, number: int) -> None:
     """Spread one segment; runs in a worker."""
     about = buckets.RawKind(
-        partial(heads.rows, kind=kind, links=links), key=("fullname",), bucket="fullname"
+        partial(_rows, kind=kind, links=links), key=("fullname",), bucket="fullname"
     )
     with full_disk_is_resumable(Path(folder)):
         buckets.spread(about, f"reddit/{kind}", Path(segment), place, Path(folder), number)
+
+
+def _rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
+    """Posts and comments that an answer shows or misses; stubs and marks are left out."""
+    states = pa.array(["there", "missing"])
+    for rows in parse.rows(lines, kind, links):
+        yield rows.filter(pc.is_in(rows["state"], value_set=states)).select(COLUMNS)
 
 
 def reduce(folder: str, number: int) -> None:

@@ -19,7 +19,7 @@ from kb.artifacts.purge_raw import Names
 from kb.artifacts.purge_rows import RowLocation, keep_rows, shared_locations
 from kb.crawl.id_list import IdList
 from kb.reddit import threads, tree
-from kb.reddit.crossposts import drop_parents, repeats
+from kb.reddit.crossposts import crossposts_of, drop_parents
 from kb.reddit.known import known
 from kb.reddit.source import INFO
 from kb.reddit.strip import strip
@@ -73,8 +73,7 @@ def strip_names(kind: str, envelope: Envelope, names: Names) -> Envelope | None:
 
 def crossposts(envelope: Envelope, keys: Collection[str]) -> set[str]:
     """Bare ids of posts that repeat one of the keys, also if an interrupted purge stripped them."""
-    posts = (thing.data for thing in tree.things(envelope.response) if thing.kind == tree.POST)
-    return {str(post.get("id")) for post in posts if repeats(post, keys)}
+    return crossposts_of(envelope.response, keys)
 
 
 def forget(purge: Purge) -> None:

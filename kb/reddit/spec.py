@@ -28,7 +28,7 @@ SPEC = SourceSpec(
     credential="reddit_client_id",
     connector=".source:RedditSource",
     purge=".purge:RULES",
-    commands="kb.cli.reddit",
+    commands="kb.cli.commands.sources.reddit",
     section="kb.core.profile.reddit:RedditSection",
     status=".status",
     online=".online:question",
@@ -42,7 +42,7 @@ SPEC = SourceSpec(
         ),
         TextColumns("comments", "comment_id", {"comment": ("body",)}, "t1_"),
     ),
-    passages="kb.search.threads:passages",
+    passages="kb.search.reddit_passages:passages",
     indexed=("posts", "comments"),
     restored=("posts", "comments"),
     release=ReleaseSpec(

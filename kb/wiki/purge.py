@@ -14,9 +14,9 @@ from kb.store import rawlog, sidefiles, tombstones
 from kb.store.frontier import Frontier
 from kb.store.inside import is_inside
 from kb.store.layout import BELOW, Layout
-from kb.wiki import extraction, tables
-from kb.wiki.reduce import LEFT
-from kb.wiki.titles import read_names
+from kb.wiki.connector.ids import read_names
+from kb.wiki.connector.reduce import LEFT
+from kb.wiki.parse import extraction, tables
 
 _PURGED = "purged titles"  # cursor of the frontier
 

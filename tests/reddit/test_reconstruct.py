@@ -19,7 +19,7 @@ import pytest
 import kb.reddit
 from kb.core.errors import LimitReached, SettingError, Unreachable, WriterLocked
 from kb.reddit.wanted import read_wanted
-from kb.sandbox.made_ids import PEOPLE
+from kb.sandbox.invented_ids import PEOPLE
 from kb.sandbox.server import Sandbox
 from kb.schema import table
 from tests import forked

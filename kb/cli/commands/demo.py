@@ -13,6 +13,7 @@ from kb.cli.commands.demo_root import FINISHED, without_scores
 from kb.cli.framework.command import command, group
 from kb.cli.framework.options import CLUSTER
 from kb.cli.framework.options import pipeline as shipped
+from kb.core.sources import SOURCES, made_of
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -60,9 +61,9 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
     from kb.core.profile import DEFAULT, load_profile
     from kb.core.settings import Settings
     from kb.sandbox.domain import domain_of
-    from kb.sandbox.reddit import dumps
+    from kb.sandbox.reddit.service import dumps
     from kb.sandbox.server import Sandbox
-    from kb.sandbox.wiki_named import PAGES
+    from kb.sandbox.wiki.generated import PAGES
     from kb.sandbox.world import World
 
     for name in set(Settings.model_fields) - _KEPT:
@@ -180,8 +181,8 @@ def _at_work(run: Run, step: str) -> Run:
 def _lacking(run: Run, step: str) -> str | None:
     """The section of the profile that a step goes by, where there is none."""
     words = step.split()
-    needed = {"pairs": ("youtube", "pairs"), "links": ("pairs",)}.get(step, tuple(words))
-    sections = ("youtube", "wiki", "reddit", "pairs")
+    needed = {"pairs": (*made_of("pairs"), "pairs"), "links": ("pairs",)}.get(step, tuple(words))
+    sections = (*SOURCES, "pairs")
     return next(
         (one for one in needed if one in sections and getattr(run.profile, one) is None), None
     )

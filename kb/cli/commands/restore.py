@@ -11,6 +11,7 @@ import typer
 from kb.cli.framework.command import command, group
 from kb.cli.framework.dumps import Dumps, DumpsCommand
 from kb.cli.framework.options import Plan
+from kb.core.sources import SPECS
 
 if TYPE_CHECKING:
     from kb.cli.framework.options import Options
@@ -19,12 +20,9 @@ if TYPE_CHECKING:
 app = group("The content of a downloaded release, with your own keys.")
 
 
-class RestorePart(StrEnum):
-    """What can be brought back; of the wiki a release has everything."""
-
-    youtube = "youtube"
-    reddit = "reddit"
-    pairs = "pairs"
+# What can be brought back; of the other sources a release has everything.
+_PARTS = (*(name for name, spec in SPECS.items() if spec.restored), "pairs")
+RestorePart = StrEnum("RestorePart", _PARTS)  # type: ignore[misc]
 
 
 @command(
@@ -53,7 +51,8 @@ def restore(
     ],
     dumps: Dumps = None,
     only: Annotated[
-        RestorePart | None, typer.Option("--only", help="Bring back one part of it.")
+        RestorePart | None,
+        typer.Option("--only", help="Bring back one part of it."),
     ] = None,
     plan: Plan = False,
 ) -> Summary:

@@ -10,22 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.framework.command import command, group
+from kb.core.sources import SOURCES
 
 if TYPE_CHECKING:
     from kb.cli.framework.options import Options
     from kb.core.verdict import Summary
-    from kb.search.ask import SearchHit
+    from kb.search.answers import SearchHit
 
 app = group("Ranked answers from transcripts, wiki and threads, with links to the place.")
 LIMIT = 10
 
 
-class SearchSource(StrEnum):
-    """Where an answer may come from."""
-
-    youtube = "youtube"
-    wiki = "wiki"
-    reddit = "reddit"
+SearchSource = StrEnum("SearchSource", SOURCES)  # type: ignore[misc]  # where an answer comes from
 
 
 class HitKind(StrEnum):
@@ -65,7 +61,10 @@ def search(
     ],
     source: Annotated[
         list[SearchSource] | None,
-        typer.Option("--source", help="Answers from there only; may be given several times."),
+        typer.Option(
+            "--source",
+            help="Answers from there only; may be given several times.",
+        ),
     ] = None,
     kind: Annotated[
         list[HitKind] | None,
@@ -108,10 +107,10 @@ def search(
     """
     from kb.core import terminal
     from kb.core.verdict import Summary
-    from kb.search.ask import search as ask
-    from kb.search.ask import suggest
+    from kb.search.answers import search as ask
+    from kb.search.answers import suggest
     from kb.search.build import ensure
-    from kb.search.rank import Only, day_given
+    from kb.search.ranking import Only, day_given
 
     only = Only(
         kinds=tuple(map(str, kind or ())),

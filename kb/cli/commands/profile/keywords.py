@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 from kb.core.errors import SettingError
 from kb.pairs import keywords
-from kb.pairs.propose import PageNames, Proposal, propose
+from kb.pairs.keyword_proposal import PageNames, Proposal, propose
 from kb.store import rawlog
-from kb.wiki.named import pages
+from kb.wiki.parse.page_names import pages
+from kb.wiki.spec import SPEC
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -19,7 +20,7 @@ def proposed(run: Run) -> Proposal:
 
     Raises SettingError without a crawled wiki, ProfileError for a list that can't be read.
     """
-    if not rawlog.segments(run.root, "wiki", "pages"):
+    if not rawlog.segments(run.root, SPEC.name, "pages"):
         raise SettingError(
             f"no wiki was crawled into {run.root}",
             hint="run `kb wiki crawl` first, or name its data root with --data",

@@ -9,6 +9,8 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.options import CLUSTER
+from kb.core.source_spec import CommandHelp
+from kb.core.sources import SPECS
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -100,20 +102,6 @@ def _add(source: str, about: str, *examples: str) -> None:
     )(annotate)
 
 
-_add(
-    "youtube",
-    "Score titles and descriptions of crawled videos.",
-    "kb annotate youtube                     titles and descriptions",
-)
-_add(
-    "wiki",
-    "Score the text of crawled wiki pages.",
-    "kb annotate wiki                        each page's visible text",
-)
-_add(
-    "reddit",
-    "Score titles, bodies and comments.",
-    "kb annotate reddit --precision int8     faster; what lies near the threshold is computed"
-    " exactly",
-    "kb annotate reddit --engine dask --scheduler tcp://10.0.0.1:8786",
-)
+for _name, _spec in SPECS.items():
+    _text = _spec.annotate_help or CommandHelp(f"Score the texts of {_name}.")
+    _add(_name, _text.about, *(_text.examples or (f"kb annotate {_name}",)))

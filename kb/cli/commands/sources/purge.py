@@ -9,6 +9,8 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.options import CLUSTER, pipeline
+from kb.core.source_spec import CommandHelp
+from kb.core.sources import SPECS
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -61,25 +63,6 @@ def _add(source: str, about: str, *examples: str) -> None:
     )(purge)
 
 
-_add(
-    "youtube",
-    "Remove videos that vanished from YouTube, or are named, everywhere, and remember them.",
-    "kb purge youtube",
-    "kb purge youtube --ids gone.txt",
-    "kb purge youtube --plan",
-)
-_add(
-    "wiki",
-    """Remove pages that the wiki deleted, or that are named, from every folder, and remember them.
-
-    The file names pages by id, title or address, a line each, or is MineDojo's JSON. Names that
-    nothing here bears are counted as unknown, and kept away from later crawls.
-    """,
-    "kb purge wiki --ids pages.txt",
-)
-_add(
-    "reddit",
-    "Remove posts and comments that were deleted or removed, or are named, and remember them.",
-    "kb purge reddit",
-    "kb purge reddit --ids requests.txt",
-)
+for _name, _spec in SPECS.items():
+    _text = _spec.purge_help or CommandHelp("Remove what is named, everywhere, and remember it.")
+    _add(_name, _text.about, *(_text.examples or (f"kb purge {_name} --ids ids.txt",)))
