@@ -16,7 +16,7 @@ from ahocorasick_rs import BytesAhoCorasick, MatchKind
 
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.errors import DamagedData
-from kb.release.problem import GateProblem
+from kb.release.gate.problem import GateProblem
 from kb.store import parquet
 
 KEY_SHAPES = {

@@ -9,8 +9,8 @@ from __future__ import annotations
 import duckdb
 
 from kb.artifacts.release_folder import INDEX, ReleaseFolder
-from kb.release.columns import numbered
-from kb.release.problem import GateProblem, damaged
+from kb.release.gate.columns import numbered
+from kb.release.gate.problem import GateProblem, damaged
 from kb.store import database
 
 _AGAIN = "run `kb wiki export` again"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from kb.release.facts import ColumnFacts, Facts
+from kb.release.metadata.facts import ColumnFacts, Facts
 
 WIDTH = 40  # of the longest bar, in characters
 # The stages of the filters in their order, posts' and comments' together.

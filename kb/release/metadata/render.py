@@ -17,9 +17,9 @@ from typing import Any
 
 from kb.core import sizes
 from kb.core.templates import environment
-from kb.release import texts
+from kb.release.metadata import text as texts
 
-TEMPLATES = Path(__file__).with_name("templates")
+TEMPLATES = Path(__file__).parents[1] / "templates"
 FILTERS = {
     "bib": texts.bib,
     "cell": texts.cell,

@@ -15,10 +15,10 @@ from kb.core import sizes
 from kb.core.context import Run
 from kb.core.installation import software_address
 from kb.core.licences import licence
-from kb.release.about import about
-from kb.release.facts import Facts
-from kb.release.languages import three_letters
-from kb.release.texts import SANDBOX_NOTE, day, language, name, span
+from kb.release.metadata.about import about
+from kb.release.metadata.facts import Facts
+from kb.release.metadata.languages import three_letters
+from kb.release.metadata.text import SANDBOX_NOTE, day, language, name, span
 
 Text = Annotated[str, Field(min_length=1)]
 

@@ -2,7 +2,7 @@
 concerns.
 
 The sentences are in templates/about/ and fit any domain, further ones in the profile; the figures
-around them are measured (kb.release.measure).
+around them are measured (kb.release.metadata.measure).
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from collections.abc import Callable
 import msgspec
 
 from kb.core.profile import Profile
-from kb.release.render import ENVIRONMENT, TEMPLATES
-from kb.release.texts import line
+from kb.release.metadata.render import ENVIRONMENT, TEMPLATES
+from kb.release.metadata.text import line
 
 
 class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -12,10 +12,10 @@ from typing import Any
 
 from kb.core.context import Run
 from kb.core.licences import licence
-from kb.release.about import about
-from kb.release.facts import DataFile, Facts, TableFacts
-from kb.release.pages import bibtex
-from kb.release.texts import SANDBOX_NOTE, day, language, name
+from kb.release.metadata.about import about
+from kb.release.metadata.card import bibtex
+from kb.release.metadata.facts import DataFile, Facts, TableFacts
+from kb.release.metadata.text import SANDBOX_NOTE, day, language, name
 from kb.schema.tables import Column
 
 PARQUET = "application/x-parquet"

@@ -1,4 +1,4 @@
-"""How a release folder is measured (kb.release.facts).
+"""How a release folder is measured (kb.release.metadata.facts).
 
 Only counts, extremes and medians over the whole data: the same data gives the same figures.
 """
@@ -18,9 +18,9 @@ from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.core.context import Run
 from kb.core.licences import KNOWN
 from kb.core.sources import made_of
-from kb.release.facts import ColumnFacts, DataFile, Facts, TableFacts
-from kb.release.gaps import gaps
-from kb.release.personal import personal_counts
+from kb.release.gate.personal import personal_counts
+from kb.release.metadata.facts import ColumnFacts, DataFile, Facts, TableFacts
+from kb.release.metadata.gaps import gaps
 from kb.schema import Column, released_tables
 from kb.store import database, parquet, tombstones
 from kb.store.digests import digest

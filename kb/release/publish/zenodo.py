@@ -1,7 +1,7 @@
 """A client of Zenodo's legacy deposit API, which its sandbox speaks as well.
 
 Source: https://developers.zenodo.org. Only what a release needs: create, list, upload with md5,
-metadata, publish, new version. Errors are those of kb.release.service.
+metadata, publish, new version. Errors are those of kb.release.publish.service.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from urllib.parse import quote
 from kb.core import signals
 from kb.core.errors import FatalError, Retryable, Unreachable
 from kb.net.session import HttpSession
-from kb.release.answers import DepositAnswer, Described, Sent, UploadedFile, latest_draft
-from kb.release.service import TRIES, DepositService, Gone
+from kb.release.publish.answers import DepositAnswer, Described, Sent, UploadedFile, latest_draft
+from kb.release.publish.service import TRIES, DepositService, Gone
 from kb.store.digests import digest
 
 PAGE = 100

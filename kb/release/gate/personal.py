@@ -24,7 +24,7 @@ import pyarrow.compute as pc
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.errors import DamagedData
 from kb.core.profile.release import Release
-from kb.release.problem import GateProblem
+from kb.release.gate.problem import GateProblem
 from kb.store import parquet
 
 # Arrow's expressions (RE2) know letters of every script as \pL.

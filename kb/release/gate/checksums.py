@@ -8,7 +8,7 @@ from pathlib import Path
 from kb.artifacts import release_folder
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.release.folders import is_made
-from kb.release.problem import GateProblem
+from kb.release.gate.problem import GateProblem
 from kb.store.atomic import write_text
 from kb.store.digests import SUMS, digest, listed
 

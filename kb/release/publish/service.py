@@ -21,7 +21,7 @@ from kb.core.errors import CredentialRefused, FatalError, QuotaSpent, Retryable,
 from kb.net import redact
 from kb.net.retry import attempt, retry_after
 from kb.net.session import HttpSession, failure, host_of, refusal
-from kb.release.answers import content_of, message
+from kb.release.publish.answers import content_of, message
 
 TRIES = 5
 TIMEOUT_S = (10.0, 300.0)  # seconds to connect, and between two bytes of an answer

@@ -1,6 +1,6 @@
 """`kb release publish`: one deposit a folder, a draft by default, new versions of old records.
 
-Each folder is sent by kb.release.upload, which goes on where it was cut off.
+Each folder is sent by kb.release.publish.upload, which goes on where it was cut off.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from kb.core.resources import PROFILE_FILE
 from kb.core.sources import exported_by, made_by, made_of
 from kb.core.verdict import Summary
 from kb.net.session import HttpSession, host_of
-from kb.release import check
 from kb.release.build import exported, refuse
-from kb.release.deposit import Zenodo
-from kb.release.measure import models
-from kb.release.problem import GateProblem
-from kb.release.service import TIMEOUT_S, stray
-from kb.release.upload import Upload, document_of
+from kb.release.gate import check
+from kb.release.gate.problem import GateProblem
+from kb.release.metadata.measure import models
+from kb.release.publish.service import TIMEOUT_S, stray
+from kb.release.publish.upload import Upload, document_of
+from kb.release.publish.zenodo import Zenodo
 from kb.store.digests import SUMS
 from kb.store.lock import RELEASES, writer
 from kb.store.reading import SANDBOX_MODEL

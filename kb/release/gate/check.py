@@ -21,11 +21,13 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError
 from kb.core.licences import KNOWN, licence
 from kb.core.resources import PROFILE_FILE
-from kb.release import archives, checksums, columns, personal, scan, scored
 from kb.release.folders import DEPOSIT, samples, strays
-from kb.release.measure import folder_licence, page_licences
-from kb.release.metadata import Document
-from kb.release.problem import GateProblem, damaged
+from kb.release.gate import archives, checksums, columns, personal
+from kb.release.gate import secrets as scan
+from kb.release.gate import toxicity as scored
+from kb.release.gate.problem import GateProblem, damaged
+from kb.release.metadata.measure import folder_licence, page_licences
+from kb.release.metadata.zenodo import Document
 from kb.schema import Table, released_tables, table
 from kb.store import database, parquet
 from kb.store.digests import SUMS

@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData
-from kb.release.problem import GateProblem, damaged
+from kb.release.gate.problem import GateProblem, damaged
 from kb.schema import Table
 from kb.schema.tables import Column
 from kb.store import parquet

@@ -6,7 +6,7 @@ datasheet   DATASHEET.md: the questions of "Datasheets for Datasets" (Gebru et a
 citation    CITATION.cff, version 1.2.0 (https://citation-file-format.github.io)
 law         LICENSE: whose the data is, then the legal text
 
-Figures come from kb.release.measure, sentences on a source from kb.release.about.
+Figures come from kb.release.metadata.measure, sentences on a source from kb.release.metadata.about.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from kb.core.context import Run
 from kb.core.installation import install_extra, lock_digest, software, software_address
 from kb.core.licences import licence
 from kb.release import provenance
-from kb.release.about import about
-from kb.release.facts import Facts, TableFacts
-from kb.release.first import first
 from kb.release.history import Changes
-from kb.release.render import render
-from kb.release.texts import SANDBOX_NOTE, language, md, name
+from kb.release.metadata.about import about
+from kb.release.metadata.facts import Facts, TableFacts
+from kb.release.metadata.first_screen import first
+from kb.release.metadata.render import render
+from kb.release.metadata.text import SANDBOX_NOTE, language, md, name
 
 _SIZES = (
     (10**3, "n<1K"),

@@ -10,7 +10,7 @@ import duckdb
 from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.core.context import Run
 from kb.core.sources import SOURCES, made_by
-from kb.release.problem import GateProblem, damaged
+from kb.release.gate.problem import GateProblem, damaged
 from kb.schema import Table, released_tables
 from kb.store import database
 from kb.store.layout import Layout

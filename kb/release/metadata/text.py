@@ -8,7 +8,7 @@ from datetime import datetime
 from typing import Any
 
 from kb.core.context import Run
-from kb.release.facts import Facts
+from kb.release.metadata.facts import Facts
 
 SANDBOX_NOTE = (
     "Made with the sandbox's tiny toxicity model, whose scores mean nothing about real texts: "
