@@ -29,10 +29,11 @@ from kb.core.verdict import Summary
 from kb.release import folders, history, provenance, sample
 from kb.release.gate import check, checksums
 from kb.release.gate.problem import GateProblem
+from kb.release.metadata import measure
 from kb.release.metadata.card import card, citation, datasheet, law
 from kb.release.metadata.croissant import croissant
 from kb.release.metadata.facts import Facts
-from kb.release.metadata.zenodo import deposit, measure
+from kb.release.metadata.zenodo import deposit
 from kb.schema import table
 from kb.store import tombstones
 from kb.store.atomic import write_text
