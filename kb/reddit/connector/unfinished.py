@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from kb.reddit.reduce import OUTSIDE, PAYLOADS
+from kb.reddit.connector.reduce import OUTSIDE, PAYLOADS
 from kb.store import reading
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout

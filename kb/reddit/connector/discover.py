@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from kb.core.profile.reddit import RedditSection as Section
-from kb.reddit import tree
-from kb.reddit.reduce import OUTSIDE, ListingCursor, PostItem
+from kb.reddit.connector.reduce import OUTSIDE, ListingCursor, PostItem
+from kb.reddit.parse import tree
 from kb.store.frontier import Frontier
 
 KINDS = ("listing", "tree", "more", "thread")

@@ -1,7 +1,8 @@
 """Archive dumps as lines: a post or comment each, all subreddits mixed or one.
 
-A file comes as chunks of whole lines (kb.reddit.search looks into them), whatever container it is
-(kb.reddit.containers). What is cut off or damaged is counted, never fatal.
+A file comes as chunks of whole lines, whatever container it is (kb.reddit.dumps.containers);
+kb.reddit.dumps.subreddit_search looks into them. What is cut off or damaged is counted, never
+fatal.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from typing import Any, NamedTuple
 
 import orjson
 
-from kb.reddit.containers import Seen, pieces
-from kb.reddit.tree import is_deeper
+from kb.reddit.dumps.containers import Seen, pieces
+from kb.reddit.parse.tree import is_deeper
 
 LATEST = 253402300800  # seconds of Unix time: the year 10000
 DEEPEST = 200  # lists and objects within each other; what Reddit says has about ten

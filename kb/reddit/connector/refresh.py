@@ -28,10 +28,10 @@ from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Opened, Phase
-from kb.reddit import tree
-from kb.reddit.known import Known, known
-from kb.reddit.reduce import RefreshItem
-from kb.reddit.source import INFO, RedditSource
+from kb.reddit.connector.reduce import RefreshItem
+from kb.reddit.connector.source import INFO, RedditSource
+from kb.reddit.parse import tree
+from kb.reddit.parse.latest_state import Known, known
 from kb.reddit.spec import SPEC
 from kb.store import parquet
 from kb.store.atomic import full_disk_is_resumable

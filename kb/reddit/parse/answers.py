@@ -16,8 +16,8 @@ import pyarrow as pa
 
 from kb.core.errors import DamagedData
 from kb.core.profile.reddit import Links
-from kb.reddit import tree
-from kb.reddit.records import RecordReader, Row, new_row
+from kb.reddit.parse import tree
+from kb.reddit.parse.records import RecordReader, Row, new_row
 from kb.schema.coerce import times
 from kb.schema.decode import holdable, problems
 from kb.schema.tables import table

@@ -13,13 +13,22 @@ from pathlib import Path
 
 import msgspec
 
-from kb.reddit import places
-from kb.reddit.containers import Seen
-from kb.reddit.dumps import Chunk, chunks
-from kb.reddit.lines import Block, Looked, RecordRules, Taken, look, look_at_block, rules, search_of
-from kb.reddit.places import KIND, DumpCursor
-from kb.reddit.search import SearchState
-from kb.reddit.segments import DumpSegments
+from kb.reddit.dumps import cursor as places
+from kb.reddit.dumps.chunks import Chunk, chunks
+from kb.reddit.dumps.containers import Seen
+from kb.reddit.dumps.cursor import KIND, DumpCursor
+from kb.reddit.dumps.extract import (
+    Block,
+    Looked,
+    RecordRules,
+    Taken,
+    look,
+    look_at_block,
+    rules,
+    search_of,
+)
+from kb.reddit.dumps.segments import DumpSegments
+from kb.reddit.dumps.subreddit_search import SearchState
 from kb.store import rawlog
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.rawlog import SEGMENT_BYTES
@@ -36,9 +45,9 @@ class ImportJob(msgspec.Struct):
     """What a worker needs; plain values. Without a lease nobody can stop it before the
     file's end.
 
-    `ids` is a folder of kb.reddit.byid: these records instead of the subreddit's, or, with a
-    subreddit, these of it. `home` is the data root whose key and tombstones count, where `root`
-    is a work folder.
+    `ids` is a folder of kb.reddit.dumps.id_search: these records instead of the subreddit's, or,
+    with a subreddit, these of it. `home` is the data root whose key and tombstones count, where
+    `root` is a work folder.
     """
 
     root: str

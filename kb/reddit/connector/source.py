@@ -14,10 +14,12 @@ from kb.core.context import Run
 from kb.core.errors import ItemFinal
 from kb.core.profile.reddit import RedditSection
 from kb.crawl.source import Answer, Opened, Phase, Plain
-from kb.reddit import credentials, discover, places, reduce, tree
-from kb.reddit.authors import Scrubber, load_key
-from kb.reddit.client import IDS, ROOT, Client
-from kb.reddit.fetch import RedditFetcher
+from kb.reddit.connector import credentials, discover, reduce
+from kb.reddit.connector.client import IDS, ROOT, Client
+from kb.reddit.connector.fetch import RedditFetcher
+from kb.reddit.dumps import cursor as places
+from kb.reddit.parse import tree
+from kb.reddit.parse.anonymize import Scrubber, load_key
 from kb.store.frontier import Frontier, Item
 from kb.store.rawlog import Envelope
 
@@ -109,7 +111,7 @@ class RedditSource(Plain):
             self.comments += tree.new_comments(answer.response, answer.params.get("comment"))
 
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
-        """As kb.reddit.reduce."""
+        """As kb.reddit.connector.reduce."""
         reduce.reduce(frontier, kind, envelope)
 
     def requests(self) -> int:

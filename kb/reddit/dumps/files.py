@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 from kb.core.context import Run
 from kb.core.errors import SettingError
-from kb.reddit import containers
-from kb.reddit.containers import Seen
-from kb.reddit.dumps import read_object
+from kb.reddit.dumps import containers
+from kb.reddit.dumps.chunks import read_object
+from kb.reddit.dumps.containers import Seen
 
 Dumps = Sequence[Path]  # archive files to read instead of asking Reddit
 _SHOWN = 3  # names of foreign files in a message

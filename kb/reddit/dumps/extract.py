@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from kb.reddit.authors import Scrubber, load_key
-from kb.reddit.byid import ById, IdIndex
-from kb.reddit.dumps import Chunk, retrieved
-from kb.reddit.search import SearchState, SubredditSearch
-from kb.reddit.strip import without
+from kb.reddit.dumps.chunks import Chunk, retrieved
+from kb.reddit.dumps.id_search import ById, IdIndex
+from kb.reddit.dumps.subreddit_search import SearchState, SubredditSearch
+from kb.reddit.parse.anonymize import Scrubber, load_key
+from kb.reddit.parse.remove_ids import without
 from kb.schema.decode import holdable
 from kb.store import tombstones
 
@@ -21,8 +21,8 @@ from kb.store import tombstones
 class RecordRules(msgspec.Struct, frozen=True):
     """Which records are wanted, and the root whose key and tombstones count; plain values.
 
-    `ids` is a folder of kb.reddit.byid: these records instead of the subreddit's, or, with a
-    subreddit, these of it.
+    `ids` is a folder of kb.reddit.dumps.id_search: these records instead of the subreddit's, or,
+    with a subreddit, these of it.
     """
 
     root: str

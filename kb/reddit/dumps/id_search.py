@@ -1,9 +1,10 @@
 """Records of dumps by their ids: of one subreddit, where all are known to be of it, or of any.
 
-Ids are opaque: membership of a set decides, never their order. As in kb.reddit.search a whole
-chunk is looked through before anything is parsed: of what stands behind every `"id":` a checksum
-is looked up in a table of bits, then the id itself; only lines with a wanted one are read as JSON.
-Of one subreddit the lines are found as an import finds them, at its rate, and the id decides.
+Ids are opaque: membership of a set decides, never their order. As in
+kb.reddit.dumps.subreddit_search a whole chunk is searched before anything is parsed: the checksum
+of the value behind every `"id":` is looked up in a table of bits, then the id itself; only lines
+with a wanted id are parsed. Where all ids are of one subreddit, its lines are found as an import
+finds them, at the same rate, and the id decides.
 
     ids/posts, comments, trees      sorted numbers of eight bytes, one an id
     ids/long                        ids that are longer, one a line
@@ -22,8 +23,8 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
-from kb.reddit import tree
-from kb.reddit.search import SearchState, SubredditSearch, finder
+from kb.reddit.dumps.subreddit_search import SearchState, SubredditSearch, finder
+from kb.reddit.parse import tree
 from kb.store.atomic import replacing_folder, write_bytes
 
 SIZE = 8  # bytes of an id that fits into a number; Reddit's have seven

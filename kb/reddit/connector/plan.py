@@ -12,12 +12,12 @@ from kb.core.context import Run
 from kb.core.plan import PlanPhase, plan, to_read
 from kb.core.profile.reddit import RedditSection
 from kb.core.verdict import Summary
-from kb.reddit import dumpfiles
-from kb.reddit.client import IDS, ROOT
-from kb.reddit.known import known
-from kb.reddit.reduce import PAGES
-from kb.reddit.refresh import due_parts, oldest_due
-from kb.reddit.wanted import Ids, asked_for
+from kb.reddit.connector.client import IDS, ROOT
+from kb.reddit.connector.ids import Ids, asked_for
+from kb.reddit.connector.reduce import PAGES
+from kb.reddit.connector.refresh import due_parts, oldest_due
+from kb.reddit.dumps import files as dumpfiles
+from kb.reddit.parse.latest_state import known
 from kb.store import parquet, rawlog, reading, tombstones
 from kb.store.layout import Layout
 

@@ -8,9 +8,9 @@ from typing import Any, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.reddit import threads
-from kb.reddit.parse import KINDS, MARKS, schema
-from kb.reddit.tree import depths
+from kb.reddit.parse import comment_counts as threads
+from kb.reddit.parse.answers import KINDS, MARKS, schema
+from kb.reddit.parse.tree import depths
 from kb.store.newest import newest
 
 # Columns that the stages read and no table has, or only one of the two tables.

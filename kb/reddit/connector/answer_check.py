@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from kb.reddit.tree import is_deeper
+from kb.reddit.parse.tree import is_deeper
 from kb.schema.coerce import inner
 
 # Lists and objects within each other: Python reads a thousand, its own calls included; a page of

@@ -15,7 +15,7 @@ import prawcore.exceptions as wrong
 
 from kb.core.errors import Blocked, FatalError, ItemFinal, KbError, Retryable
 from kb.net.session import refusal
-from kb.reddit.credentials import refused
+from kb.reddit.connector.credentials import refused
 
 FACTS = {403: "forbidden", 404: "not_found", 410: "gone", 451: "legal"}
 STATUS = {reason: status for status, reason in FACTS.items()}

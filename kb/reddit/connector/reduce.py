@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from kb.reddit import tree
+from kb.reddit.parse import tree
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
 

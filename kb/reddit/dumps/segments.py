@@ -10,10 +10,10 @@ from typing import Any
 
 import msgspec
 
-from kb.reddit import places
-from kb.reddit.containers import Seen
-from kb.reddit.lines import Taken
-from kb.reddit.places import KIND, DumpCursor
+from kb.reddit.dumps import cursor as places
+from kb.reddit.dumps.containers import Seen
+from kb.reddit.dumps.cursor import KIND, DumpCursor
+from kb.reddit.dumps.extract import Taken
 from kb.store import rawlog
 from kb.store.atomic import sync_folder
 from kb.store.rawlog import Envelope, Request

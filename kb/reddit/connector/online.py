@@ -8,7 +8,7 @@ from kb.core.context import Run
 from kb.core.errors import ItemFinal
 from kb.core.profile.finding import ERROR, NOTE, WARNING, WRONG, OnlineAnswer, QuestionCost
 from kb.core.profile.reddit import RedditSection
-from kb.reddit.client import Client
+from kb.reddit.connector.client import Client
 
 
 def question(run: Run, cost: QuestionCost) -> OnlineAnswer:

@@ -16,8 +16,8 @@ from typing import Any
 
 import msgspec
 
-from kb.reddit import tree
-from kb.reddit.crossposts import repeats, without_parent
+from kb.reddit.parse import tree
+from kb.reddit.parse.crossposts import repeats, without_parent
 from kb.schema.keys import asked
 from kb.store.rawlog import Envelope, Request
 

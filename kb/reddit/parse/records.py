@@ -12,9 +12,16 @@ from collections.abc import Callable
 from typing import Any
 
 from kb.core.profile.reddit import Links
-from kb.reddit import entities, tree
-from kb.reddit.dumps import LATEST, retrieved
-from kb.reddit.types import is_crosspost, link_classifier, poll_options, post_type, removal
+from kb.reddit.dumps.chunks import LATEST, retrieved
+from kb.reddit.parse import html_entities as entities
+from kb.reddit.parse import tree
+from kb.reddit.parse.post_types import (
+    is_crosspost,
+    link_classifier,
+    poll_options,
+    post_type,
+    removal,
+)
 
 Row = dict[str, Any]
 NOBODY = frozenset({"", "[deleted]", "[removed]"})  # names that stand for no author

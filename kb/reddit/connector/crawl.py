@@ -9,11 +9,11 @@ from kb.core.verdict import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
-from kb.reddit.discover import KINDS
-from kb.reddit.reduce import crawled, outside
-from kb.reddit.source import RedditSource
+from kb.reddit.connector.discover import KINDS
+from kb.reddit.connector.reduce import crawled, outside
+from kb.reddit.connector.source import RedditSource
+from kb.reddit.connector.unfinished import unread_parts
 from kb.reddit.spec import SPEC
-from kb.reddit.state import unread_parts
 
 
 def crawl(run: Run, since: datetime | None = None, until: datetime | None = None) -> Summary:

@@ -21,7 +21,7 @@ import pyarrow.compute as pc
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.profile.reddit import Links, RedditSection
-from kb.reddit import parse
+from kb.reddit.parse import answers as parse
 from kb.store import buckets, rawlog
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.layout import Layout

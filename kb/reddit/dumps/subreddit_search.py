@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from ahocorasick_rs import BytesAhoCorasick
 
-from kb.reddit.dumps import Chunk, read_object
+from kb.reddit.dumps.chunks import Chunk, read_object
 
 CHECKED = 1 << 20  # decompressed bytes at the beginning of which every line is read
 

@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 
 from kb.core.context import default_workers
 from kb.core.engine import make_threads
-from kb.reddit.parse import OPEN, READ
+from kb.reddit.parse.answers import OPEN, READ
 from kb.store import parquet
 from kb.store.layout import parquet_files
 from kb.store.reading import reading
@@ -32,7 +32,7 @@ def with_unread(posts: pa.Table, comments: pa.Table, marks: pa.Table) -> pa.Tabl
     """`posts` with the column `comments_unread`.
 
     `comments` are the newest rows of things with `fullname, post_id, state, parent_id`; `marks`
-    rows of `fullname, post_id, state` as kb.reddit.parse makes them.
+    rows of `fullname, post_id, state` as kb.reddit.parse.answers makes them.
     """
     read = marks["fullname"].filter(pc.equal(marks["state"], READ)).combine_chunks()
     stubs = comments.filter(pc.equal(comments["state"], "stub"))

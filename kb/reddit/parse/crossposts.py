@@ -14,7 +14,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.reddit import tree
+from kb.reddit.parse import tree
 from kb.schema import raw
 from kb.store import parquet
 from kb.store.reading import reading

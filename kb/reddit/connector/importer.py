@@ -20,12 +20,13 @@ from kb.core.errors import Interrupted, LimitReached, Stopped
 from kb.core.profile.reddit import RedditSection
 from kb.core.verdict import Summary
 from kb.crawl.session import open_session
-from kb.reddit import dumpfiles, places
-from kb.reddit.authors import load_key
-from kb.reddit.containers import memory
-from kb.reddit.onedump import ImportJob, import_file, import_with, name_of
-from kb.reddit.places import KIND, DumpCursor
-from kb.reddit.source import Dumps
+from kb.reddit.connector.source import Dumps
+from kb.reddit.dumps import cursor as places
+from kb.reddit.dumps import files as dumpfiles
+from kb.reddit.dumps.containers import memory
+from kb.reddit.dumps.cursor import KIND, DumpCursor
+from kb.reddit.dumps.import_file import ImportJob, import_file, import_with, name_of
+from kb.reddit.parse.anonymize import load_key
 from kb.store import mending, rawlog
 
 
@@ -33,7 +34,7 @@ def import_dumps(
     run: Run, files: Sequence[Path], since: datetime | None = None, until: datetime | None = None
 ) -> Summary:
     """Import monthly dumps (RS_* posts, RC_* comments), files of one subreddit, or folders of
-    dumps, in any container of kb.reddit.containers. Sends nothing.
+    dumps, in any container of kb.reddit.dumps.containers. Sends nothing.
 
     `since` and `until` go by the date of each post and comment. Files that were imported before,
     over the same span, are left out unless `--again`. Raises SettingError (exit 2) when a file

@@ -9,12 +9,12 @@ from typing import Any
 
 from kb.core.errors import FatalError, ItemFinal
 from kb.crawl.source import Answer
-from kb.reddit.authors import Scrubber
-from kb.reddit.client import LISTED, Client
-from kb.reddit.discover import Span
-from kb.reddit.errors import REDIRECT, STATUS, no_subreddit, too_deep
-from kb.reddit.reduce import ListingCursor
-from kb.reddit.strip import without
+from kb.reddit.connector.client import LISTED, Client
+from kb.reddit.connector.discover import Span
+from kb.reddit.connector.errors import REDIRECT, STATUS, no_subreddit, too_deep
+from kb.reddit.connector.reduce import ListingCursor
+from kb.reddit.parse.anonymize import Scrubber
+from kb.reddit.parse.remove_ids import without
 from kb.store.frontier import Item
 
 
@@ -29,7 +29,7 @@ class RedditFetcher:
 
     def ask(self, kind: str, items: list[Item]) -> Answer:
         """The answer for items of one kind, as many as one request takes. Raises as
-        kb.reddit.errors says.
+        kb.reddit.connector.errors says.
         """
         ways: dict[str, Callable[[list[Item]], Answer]] = {
             "listing": self._listing,
