@@ -18,12 +18,12 @@ from kb.artifacts.purge import Purge, PurgeRules
 from kb.artifacts.purge_raw import Names
 from kb.artifacts.purge_rows import RowLocation, keep_rows, shared_locations
 from kb.crawl.id_list import IdList
-from kb.reddit import threads, tree
-from kb.reddit.crossposts import crossposts_of, drop_parents
-from kb.reddit.known import known
-from kb.reddit.source import INFO
-from kb.reddit.strip import strip
-from kb.reddit.wanted import read_wanted
+from kb.reddit.connector.ids import read_wanted
+from kb.reddit.connector.source import INFO
+from kb.reddit.parse import comment_counts, tree
+from kb.reddit.parse.crossposts import crossposts_of, drop_parents
+from kb.reddit.parse.latest_state import known
+from kb.reddit.parse.remove_ids import strip
 from kb.store import tombstones
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import Envelope
@@ -110,7 +110,7 @@ def repair(purge: Purge) -> None:
     for path in sorted(Layout(purge.root).clean("reddit", "failed").glob("*.parquet")):
         keep_rows(path, "shared/failed", ["key"], is_kept)
     for base in BASES:
-        threads.count_again(purge.root / base)
+        comment_counts.count_again(purge.root / base)
 
 
 RULES = PurgeRules(

@@ -11,7 +11,7 @@ import pytest
 
 from kb.artifacts.purge import dry_purge
 from kb.core.errors import DamagedData
-from kb.reddit.known import known
+from kb.reddit.parse.latest_state import known
 from kb.reddit.purge import RULES
 from kb.sandbox.reddit.service import dumps
 from kb.sandbox.server import Sandbox
