@@ -10,9 +10,8 @@ from kb.artifacts.purge_rows import RowLocation, location_of, shared_locations
 from kb.crawl.id_list import IdList
 from kb.store import rawlog
 from kb.store.layout import BELOW
-from kb.youtube import parse
-from kb.youtube.ids import read_ids
-from kb.youtube.reduce import (
+from kb.youtube.connector.ids import read_ids
+from kb.youtube.connector.reduce import (
     RAW_STATISTICS,
     RAW_TRANSCRIPTS,
     RAW_VIDEOS,
@@ -21,6 +20,7 @@ from kb.youtube.reduce import (
     TRANSCRIPTS,
     VIDEOS,
 )
+from kb.youtube.parse import answers as parse
 
 
 def read_list(path: Path, say: Callable[[str], None] | None = None) -> IdList:
