@@ -27,7 +27,7 @@ SPEC = SourceSpec(
     refreshed="info",
     credential="reddit_client_id",
     connector=".connector.source:RedditSource",
-    purge=".purge",
+    purge=".purge:RULES",
     commands="kb.cli.commands.sources.reddit",
     section="kb.core.profile.reddit:RedditSection",
     status=".status",
@@ -52,7 +52,7 @@ SPEC = SourceSpec(
         " FROM reddit_posts GROUP BY ALL ORDER BY posts DESC",
         stages=("missing", "post", "removed", "nsfw", "score", "toxicity"),
         rules=("subreddit", "search", "listings", "spans", "min_score"),
-        gaps=("kb.release.gaps:threads", "kb.release.gaps:unread"),
+        gaps=("kb.release.metadata.gaps:threads", "kb.release.metadata.gaps:unread"),
         ids_only=True,
     ),
     report=ReportSpec(
