@@ -12,6 +12,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 
+def load_name(name: str, package: str | None = None) -> Any:
+    """The module that "module" names, or the attribute that "module:attribute" names."""
+    module, _, attribute = name.partition(":")
+    loaded = importlib.import_module(module, package)
+    return getattr(loaded, attribute) if attribute else loaded
+
+
 @dataclass(frozen=True)
 class CommandHelp:
     """Help text and examples of a command that every source has."""
@@ -81,7 +88,8 @@ class ReportSpec:
     figures     the list of functions that draw
     samples     columns of the sample rows, by table
     only        who knows what no other source names: "only videos"
-    color       of the panel with its requests
+    color       of the panel with its requests: red, blue, green or grey
+    units       whether its ledger counts units of a quota
     """
 
     title: str
@@ -90,7 +98,8 @@ class ReportSpec:
     figures: str
     samples: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     only: str = ""
-    color: str = ""
+    color: str = "grey"
+    units: bool = False
 
 
 @dataclass(frozen=True)
@@ -185,9 +194,7 @@ class SourceSpec:
 
     def load(self, name: str) -> Any:
         """The module or the attribute ("module:attribute") that a field names."""
-        module, _, attribute = name.partition(":")
-        loaded = importlib.import_module(module, self.package)
-        return getattr(loaded, attribute) if attribute else loaded
+        return load_name(name, self.package)
 
     def noun(self, kind: str) -> str:
         """What an item of the frontier is called."""

@@ -62,7 +62,7 @@ SPEC = SourceSpec(
         figures="kb.report.reddit:FIGURES",
         samples={"reddit/posts": ("title", "type", "score", "num_comments", "created_utc")},
         only="only threads",
-        color="BLUE",
+        color="blue",
     ),
     agent=AgentSpec(
         time=("created_utc", "written"),

@@ -57,12 +57,12 @@ SPEC = SourceSpec(
         title="Wiki",
         tables=("wiki/pages", "wiki/elements", "wiki/images"),
         hint="run `kb wiki crawl`, then `kb wiki filter`",
-        figures="kb.report.wikipage:FIGURES",
+        figures="kb.report.wiki:FIGURES",
         samples={
             "wiki/pages": ("title", "word_count", "page_width", "page_height", "license", "url")
         },
         only="only the wiki",
-        color="GREEN",
+        color="green",
     ),
     agent=AgentSpec(
         time=("revision_timestamp", "last edited"),

@@ -70,7 +70,8 @@ SPEC = SourceSpec(
             )
         },
         only="only videos",
-        color="RED",
+        color="red",
+        units=True,
     ),
     agent=AgentSpec(
         time=("published_at", "published"),
