@@ -28,7 +28,7 @@ from kb.store.layout import Layout
 from kb.verify.found import Look
 from kb.verify.repair import Crawl, Describe, Make, Step, repaired
 from kb.verify.root import verify as look_at
-from kb.wiki.source import WikiSource
+from kb.wiki.connector.source import WikiSource
 from kb.youtube.source import YouTubeSource
 
 SOURCES = {"youtube": YouTubeSource, "wiki": WikiSource, "reddit": RedditSource}

@@ -17,7 +17,7 @@ from kb.cli.app import leaves
 from kb.cli.commands.profile.check import examine
 from kb.core.profile import load_profile
 from kb.core.sources import PUBLISHED
-from kb.pairs import keywords, list_check, listed, match, tokens
+from kb.pairs import clip_tokens, keyword_list, keywords, matching
 from kb.release import render, texts
 from kb.release.about import about
 from tests.forked import import_kb, sync_nothing
@@ -62,12 +62,12 @@ for _name in LATE:
 # Every command looks at its profile's lists, and those of the shipped one have thousands of words:
 # what each becomes is reckoned here, once, and not in a thousand forks. So are the templates of a
 # release, which take longer to compile than to fill.
-list_check.phrase = listed.phrase = functools.cache(list_check.phrase)
-list_check.is_everyday = functools.cache(list_check.is_everyday)
+keyword_list.phrase = functools.cache(keyword_list.phrase)
+keyword_list.is_everyday = functools.cache(keyword_list.is_everyday)
 _profile = load_profile("minecraft")
 examine(_profile.path)
-match.Matcher(keywords.load(_profile).phrases)
-tokens.Tokens()
+matching.Matcher(keywords.load(_profile).phrases)
+clip_tokens.Tokens()
 for _name in render.ENVIRONMENT.list_templates(extensions=["jinja"]):
     render.ENVIRONMENT.get_template(_name)
 for _source, _show in itertools.product(PUBLISHED, (texts.line, texts.md)):

@@ -10,9 +10,9 @@ from kb.core.context import Run
 from kb.core.sources import SOURCES
 from kb.mcp.fence import Fence, Unit, together
 from kb.mcp.places import AGENTS, of_link
-from kb.search.ask import SearchHit, search, suggest
+from kb.search.answers import SearchHit, search, suggest
 from kb.search.build import ensure
-from kb.search.rank import Only
+from kb.search.ranking import Only
 
 _ONE_AT_A_TIME = threading.Lock()  # an index is made once
 

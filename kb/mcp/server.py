@@ -27,7 +27,7 @@ from kb.mcp.around import around
 from kb.mcp.asked import MOST_ROWS, MOST_SECONDS, ROWS, SECONDS, asked
 from kb.mcp.found import found
 from kb.mcp.places import place
-from kb.search.rank import Only, day_given
+from kb.search.ranking import Only, day_given
 
 INSTRUCTIONS = (
     "A local knowledge base made of video transcripts, a wiki and forum threads. Ask `search`"

@@ -12,7 +12,7 @@ from kb.mcp.found import revision
 from kb.mcp.places import SourceLocation, anchor
 from kb.reader.opened import OpenTables
 from kb.search.passage import plain
-from kb.search.sections import grid, link, sections
+from kb.search.wiki_passages import grid, link, sections
 
 
 def of_link(url: SplitResult, query: Mapping[str, list[str]]) -> SourceLocation | None:

@@ -10,7 +10,7 @@ from kb.mcp.around import Piece, Whole, first_row, outward
 from kb.mcp.places import SourceLocation
 from kb.reader.opened import OpenTables
 from kb.search.passage import plain
-from kb.search.transcripts import Talk, talk
+from kb.search.youtube_passages import Talk, talk
 
 _WATCH = "https://www.youtube.com/watch?v="
 

@@ -15,7 +15,7 @@ from kb.reader.hints import hinted
 from kb.reader.opened import OpenTables
 from kb.reader.rows import QueryResult, TableView
 from kb.reader.tables import Tables
-from kb.search.rank import Only, day_given
+from kb.search.ranking import Only, day_given
 
 Place = str | os.PathLike[str]
 _WAYS = ("sql", "page", "thread", "clips", "search")

@@ -15,6 +15,7 @@ from kb.reddit import containers
 from kb.reddit.containers import Seen
 from kb.reddit.dumps import read_object
 
+Dumps = Sequence[Path]  # archive files to read instead of asking Reddit
 _SHOWN = 3  # names of foreign files in a message
 
 

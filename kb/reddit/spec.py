@@ -42,7 +42,7 @@ SPEC = SourceSpec(
         ),
         TextColumns("comments", "comment_id", {"comment": ("body",)}, "t1_"),
     ),
-    passages="kb.search.threads:passages",
+    passages="kb.search.reddit_passages:passages",
     indexed=("posts", "comments"),
     restored=("posts", "comments"),
     release=ReleaseSpec(

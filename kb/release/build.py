@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import duckdb
 import pyarrow as pa
 
-from kb.artifacts import belonging, complete
+from kb.artifacts import belonging, manifest
 from kb.artifacts.release_folder import (
     EARLIER_TOMBSTONES,
     TOMBSTONES,
@@ -94,7 +94,7 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
         [
             GateProblem("missing", str(at.release(source)), _lost(source))
             for source in wanted
-            if source not in there and complete.exported(run.root, source)
+            if source not in there and manifest.read(run.root, f"release/{source}")
         ]
     )
     if not exports:

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import ValidationError
 
-from kb.artifacts import complete, linked
+from kb.artifacts import linked, manifest
 from kb.artifacts.release_folder import TOMBSTONES, ReleasedTable, ReleaseFolder
 from kb.core import clock
 from kb.core.context import Run
@@ -164,7 +164,7 @@ def _clean(root: Path, declared: Table) -> list[GateProblem]:
     """Clean files that can't be read: nothing can be compared with them."""
     problems = []
     try:
-        complete.check(Layout(root).table(declared.name))
+        manifest.check_complete(root, declared.name)
     except DamagedData as error:
         return [GateProblem("damaged", declared.name, f"{error}; {error.hint}")]
     for path in Layout(root).rows(declared.name):

@@ -13,7 +13,7 @@ from typing import Any
 
 from duckdb import DuckDBPyConnection
 
-from kb.artifacts import complete
+from kb.artifacts import manifest
 from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.core.context import Run
 from kb.core.licences import KNOWN
@@ -36,7 +36,7 @@ _LOW, _HIGH = "min({} AT TIME ZONE 'UTC')", "max({} AT TIME ZONE 'UTC')"
 def measure(run: Run, folder: ReleaseFolder) -> Facts:
     """Read the folder, and what clean/ says about how it came to be."""
     shards = [shard for part in folder.parts for shard in part.shards]
-    verdicts = [complete.rows(run.root, f"{folder.source}/{verdict}") for verdict in VERDICTS]
+    verdicts = [manifest.rows(run.root, f"{folder.source}/{verdict}") for verdict in VERDICTS]
     asked = [*shards, *chain.from_iterable(verdicts)]
     parquet.check(*asked)
     with database.over(asked, run.root) as con:

@@ -38,7 +38,7 @@ SPEC = SourceSpec(
         TextColumns("videos", "video_id", {"title": ("title",), "body": ("description",)}),
         TextColumns("transcripts", reader="kb.links.texts:transcripts"),
     ),
-    passages="kb.search.transcripts:passages",
+    passages="kb.search.youtube_passages:passages",
     indexed=("videos", "transcripts"),
     made=("pairs",),
     restored=("videos", "transcripts"),

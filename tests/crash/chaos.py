@@ -34,7 +34,7 @@ import duckdb
 
 from kb.core.errors import FatalError, KbError
 from kb.core.progress import Silent
-from kb.sandbox.zenodo_answers import Deposition
+from kb.sandbox.zenodo.answers import Deposition
 from kb.store import leftovers
 from kb.verify.root import verify
 from tests.crash import damaged, harm, worlds
@@ -46,7 +46,7 @@ from tests.store import flips
 # How many answers it took, which a killed refresh asks for twice; how many requests and writes.
 _COUNTS = ("summary.json", ".done.json")
 # What it was made of: a crawl that was killed leaves the same answers in more segments.
-_INPUTS = "inputs.json"
+_INPUTS = "_manifest.json"
 _SETTLES = (".sqlite-wal", ".sqlite-shm")
 
 

@@ -116,7 +116,7 @@ def test_seconds_that_are_rounded_down_let_no_request_through_too_early(
         windows[-1].append(monotonic())
         return rate(f"{max(0, 3 - len(windows[-1]))}.0", int(windows[-1][0] + 1.4 - monotonic()))
 
-    monkeypatch.setattr("kb.sandbox.reddit.RedditService._room", room)
+    monkeypatch.setattr("kb.sandbox.reddit.service.RedditService._room", room)
     with pytest.raises(LimitReached):
         few.crawl(limit=6)
     assert [len(window) for window in windows] == [3, 3, 1]

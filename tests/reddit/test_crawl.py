@@ -19,9 +19,9 @@ from kb.core.errors import (
     Unreachable,
 )
 from kb.reddit import parse
-from kb.sandbox.made_ids import PEOPLE
-from kb.sandbox.reddit import CLIENT, SECRET, TOKEN
-from kb.sandbox.subreddit import CASES
+from kb.sandbox.invented_ids import PEOPLE
+from kb.sandbox.reddit.service import CLIENT, SECRET, TOKEN
+from kb.sandbox.reddit.subreddit import CASES
 from kb.store import rawlog
 from tests.reddit.work import Work
 

@@ -20,8 +20,8 @@ import pytest
 from kb.core.errors import LimitReached, SettingError
 from kb.reddit.byid import ById, IdIndex, keep
 from kb.reddit.dumps import Chunk
-from kb.reddit.reconstruction import rebuild
-from kb.sandbox.made_ids import PEOPLE
+from kb.reddit.restore.reconstruct import rebuild
+from kb.sandbox.invented_ids import PEOPLE
 from kb.store import tombstones
 from tests.reddit.dumped import post, write
 from tests.reddit.test_reconstruct import plain, released

@@ -19,7 +19,7 @@ import pytest
 import kb.reddit
 from kb.core.errors import LimitReached, SettingError, Unreachable, WriterLocked
 from kb.reddit.wanted import read_wanted
-from kb.sandbox.made_ids import PEOPLE
+from kb.sandbox.invented_ids import PEOPLE
 from kb.sandbox.server import Sandbox
 from kb.schema import table
 from tests import forked
@@ -218,7 +218,7 @@ def test_one_python_call_yields_typed_rows(whole: Work, tmp_path: Path) -> None:
 
 def test_the_call_has_its_name_whatever_was_imported_before() -> None:
     code = (
-        "import kb.reddit, kb.cli.commands.sources.reddit, kb.reddit.reconstruction; assert"
+        "import kb.reddit, kb.cli.commands.sources.reddit, kb.reddit.restore.reconstruct; assert"
         " callable(kb.reddit.reconstruct)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -266,7 +266,7 @@ def test_a_folder_with_other_files_is_refused_before_anything_is_sent(
         work.rebuild(ids)
     assert mine.read_text() == "dear"
     assert len(work.sandbox.ledger) == 0
-    with pytest.raises(SettingError, match="no folder"):
+    with pytest.raises(SettingError, match="not a folder"):
         work.rebuild(ids, ids)
 
 

@@ -13,10 +13,10 @@ from kb.reddit import purge
 from kb.reddit.plan import plan_refresh
 from kb.reddit.purge import purge_raw
 from kb.reddit.strip import strip
-from kb.sandbox.made_ids import ELSEWHERE
-from kb.sandbox.reddit import dumps
+from kb.sandbox.invented_ids import ELSEWHERE
+from kb.sandbox.reddit.service import dumps
+from kb.sandbox.reddit.subreddit import CASES
 from kb.sandbox.server import Sandbox
-from kb.sandbox.subreddit import CASES
 from kb.store import purge as store
 from kb.store import tombstones
 from kb.store.layout import Layout

@@ -16,7 +16,7 @@ from kb.core.settings import load_settings
 from kb.net.rate import Pace
 from kb.reddit import client as room
 from kb.reddit.client import Client, Limiter
-from kb.reddit.reconstruction import rebuild
+from kb.reddit.restore.reconstruct import rebuild
 from tests.reddit.cassettes import Cassette, Exchange, read
 from tests.reddit.work import rows
 

@@ -19,8 +19,8 @@ from kb.core.verdict import Summary
 from kb.filters.clean import run_clean
 from kb.reddit.crawl import crawl
 from kb.reddit.importing import import_dumps
-from kb.reddit.reconstruction import rebuild
 from kb.reddit.refresh import refresh
+from kb.reddit.restore.reconstruct import rebuild
 from kb.sandbox.ledger import LoggedRequest
 from kb.sandbox.server import Sandbox
 from tests.youtube.job import Job

@@ -31,7 +31,7 @@ from kb.core.verdict import Summary
 from kb.release.build import release
 from kb.release.publish import publish
 from kb.sandbox.server import Sandbox
-from kb.sandbox.zenodo import TOKEN, Deposits
+from kb.sandbox.zenodo.service import TOKEN, Deposits
 from tests import forked
 from tests.conftest import ROOT
 from tests.inprocess import Here

@@ -35,9 +35,9 @@ from kb.sandbox.world import World
 from kb.store import rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.verify.root import verify
-from kb.wiki import chromium
-from kb.wiki.browser import Browser
-from kb.wiki.source import LAST_SECONDS, crawl
+from kb.wiki.browser import chromium
+from kb.wiki.browser.browser import Browser
+from kb.wiki.connector.source import LAST_SECONDS, crawl
 from tests import forked
 
 NOW = "2026-11-20T12:00:00Z"
@@ -518,7 +518,7 @@ def test_maxlag_is_waited_for(make_run, faults, sandbox, tmp_path):
 
 
 def test_unreachable_wiki_is_resumable(make_run, sandbox, tmp_path, monkeypatch):
-    monkeypatch.setattr("kb.wiki.web.TRIES", 2)
+    monkeypatch.setattr("kb.wiki.connector.hosts.TRIES", 2)
     run = make_run(tmp_path)
     sandbox.servers["wiki"].stop()
     try:

@@ -131,7 +131,7 @@ def keywords(
     """
     from kb.core import terminal
     from kb.core.verdict import Summary
-    from kb.pairs.show import keyword_lines
+    from kb.pairs.keyword_hits import keyword_lines
 
     count = total = alone = 0
     typer.echo("keyword\tkind\trule\tmatches\talone")

@@ -15,7 +15,7 @@ from kb.core.sources import SOURCES
 if TYPE_CHECKING:
     from kb.cli.framework.options import Options
     from kb.core.verdict import Summary
-    from kb.search.ask import SearchHit
+    from kb.search.answers import SearchHit
 
 app = group("Ranked answers from transcripts, wiki and threads, with links to the place.")
 LIMIT = 10
@@ -107,10 +107,10 @@ def search(
     """
     from kb.core import terminal
     from kb.core.verdict import Summary
-    from kb.search.ask import search as ask
-    from kb.search.ask import suggest
+    from kb.search.answers import search as ask
+    from kb.search.answers import suggest
     from kb.search.build import ensure
-    from kb.search.rank import Only, day_given
+    from kb.search.ranking import Only, day_given
 
     only = Only(
         kinds=tuple(map(str, kind or ())),

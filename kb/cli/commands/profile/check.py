@@ -20,7 +20,7 @@ def examine(path: Path, *, publishing: bool = True) -> Checked:
     """The profile's file and its keyword lists, worst findings first. Raises nothing of its own."""
     from kb.core.profile.check import check_file
     from kb.core.profile.finding import worst_first
-    from kb.pairs.list_check import check_lists
+    from kb.pairs.keyword_list import check_lists
 
     checked = check_file(path, publishing=publishing)
     section = checked.profile.pairs if checked.profile else None

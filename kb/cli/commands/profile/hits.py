@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from kb.core.errors import FatalError, MissingExtra
 from kb.core.profile.finding import NOTE, Finding
-from kb.pairs.show import keyword_lines
+from kb.pairs.keyword_hits import keyword_lines
 
 if TYPE_CHECKING:
     from kb.cli.framework.options import Options

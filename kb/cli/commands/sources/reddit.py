@@ -172,7 +172,7 @@ def reconstruct(
     on.
     """
     from kb.reddit.plan import plan_rebuild
-    from kb.reddit.reconstruction import rebuild
+    from kb.reddit.restore.reconstruct import rebuild
     from kb.store.layout import Layout
 
     if plan:
