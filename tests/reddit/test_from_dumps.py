@@ -210,7 +210,7 @@ def test_a_limit_and_a_kill_are_gone_on_from(whole: Work, far: Work, month: list
         from_dumps(far, released(whole), month, limit=40)
     words = ["--ids", str(released(whole)), "--out", str(far.place / "out"), "--dumps"]
     child = far.job().start("reddit", "reconstruct", *words, *map(str, month))
-    while child.poll() is None and not child.said()[1]:  # it has not begun
+    while child.poll() is None and not child.output()[1]:  # it has not begun
         time.sleep(0.005)
     child.send_signal(signal.SIGKILL)
     child.communicate()

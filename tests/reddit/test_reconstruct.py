@@ -22,7 +22,7 @@ from kb.reddit.wanted import read_wanted
 from kb.sandbox.invented_ids import PEOPLE
 from kb.sandbox.server import Sandbox
 from kb.schema import table
-from tests import forked
+from tests import processes
 from tests.reddit.conftest import small_world
 from tests.reddit.work import Work, rows, texts
 
@@ -477,7 +477,7 @@ def test_killed_between_the_renames_nothing_is_lost(whole: Work, far: Work, at: 
     words = ["reddit", "reconstruct", "--ids", str(shards(whole, "comments"))]
     words += ["--out", str(far.place / "out")]
     job = far.job()
-    killed = forked.program(code % at, *words, env=job.env, cwd=job.place)
+    killed = processes.program(code % at, *words, env=job.env, cwd=job.place)
     assert killed.wait(120) == -signal.SIGKILL, killed.said()
     since = len(far.sandbox.ledger)
     far.rebuild(shards(whole, "comments"))
