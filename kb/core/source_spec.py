@@ -49,7 +49,8 @@ class ReleaseSpec:
     main        the table that a reader means who names none
     query       the first query on the card
     counted     tables whose rows go through the filters; `main` alone by default
-    stages      the stages of the filters, in order
+    stages      the stages of the filters, in order, which the card pictures
+    pictured    the column whose frequent values it pictures instead
     rules       keys of the profile that decide which rows are released
     section     the section of these keys; the source's own by default
     gaps        functions that describe what the tables lack
@@ -66,6 +67,7 @@ class ReleaseSpec:
     query: str
     counted: tuple[str, ...] = ()
     stages: tuple[str, ...] = ()
+    pictured: str = ""
     rules: tuple[str, ...] = ()
     section: str = ""
     gaps: tuple[str, ...] = ()
@@ -151,6 +153,7 @@ class SourceSpec:
                     `details(run, frontier)` and `incomplete(root)`
     online          the question of `kb profile check --online`
     formats         export formats besides Parquet → their writers
+    exports         files and folders that they write below export/
     texts           the texts in which links are found
     pages           the table whose rows are the pages of entities
     passages        the passages that `kb search` indexes, as a function of profile and data root
@@ -181,6 +184,7 @@ class SourceSpec:
     status: str = ""
     online: str = ""
     formats: Mapping[str, str] = field(default_factory=dict)
+    exports: tuple[str, ...] = ()
     texts: tuple[TextColumns, ...] = ()
     pages: str = ""
     passages: str = ""

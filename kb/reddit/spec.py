@@ -36,6 +36,7 @@ SPEC = SourceSpec(
         "minedojo": "kb.export.minedojo_reddit:export",
         "convokit": "kb.export.convokit:export",
     },
+    exports=("minedojo/reddit.json", "convokit"),
     texts=(
         TextColumns(
             "posts", "post_id", {"title": ("title",), "body": ("body", "poll_options")}, "t3_"

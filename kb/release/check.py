@@ -21,6 +21,7 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError
 from kb.core.licences import KNOWN, licence
 from kb.core.resources import PROFILE_FILE
+from kb.core.sources import SPECS
 from kb.release import archives, checksums, columns, personal, scan, scored
 from kb.release.folders import DEPOSIT, samples, strays
 from kb.release.measure import folder_licence, page_licences
@@ -277,6 +278,8 @@ def _age(run: Run, source: str, part: ReleasedTable) -> list[GateProblem]:
         GateProblem(
             "age",
             f"{source}/{part.table.short}",
-            f"{what}; run `kb refresh {source}`" if source in ("youtube", "reddit") else what,
+            f"{what}; run `kb refresh {source}`"
+            if source in SPECS and SPECS[source].refreshed
+            else what,
         )
     ]

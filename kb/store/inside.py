@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from kb.core.errors import DamagedData
-from kb.store.layout import Layout
+from kb.store.layout import CAPTURED, Layout
 
 
 def is_inside(root: Path, path: str) -> bool:
@@ -13,7 +13,7 @@ def is_inside(root: Path, path: str) -> bool:
 
     Captured pages and images are there.
     """
-    return (root / path).resolve().is_relative_to(Layout(root).raw("wiki").resolve())
+    return (root / path).resolve().is_relative_to(Layout(root).raw(CAPTURED).resolve())
 
 
 def inside(root: Path, path: str) -> Path:

@@ -32,9 +32,10 @@ SPEC = SourceSpec(
     status=".connector.reduce",
     online=".connector.online:question",
     formats={"parquet": "kb.export.wiki_tar:export", "minedojo": "kb.export.minedojo_wiki:wiki"},
+    exports=("minedojo/wiki_full",),
     texts=(
         TextColumns("pages", "page_id", {"title": ("title",)}),
-        TextColumns("elements", reader="kb.links.texts:elements"),
+        TextColumns("elements", reader="kb.links.texts:visible_text"),
     ),
     pages="pages",
     passages="kb.search.wiki_passages:passages",
