@@ -23,8 +23,8 @@ from kb.filters.chain import Clean
 from kb.filters.clean import run_clean
 from kb.filters.released import stages
 from kb.pairs.restore import TextRestore
-from kb.reddit import dumpfiles
-from kb.reddit.dumpfiles import Dumps
+from kb.reddit.dumps import files as dumpfiles
+from kb.reddit.dumps.files import Dumps
 from kb.reddit.restore.job import ThreadRestore
 from kb.release.downloaded import Folders, keep_profile, verify
 from kb.store import lock

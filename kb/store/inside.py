@@ -20,7 +20,7 @@ def inside(root: Path, path: str) -> Path:
     """The place of `path`. Raises DamagedData where it is not in raw/wiki."""
     if not is_inside(root, path):
         raise DamagedData(
-            f"the wiki's data name {path!r}, which is not in {Layout(root).raw('wiki')}",
+            f"the wiki's data name {path!r}, which is not in {Layout(root).raw(CAPTURED)}",
             hint="the raw files that say so are not of a crawl: move them away",
         )
     return root / path

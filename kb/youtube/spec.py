@@ -56,7 +56,7 @@ SPEC = SourceSpec(
             *("min_views", "min_aspect_ratio", "min_duration_s", "transcripts", "language"),
             "translate",
         ),
-        gaps=("kb.release.gaps:views",),
+        gaps=("kb.release.metadata.gaps:views",),
         scraped=True,
     ),
     report=ReportSpec(

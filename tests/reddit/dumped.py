@@ -11,7 +11,7 @@ import zstandard
 from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
-from kb.reddit.onedump import ImportJob, import_file
+from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.store import rawlog
 from tests import processes
 
@@ -61,7 +61,7 @@ def imported(root):
 
 _IMPORT = """
 import sys
-from kb.reddit.onedump import ImportJob, import_file
+from kb.reddit.dumps.import_file import ImportJob, import_file
 import_file(ImportJob(sys.argv[2], sys.argv[1], "Minecraft", 0.0, float("inf"), 0, 60_000))
 """
 

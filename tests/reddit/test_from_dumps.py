@@ -18,8 +18,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import LimitReached, SettingError
-from kb.reddit.byid import ById, IdIndex, keep
-from kb.reddit.dumps import Chunk
+from kb.reddit.dumps.chunks import Chunk
+from kb.reddit.dumps.id_search import ById, IdIndex, keep
 from kb.reddit.restore.reconstruct import rebuild
 from kb.sandbox.invented_ids import PEOPLE
 from kb.store import tombstones

@@ -16,10 +16,10 @@ import pytest
 from kb.core.errors import Interrupted, LimitReached
 from kb.core.progress import LineProgress
 from kb.core.signals import stop
-from kb.reddit import places
-from kb.reddit.authors import load_key
-from kb.reddit.importing import import_dumps
-from kb.reddit.onedump import ImportJob, import_file
+from kb.reddit.connector.importer import import_dumps
+from kb.reddit.dumps import cursor as places
+from kb.reddit.dumps.import_file import ImportJob, import_file
+from kb.reddit.parse.anonymize import load_key
 from kb.reddit.purge import purge_raw
 from kb.store import rawlog
 from tests import processes

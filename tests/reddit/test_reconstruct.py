@@ -18,7 +18,7 @@ import pytest
 
 import kb.reddit
 from kb.core.errors import LimitReached, SettingError, Unreachable, WriterLocked
-from kb.reddit.wanted import read_wanted
+from kb.reddit.connector.ids import read_wanted
 from kb.sandbox.invented_ids import PEOPLE
 from kb.sandbox.server import Sandbox
 from kb.schema import table

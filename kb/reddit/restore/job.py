@@ -14,8 +14,8 @@ from kb.core.context import Run
 from kb.core.plan import PlanPart, PlanPhase
 from kb.core.profile.reddit import RedditSection
 from kb.core.verdict import Summary
-from kb.reddit import credentials
-from kb.reddit.plan import plan_rebuild
+from kb.reddit.connector import credentials
+from kb.reddit.connector.plan import plan_rebuild
 from kb.reddit.restore.reconstruct import WITHOUT_KEY, rebuild
 from kb.store import parquet
 from kb.store.layout import Layout

@@ -36,13 +36,16 @@ from kb.core.settings import load_settings
 from kb.core.verdict import Summary
 from kb.crawl import job
 from kb.net import redact
-from kb.reddit import byid, credentials, dumpfiles, places
-from kb.reddit.authors import load_key
-from kb.reddit.importing import different, import_jobs, summary_of
-from kb.reddit.onedump import ImportJob
+from kb.reddit.connector import credentials
+from kb.reddit.connector.ids import Ids, WantedThings, asked_for, released, subreddit_of
+from kb.reddit.connector.importer import different, import_jobs, summary_of
+from kb.reddit.dumps import cursor as places
+from kb.reddit.dumps import files as dumpfiles
+from kb.reddit.dumps import id_search as byid
+from kb.reddit.dumps.import_file import ImportJob
+from kb.reddit.parse.anonymize import load_key
 from kb.reddit.restore import tables
 from kb.reddit.restore.source import KnownIds, unanswered
-from kb.reddit.wanted import Ids, WantedThings, asked_for, released, subreddit_of
 from kb.store import leftovers, parquet, tombstones
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout, parquet_files

@@ -11,10 +11,10 @@ from kb.core.verdict import Summary
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Opened, Phase
-from kb.reddit.reduce import PAYLOADS
-from kb.reddit.source import INFO, MORE, THREAD, TREE, RedditSource
+from kb.reddit.connector.ids import WantedThings
+from kb.reddit.connector.reduce import PAYLOADS
+from kb.reddit.connector.source import INFO, MORE, THREAD, TREE, RedditSource
 from kb.reddit.spec import SPEC
-from kb.reddit.wanted import WantedThings
 from kb.store import reading
 from kb.store.frontier import Frontier, Item
 

@@ -27,12 +27,12 @@ from kb.artifacts.restore import (
 )
 from kb.core.errors import SettingError
 from kb.core.profile.reddit import Links
-from kb.reddit import parse
-from kb.reddit.assemble import assemble, newest_of
-from kb.reddit.places import KIND
-from kb.reddit.threads import counted
-from kb.reddit.tree import depths
-from kb.reddit.wanted import Released, WantedThings
+from kb.reddit.connector.ids import Released, WantedThings
+from kb.reddit.dumps.cursor import KIND
+from kb.reddit.parse import answers as parse
+from kb.reddit.parse.assemble import assemble, newest_of
+from kb.reddit.parse.comment_counts import counted
+from kb.reddit.parse.tree import depths
 from kb.schema.tables import Table
 from kb.store import rawlog
 from kb.store.atomic import full_disk_is_resumable
