@@ -25,11 +25,10 @@ from kb.crawl.purge import PurgeKeys, collected
 from kb.crawl.session import open_session
 from kb.reddit.connector.ids import read_wanted
 from kb.reddit.connector.source import INFO, RedditSource
-from kb.reddit.parse import comment_counts as threads
+from kb.reddit.parse import assemble as threads
 from kb.reddit.parse import tree
-from kb.reddit.parse.crossposts import crossposts_of, drop_parents
 from kb.reddit.parse.latest_state import known
-from kb.reddit.parse.remove_ids import strip
+from kb.reddit.parse.remove_ids import crossposts_of, drop_parents, strip
 from kb.store import mending, parquet, purge, purge_plan, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout

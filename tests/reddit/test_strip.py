@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from kb.core.errors import DamagedData
 from kb.reddit.parse import tree
-from kb.reddit.parse.crossposts import crossposts_of
-from kb.reddit.parse.remove_ids import strip
+from kb.reddit.parse.remove_ids import crossposts_of, strip
 from kb.reddit.purge import holding
 from kb.store import rawlog
 from kb.store.rawlog import Envelope, Request
