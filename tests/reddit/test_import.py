@@ -106,7 +106,7 @@ def test_damage_far_behind_the_beginning_is_counted_and_the_first_place_is_said(
     )
     assert (summary["crawled"], summary["lines"], summary["bad_lines"]) == (1, len(lines), 4)
     assert (
-        f"left out 4 damaged lines, the first at byte {len(before) * (len(other) + 1)} "
+        f"skipped 4 damaged lines, the first at byte {len(before) * (len(other) + 1)} "
         in capsys.readouterr().err
     )
 
@@ -161,7 +161,7 @@ def test_a_line_nested_without_end_is_damaged(tmp_path, depth, innermost):
 @pytest.mark.parametrize("last", [False, True])
 def test_a_line_without_end_is_not_held_and_counts_as_damaged(tmp_path, monkeypatch, last):
     """One of 1.8 GB swells from a small file."""
-    monkeypatch.setattr(dumps, "LONGEST", 300_000)
+    monkeypatch.setattr(chunks, "LONGEST", 300_000)
     long = b'{"subreddit": "Minecraft", "id": "' + b"x" * 40_000_000
     lines = [post("a"), long, *([] if last else [post("b")])]
     dump = write(tmp_path / "RS.zst", lines, frames=len(lines))

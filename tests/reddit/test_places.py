@@ -16,11 +16,12 @@ import pytest
 from kb.core.errors import Interrupted, LimitReached
 from kb.core.progress import LineProgress
 from kb.core.signals import stop
+from kb.crawl.purge import purge_answers
 from kb.reddit.connector.importer import import_dumps
 from kb.reddit.dumps import cursor
 from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.reddit.parse.anonymize import load_key
-from kb.reddit.purge import purge_raw
+from kb.reddit.purge import RULES
 from kb.store import rawlog
 from tests import processes
 from tests.cli.conftest import clean_environment
@@ -188,7 +189,7 @@ def test_what_a_killed_import_left_is_noted_or_gone_before_a_purge(tmp_path):
     os.rename(base / place.segment, cursor.hidden(base, place.segment))
     cursor.hidden(base, name).write_bytes(b"TITLE00301")
     (tmp_path / "ids.txt").write_text("t3_p00001\nt3_p00301\n")
-    purge_raw(run_in(tmp_path), tmp_path / "ids.txt")
+    purge_answers(run_in(tmp_path), RULES, RULES.read_ids(tmp_path / "ids.txt", None))
     assert not list(base.glob(".*"))
     assert len(ids(tmp_path)) == 299
     import_dumps(run_in(tmp_path), [dump])
@@ -216,7 +217,9 @@ def test_a_repaired_dump_of_the_same_size_and_beginning_is_read(tmp_path):
 
 
 def test_a_damaged_dump_that_was_written_again_is_read_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(places, "name_of", lambda file, since, until: "one")  # alike all over
+    for module in ("connector.importer", "dumps.import_file"):  # as if all of it were the same
+        name = f"kb.reddit.{module}.cursor_name"
+        monkeypatch.setattr(name, lambda file, since, until: "one")
     dump = write(tmp_path / "RS.zst", [*DAYS, b"{ broken"])
     bad = dump.stat()
     assert import_dumps(run_in(tmp_path), [dump])["bad_lines"] == 1

@@ -46,7 +46,7 @@ def youtube(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summa
     videos whose metadata are fresh, from the quota that statistics have for themselves.
     Run `kb youtube filter` and `export` afterwards.
     """
-    from kb.youtube.refresh import plan_refresh, refresh
+    from kb.youtube.connector.refresh import plan_refresh, refresh
 
     do = plan_refresh if plan else refresh
     return do(run, older_than)
