@@ -19,6 +19,7 @@ import duckdb
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.artifacts import purge_rows
 from kb.schema.tables import table
 from kb.store import database, parquet
 from kb.store.layout import Layout, parquet_files
