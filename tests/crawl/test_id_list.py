@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import SettingError
-from kb.reddit.wanted import read_wanted
+from kb.reddit.connector.ids import read_wanted
 from kb.wiki.connector.ids import read_names, read_titles
 from kb.youtube.ids import read_ids, some_ids
 

@@ -18,7 +18,7 @@ from kb.core.errors import (
     OtherService,
     Unreachable,
 )
-from kb.reddit import parse
+from kb.reddit.parse import answers as parse
 from kb.sandbox.invented_ids import PEOPLE
 from kb.sandbox.reddit.service import CLIENT, SECRET, TOKEN
 from kb.sandbox.reddit.subreddit import CASES

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from kb.core.progress import Silent
-from kb.reddit.reduce import AGAIN
+from kb.reddit.connector.reduce import AGAIN
 from kb.sandbox.reddit.subreddit import CASES
 from kb.sandbox.server import Sandbox
 from tests.reddit.conftest import small_world

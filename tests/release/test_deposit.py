@@ -32,7 +32,7 @@ from kb.release.build import release
 from kb.release.publish import publish
 from kb.sandbox.server import Sandbox
 from kb.sandbox.zenodo.service import TOKEN, Deposits
-from tests import forked
+from tests import processes
 from tests.conftest import ROOT
 from tests.inprocess import Here
 from tests.release.conftest import a_run
@@ -126,12 +126,12 @@ def test_a_killed_upload_goes_on_with_the_same_draft(root: Path, service: Sandbo
     to = ("release", "publish", "--to", "zenodo-sandbox", "--only", "pairs")
     command = (*to, "--data", str(root), "--profile", str(signed()))
     environment = {**os.environ, **service.settings(), "KB_NOW": "2026-11-10T00:00:00Z"}
-    process = forked.start(command, env=environment, cwd=ROOT)
+    process = processes.start(command, env=environment, cwd=ROOT)
     assert held.arrived.wait(60)
     process.kill()
     process.communicate()
     held.release()
-    done = forked.run([*command, "--json"], env=environment, cwd=ROOT, timeout=120)
+    done = processes.run([*command, "--json"], env=environment, cwd=ROOT, timeout=120)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout.splitlines()[-1])["drafts"] == 1
     assert len(store(service).by_id) == 1
