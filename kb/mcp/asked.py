@@ -7,8 +7,8 @@ from pathlib import Path
 from kb.artifacts import catalog
 from kb.core.errors import UsageError
 from kb.mcp.fence import Fence, cut
-from kb.query import guarded
-from kb.query.bounds import Limits
+from kb.query.isolated import run_isolated
+from kb.query.limits import Limits
 
 ROWS, MOST_ROWS = 100, 1_000
 SECONDS, MOST_SECONDS = 10, 60
@@ -23,7 +23,7 @@ def asked(root: Path, sql: str, rows: int, seconds: float, size: int) -> str:
     head = f"{fence.note}\nThe answer as CSV, times in UTC."
     room = size - len(head) - len(_LEFT) - len(fence.around("")) - 6
     try:
-        told = guarded.ask(
+        told = run_isolated(
             sql,
             views,
             rows=rows,

@@ -7,7 +7,7 @@ from html import escape
 from typing import Any
 from urllib.parse import urlsplit
 
-from kb.query.text import people
+from kb.query.formats import for_display
 
 _CELL = 80  # characters of a value that are shown
 
@@ -16,7 +16,7 @@ def text(value: Any, most: int = _CELL) -> str:
     """A value in one line, cut to `most` characters and escaped; nothing for None."""
     if value is None:
         return ""
-    line = people(value)
+    line = for_display(value)
     return escape(line if len(line) <= most else line[: most - 1].rstrip() + "…")
 
 

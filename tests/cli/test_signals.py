@@ -18,7 +18,7 @@ from tests.cli.conftest import clean_environment
 PROGRAM = """
 import signal, sys, threading
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from kb.cli.framework import outcome
+from kb.cli.framework.exit_codes import run_to_exit_code
 from kb.cli.framework.command import command, group
 from kb.core import clock, signals
 from kb.core.verdict import Summary
@@ -59,7 +59,7 @@ def query(run):
     print("ready", flush=True)
     block()
 
-sys.exit(outcome.guarded(lambda: app(prog_name="x", standalone_mode=False)))
+sys.exit(run_to_exit_code(lambda: app(prog_name="x", standalone_mode=False)))
 """
 
 

@@ -1,34 +1,34 @@
-"""`kb index`: one local index over everything that is clean."""
+"""`kb index`: the local search index."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from kb.cli.framework.command import command, group
+from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run
-    from kb.core.verdict import Summary
 
-app = group("One local index over everything that is clean, for kb search.")
+app = group("Build the local search index of all clean text.")
 
 
 @command(
     app,
     needs_data=True,
     resumable=False,
-    again="Index every source anew, also those whose clean tables have not changed.",
+    again="Rebuild the index of every source, even if its clean tables have not changed.",
     json="passages, indexed, sources",
     examples=[
-        "kb index                                 what changed since the last time",
-        "kb index --again                         every source anew",
+        "kb index                                 what has changed since the last run",
+        "kb index --again                         everything again",
     ],
 )
 def index(run: Run) -> Summary:
-    """Make the index that `kb search` reads: transcripts, wiki sections, tables, posts, comments.
+    """Build the index that `kb search` reads: transcripts, wiki sections, tables, posts, comments.
 
-    A source whose clean files are the same is left as it is. index/<source>/ holds texts of their
-    authors and is never released; `kb query` is what looks at the rows themselves.
+    A source whose clean files have not changed is skipped. index/<source>/ holds texts and is
+    never released.
     """
     from kb.search.build import index
 

@@ -9,7 +9,7 @@ from kb.cli.framework.command import command, group
 if TYPE_CHECKING:
     from kb.core.context import Run
 
-app = group("Search and tables for agents, over the Model Context Protocol on stdio.")
+app = group("Serve search and tables to agents over the Model Context Protocol on stdio.")
 
 
 @command(
@@ -18,16 +18,16 @@ app = group("Search and tables for agents, over the Model Context Protocol on st
     needs_data=True,
     resumable=False,
     examples=[
-        "kb mcp --data data                         what a client starts; it ends with stdin",
+        "kb mcp --data data                         the command for a client's configuration",
         "claude mcp add lorecrawl -- kb mcp --data /home/me/data",
     ],
 )
 def mcp(run: Run) -> None:
-    """Answer an agent's questions: tools search, read, query (read-only SQL) and about.
+    """Serve four tools to an agent: search, read, query (read-only SQL) and about.
 
-    A client starts it and talks to it on stdin and stdout; it listens nowhere else. Answers keep
-    the size that the client sets, name source, link and licence, and fence what was retrieved.
-    Needs the extra `mcp`. docs/agents.md has the set-up of the usual clients.
+    A client starts the server and talks to it on stdin and stdout; it opens no port, and ends when
+    stdin closes. Answers respect the client's size limit, name source, link and licence, and mark
+    retrieved text as such. Needs the extra `mcp`. docs/agents.md shows how to set up clients.
     """
     from kb.mcp.server import serve
 

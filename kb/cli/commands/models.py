@@ -8,17 +8,17 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.help import Group
+from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run
-    from kb.core.verdict import Summary
 
-app = group("The toxicity model's files.")
+app = group("Download the toxicity model.")
 
 
 @app.callback(cls=Group)
 def models() -> None:
-    """The toxicity model's files."""
+    """Download the toxicity model."""
 
 
 @command(
@@ -26,8 +26,8 @@ def models() -> None:
     without=("data", "profile"),
     json="model, fetched, present, bytes, folder",
     examples=[
-        "kb models fetch                the model that the paper used, Detoxify `original`",
-        "kb models fetch unbiased       another one; then set KB_TOXICITY_MODEL=unbiased",
+        "kb models fetch                the model of the paper, Detoxify `original`",
+        "kb models fetch unbiased       another model; then set KB_TOXICITY_MODEL=unbiased",
     ],
 )
 def fetch(
@@ -40,10 +40,9 @@ def fetch(
         ),
     ] = "original",
 ) -> Summary:
-    """Download the published checkpoint with its configuration and vocabulary, and verify it.
+    """Download a published checkpoint with its configuration and vocabulary, and verify them.
 
-    Goes on where a download was cut off. The files are kept in the user's cache, for every data
-    root.
+    An interrupted download resumes. The files are kept in the user's cache, for all data roots.
     """
     from kb.annotate.fetch import fetch as room
 

@@ -1,4 +1,4 @@
-"""`kb search`: ranked answers out of the local index."""
+"""`kb search`: ranked hits from the local index."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.framework.command import command, group
+from kb.cli.framework.messages import show
+from kb.cli.framework.options import Options
+from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
-    from kb.cli.framework.options import Options
-    from kb.core.verdict import Summary
     from kb.search.ask import SearchHit
 
-app = group("Ranked answers from transcripts, wiki and threads, with links to the place.")
+app = group("Search transcripts, wiki pages and threads.")
 LIMIT = 10
 
 
 class SearchSource(StrEnum):
-    """Where an answer may come from."""
+    """Sources of answers."""
 
     youtube = "youtube"
     wiki = "wiki"
@@ -29,7 +30,7 @@ class SearchSource(StrEnum):
 
 
 class HitKind(StrEnum):
-    """What an answer may be."""
+    """Kinds of answers."""
 
     video = "video"
     transcript = "transcript"
@@ -47,7 +48,7 @@ class HitKind(StrEnum):
     resumable=False,
     examples=[
         'kb search "how to tame a wolf"',
-        "kb search '\"tide table\" harbour* -net'    a phrase, a beginning, a word that is barred",
+        "kb search '\"tide table\" harbour* -net'    a phrase, a prefix, an excluded word",
         "kb search saltstone --source wiki --kind table --json",
         "kb search tame --entity Wolf",
         "kb search creeper --since 2023-01-01 --each 3 --limit 30",
@@ -59,55 +60,62 @@ def search(
         list[str],
         typer.Argument(
             metavar="WORDS",
-            help='Words; "a phrase", +needed, -barred and begin* as well, all in quotes of the'
-            " shell.",
+            help='Words, "a phrase", +required, -excluded, prefix*; quote them for the shell.',
         ),
     ],
     source: Annotated[
         list[SearchSource] | None,
-        typer.Option("--source", help="Answers from there only; may be given several times."),
+        typer.Option("--source", help="Only answers from this source; may be repeated."),
     ] = None,
     kind: Annotated[
         list[HitKind] | None,
-        typer.Option("--kind", help="Answers of that kind only; may be given several times."),
+        typer.Option("--kind", help="Only answers of this kind; may be repeated."),
     ] = None,
     entity: Annotated[
         str,
         typer.Option(
             "--entity",
             metavar="NAME",
-            help="Answers out of what names that keyword of the profile only; `kb links` finds it.",
+            help="Only answers that mention this keyword of the profile, as found by `kb links`.",
         ),
     ] = "",
     since: Annotated[
-        str, typer.Option("--since", metavar="DATE", help="Not before that day: 2023-01-31.")
+        str,
+        typer.Option("--since", metavar="DATE", help="Only answers from this day on: 2023-01-31."),
     ] = "",
     until: Annotated[
-        str, typer.Option("--until", metavar="DATE", help="Not after that day: 2023-01-31.")
+        str,
+        typer.Option("--until", metavar="DATE", help="Only answers up to this day: 2023-01-31."),
     ] = "",
     least: Annotated[
-        float, typer.Option("--least-score", min=0, metavar="X", help="Not below that score.")
+        float,
+        typer.Option(
+            "--least-score", min=0, metavar="X", help="Only answers with at least this score."
+        ),
     ] = 0.0,
     each: Annotated[
-        int, typer.Option("--each", min=1, metavar="N", help="Of one video, page or thread.")
+        int,
+        typer.Option(
+            "--each", min=1, metavar="N", help="At most N answers from one video, page or thread."
+        ),
     ] = 1,
     every: Annotated[
-        bool, typer.Option("--all", help="As many of one video, page or thread as there are.")
+        bool, typer.Option("--all", help="Any number of answers from one video, page or thread.")
     ] = False,
     size: Annotated[
-        int, typer.Option("--size", min=1, metavar="N", help="Characters of an answer's text.")
+        int,
+        typer.Option(
+            "--size", min=1, metavar="N", help="At most N characters of an answer's text."
+        ),
     ] = 1000,
 ) -> Summary | None:
-    """Search everything that was kept: the best places first, each with a link that opens it.
+    """Search everything that was kept: best passages first, each with a link that opens it.
 
-    Passages with the words in the order asked come before all others, then BM25 decides. Prints
-    title, source, date, licence and score, a snippet with the words marked, and the address.
-    --limit N gives N answers instead of 10, with exit code 0; --json all of them in one object.
-    An index that is missing or out of date is made first, as `kb index` does. --data may be a data
-    root, a restored one or a downloaded release, whose index is kept in the user's cache.
+    Passages with the words in the given order come first; BM25 ranks the rest. Prints title,
+    source, date, licence, score, a snippet with the words marked, and the URL. An index that is
+    missing or out of date is built first, as by `kb index`. --data may be a data root, a restored
+    one or a downloaded release, whose index is kept in the user's cache.
     """
-    from kb.core import terminal
-    from kb.core.verdict import Summary
     from kb.search.ask import search as ask
     from kb.search.ask import suggest
     from kb.search.build import ensure
@@ -134,17 +142,18 @@ def search(
         return Summary(command="search", answers=hits, suggestion=meant or None)
     for number, one in enumerate(answers, 1):
         for line in _lines(number, one):
-            typer.echo(terminal.one_line(line))
-    if not answers or meant:
-        said = [] if answers else ["no answers"]
+            show(line)
+    notes = [] if answers else ["no answers"]
+    if meant:
         quoted = meant if '"' in meant else f'"{meant}"'
-        said += [f"did you mean {quoted}?"] if meant else []
-        typer.echo(terminal.one_line("; ".join(said)), err=True)
+        notes.append(f"did you mean {quoted}?")
+    if notes:
+        show("; ".join(notes), err=True)
     return None
 
 
 def _lines(number: int, one: SearchHit) -> Iterator[str]:
-    """An answer for a person; text of others, in one line each."""
+    """The lines that show an answer."""
     yield f"{number:2}. {one.title} › {one.path}" if one.path else f"{number:2}. {one.title}"
     facts = [
         f"source: {one.source} {one.kind}",

@@ -1,4 +1,4 @@
-"""What `--help` of a command shows: its own options first, then shared ones, then examples."""
+"""What `--help` shows: a command's own options first, then shared ones, then examples."""
 
 from __future__ import annotations
 
@@ -6,21 +6,17 @@ from typing import Any
 
 import typer.core
 
-from kb.cli.framework import misplaced
 from kb.cli.framework.options import COMMON, RUNNING
+from kb.cli.framework.usage_errors import refuse_unknown
 
 
 class _Sections:
-    """For a command and for a group that is one as well (`kb pairs`, `kb release`)."""
+    """For a command, and for a group that is a command as well (`kb pairs`, `kb release`)."""
 
     def format_options(self: Any, ctx: Any, formatter: Any) -> None:
         """Arguments, own options, how to run it, common options."""
-        sections: dict[str, list[tuple[str, str]]] = {
-            "Arguments": [],
-            "Options": [],
-            "Run options": [],
-            "Common options": [],
-        }
+        titles = "Arguments", "Options", "Run options", "Common options"
+        sections: dict[str, list[tuple[str, str]]] = {title: [] for title in titles}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
             if record is not None:
@@ -42,15 +38,15 @@ class Command(_Sections, typer.core.TyperCommand):
 
 
 class Group(_Sections, typer.core.TyperGroup):
-    """A group."""
+    """A group of commands."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The command that is named; another word is answered with the commands it may mean."""
-        misplaced.refuse_unknown(self, ctx, args)
+        """The named command. Raises a usage error with suggestions for an unknown one."""
+        refuse_unknown(self, ctx, args)
         return super().resolve_command(ctx, args)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Commands of the group first: they are what a group is for."""
+        """The group's commands, then its options."""
         self.format_commands(ctx, formatter)
         super().format_options(ctx, formatter)
 

@@ -1,4 +1,4 @@
-"""What every source has alike: the commands `filter` and `export`."""
+"""The commands `filter` and `export`, which every source has."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import typer
 
 from kb.cli.framework.command import command
 from kb.cli.framework.options import CLUSTER, pipeline
+from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run
-    from kb.core.verdict import Summary
 
 
 def add_filter(app: typer.Typer, source: str, what: str = "raw answers") -> Callable[..., Summary]:
@@ -28,7 +28,7 @@ def add_filter(app: typer.Typer, source: str, what: str = "raw answers") -> Call
         return summary
 
     filter_.__doc__ = (
-        f"Sort {what} into clean/{source}: kept, rejected with the reason, failed and pending."
+        f"Sort {what} into clean/{source}: kept, rejected (with the reason), failed and pending."
     )
     return command(
         app,
@@ -49,7 +49,7 @@ def add_export(
     goes: str = "Parquet goes",
     tables: str = "the released tables",
 ) -> Callable[..., Summary]:
-    """`kb <source> export`, as Parquet and in `others`; the last of these is the example."""
+    """`kb <source> export`, as Parquet or one of `others`; the last of these is the example."""
     formats = StrEnum("Format", ["parquet", *others])  # type: ignore[misc]
     parquet = formats("parquet")
 
@@ -60,7 +60,7 @@ def add_export(
             summary: Summary = pipeline(run, source).export(run, format.value)
             return summary
 
-    option = typer.Option("--format", help=f"{goes} to release/, others to export/FORMAT/.")
+    option = typer.Option("--format", help=f"{goes} to release/, other formats to export/FORMAT/.")
     export.__annotations__["format"] = Annotated[formats, option]
     export.__doc__ = f"Write clean/{source} as {tables}, or in another layout."
     return command(

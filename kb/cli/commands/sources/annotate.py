@@ -9,16 +9,17 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.options import CLUSTER
+from kb.core.errors import KbError
+from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run
-    from kb.core.verdict import Summary
 
-app = group("Toxicity scores for text that has none yet; `filter` calls it.")
+app = group("Score text for toxicity. `filter` does this as well.")
 
 
 class Precision(StrEnum):
-    """Numbers that the model computes with."""
+    """Precision of the model's numbers."""
 
     fp32 = "fp32"
     bf16 = "bf16"
@@ -37,41 +38,36 @@ PrecisionOption = Annotated[
     Precision | None,
     typer.Option(
         "--precision",
-        help="Reduced ones are faster, recorded with the scores, and exact again near the"
-        " threshold."
-        " When given, scores of a lower one are computed again; default for new scores: fp32.",
+        help="bf16 and int8 are faster; scores near the threshold are computed again in fp32, and"
+        " the precision is recorded with each score. Existing scores of a lower precision than"
+        " this are computed again. [default: fp32 for new scores]",
     ),
 ]
 DeviceOption = Annotated[
     Device,
-    typer.Option("--device", help="Where the model runs; auto takes a GPU when there is one."),
+    typer.Option("--device", help="Where the model runs; auto uses a GPU if there is one."),
 ]
 
 
 def _annotate(run: Run, source: str, precision: Precision | None, device: Device) -> Summary:
     from kb.annotate.toxicity import ToxicityScorer
     from kb.artifacts import belonging
-    from kb.core.errors import KbError
-    from kb.core.verdict import Summary
     from kb.filters.clean import texts
 
-    run.profile.section(source)
+    run.profile.section(source)  # raises where the profile leaves the source out
+    name = f"annotate {source}"
     scorer = ToxicityScorer.open(run, source, precision and str(precision), str(device))
     checkpoint, scores = scorer.checkpoint, scorer.scores
     if checkpoint is None or scores is None:
-        return Summary(
-            command=f"annotate {source}", source=source, scored=0, toxicity="off in the profile"
-        )
+        return Summary(command=name, source=source, scored=0, toxicity="off in the profile")
     try:
         with belonging.writing(run, source):
             counts = scorer.annotate(texts(run, source))
     except KbError as error:
-        error.summary = Summary(
-            command=f"annotate {source}", source=source, precisions=scores.precisions()
-        )
+        error.summary = Summary(command=name, source=source, precisions=scores.precisions())
         raise
     return Summary(
-        command=f"annotate {source}",
+        command=name,
         source=source,
         texts=counts.texts,
         scored=counts.scored,
@@ -113,7 +109,6 @@ _add(
 _add(
     "reddit",
     "Score titles, bodies and comments.",
-    "kb annotate reddit --precision int8     faster; what lies near the threshold is computed"
-    " exactly",
+    "kb annotate reddit --precision int8     faster; exact again near the threshold",
     "kb annotate reddit --engine dask --scheduler tcp://10.0.0.1:8786",
 )

@@ -1,4 +1,4 @@
-"""Where an answer goes: to a terminal, a pipe or a file, in the format that it is for."""
+"""Writes results to a terminal, a pipe or a file, in the right format for it."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ import pyarrow as pa
 
 from kb.core import terminal
 from kb.core.errors import UsageError
-from kb.query.box import as_box
-from kb.query.text import as_csv, as_json, as_ndjson, as_table
+from kb.query.formats import as_box, as_csv, as_json, as_ndjson, as_table
 from kb.store import parquet
 from kb.store.atomic import writing
 
@@ -26,44 +25,40 @@ SUFFIXES = {
     ".parquet": "parquet",
     ".txt": "table",
 }
-_LINES = {
-    "table": as_table,
-    "csv": as_csv,
-    "json": as_json,
-    "ndjson": as_ndjson,
-}
+_LINES = {"table": as_table, "csv": as_csv, "json": as_json, "ndjson": as_ndjson}
 
 
 def choose(given: str | None, out: Path | None) -> str:
-    """The format that was asked for, else that of the file's suffix, else a table.
+    """The given format, else that of the file's suffix, else a table.
 
-    Raises UsageError where `out` can't be written to, its suffix says no format and none is given,
-    or Parquet would go to a terminal.
+    Raises UsageError if `out` can't be written, if no format is given and the suffix is unknown, or
+    if Parquet would be written to a terminal.
     """
     if out is None:
         if given == "parquet" and sys.stdout.isatty():
             raise UsageError(
-                "Parquet is no text for a terminal", hint="add --out FILE, or redirect stdout"
+                "Parquet can't be written to a terminal", hint="add --out FILE, or redirect stdout"
             )
         return given or "table"
     if out.is_dir():
         raise UsageError(f"--out {out} is a folder", hint="name a file in it")
     if not out.resolve().parent.is_dir():
         raise UsageError(
-            f"--out {out}: no such folder {out.resolve().parent}", hint="make it, or check the name"
+            f"--out {out}: there is no folder {out.resolve().parent}",
+            hint="create it, or check the name",
         )
     if given is None and out.suffix.lower() not in SUFFIXES and not _special(out):
         raise UsageError(
-            f"--out {out}: its suffix says no format",
-            hint=f"end it with one of {' '.join(SUFFIXES)}, or give --format",
+            f"--out {out}: unknown suffix",
+            hint=f"use one of {' '.join(SUFFIXES)}, or give --format",
         )
     return given or SUFFIXES.get(out.suffix.lower(), "table")
 
 
 def write(answer: pa.RecordBatchReader, format: str, out: Path | None) -> None:
-    """Write every row. A file appears whole or not at all, in the place of what a link points to.
+    """Write every row. A file is replaced atomically, and links are followed.
 
-    A table on a terminal is DuckDB's box. Raises UsageError where Parquet can't hold a column.
+    A table on a terminal is DuckDB's box. Raises UsageError if Parquet can't hold a column.
     """
     if out is None:
         _to_stdout(answer, format)
@@ -79,7 +74,7 @@ def write(answer: pa.RecordBatchReader, format: str, out: Path | None) -> None:
 
 
 def for_people(answer: pa.RecordBatchReader) -> Iterable[str]:
-    """The table as it fits to where stdout goes."""
+    """A table that suits stdout."""
     if sys.stdout.isatty():
         return as_box(answer, shutil.get_terminal_size().columns)
     return as_table(answer)
@@ -91,7 +86,7 @@ def _to_stdout(answer: pa.RecordBatchReader, format: str) -> None:
         return
     lines = for_people(answer) if format == "table" else _LINES[format](answer)
     if sys.stdout.isatty():
-        # The tables are for people anyway; files and pipes get the data exactly.
+        # Tables are escaped already; files and pipes get the exact data.
         shown = terminal.json if format in ("json", "ndjson") else terminal.lines
         lines = map(shown, lines)
     sys.stdout.writelines(lines)
@@ -105,13 +100,13 @@ def _parquet(answer: pa.RecordBatchReader, file: Path | IO[bytes]) -> None:
                 writer.write_batch(batch)
     except pa.ArrowNotImplementedError as error:
         raise UsageError(
-            f"Parquet can't hold a column of this answer: {error}",
+            f"Parquet can't hold a column of the result: {error}",
             hint="cast it to text: NAME::VARCHAR",
         ) from None
 
 
 def _special(out: Path) -> bool:
-    """A device or pipe, which is written to as it is."""
+    """Whether it is a device or pipe, which is written in place."""
     return out.exists() and not out.is_file()
 
 
