@@ -13,6 +13,7 @@ from functools import partial
 from kb.annotate import toxicity
 from kb.core.context import Run
 from kb.core.profile import Profile
+from kb.core.profile.reddit import RedditSection
 from kb.core.verdict import Summary
 from kb.export import layouts
 from kb.filters.chain import Chain, Clean
@@ -38,7 +39,7 @@ def posts(p: Profile) -> tuple[Predicate, ...]:
         Present("title", stage="removed"),
         Present("over_18", stage="nsfw"),
         NotTrue("over_18", stage="nsfw", reason="over_18"),
-        AtLeast("score", p.section("reddit").min_score, stage="score"),
+        AtLeast("score", p.section(RedditSection).min_score, stage="score"),
         *none_above(p.toxicity.threshold("reddit"), POST),
     )
 
@@ -58,7 +59,7 @@ def comments(p: Profile) -> tuple[Predicate, ...]:
 
 def clean(p: Profile) -> Clean:
     """Raw answers, live ones and dumps, to clean posts and comments."""
-    links, each = p.section("reddit").links, partial(Chain, helpers=HELPERS)
+    links, each = p.section(RedditSection).links, partial(Chain, helpers=HELPERS)
     return Clean(
         source="reddit",
         kinds={of: parse.raw_kind(of, links) for of in parse.KINDS},

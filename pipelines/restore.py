@@ -15,6 +15,7 @@ from kb.core import plan as planned
 from kb.core.context import Run
 from kb.core.pipeline import load, locate
 from kb.core.profile import Profile
+from kb.core.profile.youtube import YouTubeSection
 from kb.core.verdict import Summary
 from kb.crawl.job import Parts
 from kb.filters.chain import Clean
@@ -37,7 +38,7 @@ ROWS = ("videos", "transcripts", "posts", "comments", "pairs", "filled", "differ
 def clean(p: Profile) -> Clean:
     """Raw answers to the tables of every video that is there: what is released was judged."""
     whole: Clean = load(str(locate("youtube"))).clean(p)
-    chain = replace(whole.chains[0], stages=stages(p.section("youtube")), scores={}, told=())
+    chain = replace(whole.chains[0], stages=stages(p.section(YouTubeSection)), scores={}, told=())
     return replace(whole, chains=(chain,), scorer=None)
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from kb.annotate import toxicity
 from kb.core.context import Run
 from kb.core.profile import Profile
+from kb.core.profile.wiki import Wiki
 from kb.core.verdict import Summary
 from kb.export import layouts
 from kb.filters.chain import Chain, Clean, Follow, SideFiles
@@ -47,14 +48,14 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
         RecordedReason("robots", value="said", stage="robots"),
         RecordedReason("render", value="said", stage="render"),
         Waits("captured", (False,), stage="render", reason="render"),
-        AtLeast("word_count", p.section("wiki").min_words, stage="words"),
+        AtLeast("word_count", p.section(Wiki).min_words, stage="words"),
         *clear,
     )
 
 
 def clean(p: Profile) -> Clean:
     """Raw answers and captured pages to pages, elements, cells, images, facts and recipes."""
-    markup = p.section("wiki").markup
+    markup = p.section(Wiki).markup
     rules = MarkupRules(markup.units, markup.item)
     scores, told = {"text": "toxicity"}, ("title",)
     also = ("title", "of_page")  # columns that a tombstone may name
@@ -62,7 +63,7 @@ def clean(p: Profile) -> Clean:
     return Clean(
         source="wiki",
         kinds=KINDS,
-        assemble=partial(assemble, url=p.section("wiki").url),
+        assemble=partial(assemble, url=p.section(Wiki).url),
         chains=(pages(stages(p), also=also, told=told),),
         follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in tables.PARTS),
         scorer=toxicity,

@@ -15,6 +15,7 @@ from kb.annotate import toxicity
 from kb.annotate.words import word_count_of_lists
 from kb.core.context import Run
 from kb.core.profile import Profile
+from kb.core.profile.youtube import YouTubeSection
 from kb.core.verdict import Summary
 from kb.export import layouts
 from kb.filters.chain import Chain, Clean, Follow
@@ -36,13 +37,13 @@ def crawl(run: Run, only: str | None = None, ids: Path | None = None, part: Part
     """Channels, uploads, metadata and transcripts, as raw answers."""
     from kb.youtube.source import crawl
 
-    ours = In("category_id", run.profile.section("youtube").category_ids, stage="topic")
+    ours = In("category_id", run.profile.section(YouTubeSection).category_ids, stage="topic")
     return crawl(run, partial(passes, (THERE, ours, *gate(run.profile))), only, ids, part)
 
 
 def gate(p: Profile) -> tuple[Predicate, ...]:
     """What a video of ours must pass before its transcript is worth three requests."""
-    least = p.section("youtube")
+    least = p.section(YouTubeSection)
     return (
         AtLeast("view_count", least.min_views, stage="views"),
         RatioAtLeast("width", "height", least.min_aspect_ratio, stage="aspect_ratio"),
@@ -53,7 +54,7 @@ def gate(p: Profile) -> tuple[Predicate, ...]:
 
 def stages(p: Profile) -> tuple[Predicate, ...]:
     """The paper's, in its order."""
-    section, limit = p.section("youtube"), p.toxicity.threshold("youtube")
+    section, limit = p.section(YouTubeSection), p.toxicity.threshold("youtube")
     return (
         THERE,
         Topic(section.game_ids, section.category_ids, section.words, gate(p)),
@@ -66,13 +67,14 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
 def clean(p: Profile) -> Clean:
     """Raw answers to videos and transcripts."""
     rows = Chain("youtube/videos", "video_id", stages(p), scores=SCORES, helpers=HELPERS, told=TOLD)
+    section = p.section(YouTubeSection)
     return Clean(
         source="youtube",
         kinds=KINDS,
         assemble=partial(
             assemble,
             words=word_count_of_lists,
-            language=TrackLanguage(p.section("youtube").language, p.section("youtube").translate),
+            language=TrackLanguage(section.language, section.translate),
         ),
         chains=(rows,),
         follow=(Follow("youtube/transcripts", of="youtube/videos", on="video_id"),),

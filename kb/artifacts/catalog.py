@@ -27,7 +27,7 @@ from kb.artifacts import complete, release_folder
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.cache import cache_root
 from kb.core.errors import DamagedData, FatalError, KbError, SettingError, UsageError
-from kb.core.sources import PUBLISHED, SORTED, SOURCES
+from kb.core.sources import PUBLISHED, SOURCES, SPECS
 from kb.schema.tables import Table, table, tables
 from kb.store.advice import advice
 from kb.store.layout import TOP, Layout, parquet_files
@@ -119,7 +119,7 @@ class Catalog:
 
         Raises DamagedData for lost clean files: they are never taken for none.
         """
-        shorts = [*SORTED[source]] if source in SORTED else [source]
+        shorts = [*SPECS[source].tables] if source in SPECS else [source]
         held = {(view.schema, view.name) for view in self.views}
         for schema in CONTENT:
             for short in shorts:

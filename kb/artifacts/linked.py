@@ -15,7 +15,7 @@ import msgspec
 from kb.artifacts import complete
 from kb.artifacts.catalog import Catalog
 from kb.core.errors import UsageError
-from kb.core.sources import SORTED, SOURCES
+from kb.core.sources import SOURCES, SPECS
 from kb.store import notes, parquet
 from kb.store.advice import advice
 from kb.store.layout import Layout
@@ -67,7 +67,7 @@ def older_than(root: Path) -> list[str]:
     for source in SOURCES:
         known = note.sources.get(source)
         if known is None:
-            newer = bool(held.texts(f"{source}/{next(iter(SORTED[source]))}"))
+            newer = bool(held.texts(f"{source}/{next(iter(SPECS[source].tables))}"))
         else:
             newer = known.files != prints(held, source, _tables(known.files))
         if newer:

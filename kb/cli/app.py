@@ -13,39 +13,50 @@ import typer.main
 
 from kb import __version__
 from kb.cli.framework.usage_errors import refuse_unknown
+from kb.core.sources import SPECS
+
+DEFAULT = "kb.cli.commands.sources.default"  # of sources without commands of their own
 
 _COMMANDS = "kb.cli.commands."
 # name -> (module, one line for `kb --help`). The module's `app` is a typer app of one or several
 # commands.
 TREE = {
-    name: (_COMMANDS + module, line)
-    for name, module, line in (
-        ("youtube", "sources.youtube", "Videos and transcripts: crawl, import, filter, export."),
-        ("wiki", "sources.wiki", "Wiki pages as a browser shows them: crawl, filter, export."),
-        ("reddit", "sources.reddit", "Posts and comments: crawl, import, reconstruct, export."),
-        ("restore", "restore", "Restore the content of a downloaded release with your own keys."),
-        ("models", "models", "Download the toxicity model."),
-        ("annotate", "sources.annotate", "Score text for toxicity."),
-        ("pairs", "pairs", "Make keyword-matched video-text pairs."),
-        ("links", "links", "Find which videos, wiki pages and threads mention which entities."),
-        ("release", "release", "Check, describe and publish release/."),
-        ("report", "report", "Make figures and one HTML page about the collected data."),
-        ("status", "status.command", "Show progress, quota, age of the data and what is left."),
-        ("verify", "verify", "Find damaged, missing and foreign files; repair them."),
-        ("profile", "profile.command", "Make and check the profile of a new domain."),
-        ("index", "index", "Build the local search index."),
-        ("search", "search", "Search transcripts, wiki pages and threads."),
-        ("mcp", "mcp", "Serve search and tables to agents (Model Context Protocol)."),
-        ("query", "query", "Run SQL over the tables with DuckDB."),
-        (
-            "refresh",
-            "sources.refresh",
-            "Re-read data that the services' terms require fresh.",
-        ),
-        ("purge", "sources.purge", "Remove content that was deleted at its source or is named."),
-        ("sandbox", "sandbox", "Serve invented YouTube, wiki and Reddit on this machine."),
-        ("demo", "demo", "Run the whole job on the sandbox in minutes: no key, no network."),
-    )
+    **{name: (spec.commands or DEFAULT, spec.help) for name, spec in SPECS.items()},
+    **{
+        name: (_COMMANDS + module, line)
+        for name, module, line in (
+            (
+                "restore",
+                "restore",
+                "Restore the content of a downloaded release with your own keys.",
+            ),
+            ("models", "models", "Download the toxicity model."),
+            ("annotate", "sources.annotate", "Score text for toxicity."),
+            ("pairs", "pairs", "Make keyword-matched video-text pairs."),
+            ("links", "links", "Find which videos, wiki pages and threads mention which entities."),
+            ("release", "release", "Check, describe and publish release/."),
+            ("report", "report", "Make figures and one HTML page about the collected data."),
+            ("status", "status.command", "Show progress, quota, age of the data and what is left."),
+            ("verify", "verify", "Find damaged, missing and foreign files; repair them."),
+            ("profile", "profile.command", "Make and check the profile of a new domain."),
+            ("index", "index", "Build the local search index."),
+            ("search", "search", "Search transcripts, wiki pages and threads."),
+            ("mcp", "mcp", "Serve search and tables to agents (Model Context Protocol)."),
+            ("query", "query", "Run SQL over the tables with DuckDB."),
+            (
+                "refresh",
+                "sources.refresh",
+                "Re-read data that the services' terms require fresh.",
+            ),
+            (
+                "purge",
+                "sources.purge",
+                "Remove content that was deleted at its source or is named.",
+            ),
+            ("sandbox", "sandbox", "Serve invented YouTube, wiki and Reddit on this machine."),
+            ("demo", "demo", "Run the whole job on the sandbox in minutes: no key, no network."),
+        )
+    },
 }
 CONTEXT: dict[str, Any] = {"help_option_names": ["--help", "-h"]}  # groups inherit it
 
@@ -53,7 +64,9 @@ CONTEXT: dict[str, Any] = {"help_option_names": ["--help", "-h"]}  # groups inhe
 @functools.cache
 def _loaded(name: str) -> Any:
     """The click command of a name in TREE. Imports its module."""
-    command = typer.main.get_command(importlib.import_module(TREE[name][0]).app)
+    module = importlib.import_module(TREE[name][0])
+    app = module.app_of(name) if module.__name__ == DEFAULT else module.app
+    command = typer.main.get_command(app)
     command.name = name
     return command
 

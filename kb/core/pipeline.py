@@ -9,11 +9,17 @@ from types import ModuleType
 
 from kb.core.errors import SettingError
 from kb.core.resources import folder
+from kb.core.sources import SPECS
 
 
 def locate(name: str, override: str | None = None) -> Path:
-    """The file of a pipeline: `--pipeline FILE` or the shipped one. Raises SettingError."""
+    """The file of a pipeline: `--pipeline FILE`, the shipped one or that of the source's package.
+
+    Raises SettingError.
+    """
     path = Path(override) if override else folder("pipelines") / f"{name}.py"
+    if not override and not path.is_file() and name in SPECS:
+        path = Path(str(SPECS[name].load(".spec").__file__)).with_name("pipeline.py")
     if not path.is_file():
         raise SettingError(
             f"there is no pipeline file {path}", hint="give --pipeline a Python file that exists"

@@ -77,3 +77,9 @@ def _cell(name: str, value: Any) -> str:
     if value == "":
         return ""
     return f"{value:,.1f}" if name == "hours" else f"{value:,.3g}" if name == "gb" else f"{value:,}"
+
+
+def to_read(kinds: Mapping[str, Mapping[str, int]], kind: str) -> int:
+    """How many items the next crawl would fetch: those that wait, and those that failed."""
+    counts = kinds.get(kind, {})
+    return sum(counts.get(status, 0) for status in ("todo", "in_progress", "error"))

@@ -1,29 +1,47 @@
-"""The sources and what is published, by the names of their folders. A new source is named here."""
+"""The sources and what is published, by the names of their folders.
 
-# What a filter sorts of each source: tables, and what their keys begin with in rejected, failed
-# and pending.
-SORTED: dict[str, dict[str, str]] = {
-    "youtube": {"videos": ""},
-    "wiki": {"pages": ""},
-    "reddit": {"posts": "t3_", "comments": "t1_"},
-}
-SOURCES = tuple(SORTED)
+A new source is a package with a `spec.py`, and its line in `REGISTRY`.
+"""
+
+from __future__ import annotations
+
+import importlib
+
+from kb.core.source_spec import SourceSpec
+
+REGISTRY = (
+    "kb.youtube",
+    "kb.wiki",
+    "kb.reddit",
+)
+
+
+def _spec(package: str) -> SourceSpec:
+    spec: SourceSpec = importlib.import_module(f"{package}.spec").SPEC
+    return spec
+
+
+SPECS = {spec.name: spec for spec in map(_spec, REGISTRY)}
+SOURCES = tuple(SPECS)
 PUBLISHED = (*SOURCES, "pairs", "links")
 
-# What is made of other sources' rows, and of which.
-MADE_OF = {"pairs": ("youtube",), "links": SOURCES}
+# What is made from the rows of other sources, and of which.
+MADE_OF = {
+    "pairs": tuple(name for name, spec in SPECS.items() if "pairs" in spec.made),
+    "links": SOURCES,
+}
 
 
-def made_of(source: str) -> tuple[str, ...]:
+def made_of(name: str) -> tuple[str, ...]:
     """The sources whose rows are behind what is published under that name."""
-    return MADE_OF.get(source, (source,))
+    return MADE_OF.get(name, (name,))
 
 
-def made_by(source: str) -> str:
+def made_by(name: str) -> str:
     """The command that makes the tables of what is published."""
-    return f"kb {source} filter" if source in SOURCES else f"kb {source}"
+    return f"kb {name} filter" if name in SPECS else f"kb {name}"
 
 
-def exported_by(source: str) -> str:
+def exported_by(name: str) -> str:
     """The command that makes its release folder."""
-    return f"kb {source} export" if source in SOURCES else f"kb {source}"
+    return f"kb {name} export" if name in SPECS else f"kb {name}"

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import pyarrow as pa
 
+from kb.core.optional import np
 from kb.links.texts import TextPart
 from kb.pairs.index import PairCounts, matches
 from kb.pairs.keywords import Keywords
 from kb.pairs.match import Matcher
-
-if TYPE_CHECKING:
-    import numpy as np
 
 MENTION = "mention"
 
@@ -33,8 +31,6 @@ def finder(keywords: Keywords) -> Finder:
 
 def mentions(source: str, part: TextPart, with_: Finder) -> pa.Table:
     """Rows of a part of a source's texts, in no order that matters."""
-    import numpy as np
-
     text = part.text
     found = matches(text, with_, PairCounts())
     if part.timed:  # what is said when the video is over makes no pair either

@@ -9,19 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core.optional import np
 from kb.pairs import source
 from kb.pairs.text import Text
 from kb.schema import table
 from kb.store import parquet
 from kb.store.reading import reading
-
-if TYPE_CHECKING:
-    import numpy as np
 
 _ROWS = 8192  # rows that are read at once
 _BYTES = 8 << 20  # of texts that are looked through at once
@@ -76,8 +74,6 @@ def _pages(path: Path) -> Iterator[TextPart]:
 
 def _elements(path: Path) -> Iterator[TextPart]:
     """The visible text of pages; a file of elements holds whole pages, some hundred of them."""
-    import numpy as np
-
     names = ["page_id", "element_id", "parent_id", "kind", "visible", "text", "reading_order"]
     rows = parquet.read_table(path, columns=names)
     rows = rows.sort_by([("page_id", "ascending"), ("reading_order", "ascending")])
@@ -109,8 +105,6 @@ def tops(rows: pa.Table, page: np.ndarray) -> np.ndarray:
     them: visible texts and cells in no other one of the same table. `page`: each row's page, as a
     number.
     """
-    import numpy as np
-
     element = np.asarray(rows["element_id"].to_numpy()).astype(np.int64)
     above = np.asarray(pc.fill_null(rows["parent_id"], -1).to_numpy()).astype(np.int64)
     kinds = pc.index_in(rows["kind"].cast(pa.string()), pa.array(_HELD)).fill_null(-1).to_numpy()
@@ -150,8 +144,6 @@ def _texts(
     part: str, keys: pa.ChunkedArray[Any], columns: tuple[pa.ChunkedArray[Any], ...]
 ) -> Iterator[TextPart]:
     """One text a key, out of columns of texts and of lists of texts."""
-    import numpy as np
-
     texts, things = [], []
     for column in columns:
         values = _one(column)
@@ -178,8 +170,6 @@ def in_pieces(
     """Texts of `keys`, each out of the `texts` whose `thing` is its number, in rising order; as
     many at once as make some megabytes.
     """
-    import numpy as np
-
     texts = pc.fill_null(texts, "")
     ends = np.cumsum(np.asarray(pc.binary_length(texts)).astype(np.int64))
     begin = 0
@@ -199,8 +189,6 @@ def in_pieces(
 
 def _joined(keys: pa.Array[Any], counts: np.ndarray, texts: pa.Array[Any]) -> Text:
     """Texts as transcripts without times."""
-    import numpy as np
-
     kind = table("youtube/transcripts").arrow().field("cues").type
     nought = pa.array(np.zeros(len(texts)))
     cells = pa.StructArray.from_arrays(

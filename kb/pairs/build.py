@@ -20,6 +20,7 @@ from kb.artifacts import complete
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import LimitReached
+from kb.core.optional import np
 from kb.core.profile.pairs import Pairs
 from kb.core.verdict import Summary
 from kb.pairs import keywords as lists
@@ -49,7 +50,7 @@ def build(run: Run) -> Summary:
 
     Raises ProfileError, MissingExtra, FatalError without transcripts, LimitReached, Interrupted.
     """
-    section, keywords = run.profile.section("pairs"), check(run)
+    section, keywords = run.profile.section(Pairs), check(run)
     plan = json.dumps(
         {
             "section": section.model_dump(mode="json"),
@@ -92,7 +93,7 @@ def check(run: Run) -> lists.Keywords:
 
     Raises ProfileError, MissingExtra, FatalError without transcripts.
     """
-    section, keywords = run.profile.section("pairs"), lists.load(run.profile)
+    section, keywords = run.profile.section(Pairs), lists.load(run.profile)
     make_tools(section, run.seed, keywords)
     source.parts(run.root)
     return keywords
@@ -214,8 +215,6 @@ def _finish(
     run: Run, work: Path, keywords: lists.Keywords, mark: str, done: bool
 ) -> dict[str, Any]:
     """Merge what is done into pairs/, with the counts beside it."""
-    import numpy as np
-
     counts = PairCounts()
     for path in parquet_files(work):
         data = json.loads(path.with_suffix(".json").read_text())

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pyarrow as pa
 
-if TYPE_CHECKING:
-    import numpy as np
+from kb.core.optional import np
 
 PURPOSES = {
     name: number
@@ -24,8 +23,6 @@ _GOLDEN = 0x9E3779B97F4A7C15
 
 def video_keys(seed: int, ids: Iterable[str]) -> np.ndarray:
     """64 bits for each video."""
-    import numpy as np
-
     start = hashlib.sha256(f"{seed}\x1f".encode())
     keys = []
     for one in ids:
@@ -37,8 +34,6 @@ def video_keys(seed: int, ids: Iterable[str]) -> np.ndarray:
 
 def bits(keys: np.ndarray, positions: np.ndarray, purpose: str) -> np.ndarray:
     """64 bits for each match: `keys` of its video, `positions` in its transcript."""
-    import numpy as np
-
     with np.errstate(over="ignore"):
         start = _mix(keys + np.uint64(PURPOSES[purpose]) * np.uint64(0xD1342543DE82EF95))
         return _mix(start + (positions.astype(np.uint64) + np.uint64(1)) * np.uint64(_GOLDEN))
@@ -46,8 +41,6 @@ def bits(keys: np.ndarray, positions: np.ndarray, purpose: str) -> np.ndarray:
 
 def whole(drawn: np.ndarray, low: np.ndarray | int, high: np.ndarray | int) -> np.ndarray:
     """Bits as whole numbers from `low` to `high`, both included."""
-    import numpy as np
-
     share = (drawn >> np.uint64(11)).astype(np.float64) * 2.0**-53
     numbers: np.ndarray = low + np.floor(share * (np.maximum(high, low) - low + 1)).astype(np.int64)
     return numbers
@@ -55,8 +48,6 @@ def whole(drawn: np.ndarray, low: np.ndarray | int, high: np.ndarray | int) -> n
 
 def hexadecimal(drawn: np.ndarray) -> pa.Array[Any]:
     """Bits as sixteen hexadecimal digits."""
-    import numpy as np
-
     digits = np.frombuffer(b"0123456789abcdef", np.uint8)
     codes = drawn.astype(">u8").view(np.uint8)
     text = np.stack((digits[codes >> 4], digits[codes & 15]), axis=1).tobytes()
@@ -65,8 +56,6 @@ def hexadecimal(drawn: np.ndarray) -> pa.Array[Any]:
 
 
 def _mix(value: np.ndarray) -> np.ndarray:
-    import numpy as np
-
     value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     mixed: np.ndarray = value ^ (value >> np.uint64(31))

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import unicodedata
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import numpy as np
+from kb.core.optional import np
 
 WALL = 0xFF  # between texts: no byte of UTF-8, so no phrase reaches across
 _GONE = 0x00
@@ -53,70 +51,34 @@ def phrase(text: str) -> str:
 
 
 class Folded:
-    """Folded bytes of a buffer that begins and ends with a space. `origin` maps positions back.
+    """Folded bytes of a buffer that begins and ends with a space. `origin` maps positions back."""
 
-    `wide`: where characters beyond ASCII begin, for whom it is known.
-    """
-
-    def __init__(self, raw: bytes, wide: np.ndarray | None = None) -> None:
-        import numpy as np
-
-        data = raw.translate(ASCII)
-        codes = np.frombuffer(data, np.uint8)
-        if wide is None:
-            wide = np.flatnonzero(codes >= 0xC2)
-            wide = wide[codes[wide] != WALL]
-        vanished = False
-        if len(wide):
-            codes = codes.copy()
-            vanished = _fold_wide(codes, wide)
-        space = codes == 0x20
-        if vanished:  # what vanishes must not part a run of spaces
-            gone = codes == _GONE
-            kept = np.flatnonzero(~gone)
-            gone[kept[1:]] = space[kept[1:]] & space[kept[:-1]]
-            dropped = np.flatnonzero(gone)
-        else:
-            dropped = np.flatnonzero(space[1:] & space[:-1]) + 1
+    def __init__(self, raw: bytes) -> None:
+        codes = np.frombuffer(bytearray(raw.translate(ASCII)), np.uint8)
+        _fold_wide(codes)
+        dropped = codes == _GONE
+        kept = np.flatnonzero(~dropped)  # invisible characters don't part a run of spaces
+        space = codes[kept] == 0x20
+        dropped[kept[1:]] = space[1:] & space[:-1]
+        places = np.flatnonzero(dropped)
         # Where each dropped byte would be in the folded text.
-        self._before = dropped - np.arange(len(dropped))
-        self.bytes: bytes = data
-        if len(dropped):
-            keep = np.ones(len(codes), bool)
-            keep[dropped] = False
-            self.bytes = codes[keep].tobytes()
-        elif len(wide):
-            self.bytes = codes.tobytes()
+        self._before = places - np.arange(len(places))
+        self.bytes: bytes = codes[~dropped].tobytes()
 
     def origin(self, positions: np.ndarray) -> np.ndarray:
         """Positions in the buffer of positions in `bytes`."""
-        import numpy as np
-
         return positions + np.searchsorted(self._before, positions, "right")
 
 
-def _fold_wide(codes: np.ndarray, leads: np.ndarray) -> bool:
-    """Fold characters of two to four bytes in place, each different one once.
-
-    Tells whether any of their bytes vanish.
-    """
-    import numpy as np
-
+def _fold_wide(codes: np.ndarray) -> None:
+    """Fold characters of two to four bytes in place, each different one once."""
+    leads = np.flatnonzero((codes >= 0xC2) & (codes != WALL))
     first = codes[leads]
     size = np.where(first >= 0xF0, 4, np.where(first >= 0xE0, 3, 2))
-    vanish = False
     for length in (2, 3, 4):
-        at = leads[size == length]
-        if not len(at):
-            continue
-        places = at[:, None] + np.arange(length)
-        seen, which = np.unique(
-            np.ascontiguousarray(codes[places]).view(f"V{length}").ravel(), return_inverse=True
+        places = leads[size == length][:, None] + np.arange(length)
+        characters, which = np.unique(codes[places], axis=0, return_inverse=True)
+        folded = b"".join(
+            character(one.tobytes().decode("utf-8", "replace")[:1]) for one in characters
         )
-        new = np.frombuffer(
-            b"".join(character(bytes(one).decode("utf-8", "replace")[:1]) for one in seen.tolist()),
-            np.uint8,
-        )
-        codes[places] = new.reshape(-1, length)[which]
-        vanish = vanish or bool((new == _GONE).any())
-    return vanish
+        codes[places] = np.frombuffer(folded, np.uint8).reshape(-1, length)[which]

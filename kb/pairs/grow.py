@@ -8,15 +8,11 @@ alone is longer than that (text without spaces, addresses).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+from kb.core.optional import np
 from kb.pairs.text import Text
 from kb.pairs.tokens import ENDS, Tokens
-
-if TYPE_CHECKING:
-    import numpy as np
-
-_WORD = 10  # bytes of a word and its space; few texts have longer ones on average
 
 
 class Grown(NamedTuple):
@@ -44,14 +40,14 @@ def grow(
 ) -> Grown:
     """`places`: first byte of the phrase and the one after it; `goal`: tokens drawn; `side`: tokens
     out of `goal` for the left, at most."""
-    import numpy as np
-
     start, end = places
-    words, begin, stop = near(text, start, end, video, high)
+    words = np.append(text.words, len(text.codes))
+    begin = np.searchsorted(words, text.video_at[video])
+    stop = np.searchsorted(words, text.video_end[video])
     first = np.searchsorted(words, start, "right") - 1
     after = np.searchsorted(words, end - 1, "right")
     least, most = np.maximum(begin, first - high), np.minimum(stop, after + high)
-    counts = counter.of_words(text.spaced, words, _within(least, most, len(words)))
+    counts = counter.of_words(text.codes, words, _within(least, most, len(words)))
     total = np.concatenate(([0], np.cumsum(counts, dtype=np.int64)))
     goal = goal - ENDS
     own = total[after] - total[first]
@@ -84,43 +80,8 @@ def grow(
     return grown
 
 
-def near(
-    text: Text, start: np.ndarray, end: np.ndarray, video: np.ndarray, most: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Words around phrases, as most of a text has none near.
-
-    First bytes of words, in order: of each phrase's video all, or more than `most` before and
-    behind it. Behind each stretch of words stands where it ends, as if a word began there. And for
-    each phrase the number of its stretch's first word, and of what stands behind the last.
-    """
-    import numpy as np
-
-    at, stop = text.video_at[video], text.video_end[video]
-    reach = np.full(len(start), _WORD * (most + 2))
-    while True:
-        low, high = np.maximum(start - reach, at), np.minimum(end + reach, stop)
-        bounds = np.concatenate((low, start, end, high))
-        before, own, own_end, behind = np.split(text.before(bounds), 4)
-        few = (own - before < most + 2) & (low > at)
-        few |= (behind - own_end < most + 2) & (high < stop)
-        if not few.any():
-            break
-        reach[few] *= 2
-    order = np.argsort(low, kind="stable")
-    reached = np.maximum.accumulate(high[order])
-    heads = np.flatnonzero(np.append(True, low[order][1:] > reached[:-1])[: len(order)])
-    lows, highs = low[order][heads], reached[np.append(heads[1:], len(order))[: len(heads)] - 1]
-    pieces = [np.empty(0, np.int64)]
-    for begin, finish in zip(lows.tolist(), highs.tolist(), strict=True):
-        pieces += [np.flatnonzero(text.begins[begin:finish]) + begin, np.array([finish + 1])]
-    words = np.concatenate(pieces)
-    return words, np.searchsorted(words, low), np.searchsorted(words, high)
-
-
 def _within(low: np.ndarray, high: np.ndarray, size: int) -> np.ndarray:
     """A mask of what lies in any of the ranges."""
-    import numpy as np
-
     edges = np.bincount(low, minlength=size + 1) - np.bincount(high, minlength=size + 1)
     return np.cumsum(edges)[:size] > 0
 
@@ -141,10 +102,10 @@ def _cut(
     low, top = bounds
 
     def size(begin: int, finish: int) -> int:
-        return counter.count(text.spaced[begin:finish].tobytes().decode("utf-8", "replace")) + ENDS
+        return counter.count(text.codes[begin:finish].tobytes().decode("utf-8", "replace")) + ENDS
 
     def inside(place: int) -> bool:
-        return low < place < top and bool(text.spaced[place] & 0xC0 == 0x80)
+        return low < place < top and bool(text.codes[place] & 0xC0 == 0x80)
 
     tokens = size(start, end)
     while tokens < goal and end < top:
@@ -163,6 +124,6 @@ def _cut(
         if more > high:
             break
         start, tokens = place, more
-    while text.spaced[start] == 0x20:
+    while text.codes[start] == 0x20:
         start += 1
     return start, end, tokens

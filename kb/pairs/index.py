@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
+from typing import Any, NamedTuple, Protocol, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.errors import MissingExtra
 from kb.core.installation import install_extra
+from kb.core.optional import np
 from kb.core.profile.pairs import Pairs
 from kb.pairs import choose, draw
 from kb.pairs.grow import Grown, grow
@@ -23,9 +24,6 @@ from kb.pairs.keywords import EXCLUDED, NEVER, Keywords
 from kb.pairs.match import Matcher
 from kb.pairs.text import Text
 from kb.pairs.tokens import ENDS, Tokens
-
-if TYPE_CHECKING:
-    import numpy as np
 
 
 class Tools(NamedTuple):
@@ -75,8 +73,6 @@ class PairCounts:
 
     def tell(self, keywords: Keywords, what: str, which: np.ndarray) -> None:
         """Count the keywords `which` (numbers) under `what`."""
-        import numpy as np
-
         self.totals[what] += len(which)
         self.hits[what] = np.bincount(which, minlength=len(keywords.every))
 
@@ -106,7 +102,7 @@ def matches(text: Text, tools: Finds, counts: PairCounts) -> Matches:
     """Keywords in the text, without excluded phrases and without everyday
     words that stand alone.
     """
-    found = tools.matcher.find(text.raw, text.wide)
+    found = tools.matcher.find(text.raw)
     keyword = tools.keywords.owner[found.phrase]
     counts.totals["excluded"] += int((keyword == EXCLUDED).sum())
     kept = keyword != EXCLUDED
@@ -126,8 +122,6 @@ def matches(text: Text, tools: Finds, counts: PairCounts) -> Matches:
 
 def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, PairCounts]:
     """The rows of a batch (in no order that matters) and its counts."""
-    import numpy as np
-
     section, counts = tools.section, PairCounts()
     counts.totals.update(videos=len(text), words=text.word_count)
     found = matches(text, tools, counts)
@@ -151,7 +145,7 @@ def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, PairCounts]:
     clip_start, clip_end = choose.clips(center, length, text.length[found.video])
     gap = round(section.min_gap_s * 1000)
     taken = np.flatnonzero(
-        choose.apart(
+        choose.choose(
             clip_start, clip_end, found.video, rng.bits("rank"), gap, section.max_pairs_per_video
         )
     )
@@ -208,8 +202,6 @@ def _grow(text: Text, tools: Tools, found: Matches, rng: _Draws) -> Grown:
 
 def _segment(text: Text, found: Matches) -> tuple[np.ndarray, np.ndarray]:
     """Times of the cues that hold each phrase."""
-    import numpy as np
-
     first, last = text.cue_of(found.start), text.cue_of(found.end - 1)
     if not len(first):
         return first, last
@@ -219,8 +211,6 @@ def _segment(text: Text, found: Matches) -> tuple[np.ndarray, np.ndarray]:
 
 def _times(text: Text, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """When the words are said that hold the bytes `first` to `last`."""
-    import numpy as np
-
     begin = text.time_of(first)
     return begin, np.maximum(begin, text.time_of(last, after=True))
 
@@ -268,10 +258,8 @@ def _texts(text: Text, grown: Grown) -> tuple[pa.Array[Any], np.ndarray]:
     """Grown texts with one space between words,
     and where they end without the white space after.
     """
-    import numpy as np
-
     slices = pa.LargeListViewArray.from_arrays(  # type: ignore[call-overload]  # wants exact classes
-        pa.array(grown.start), pa.array(grown.end - grown.start), pa.array(text.spaced)
+        pa.array(grown.start), pa.array(grown.end - grown.start), pa.array(text.codes)
     )
     offsets = np.concatenate(([0], np.cumsum(grown.end - grown.start))).astype(np.int64)
     data = np.asarray(slices.flatten())

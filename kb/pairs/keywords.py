@@ -16,17 +16,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from kb.core.errors import ProfileError
+from kb.core.optional import np
 from kb.core.profile import Profile
+from kb.core.profile.pairs import Pairs
 from kb.pairs.fold import phrase
 from kb.pairs.forms import forms
 from kb.pairs.listed import COLUMNS, LONGEST, NEVER, Keyword, read
-
-if TYPE_CHECKING:
-    import numpy as np
-
 
 __all__ = [
     "COLUMNS",
@@ -57,22 +55,16 @@ class Keywords:
     @cached_property
     def certain(self) -> np.ndarray:
         """Which keywords need no other."""
-        import numpy as np
-
         return np.asarray([keyword.reach is None for keyword in self.every], bool)
 
     @cached_property
     def reach(self) -> np.ndarray:
         """Words within which the others need a certain one; NEVER for those that no other helps."""
-        import numpy as np
-
         return np.asarray([keyword.reach or 0 for keyword in self.every], np.int64)
 
     @cached_property
     def owner(self) -> np.ndarray:
         """`of` as an array."""
-        import numpy as np
-
         return np.asarray(self.of, np.int64)
 
 
@@ -93,7 +85,7 @@ def of_plain(data: dict[str, Any]) -> Keywords:
 
 def load(profile: Profile) -> Keywords:
     """The keywords of [pairs]. Raises ProfileError naming the file and line."""
-    section = profile.section("pairs")
+    section = profile.section(Pairs)
     listed = [
         one
         for name in section.keyword_files

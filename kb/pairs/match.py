@@ -11,14 +11,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import chain
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from ahocorasick_rs import BytesAhoCorasick, Implementation
 
+from kb.core.optional import np
 from kb.pairs.fold import Folded
-
-if TYPE_CHECKING:
-    import numpy as np
 
 
 class KeywordMatches(NamedTuple):
@@ -42,14 +40,9 @@ class Matcher:
     def __init__(self, phrases: Sequence[str]) -> None:
         self._automaton = _automaton(tuple(phrases)) if phrases else None
 
-    def find(self, raw: bytes, wide: np.ndarray | None = None) -> KeywordMatches:
-        """Matches in UTF-8 text that begins and ends with a space.
-
-        `wide`: where characters beyond ASCII begin, for whom it is known.
-        """
-        import numpy as np
-
-        folded = Folded(raw, wide)
+    def find(self, raw: bytes) -> KeywordMatches:
+        """Matches in UTF-8 text that begins and ends with a space."""
+        folded = Folded(raw)
         hits = (
             self._automaton.find_matches_as_indexes(folded.bytes, overlapping=True)
             if self._automaton
@@ -75,8 +68,6 @@ def leftmost_longest(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Which of the overlapping matches stay, in order: the first, of equal starts the longest,
     then on from its end.
     """
-    import numpy as np
-
     order = np.lexsort((-end, start))
     begin, finish = start[order], end[order]
     kept = np.zeros(len(order), bool)

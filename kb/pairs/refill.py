@@ -21,6 +21,7 @@ from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
 from kb.core.plan import PlanPart, PlanPhase
+from kb.core.profile.pairs import Pairs
 from kb.core.verdict import Summary
 from kb.pairs import source
 from kb.pairs.index import make_tools
@@ -52,7 +53,7 @@ def refill(run: Run, index: Path) -> Summary:
 def check(run: Run, indexes: Sequence[Path]) -> None:
     """Whether these can be restored into one data root. Raises SettingError."""
     if indexes:
-        run.profile.section("pairs")
+        run.profile.section(Pairs)
     if len(indexes) > 1:
         raise SettingError(
             "several folders of pairs", hint="restore one index at a time, each into its --data"
@@ -83,7 +84,7 @@ def restore(run: Run, index: Path, removed: Collection[str]) -> Summary:
 
 def fill(run: Run, rows: pa.Table, files: Sequence[Path], out: Path) -> Summary:
     """Rows of an index with the texts of these transcripts → `out`."""
-    counter = make_tools(run.profile.section("pairs"), run.seed, Keywords((), (), ())).tokens
+    counter = make_tools(run.profile.section(Pairs), run.seed, Keywords((), (), ())).tokens
     places: dict[str, list[int]] = {}
     videos = cast("list[str]", rows["video_id"].to_pylist())
     for row, video in enumerate(videos):

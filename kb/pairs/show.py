@@ -10,6 +10,8 @@ from typing import NamedTuple, cast
 
 from kb.core import signals
 from kb.core.context import Run
+from kb.core.optional import np
+from kb.core.profile.pairs import Pairs
 from kb.pairs import draw, source
 from kb.pairs import keywords as lists
 from kb.pairs.index import PairCounts, Tools, make_tools, matches
@@ -39,7 +41,7 @@ def keyword_lines(
 
     Raises ProfileError, MissingExtra, FatalError without transcripts.
     """
-    tools = make_tools(run.profile.section("pairs"), run.seed, lists.load(run.profile))
+    tools = make_tools(run.profile.section(Pairs), run.seed, lists.load(run.profile))
     counts, shown = PairCounts(), _Examples(examples)
     left = videos or None
     total = videos or sum(map(source.rows, source.parts(run.root)))
@@ -86,8 +88,6 @@ class _Examples:
         self._best: dict[int, list[tuple[int, str]]] = {}
 
     def look(self, text: Text, tools: Tools, counts: PairCounts) -> None:
-        import numpy as np
-
         found = matches(text, tools, counts)
         if not self._number or not len(found.keyword):
             return

@@ -12,38 +12,32 @@ from __future__ import annotations
 import re
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core.optional import np
 from kb.pairs.fold import WALL
-
-if TYPE_CHECKING:
-    import numpy as np
 
 _WALL = b" " + bytes([WALL]) + b" "
 _SPACES = bytes(0x20 if byte in b" \t\n\v\f\r\x1c\x1d\x1e\x1f" else byte for byte in range(256))
 # Spaces beyond ASCII, as str.split() sees them
-_WIDE_SPACES = (
-    "\x85\xa0\u1680\u2000\u2001\u2002\u2003\u2004\u2005\u2006\u2007\u2008\u2009\u200a"
-    "\u2028\u2029\u202f\u205f\u3000"
+_WIDE_SPACE = (
+    rb"\xc2[\x85\xa0]|\xe1\x9a\x80|\xe2\x80[\x80-\x8a\xa8\xa9\xaf]|\xe2\x81\x9f|\xe3\x80\x80"
 )
-# The same as numbers, by how many bytes they have.
-_WIDE = {
-    size: [int.from_bytes(c.encode(), "big") for c in _WIDE_SPACES if len(c.encode()) == size]
-    for size in (2, 3)
-}
 # At most 64 bytes in brackets, so that one that never closes hides nothing.
-_SOUND = re.compile(rb"\[[^\[\]\xff]{0,64}\]|>{2,}|\xe2\x99[\xa9-\xac]")  # ♩ ♪ ♫ ♬
+_SOUND = rb"\[[^\[\]\xff]{0,64}\]|>{2,}|\xe2\x99[\xa9-\xac]"  # ♩ ♪ ♫ ♬
+_SPACE = re.compile(_WIDE_SPACE)
+_NOT_SPOKEN = re.compile(_SOUND + b"|" + _WIDE_SPACE)
 _FAR = 1e9  # seconds; times beyond it are no times
-_BLOCK = 64  # bytes of which it is known how many words begin before them
 
 
 class Text:
     """A batch of transcripts.
 
-    `raw` begins and ends with a space, and has no sounds; `given` is the same with them. Arrays a
+    `given` begins and ends with a space; `raw` is the same with plain spaces in place of sounds and
+    white space. Arrays a
     cue: `cue_at` (first byte; a last one more for the end), `cue_start`, `cue_end` (ms),
     `cue_video`; arrays a video: `video_at`, `video_end` (bytes), `length` (ms), and Arrow columns
     `ids`, `kinds`.
@@ -60,8 +54,6 @@ class Text:
         null when unknown. `parted`: these are no captions but texts, and no phrase reaches from
         one into the next.
         """
-        import numpy as np
-
         transcripts = transcripts.combine_chunks()
         self.ids, self.kinds = _column(transcripts, "video_id"), _column(transcripts, "kind")
         cues = _column(transcripts, "cues")
@@ -77,14 +69,12 @@ class Text:
         self.cue_video = video
         self._times(start, last, lengths)
         self._places(texts, counts, _WALL if parted else b" ")
-        self.raw: bytes = self.given if parted else without_sounds(self.given)
+        self.raw = _blanked(_SPACE if parted else _NOT_SPOKEN, self.given)
 
     def _times(self, start: np.ndarray, last: np.ndarray, lengths: pa.Array[Any] | None) -> None:
         """A cue of an automatic track is over when the next begins;
         nothing lasts longer than its video.
         """
-        import numpy as np
-
         end = start + np.maximum(last, 0)
         video, videos = self.cue_video, len(self.ids)
         if len(start) > 1:
@@ -106,8 +96,6 @@ class Text:
 
     def _places(self, texts: pa.Array[Any], counts: np.ndarray, joint: bytes) -> None:
         """Join cues by a joint and transcripts by a wall, and note where each begins."""
-        import numpy as np
-
         videos = len(counts)
         sizes = np.asarray(pc.binary_length(texts)).astype(np.int64)
         starts = np.concatenate(([0], np.cumsum(counts)))
@@ -140,68 +128,28 @@ class Text:
 
     def cue_of(self, places: np.ndarray) -> np.ndarray:
         """The cue that holds each byte."""
-        import numpy as np
-
         cues: np.ndarray = np.searchsorted(self.cue_at, places, "right") - 1
         return cues
 
     def video_of(self, places: np.ndarray) -> np.ndarray:
         """The video that holds each byte."""
-        import numpy as np
-
         videos: np.ndarray = np.searchsorted(self.video_at, places, "right") - 1
         return videos
 
     @cached_property
-    def spaced(self) -> np.ndarray:
-        """The bytes, with every kind of white space as plain spaces."""
-        import numpy as np
-
-        codes = np.frombuffer(self.raw, np.uint8)
-        # One comparison tells whether there can be other spaces at all.
-        if np.count_nonzero(codes <= 0x20) > np.count_nonzero(codes == 0x20):
-            codes = np.frombuffer(self.raw.translate(_SPACES), np.uint8)
-        # Only characters beyond ASCII are looked at, each once, by its first three bytes.
-        leads, ends = self.wide, len(codes) - 1
-        second, third = (codes[np.minimum(leads + step, ends)].astype(np.int32) for step in (1, 2))
-        two = codes[leads].astype(np.int32) << 8 | second
-        spaces = [np.isin(two, _WIDE[2]), np.isin(two << 8 | third, _WIDE[3])]
-        if any(found.any() for found in spaces):
-            codes = codes.copy()
-            for length, found in zip(_WIDE, spaces, strict=True):
-                for step in range(length):
-                    codes[leads[found] + step] = 0x20
-        return codes
-
-    @cached_property
-    def _high(self) -> np.ndarray:
-        """Where bytes beyond ASCII are, walls among them."""
-        import numpy as np
-
-        return np.flatnonzero(np.frombuffer(self.raw, np.uint8) >= 0x80)
-
-    @cached_property
-    def wide(self) -> np.ndarray:
-        """Where characters beyond ASCII begin."""
-        import numpy as np
-
-        codes = np.frombuffer(self.raw, np.uint8)[self._high]
-        leads: np.ndarray = self._high[(codes >= 0xC2) & (codes != WALL)]
-        return leads
+    def codes(self) -> np.ndarray:
+        """The bytes of `raw` as numbers."""
+        return np.frombuffer(self.raw, np.uint8)
 
     @cached_property
     def _inner(self) -> np.ndarray:
         """Where bytes are that continue a character."""
-        import numpy as np
-
         codes = np.frombuffer(self.given, np.uint8)
         inner: np.ndarray = np.flatnonzero((codes & 0xC0) == 0x80)
         return inner
 
     def characters(self, places: np.ndarray, videos: np.ndarray) -> np.ndarray:
         """Bytes of the batch as characters of their transcript's text."""
-        import numpy as np
-
         begin = self.video_at[videos]
         bytes_: np.ndarray = places - begin
         if not len(self._inner):
@@ -210,52 +158,16 @@ class Text:
         characters: np.ndarray = bytes_ - inner
         return characters
 
-    @property
-    def begins(self) -> np.ndarray:
-        """A mask of the bytes that words begin with (walls between transcripts are among them)."""
-        return self._flags[: len(self.raw)]
-
-    @cached_property
-    def _flags(self) -> np.ndarray:
-        """The mask, up to the end of a block."""
-        import numpy as np
-
-        space = self.spaced == 0x20
-        flags = np.zeros(-(-len(space) // _BLOCK) * _BLOCK, bool)
-        np.greater(space[:-1], space[1:], out=flags[1 : len(space)])
-        return flags
-
-    @cached_property
-    def _counted(self) -> np.ndarray:
-        """How many words begin before each block, and before the end."""
-        import numpy as np
-
-        # Eight flags are added at a time, as bytes of a number; then its bytes.
-        eights = np.add.reduce(self._flags.view(np.uint64).reshape(-1, _BLOCK // 8), axis=1)
-        counts = (eights * np.uint64(0x0101010101010101)) >> np.uint64(56)
-        return np.concatenate(([0], np.cumsum(counts, dtype=np.int64)))
-
     @cached_property
     def words(self) -> np.ndarray:
-        """First byte of each word."""
-        import numpy as np
-
-        return np.flatnonzero(self.begins)
+        """First byte of each word (walls between transcripts are among them)."""
+        space = self.codes == 0x20
+        return np.flatnonzero(space[:-1] & ~space[1:]) + 1
 
     def before(self, places: np.ndarray) -> np.ndarray:
         """How many words begin before each byte."""
-        import numpy as np
-
-        if len(places) * _BLOCK > len(self.raw):
-            numbers: np.ndarray = np.searchsorted(self.words, places)
-            return numbers
-        # To count words around few places is much faster than to list all words.
-        block, rest = places // _BLOCK, places % _BLOCK
-        last = len(self._flags) // _BLOCK - 1
-        held = self._flags.reshape(-1, _BLOCK)[np.minimum(block, last)]
-        within = np.count_nonzero(held & (np.arange(_BLOCK) < rest[:, None]), axis=1)
-        counted: np.ndarray = self._counted[block] + within
-        return counted
+        numbers: np.ndarray = np.searchsorted(self.words, places)
+        return numbers
 
     def word_of(self, places: np.ndarray) -> np.ndarray:
         """The number of the word that holds each byte."""
@@ -265,8 +177,6 @@ class Text:
         """When the words that hold these bytes begin (or end, with `after`), in ms:
         a cue's time is shared out evenly among its words.
         """
-        import numpy as np
-
         cue = self.cue_of(places)
         begin = self.cue_at[cue]
         bounds = np.concatenate((places + 1, begin, begin + self.cue_size[cue]))
@@ -279,12 +189,18 @@ class Text:
     @property
     def word_count(self) -> int:
         """Words of all transcripts."""
-        return max(0, int(self._counted[-1]) - self._walls)
+        return max(0, len(self.words) - self._walls)
 
 
 def without_sounds(captions: bytes) -> bytes:
-    """UTF-8 text with spaces, byte for byte, in place of sounds and changes of speakers."""
-    return _SOUND.sub(lambda found: b" " * len(found[0]), captions)
+    """UTF-8 text with spaces, byte for byte, in place of sounds, changes of speakers and white
+    space.
+    """
+    return _blanked(_NOT_SPOKEN, captions)
+
+
+def _blanked(pattern: re.Pattern[bytes], text: bytes) -> bytes:
+    return pattern.sub(lambda match: b" " * len(match[0]), text).translate(_SPACES)
 
 
 def _lists(offsets: Any, values: Any) -> pa.Array[Any]:
@@ -300,8 +216,6 @@ def _column(rows: pa.Table, name: str) -> pa.Array[Any]:
 
 def _seconds(cells: pa.Array[Any], name: str) -> np.ndarray:
     """A field of cues in ms; what is no time (null, NaN, infinite) counts as 0."""
-    import numpy as np
-
     values = (
         pc.struct_field(cells, name).cast("float64").fill_null(0).to_numpy(zero_copy_only=False)
     )

@@ -7,18 +7,18 @@ Source: Radford et al., "Learning Transferable Visual Models From Natural Langua
 
 from __future__ import annotations
 
-from functools import cache
-from itertools import pairwise
-from typing import TYPE_CHECKING, Any, cast
+from functools import cache, lru_cache
+from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
+from kb.core.optional import np
+
 if TYPE_CHECKING:
-    import numpy as np
     from instant_clip_tokenizer import Tokenizer
 
 ENDS = 2  # start and end token, counted in every text
-_MOST_KNOWN = 1_000_000  # words remembered; rare ones beyond are counted anew
+_MOST_KNOWN = 1_000_000  # words remembered; the least recent ones beyond are counted again
 
 
 class Tokens:
@@ -26,7 +26,9 @@ class Tokens:
 
     def __init__(self) -> None:
         self._encode = _tokenizer().encode
-        self._known: dict[bytes, int] = {}
+        self._count_word = lru_cache(_MOST_KNOWN)(
+            lambda word: self.count(word.decode("utf-8", "replace"))
+        )
 
     def count(self, text: str) -> int:
         """Tokens of a text without the two ends."""
@@ -38,32 +40,18 @@ class Tokens:
         `codes` are the text's bytes, `words` where each word begins (the last one ends with the
         bytes), `wanted` a mask over words.
         """
-        import numpy as np
-
-        offsets = np.append(words, len(codes))
-        kind, width = (
-            (pa.binary(), np.int32) if len(codes) < 2**31 else (pa.large_binary(), np.int64)
-        )
+        offsets = np.append(words, len(codes)).astype(np.int64)
         every = pa.Array.from_buffers(
-            kind,
+            pa.large_binary(),
             len(words),
-            [None, pa.py_buffer(offsets.astype(width).data), pa.py_buffer(codes.data)],
+            [None, pa.py_buffer(offsets.data), pa.py_buffer(codes.data)],
         )
         chosen = every.filter(pa.array(wanted)).dictionary_encode()
-        different = np.asarray(self._counts(_values(chosen.dictionary)), np.int32)
+        different = np.fromiter(map(self._count_word, chosen.dictionary.to_pylist()), np.int32)
         counts = np.zeros(len(words), np.int32)
         if len(different):
             counts[wanted] = different[np.asarray(chosen.indices)]
         return counts
-
-    def _counts(self, words: list[bytes]) -> list[int]:
-        """Tokens of different words."""
-        counts = list(map(self._known.get, words))
-        for place in [place for place, count in enumerate(counts) if count is None]:
-            counts[place] = count = self.count(words[place].decode("utf-8", "replace"))
-            if len(self._known) < _MOST_KNOWN:
-                self._known[words[place]] = count
-        return cast("list[int]", counts)
 
 
 @cache
@@ -72,15 +60,3 @@ def _tokenizer() -> Tokenizer:
     from instant_clip_tokenizer import Tokenizer
 
     return Tokenizer()
-
-
-def _values(words: pa.Array[Any]) -> list[bytes]:
-    """The values of a binary array, without an object for each that Arrow's own way makes."""
-    import numpy as np
-
-    _, offsets, data = words.buffers()
-    width: type[np.signedinteger[Any]] = np.int32 if words.type == pa.binary() else np.int64
-    places = np.frombuffer(memoryview(offsets or b""), width).tolist()
-    places = places[words.offset : words.offset + len(words) + 1]
-    held = data.to_pybytes() if data is not None else b""
-    return [held[begin:end] for begin, end in pairwise(places)]

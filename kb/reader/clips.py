@@ -7,6 +7,7 @@ from typing import cast
 
 from kb.artifacts.catalog import View
 from kb.core.errors import UsageError
+from kb.core.sources import made_of
 from kb.reader.opened import OpenTables
 from kb.reader.rows import QueryResult, TableView
 
@@ -53,7 +54,7 @@ def _sql(opened: OpenTables, pairs: View, ranked: list[View]) -> str:
         joins.append(f"LEFT JOIN {videos[0].full} AS v ON v.video_id = p.video_id")
     gone = [
         f"SELECT key FROM {one.full} WHERE source = '{source}'"
-        for source in ("youtube", "pairs")
+        for source in (*made_of("pairs"), "pairs")
         for one in opened.ranked(f"{source}_tombstones")
     ]
     left = f"AND p.video_id NOT IN ({' UNION ALL '.join(gone)})" if gone else ""

@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from kb.core import waiting
 from kb.core.context import Run
 from kb.core.verdict import Summary
 from kb.crawl.loop import Loop
@@ -14,6 +13,7 @@ from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Opened, Phase
 from kb.reddit.reduce import PAYLOADS
 from kb.reddit.source import INFO, MORE, THREAD, TREE, RedditSource
+from kb.reddit.spec import SPEC
 from kb.reddit.wanted import WantedThings
 from kb.store import reading
 from kb.store.frontier import Frontier, Item
@@ -66,7 +66,7 @@ class Rebuild(RedditSource):
         """Figures of this run and what is left."""
         frontier = session.frontier
         counts = {phase.kind: frontier.counts(phase.kind) for phase in self.phases}
-        left = waiting.left_by("reddit", counts)
+        left = SPEC.left_by(counts)
         return Summary(
             command="reddit reconstruct",
             source="reddit",

@@ -9,8 +9,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.reddit import threads
-from kb.reddit.parse import KINDS, schema
-from kb.reddit.records import MARKS
+from kb.reddit.parse import KINDS, MARKS, schema
 from kb.reddit.tree import depths
 from kb.store.newest import newest
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from kb.core import waiting
 from kb.core.context import Run
 from kb.core.verdict import Summary
 from kb.crawl.job import work
@@ -13,6 +12,7 @@ from kb.crawl.session import CrawlSession
 from kb.reddit.discover import KINDS
 from kb.reddit.reduce import crawled, outside
 from kb.reddit.source import RedditSource
+from kb.reddit.spec import SPEC
 from kb.reddit.state import unread_parts
 
 
@@ -29,7 +29,7 @@ def crawl(run: Run, since: datetime | None = None, until: datetime | None = None
         """Figures of this run and what is left."""
         frontier = session.frontier
         counts = {kind: frontier.counts(kind) for kind in KINDS}
-        left = waiting.left_by("reddit", counts)
+        left = SPEC.left_by(counts)
         left_out = outside(frontier)
         return Summary(
             command="reddit crawl",

@@ -43,6 +43,12 @@ def repeats(post: dict[str, Any], keys: Collection[str]) -> bool:
     )
 
 
+def crossposts_of(answer: Any, keys: Collection[str]) -> set[str]:
+    """The bare ids of the posts in an answer that repeat one of the full names `keys`."""
+    posts = (thing.data for thing in tree.things(answer) if thing.kind == tree.POST)
+    return {str(post.get("id")) for post in posts if repeats(post, keys)}
+
+
 def without_parent(post: dict[str, Any], keys: Collection[str]) -> dict[str, Any]:
     """The record of a crosspost of one of `keys` without what it shows; the same object when that
     is gone already.

@@ -17,6 +17,7 @@ from kb.core import signals
 from kb.core.context import Run
 from kb.core.engine import make_executor
 from kb.core.errors import Interrupted, LimitReached, Stopped
+from kb.core.profile.reddit import RedditSection
 from kb.core.verdict import Summary
 from kb.crawl.session import open_session
 from kb.reddit import dumpfiles, places
@@ -38,7 +39,7 @@ def import_dumps(
     over the same span, are left out unless `--again`. Raises SettingError (exit 2) when a file
     can't be read, LimitReached and Interrupted (exit 3; the same command goes on), DiskFull.
     """
-    section = run.profile.section("reddit")
+    section = run.profile.section(RedditSection)
     named = dumpfiles.find(run, files)
     with open_session(run, Dumps(run)) as session:
         load_key(run.root)

@@ -9,7 +9,7 @@ much is known.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -20,12 +20,14 @@ import pyarrow.compute as pc
 
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
-from kb.core.profile.reddit import Links
-from kb.reddit import heads, parse
+from kb.core.profile.reddit import Links, RedditSection
+from kb.reddit import parse
 from kb.store import buckets, rawlog
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.layout import Layout
 from kb.store.newest import newest
+
+COLUMNS = ("fullname", "post_id", "state", "fetched_at", "live", "gone", "dump")
 
 
 class Known:
@@ -84,7 +86,7 @@ def _spread(
     run: Run, segments: list[tuple[str, Path]], folder: Path, number: int, executor: Any
 ) -> None:
     """Every segment of the raw log → `folder/<bucket>/<segment>.arrow`, of `number` buckets."""
-    links = run.profile.section("reddit").links
+    links = run.profile.section(RedditSection).links
     tasks = (
         (kind, links, str(path), place, str(folder), number)
         for place, (kind, path) in enumerate(segments)
@@ -97,10 +99,17 @@ def _spread(
 def spread(kind: str, links: Links, segment: str, place: int, folder: str, number: int) -> None:
     """Spread one segment; runs in a worker."""
     about = buckets.RawKind(
-        partial(heads.rows, kind=kind, links=links), key=("fullname",), bucket="fullname"
+        partial(_rows, kind=kind, links=links), key=("fullname",), bucket="fullname"
     )
     with full_disk_is_resumable(Path(folder)):
         buckets.spread(about, f"reddit/{kind}", Path(segment), place, Path(folder), number)
+
+
+def _rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
+    """Posts and comments that an answer shows or misses; stubs and marks are left out."""
+    states = pa.array(["there", "missing"])
+    for rows in parse.rows(lines, kind, links):
+        yield rows.filter(pc.is_in(rows["state"], value_set=states)).select(COLUMNS)
 
 
 def reduce(folder: str, number: int) -> None:

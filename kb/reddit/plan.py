@@ -9,9 +9,9 @@ from pathlib import Path
 
 from kb.core.addresses import is_loopback
 from kb.core.context import Run
-from kb.core.plan import PlanPhase, plan
+from kb.core.plan import PlanPhase, plan, to_read
+from kb.core.profile.reddit import RedditSection
 from kb.core.verdict import Summary
-from kb.core.waiting import to_read
 from kb.reddit import dumpfiles
 from kb.reddit.client import IDS, ROOT
 from kb.reddit.known import known
@@ -37,7 +37,7 @@ def plan_crawl(run: Run) -> Summary:
     if path.is_file():
         with reading.state(path) as frontier:
             kinds = frontier.kinds()
-    section = run.profile.section("reddit")
+    section = run.profile.section(RedditSection)
     spans = sum(name in ("top", "controversial") for name in section.listings)
     every = len(section.listings) + spans * (len(section.spans) - 1) + len(section.search)
     listings = to_read(kinds, "listing") if kinds.get("listing") else every
@@ -66,7 +66,7 @@ def plan_crawl(run: Run) -> Summary:
 
 def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
     """What a refresh would read again now. Reads all raw answers, also beside a running crawl."""
-    days = run.profile.section("reddit").max_age_days if older_than is None else older_than
+    days = run.profile.section(RedditSection).max_age_days if older_than is None else older_than
     oldest = oldest_due(days, older_than)
     with (
         tempfile.TemporaryDirectory(prefix="lorecrawl-plan-") as scratch,
@@ -122,4 +122,4 @@ def _hours(run: Run, requests: int) -> float:
     """At the profile's pace; on loopback nothing is waited for."""
     if is_loopback(run.settings.kb_reddit_endpoint or ROOT):
         return 0.0
-    return requests / run.profile.section("reddit").requests_per_minute / 60
+    return requests / run.profile.section(RedditSection).requests_per_minute / 60

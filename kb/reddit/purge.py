@@ -24,13 +24,12 @@ from kb.core.verdict import Summary
 from kb.crawl.purge import PurgeKeys, collected
 from kb.crawl.session import open_session
 from kb.reddit import threads, tree
-from kb.reddit.crossposts import drop_parents
+from kb.reddit.crossposts import crossposts_of, drop_parents
 from kb.reddit.known import known
-from kb.reddit.sift import Sift
 from kb.reddit.source import INFO, RedditSource
 from kb.reddit.strip import strip
 from kb.reddit.wanted import read_wanted
-from kb.store import buckets, mending, parquet, purge, purge_plan, rawlog, tombstones
+from kb.store import mending, parquet, purge, purge_plan, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
 from kb.store.purge import RowLocation, links_of, verdicts_of
@@ -40,7 +39,7 @@ from kb.store.reading import reading
 from kb.store.shards import write_table
 
 _MUCH = 64 << 20  # bytes of segments that are written again by several processes
-_MANY = 2_000  # keys: then each answer is read by types, not searched
+_MANY = 2_000  # keys: from here on every answer is decoded without a search
 REBUILT = (BELOW.reconstructed, BELOW.restored("reddit"))
 BASES = (BELOW.clean("reddit"), *REBUILT)
 ROWS = (
@@ -155,32 +154,34 @@ def rewrite(root: str, segment: str) -> list[str]:
     """One segment without the noted keys; the crossposts of them in it. Runs in a worker."""
     noted = Layout(Path(root)).purge("reddit").stat()
     keys, holds = _noted(root, noted.st_mtime_ns, noted.st_ino)
-    sift = Sift()
-    with buckets.without_collecting():
-        purge.replace(Path(segment), _stripped(Path(segment), keys, holds, sift))
-    return sorted(sift.crossposts)
+    crossposts: set[str] = set()
+    purge.replace(Path(segment), _stripped(Path(segment), keys, holds, crossposts))
+    return sorted(crossposts)
 
 
 def _stripped(
-    path: Path, keys: Collection[str], holds: Holds, sift: Sift
+    path: Path, keys: Collection[str], holds: Holds, crossposts: set[str]
 ) -> Iterator[tuple[int, int, Envelope | None]]:
     """The frames of a segment that hold keys, and what is left of each envelope.
 
-    One pass looks at every frame, as a purge of what was deleted since finds some in most.
+    `crossposts` collects the bare ids of posts that repeat a key, also those that an interrupted
+    purge has already stripped.
     """
     frames = rawlog.Frames(path, checked=True)
     for end, line in frames:
         if holds(line):
-            envelope = rawlog.undecoded(line)
-            left = sift(path.parent.name, envelope, keys)
+            envelope = rawlog.decode(line)
+            crossposts |= crossposts_of(envelope.response, keys)
+            left = strip(path.parent.name, envelope, keys)
             if left is not envelope:
                 yield frames.start, end, left
 
 
 @lru_cache(maxsize=1)
 def _noted(root: str, changed: int, inode: int) -> tuple[Collection[str], Holds]:
-    """The keys of the list as it is now, and what tells whether bytes may hold one: where there are
-    many, most answers do, and the types that a sift reads tell sooner.
+    """The keys of the list as it is now, and a test for bytes that may hold one.
+
+    With many keys most answers hold one, so every answer is decoded.
     """
     keys = frozenset(purge.left_over(Path(root), "reddit"))
     return keys, holding(keys) if len(keys) < _MANY else everything(keys)

@@ -30,6 +30,7 @@ import msgspec
 from kb.core.context import Run
 from kb.core.errors import KbError
 from kb.core.profile import DEFAULT, load_profile
+from kb.core.profile.reddit import RedditSection
 from kb.core.settings import load_settings
 from kb.core.verdict import Summary
 from kb.crawl import job
@@ -177,7 +178,7 @@ def rebuild(
             summary["bad_lines"] = summary.get("bad_lines", 0) + wanted.bad_lines
         try:
             done.answered.pop(digest, None)
-            done.counts = tables.write(answers, out, run.profile.section("reddit").links)
+            done.counts = tables.write(answers, out, run.profile.section(RedditSection).links)
             done.writes += 1
             summary |= _counts(out, done)
         except KbError as error:

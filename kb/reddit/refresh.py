@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from kb.core import clock, waiting
+from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import Retryable
 from kb.core.verdict import Summary
@@ -32,6 +32,7 @@ from kb.reddit import tree
 from kb.reddit.known import Known, known
 from kb.reddit.reduce import RefreshItem
 from kb.reddit.source import INFO, RedditSource
+from kb.reddit.spec import SPEC
 from kb.store import parquet
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.frontier import ROUND, Frontier, Item, going_on
@@ -129,7 +130,7 @@ class RedditRefresh(RedditSource):
     def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """Figures of this run and what is left."""
         counts = session.frontier.counts(INFO.kind)
-        left = waiting.left_by("reddit", {INFO.kind: counts})
+        left = SPEC.left_by({INFO.kind: counts})
         return Summary(
             command="refresh reddit",
             source="reddit",

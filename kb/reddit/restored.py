@@ -7,6 +7,7 @@ from pathlib import Path
 
 from kb.core.context import Run
 from kb.core.plan import PlanPart, PlanPhase
+from kb.core.profile.reddit import RedditSection
 from kb.core.verdict import Summary
 from kb.reddit import credentials
 from kb.reddit.plan import plan_rebuild
@@ -21,7 +22,7 @@ def check(run: Run, folders: Sequence[Path], dumps: Dumps, others: Sequence[str]
     `others` need.
     """
     if folders:
-        run.profile.section("reddit")
+        run.profile.section(RedditSection)
     if folders and not dumps:
         credentials.require(run, *others, without=WITHOUT_KEY)
     else:

@@ -6,14 +6,15 @@ only then the next page of a listing. So `--limit N` reads no more listings than
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from datetime import datetime
 from functools import cached_property
 
 from kb.core.context import Run
 from kb.core.errors import ItemFinal
+from kb.core.profile.reddit import RedditSection
 from kb.crawl.source import Answer, Opened, Phase, Plain
-from kb.reddit import credentials, discover, places, reduce, replay, tree
+from kb.reddit import credentials, discover, places, reduce, tree
 from kb.reddit.authors import Scrubber, load_key
 from kb.reddit.client import IDS, ROOT, Client
 from kb.reddit.fetch import RedditFetcher
@@ -49,7 +50,7 @@ class RedditSource(Plain):
     def __init__(
         self, run: Run, since: datetime | None = None, until: datetime | None = None
     ) -> None:
-        self.run, self.section = run, run.profile.section("reddit")
+        self.run, self.section = run, run.profile.section(RedditSection)
         self.span = discover.Span(
             since.timestamp() if since else None, until.timestamp() if until else None
         )
@@ -110,10 +111,6 @@ class RedditSource(Plain):
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
         """As kb.reddit.reduce."""
         reduce.reduce(frontier, kind, envelope)
-
-    def replay(self, frontier: Frontier, kind: str, lines: Iterable[bytes]) -> None:
-        """As kb.reddit.replay."""
-        replay.take_in(frontier, kind, lines)
 
     def requests(self) -> int:
         """How many requests this run has sent."""

@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 
 from kb.core.context import default_workers
 from kb.core.engine import make_threads
-from kb.reddit.records import OPEN, READ
+from kb.reddit.parse import OPEN, READ
 from kb.store import parquet
 from kb.store.layout import parquet_files
 from kb.store.reading import reading

@@ -18,6 +18,7 @@ from kb.artifacts.indexed import IndexNote
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.profile import Profile
+from kb.core.profile.reddit import RedditSection
 from kb.core.sources import SOURCES
 from kb.core.verdict import Summary
 from kb.search import sections, threads, transcripts, writer
@@ -98,12 +99,12 @@ def _rules(profile: Profile, source: str) -> dict[str, Any]:
     return {
         "stemmer": STEMMERS.get(language, ""),
         "words": [MOST_WORDS, transcripts.MOST, transcripts.LEAST],
-        "subreddit": profile.section("reddit").subreddit if source == "reddit" else "",
+        "subreddit": profile.section(RedditSection).subreddit if source == "reddit" else "",
     }
 
 
 _READ: dict[str, Callable[[Profile], Callable[[Path], Iterator[Passage]]]] = {
     "youtube": lambda _: transcripts.passages,
     "wiki": lambda _: sections.passages,
-    "reddit": lambda profile: partial(threads.passages, profile.section("reddit").subreddit),
+    "reddit": lambda profile: partial(threads.passages, profile.section(RedditSection).subreddit),
 }

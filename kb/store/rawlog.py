@@ -51,12 +51,8 @@ class Envelope(msgspec.Struct):
     response: Any
 
 
-class _Undecoded(Envelope):
-    response: msgspec.Raw
-
-
 _encoder = msgspec.json.Encoder()
-_decoder, _undecoded = msgspec.json.Decoder(Envelope), msgspec.json.Decoder(_Undecoded)
+_decoder = msgspec.json.Decoder(Envelope)
 _UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
 
 
@@ -98,15 +94,7 @@ def decode(line: bytes) -> Envelope:
     """The envelope of a line. Raises DamagedData."""
     try:
         return _decoder.decode(line)
-    except (msgspec.DecodeError, msgspec.ValidationError) as error:
-        raise DamagedData(f"a raw line is no envelope: {error}") from None
-
-
-def undecoded(line: bytes) -> Envelope:
-    """The same with its answer as it is written, a `msgspec.Raw`. Raises DamagedData."""
-    try:
-        return _undecoded.decode(line)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise DamagedData(f"a raw line is no envelope: {error}") from None
 
 
@@ -178,7 +166,7 @@ def _holds_envelope(file: BinaryIO, start: int, line: bytes) -> bool:
 def _is_envelope(line: bytes) -> bool:
     try:
         _decoder.decode(line)
-    except (msgspec.DecodeError, msgspec.ValidationError):
+    except (msgspec.DecodeError, UnicodeDecodeError):
         return False
     return True
 

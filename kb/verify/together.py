@@ -10,7 +10,7 @@ import duckdb
 
 from kb.artifacts import complete, indexed
 from kb.core.errors import DamagedData
-from kb.core.sources import PUBLISHED, SORTED, SOURCES
+from kb.core.sources import PUBLISHED, SOURCES, SPECS
 from kb.store import database, leftovers
 from kb.store.advice import advice
 from kb.store.layout import Layout, parquet_files
@@ -64,7 +64,7 @@ def _two_answers(look: Look, root: Path, source: str) -> None:
         return  # counting makes sense of whole files only
     keys = [
         (f"'{prefix}' || {_KEYS[short]}::VARCHAR", parquet_files(clean / short))
-        for short, prefix in SORTED[source].items()
+        for short, prefix in SPECS[source].tables.items()
     ]
     keys += [("key", parquet_files(clean / verdict)) for verdict in VERDICTS]
     held = [file for _, files in keys for file in files]

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from kb.core.addresses import is_loopback
 from kb.core.context import Run
-from kb.core.plan import PlanPhase, plan
+from kb.core.plan import PlanPhase, plan, to_read
+from kb.core.profile.wiki import Wiki
 from kb.core.verdict import Summary
-from kb.core.waiting import to_read
 from kb.store import reading
 from kb.store.layout import Layout
 from kb.wiki.titles import read_titles
@@ -24,7 +24,7 @@ SECONDS_A_PAGE = 3  # that a browser takes
 
 def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
     """Titles, pages and image files that are left, by what this data root shows or assumed."""
-    section = run.profile.section("wiki")
+    section = run.profile.section(Wiki)
     kinds: dict[str, dict[str, int]] = {}
     listed = False
     path = Layout(run.root).state("wiki")

@@ -20,8 +20,8 @@ from urllib.parse import urlsplit
 
 from requests import PreparedRequest
 
-from kb.core import waiting
 from kb.core.context import Run
+from kb.core.profile.wiki import Wiki
 from kb.core.verdict import Summary
 from kb.crawl.id_list import IdList
 from kb.crawl.job import work
@@ -37,6 +37,7 @@ from kb.wiki.api import BATCH, WikiApi, find_endpoint
 from kb.wiki.guard import Guard
 from kb.wiki.payloads import PAYLOADS
 from kb.wiki.pool import Pool
+from kb.wiki.spec import SPEC
 from kb.wiki.titles import read_titles
 from kb.wiki.web import WikiHosts
 
@@ -55,7 +56,7 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
 
     Raises UsageError before anything is sent, Stopped when it can go on later.
     """
-    spaces = run.profile.section("wiki").namespaces
+    spaces = run.profile.section(Wiki).namespaces
     named = read_titles(titles, spaces, run.progress.say) if titles else None
     source = WikiSource(run, named)
     return work(run, source, source.summary, phases=source.wanted, facts=source.facts)
@@ -68,7 +69,7 @@ class WikiSource(Plain):
     payloads = PAYLOADS
 
     def __init__(self, run: Run, titles: IdList | None = None) -> None:
-        section = run.profile.section("wiki")
+        section = run.profile.section(Wiki)
         self.url = run.settings.kb_wiki_url or section.url
         self.section, self._run, self._titles = section, run, titles
         pages = Phase(
@@ -259,7 +260,7 @@ class WikiSource(Plain):
         robots = skipped.pop("disallowed", 0)
         gone = sum(skipped.pop(reason, 0) for reason in (*reduce.LEFT, "removed"))
         missing = reduce.missing(frontier)
-        left = waiting.left_by("wiki", kinds)
+        left = SPEC.left_by(kinds)
         return Summary(
             command="wiki crawl",
             source="wiki",

@@ -25,6 +25,7 @@ from kb.core import clock
 from kb.core.context import Run
 from kb.core.plan import PlanPhase as Step
 from kb.core.plan import plan as make_plan
+from kb.core.profile.youtube import YouTubeSection
 from kb.core.verdict import Summary
 from kb.crawl import id_list
 from kb.crawl.job import work
@@ -101,7 +102,7 @@ def plan(run: Run, ids: Path) -> Summary:
     """What a check would cost. Sends and writes nothing."""
     listed, _ = some_ids(ids)
     calls = math.ceil(len(listed) / PACK)
-    a_day = run.profile.section("youtube").units_per_day
+    a_day = run.profile.section(YouTubeSection).units_per_day
     step = Step("videos", len(listed), calls, calls)
     return Summary(make_plan("youtube check", "youtube", [step], (), days=round(calls / a_day, 2)))
 

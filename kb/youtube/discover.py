@@ -80,7 +80,7 @@ def new_round(frontier: Frontier) -> None:
 def no_channel(run: Run, barren: Collection[str], channels: int) -> FatalError | None:
     """Warn of keywords that find no channel; the error where none finds any: nothing can follow."""
     path = run.profile.path
-    words = set(run.profile.section("youtube").keywords)
+    words = set(run.profile.section(YouTubeSection).keywords)
     if len(barren) == len(words) and not channels:
         return FatalError(
             f"no keyword of the profile {run.profile.name!r} finds a channel:"

@@ -13,10 +13,10 @@ from typing import Any
 
 from kb.core.addresses import is_loopback
 from kb.core.context import Run
-from kb.core.plan import PlanPhase
+from kb.core.plan import PlanPhase, to_read
 from kb.core.plan import plan as make_plan
+from kb.core.profile.youtube import YouTubeSection
 from kb.core.verdict import Summary
-from kb.core.waiting import to_read
 from kb.store import rawlog, reading
 from kb.store.layout import Layout
 from kb.youtube import quota
@@ -50,7 +50,7 @@ REQUESTS_A_TRANSCRIPT = 3
 
 def plan(run: Run, ids: Path | None = None, part: Part = None) -> Summary:
     """Units, calls, transcript hours, GB and days for what is left. Sends and writes nothing."""
-    profile = run.profile.section("youtube")
+    profile = run.profile.section(YouTubeSection)
     state = _state(run)
     known, assumed = _measured(state)
     left = _left_of_ids(run, ids, part, state) if ids else _left(profile, state, known)
@@ -114,7 +114,7 @@ def _hours(run: Run, transcripts: int) -> float:
     """At the profile's pace; on loopback nothing is waited for."""
     if is_loopback(run.settings.kb_youtube_web or ""):
         return 0.0
-    return transcripts / run.profile.section("youtube").transcripts_per_hour
+    return transcripts / run.profile.section(YouTubeSection).transcripts_per_hour
 
 
 def _state(run: Run) -> dict[str, Any]:

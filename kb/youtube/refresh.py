@@ -20,10 +20,11 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from kb.core import clock, waiting
+from kb.core import clock
 from kb.core.context import Run
 from kb.core.plan import PlanPhase as Step
 from kb.core.plan import plan
+from kb.core.profile.youtube import YouTubeSection
 from kb.core.profile.youtube import YouTubeSection as Profile
 from kb.core.verdict import Summary
 from kb.crawl.job import work
@@ -36,6 +37,7 @@ from kb.youtube import parse, quota
 from kb.youtube.fetch import API, PACK
 from kb.youtube.reduce import RAW_INFO, RAW_STATISTICS, RAW_VIDEOS, REFRESH, STATISTICS
 from kb.youtube.source import YouTubeSource
+from kb.youtube.spec import SPEC
 
 BYTES_A_CALL = {REFRESH: 60_000, STATISTICS: 3_000}  # compressed, of 50 videos
 READ = Phase(
@@ -107,7 +109,7 @@ def newest(root: Path, kind: str) -> dict[str, str]:
 def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
     """What a refresh would read again now, and its units by bucket. Sends and writes nothing."""
     purged = tombstones.keys(run.root, "youtube")
-    due = _due(run, run.profile.section("youtube"), purged, older_than)
+    due = _due(run, run.profile.section(YouTubeSection), purged, older_than)
     phases = [
         _step("videos to refresh", REFRESH, len(due.metadata)),
         _step("statistics to refresh", STATISTICS, len(due.statistics)),
@@ -190,6 +192,6 @@ class YouTubeRefresh(YouTubeSource):
     def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """What was read again, and what is left."""
         kinds = {phase.kind: session.frontier.counts(phase.kind) for phase in self.chosen}
-        left = waiting.left_by("youtube", kinds)
+        left = SPEC.left_by(kinds)
         asked = self.of_known("refresh youtube", session, STATISTICS, REFRESH)
         return Summary(asked, left=sum(left.values()), left_by=left)

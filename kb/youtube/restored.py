@@ -23,6 +23,7 @@ import pyarrow.compute as pc
 from kb.core.context import Run
 from kb.core.errors import Interrupted, Stopped
 from kb.core.plan import PlanPart
+from kb.core.profile.youtube import YouTubeSection
 from kb.core.verdict import Summary
 from kb.crawl.job import work
 from kb.crawl.source import Opened
@@ -88,7 +89,7 @@ def left(run: Run, ids: Iterable[str], gone: Collection[str]) -> list[str]:
 def needs(run: Run, ids: Collection[str], gone: Collection[str]) -> tuple[str, ...]:
     """The settings that it needs. Raises ProfileError where the profile has no [youtube]."""
     if ids:
-        run.profile.section("youtube")
+        run.profile.section(YouTubeSection)
     return ("youtube_api_key",) if left(run, ids, gone) else ()
 
 

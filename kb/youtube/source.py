@@ -25,9 +25,9 @@ from typing import Any, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core import waiting
 from kb.core.context import Run
 from kb.core.errors import KbError, SettingError
+from kb.core.profile.youtube import YouTubeSection
 from kb.core.verdict import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
@@ -57,6 +57,7 @@ from kb.youtube.reduce import (
     with_po_token,
     without_channels,
 )
+from kb.youtube.spec import SPEC
 from kb.youtube.transcripts import SITE
 
 PHASES = (
@@ -138,7 +139,7 @@ class YouTubeSource(Plain):
                 f"--ids skips discovery, so there is nothing to do for --only {only}",
                 hint="leave one of the two away",
             )
-        self.run, self.profile = run, run.profile.section("youtube")
+        self.run, self.profile = run, run.profile.section(YouTubeSection)
         self.phases = [
             replace(phase, workers=max(1, min(run.workers, phase.workers))) for phase in PHASES
         ]
@@ -228,7 +229,7 @@ class YouTubeSource(Plain):
             self._barren = without_channels(frontier, self.profile.keywords)
         kinds = frontier.kinds()
         handled = {phase.kind: kinds.get(phase.kind, {}) for phase in self.chosen}
-        left = waiting.left_by("youtube", handled)
+        left = SPEC.left_by(handled)
         requests, units = session.requests()
         return Summary(
             command="youtube crawl",

@@ -30,16 +30,11 @@ _clips = st.lists(
 
 
 @settings(max_examples=100, deadline=None)
-@given(_clips, st.integers(-10, 10), st.integers(0, 3), st.booleans())
-def test_like_one_by_one(clips, gap, most, crowded):  # type: ignore[no-untyped-def]
+@given(_clips, st.integers(-10, 10), st.integers(0, 3))
+def test_like_one_by_one(clips, gap, most):  # type: ignore[no-untyped-def]
     clips = [(start, start + length, video, rank) for start, length, video, rank in clips]
     start, end, video, rank = (np.array([clip[at] for clip in clips], np.int64) for at in range(4))
-    before = choose._CROWDED
-    choose._CROWDED = 0 if crowded else before  # the way for crowds, too, on small cases
-    try:
-        taken = choose.apart(start, end, video, rank.astype(np.uint64), gap, most)
-    finally:
-        choose._CROWDED = before
+    taken = choose.choose(start, end, video, rank.astype(np.uint64), gap, most)
     assert np.flatnonzero(taken).tolist() == one_by_one(clips, gap, most)
 
 

@@ -21,25 +21,10 @@ texts = st.text(st.sampled_from([*EVERY, *NEAR]), max_size=12)
 @given(st.lists(texts, max_size=4))
 def test_spaced_is_the_text_with_plain_spaces(cues: list[str]) -> None:
     whole = Text(transcripts(("v", "asr", [(n, 1, text) for n, text in enumerate(cues)])))
-    spaced = whole.spaced.tobytes().decode()
-    plain = "".join(" " * len(c.encode()) if c.isspace() else c for c in whole.raw.decode())
-    assert spaced == plain
+    plain = "".join(" " * len(c.encode()) if c.isspace() else c for c in whole.given.decode())
+    assert whole.raw.decode() == plain
     assert whole.word_count == sum(len(text.split()) for text in cues)
     assert whole.raw.decode().split() == " ".join(cues).split()
-
-
-@given(st.lists(texts, min_size=1, max_size=4), st.lists(st.floats(0, 1), max_size=6))
-def test_words_before_few_places_are_those_of_the_list(
-    cues: list[str], shares: list[float]
-) -> None:
-    whole = Text(
-        transcripts(("v", "asr", [(n, 1, f"{text} a") for n, text in enumerate(cues * 200)]))
-    )
-    places = np.array([round(share * len(whole.raw)) for share in shares], np.int64)
-    few = whole.before(places)
-    assert "words" not in vars(whole)  # not listed for it
-    assert few.tolist() == np.searchsorted(whole.words, places).tolist()
-    assert whole.before(np.arange(len(whole.raw) + 1))[places].tolist() == few.tolist()
 
 
 @pytest.mark.parametrize(
@@ -57,12 +42,12 @@ def test_words_before_few_places_are_those_of_the_list(
 )
 def test_captions_of_sounds_are_no_words(captions: str, spoken: str) -> None:
     whole = Text(transcripts(("v", "asr", [(0, 1, captions)])))
-    assert " ".join(whole.spaced.tobytes().decode().split()) == " ".join(spoken.split())
+    assert " ".join(whole.raw.decode().split()) == " ".join(spoken.split())
     end = np.array([len(whole.raw) - 1])
     assert whole.characters(end, np.array([0])).tolist() == [len(captions)]
 
 
 def test_transcripts_are_kept_apart() -> None:
     whole = Text(transcripts(("v", "asr", [(0, 1, "a\u3000b")]), ("w", "asr", [(0, 1, "é\u0085")])))
-    assert whole.spaced.tobytes() == b" a   b \xff \xc3\xa9   "
+    assert whole.raw == b" a   b \xff \xc3\xa9   "
     assert whole.word_count == 3

@@ -30,12 +30,13 @@ def things(work: Work) -> dict[str, dict[str, Any]]:
     """What the raw data say of every post and comment, by full name."""
     found: dict[str, dict[str, Any]] = {}
     for kind in rawlog.kinds(work.root, "reddit"):
-        reader = parse.RecordReader(kind, work.run().profile.reddit.links)
-        for path in rawlog.segments(work.root, "reddit", kind):
-            for _, line in rawlog.Frames(path):
-                found |= {
-                    row["fullname"]: row for row in reader.envelope(line) if row["state"] == "there"
-                }
+        lines = (
+            line
+            for path in rawlog.segments(work.root, "reddit", kind)
+            for _, line in rawlog.Frames(path)
+        )
+        for rows in parse.rows(lines, kind, work.run().profile.reddit.links):
+            found |= {row["fullname"]: row for row in rows.to_pylist() if row["state"] == "there"}
     return found
 
 

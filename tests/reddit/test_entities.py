@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kb.core.profile import load_profile
-from kb.reddit import heads, parse
+from kb.reddit import parse
 from kb.reddit.entities import resolve, unescaped, was_never_escaped
 from kb.store import rawlog
 from kb.store.rawlog import Envelope, Request
@@ -80,25 +80,7 @@ def test_an_address_is_no_text_and_tells_nothing() -> None:
     assert resolve(record) == {**record, "title": "R&D"}
 
 
-record = st.fixed_dictionaries(
-    {"id": st.just("k1"), "author": st.just("x")},
-    optional={"title": written, "selftext": written, "body": written, "url": written},
-)
-
-
-@given(st.lists(st.tuples(st.sampled_from(["t1", "t3"]), record), min_size=1, max_size=4))
-def test_columns_and_careful_rows_agree(things: list[tuple[str, dict[str, Any]]]) -> None:
-    lines = [line([{"kind": kind, "data": data}]) for kind, data in things]
-    found = [row for part in parse.rows(lines, "dumps", LINKS) for row in part.to_pylist()]
-    reader = parse.RecordReader("dumps", LINKS)
-    careful = [row for one in lines for row in reader.envelope(one, marks=True)]
-    assert found == parse.to_table(careful).to_pylist()
-    brief = [row for part in heads.rows(lines, "dumps", LINKS) for row in part.to_pylist()]
-    assert [row["gone"] for row in brief] == [row["gone"] for row in found]
-
-
-def test_a_comment_is_read_so_too_at_once() -> None:
-    """A comment as nearly all are, which is read as columns."""
+def test_entities_of_comments_in_dumps_are_resolved() -> None:
     usual = {"parent_id": "t3_p", "link_id": "t3_p", "created_utc": 5, "score": 1, "author": "x"}
     bodies = {"c1": "a &lt; b", "c2": "a < b &lt;", "c3": "Q&amp;A", "c4": "Q&A &amp; more"}
     things = [{"kind": "t1", "data": {**usual, "id": k, "body": v}} for k, v in bodies.items()]

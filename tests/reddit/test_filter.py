@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 from kb.core import pipeline
-from kb.reddit import parse
 from kb.sandbox.made_ids import ELSEWHERE
 from kb.sandbox.server import Sandbox
 from kb.sandbox.subreddit import CASES
@@ -322,17 +321,3 @@ def test_names_are_hashed_the_same_everywhere_and_only_here(whole: Work) -> None
         )
     assert all(len(hashes) == 1 for hashes in by_name.values())
     assert len(set().union(*by_name.values())) == len(by_name) > 5
-
-
-def test_parse_says_what_a_request_named() -> None:
-    assert parse.asked_for("info", {"id": "t3_a,t1_b", "posts": ["a", "p"]}, 200) == [
-        ("t3_a", "a"),
-        ("t1_b", "p"),
-    ]
-    assert parse.asked_for("morechildren", {"link_id": "t3_p", "children": "b,c"}, 200) == [
-        ("t1_b", "p"),
-        ("t1_c", "p"),
-    ]
-    assert parse.asked_for("comments", {"article": "p"}, 404) == [("t3_p", "p")]
-    assert parse.asked_for("comments", {"article": "p", "comment": "c"}, 404) == []
-    assert parse.asked_for("comments", {"article": "p"}, 403) == []

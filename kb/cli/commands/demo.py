@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from kb.cli.framework.command import command, group
 from kb.cli.framework.options import CLUSTER, Options, pipeline
 from kb.core.errors import MissingExtra
+from kb.core.sources import SOURCES, made_of
 from kb.core.verdict import Summary
 from kb.store.layout import TOP, Layout
 
@@ -145,8 +146,8 @@ def _all(
 
 def _missing_section(run: Run, step: str) -> str | None:
     """A section that the step needs and the profile lacks."""
-    needed = {"pairs": ("youtube", "pairs"), "links": ("pairs",)}.get(step, step.split())
-    sections = ("youtube", "wiki", "reddit", "pairs")
+    needed = {"pairs": (*made_of("pairs"), "pairs"), "links": ("pairs",)}.get(step, step.split())
+    sections = (*SOURCES, "pairs")
     return next(
         (one for one in needed if one in sections and getattr(run.profile, one) is None), None
     )

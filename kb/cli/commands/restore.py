@@ -13,17 +13,15 @@ from kb.cli.framework.command import command, group
 from kb.cli.framework.dumps_option import Dumps, DumpsCommand
 from kb.cli.framework.options import Options, Plan
 from kb.core.pipeline import load, locate
+from kb.core.sources import SPECS
 from kb.core.verdict import Summary
 
 app = group("Restore the content of a downloaded release with your own keys.")
 
 
-class RestorePart(StrEnum):
-    """Parts that can be restored; a release of the wiki is complete."""
-
-    youtube = "youtube"
-    reddit = "reddit"
-    pairs = "pairs"
+# Parts that can be restored; releases of the other sources are complete.
+_PARTS = (*(name for name, spec in SPECS.items() if spec.restored), "pairs")
+RestorePart = StrEnum("RestorePart", _PARTS)  # type: ignore[misc]
 
 
 @command(

@@ -12,6 +12,7 @@ import typer
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show
 from kb.cli.framework.options import Options
+from kb.core.sources import SOURCES
 from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
@@ -21,12 +22,7 @@ app = group("Search transcripts, wiki pages and threads.")
 LIMIT = 10
 
 
-class SearchSource(StrEnum):
-    """Sources of answers."""
-
-    youtube = "youtube"
-    wiki = "wiki"
-    reddit = "reddit"
+SearchSource = StrEnum("SearchSource", SOURCES)  # type: ignore[misc]  # where an answer comes from
 
 
 class HitKind(StrEnum):

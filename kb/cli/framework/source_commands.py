@@ -10,6 +10,7 @@ import typer
 
 from kb.cli.framework.command import command
 from kb.cli.framework.options import CLUSTER, pipeline
+from kb.core.sources import SPECS
 from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
@@ -45,11 +46,12 @@ def add_filter(app: typer.Typer, source: str, what: str = "raw answers") -> Call
 def add_export(
     app: typer.Typer,
     source: str,
-    *others: str,
+    *,
     goes: str = "Parquet goes",
     tables: str = "the released tables",
 ) -> Callable[..., Summary]:
-    """`kb <source> export`, as Parquet or one of `others`; the last of these is the example."""
+    """`kb <source> export`, as Parquet and in the other formats of its spec."""
+    others = [name for name in SPECS[source].formats if name != "parquet"]
     formats = StrEnum("Format", ["parquet", *others])  # type: ignore[misc]
     parquet = formats("parquet")
 
@@ -68,5 +70,8 @@ def add_export(
         uses=("engine", "scheduler", "pipeline"),
         json="the rows of each table, and path",
         needs_data=True,
-        examples=[f"kb {source} export", f"kb {source} export --format {others[-1]}"],
+        examples=[
+            f"kb {source} export",
+            *(f"kb {source} export --format {name}" for name in others[-1:]),
+        ],
     )(export)

@@ -9,9 +9,9 @@ from __future__ import annotations
 import shlex
 import tomllib
 from pathlib import Path
-from typing import Literal, overload
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, create_model
 
 from kb.core.errors import ProfileError
 from kb.core.profile.base import Section, explain
@@ -23,11 +23,13 @@ from kb.core.profile.toxicity import Toxicity
 from kb.core.profile.wiki import Wiki
 from kb.core.profile.youtube import YouTubeSection
 from kb.core.resources import PROFILE_FILE, folder
+from kb.core.sources import SPECS
 
 DEFAULT = "minecraft"
+AnySection = TypeVar("AnySection", bound=Section)
 
 
-class Profile(Section):
+class ShippedProfile(Section):
     """A whole profile. Sections that a domain has no use for may be left out."""
 
     name: str = Field(
@@ -49,23 +51,18 @@ class Profile(Section):
     )
 
     @overload
-    def section(self, source: Literal["youtube"]) -> YouTubeSection: ...
+    def section(self, source: type[AnySection]) -> AnySection: ...
     @overload
-    def section(self, source: Literal["wiki"]) -> Wiki: ...
-    @overload
-    def section(self, source: Literal["reddit"]) -> RedditSection: ...
-    @overload
-    def section(self, source: Literal["pairs"]) -> Pairs: ...
-    @overload
-    def section(self, source: str) -> YouTubeSection | Wiki | RedditSection | Pairs: ...
+    def section(self, source: str) -> Any: ...
 
-    def section(self, source: str) -> YouTubeSection | Wiki | RedditSection | Pairs:
-        """The section of a source. Raises ProfileError when the profile has none."""
-        value: YouTubeSection | Wiki | RedditSection | Pairs | None = getattr(self, source)
+    def section(self, source: type[Section] | str) -> Any:
+        """A section, by its class or name. Raises ProfileError when the profile has none."""
+        name = source if isinstance(source, str) else source.table
+        value = getattr(self, name)
         if value is None:
             raise ProfileError(
-                f"profile {self.name!r} has no section [{source}]",
-                hint=f"add [{source}] to {self.path}",
+                f"profile {self.name!r} has no section [{name}]",
+                hint=f"add [{name}] to {self.path}",
             )
         return value
 
@@ -77,6 +74,21 @@ class Profile(Section):
     def beside(self, name: str) -> Path:
         """A file that the profile names, relative to the profile's own folder."""
         return self.path.parent / name
+
+
+if TYPE_CHECKING:
+    Profile = ShippedProfile
+else:  # with the sections of further sources
+    Profile = create_model(
+        "Profile",
+        __base__=ShippedProfile,
+        __module__=__name__,
+        **{
+            name: (spec.load(spec.section) | None, None)
+            for name, spec in SPECS.items()
+            if spec.section and name not in ShippedProfile.model_fields
+        },
+    )
 
 
 def load_profile(name: str | Path) -> Profile:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import types
 import typing
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
@@ -17,7 +17,13 @@ FILL_IN = "FILL-IN"
 
 
 class Section(BaseModel):
-    """A table of the profile. Frozen, so that a run can't change its own rules."""
+    """A table of the profile. Frozen, so that a run can't change its own rules.
+
+    `table` is its name, and `about` what `kb profile new` writes above it.
+    """
+
+    table: ClassVar[str] = ""
+    about: ClassVar[str] = ""
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, str_strip_whitespace=True, allow_inf_nan=False

@@ -34,6 +34,7 @@ _IN_WORDS = (  # what tomllib says, in a user's words
 )  # fmt: skip
 # What stands in for a wrong or missing key that a section can't be without, so that the rest of
 # the section is looked at as well; none of them is worth a finding.
+_MEANT = {"reddit.subreddit": sense.subreddit_meant}
 _STAND_INS: dict[str, Any] = {
     "name": "unnamed",
     "title": "unnamed",
@@ -137,9 +138,10 @@ def _mend(problem: ProfileProblem, data: dict[str, Any]) -> str:
         return f"add a line {problem.key} = …" + (f" ({about})" if about else "")
     if problem.what.endswith("to be filled in"):
         return about or ""
-    given = data.get("reddit")
-    if problem.key == "reddit.subreddit" and isinstance(given, dict):
-        return sense.subreddit_meant(given.get("subreddit")) or problem.mend
+    section, _, key = problem.key.partition(".")
+    given = data.get(section)
+    if problem.key in _MEANT and isinstance(given, dict):
+        return _MEANT[problem.key](given.get(key)) or problem.mend
     return problem.mend
 
 

@@ -37,3 +37,28 @@ def worst_first(findings: list[Finding]) -> list[Finding]:
         return LEVELS.index(one.level), not one.file.endswith(".toml"), one.file, one.line
 
     return sorted(findings, key=place)
+
+
+UNREACHABLE, REFUSED, WRONG = 3, 1, 2  # exit codes that follow from what a service answers
+
+
+class OnlineAnswer(NamedTuple):
+    """What a service's answer means for the profile: a finding without its place, an exit code."""
+
+    level: str
+    key: str
+    what: str
+    mend: str = ""
+    code: int = 0
+
+
+class QuestionCost:
+    """Requests and quota units of one question to a service, and the pages that it brought."""
+
+    def __init__(self) -> None:
+        self.requests = self.units = 0
+        self.pages: list[str] = []
+
+    def __str__(self) -> str:
+        requests = "1 request" if self.requests == 1 else f"{self.requests} requests"
+        return f"cost: {requests}, 1 search unit" if self.units else f"cost: {requests}"

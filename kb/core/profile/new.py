@@ -23,15 +23,6 @@ from kb.core.profile import Profile
 from kb.core.profile.base import FILL_IN, model_in
 
 _WIDTH = 98
-_ABOUT = {
-    "youtube": "YouTube: which channels are searched, which videos are kept",
-    "wiki": "Wiki: how its pages are shown and measured, which are kept",
-    "reddit": "Reddit: which posts are kept, what their links show",
-    "pairs": "Pairs: words that are matched in transcripts, clips and texts around them",
-    "toxicity": 'Toxicity: how texts are scored; toxicity.toxicity = "off" leaves the scores out',
-    "release": "Release: what a published data set says about itself",
-    "report": "Report: how much the figures show",
-}
 _CATEGORIES = (
     "1 Film, 2 Autos, 10 Music, 15 Pets, 17 Sports, 19 Travel, 20 Gaming, 22 People, 23 Comedy,"
     " 24 Entertainment, 25 News, 26 Howto & Style, 27 Education, 28 Science & Technology"
@@ -106,7 +97,7 @@ def profile_text(
     for section, field in Profile.model_fields.items():
         inner = model_in(field.annotation)
         if inner is not None:
-            head = _comment(f"---- {_ABOUT.get(section, section)}")
+            head = _comment(f"---- {getattr(inner, 'about', section)}")
             parts.append(f"\n{head}" + "".join(_keys(section, inner, known)))
     return "".join(parts)
 

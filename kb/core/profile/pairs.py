@@ -14,6 +14,9 @@ from kb.core.profile.base import Section
 class Pairs(Section):
     """The pairs part of a profile (MineDojo paper, data collection appendix: video-text pairs)."""
 
+    table = "pairs"
+    about = "Pairs: words that are matched in transcripts, clips and texts around them"
+
     keyword_files: tuple[str, ...] = Field(
         (),
         description="keyword lists (.tsv) beside the profile, with the columns keyword, kind, rule"

@@ -37,6 +37,9 @@ class Links(Section):
 class RedditSection(Section):
     """The Reddit part of a profile (MineDojo paper, data collection appendix: Reddit)."""
 
+    table = "reddit"
+    about = "Reddit: which posts are kept, what their links show"
+
     subreddit: str = Field(
         pattern=r"^[A-Za-z0-9_]{2,21}$", description="name without r/", examples=["Minecraft"]
     )

@@ -7,7 +7,13 @@ from __future__ import annotations
 from pydantic import Field, field_validator
 
 from kb.core.profile.base import Section
-from kb.core.sources import PUBLISHED
+from kb.core.sources import PUBLISHED, SPECS
+
+
+def _licences() -> dict[str, str]:
+    """The default licence of each release folder that has one."""
+    own = {name: spec.release.licence for name, spec in SPECS.items()}
+    return {name: own.get(name, "CC-BY-4.0") for name in PUBLISHED if own.get(name, True)}
 
 
 class Creator(Section):
@@ -25,6 +31,9 @@ class Creator(Section):
 
 class Release(Section):
     """The release part of a profile (Zenodo deposit metadata; Datasheets for Datasets)."""
+
+    table = "release"
+    about = "Release: what a published data set says about itself"
 
     version: str = Field(
         "1.0.0",
@@ -61,7 +70,7 @@ class Release(Section):
         (), description="Zenodo communities that the deposit is offered to"
     )
     licenses: dict[str, str] = Field(
-        dict.fromkeys(("youtube", "reddit", "pairs", "links"), "CC-BY-4.0"),
+        default_factory=_licences,
         description="SPDX id of each folder's licence; the wiki's own licence is used when its"
         " pages name one",
     )

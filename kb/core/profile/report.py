@@ -10,6 +10,9 @@ from kb.core.profile.base import Section
 class Report(Section):
     """The report part of a profile (figures of the MineDojo paper's data appendix)."""
 
+    table = "report"
+    about = "Report: how much the figures show"
+
     trim_percentile: float = Field(
         85,
         gt=0,

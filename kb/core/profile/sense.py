@@ -21,7 +21,7 @@ from kb.core.profile.base import FILL_IN
 from kb.core.profile.everyday import is_everyday
 from kb.core.profile.finding import ERROR, NOTE, WARNING
 from kb.core.resources import folder
-from kb.core.sources import SOURCES
+from kb.core.sources import SOURCES, made_of
 
 Said = tuple[str, str, str, str]
 
@@ -141,17 +141,19 @@ def _subjects(one: Profile, other: Profile) -> Iterator[tuple[str, Any, Any]]:
 def _sections(profile: Profile, data: dict[str, Any]) -> Iterator[Said]:
     missing = [name for name in SOURCES if name not in data]
     if len(missing) == len(SOURCES):
-        said = "none of [youtube], [wiki] and [reddit] is there"
+        *others, last = (f"[{name}]" for name in SOURCES)
+        said = f"none of {', '.join(others)} and {last} is there"
         yield ERROR, "", said, "nothing can be collected: add the section of at least one source"
         return
     for name in missing:
         said = f"there is no section [{name}]"
         yield NOTE, "", said, f"`kb {name} crawl` needs one; leave it out if you don't collect it"
-    if "pairs" not in data and "youtube" in data:
+    (talks,) = made_of("pairs")
+    if "pairs" not in data and talks in data:
         said = "there is no section [pairs]"
         yield NOTE, "", said, "`kb pairs` needs one, with keyword_files or include"
-    if "pairs" in data and "youtube" in missing:
-        said = "[pairs] has no use without [youtube]"
+    if "pairs" in data and talks in missing:
+        said = f"[pairs] has no use without [{talks}]"
         yield WARNING, "pairs", said, "pairs are made of the transcripts of videos"
 
 

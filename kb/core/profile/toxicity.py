@@ -24,6 +24,9 @@ class Thresholds(Section):
 class Toxicity(Section):
     """How texts are scored. Scores are kept, so that a changed threshold scores nothing again."""
 
+    table = "toxicity"
+    about = 'Toxicity: how texts are scored; toxicity.toxicity = "off" leaves the scores out'
+
     toxicity: Literal["on", "off"] = Field(
         "on", description="off: no text is scored; the release gate reports it"
     )
@@ -43,4 +46,4 @@ class Toxicity(Section):
 
     def threshold(self, source: str) -> float | None:
         """The largest score that a row of the source may have; None when none is dropped for it."""
-        return getattr(self.thresholds, source) if self.on else None
+        return getattr(self.thresholds, source, None) if self.on else None

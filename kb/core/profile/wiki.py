@@ -119,6 +119,9 @@ class Markup(Section):
 class Wiki(Section):
     """The wiki part of a profile (MineDojo paper, data collection appendix: Wiki)."""
 
+    table = "wiki"
+    about = "Wiki: how its pages are shown and measured, which are kept"
+
     url: str = Field(description="the wiki's root; its API is found from the page's EditURI link")
     hosts: tuple[str, ...] = Field(
         (), description="other hosts of the wiki's images, style sheets and scripts"

@@ -12,6 +12,9 @@ from kb.core.profile.base import Section
 class YouTubeSection(Section):
     """The YouTube part of a profile (MineDojo paper, data collection appendix: YouTube)."""
 
+    table = "youtube"
+    about = "YouTube: which channels are searched, which videos are kept"
+
     keywords: tuple[str, ...] = Field(min_length=1, description="searches that find channels")
     topic_keywords: tuple[str, ...] = Field(
         (),

@@ -217,8 +217,9 @@ def _proposal(run: Run) -> Proposal:
     from kb.pairs.propose import PageNames, propose
     from kb.store import rawlog
     from kb.wiki.named import pages
+    from kb.wiki.spec import SPEC
 
-    if not rawlog.segments(run.root, "wiki", "pages"):
+    if not rawlog.segments(run.root, SPEC.name, "pages"):
         raise SettingError(
             f"no wiki was crawled into {run.root}",
             hint="run `kb wiki crawl` first, or name its data root with --data",

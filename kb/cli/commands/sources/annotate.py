@@ -10,6 +10,8 @@ import typer
 from kb.cli.framework.command import command, group
 from kb.cli.framework.options import CLUSTER
 from kb.core.errors import KbError
+from kb.core.source_spec import CommandHelp
+from kb.core.sources import SPECS
 from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
@@ -96,19 +98,6 @@ def _add(source: str, about: str, *examples: str) -> None:
     )(annotate)
 
 
-_add(
-    "youtube",
-    "Score titles and descriptions of crawled videos.",
-    "kb annotate youtube                     titles and descriptions",
-)
-_add(
-    "wiki",
-    "Score the text of crawled wiki pages.",
-    "kb annotate wiki                        each page's visible text",
-)
-_add(
-    "reddit",
-    "Score titles, bodies and comments.",
-    "kb annotate reddit --precision int8     faster; exact again near the threshold",
-    "kb annotate reddit --engine dask --scheduler tcp://10.0.0.1:8786",
-)
+for _name, _spec in SPECS.items():
+    _text = _spec.annotate_help or CommandHelp(f"Score the texts of {_name}.")
+    _add(_name, _text.about, *(_text.examples or (f"kb annotate {_name}",)))

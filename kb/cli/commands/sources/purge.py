@@ -10,6 +10,8 @@ import typer
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show_row
 from kb.cli.framework.options import CLUSTER, pipeline
+from kb.core.source_spec import CommandHelp
+from kb.core.sources import SPECS
 from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
@@ -58,25 +60,6 @@ def _add(source: str, about: str, *examples: str) -> None:
     )(purge)
 
 
-_add(
-    "youtube",
-    "Remove videos that are gone from YouTube or are named, and never collect them again.",
-    "kb purge youtube",
-    "kb purge youtube --ids gone.txt",
-    "kb purge youtube --plan",
-)
-_add(
-    "wiki",
-    """Remove pages that the wiki deleted or that are named, and never collect them again.
-
-    The file names pages by id, title or URL, one per line, or is MineDojo's JSON. Names that
-    match nothing are counted as unknown, and are skipped by later crawls.
-    """,
-    "kb purge wiki --ids pages.txt",
-)
-_add(
-    "reddit",
-    "Remove posts and comments that were deleted, removed or named, and never collect them again.",
-    "kb purge reddit",
-    "kb purge reddit --ids requests.txt",
-)
+for _name, _spec in SPECS.items():
+    _text = _spec.purge_help or CommandHelp("Remove what is named, everywhere, and remember it.")
+    _add(_name, _text.about, *(_text.examples or (f"kb purge {_name} --ids ids.txt",)))

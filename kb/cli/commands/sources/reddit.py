@@ -118,7 +118,7 @@ def import_(
 
 
 filter_ = add_filter(app, "reddit")
-export = add_export(app, "reddit", "minedojo", "convokit")
+export = add_export(app, "reddit")
 
 
 @command(

@@ -66,7 +66,6 @@ filter_ = add_filter(app, "wiki", "captured pages")
 export = add_export(
     app,
     "wiki",
-    "minedojo",
     goes="Parquet and tar shards go",
     tables="the released tables with their images",
 )

@@ -162,4 +162,4 @@ def import_(
 
 
 filter_ = add_filter(app, "youtube")
-export = add_export(app, "youtube", "minedojo")
+export = add_export(app, "youtube")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from kb.artifacts.catalog import Catalog, view_name
 from kb.core import clock, vocabulary
-from kb.core.sources import SORTED
+from kb.core.sources import SPECS
 from kb.schema.tables import tables as declared
 from kb.store import parquet
 from kb.store.layout import Layout, parquet_files
@@ -24,7 +24,7 @@ _ANSWERS = ("crawled", "kept", "rejected", "failed", "pending", "missing")
 
 def answers(root: Path, source: str) -> dict[str, Any]:
     """The four answers of the last filter, together and by table; nothing before the first."""
-    by_table = tally(Layout(root).clean(source), SORTED[source])
+    by_table = tally(Layout(root).clean(source), SPECS[source].tables)
     if not by_table:
         return {"tally": {}}
     total = {name: sum(each[name] for each in by_table.values()) for name in _ANSWERS}
@@ -54,7 +54,7 @@ def age(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     max_age = getattr(getattr(run.profile, source), "max_age_days", None)
     limit = clock.now() - timedelta(days=max_age or 0)
     schema = catalog.schema_of(source)
-    shown = {f"{schema}.{source}_{short}" for short in SORTED[source]}
+    shown = {f"{schema}.{source}_{short}" for short in SPECS[source].tables}
     files = [file for view in catalog.views if view.full in shown for file in view.files]
     with reading(files):
         oldest, newest, old = span(files, "fetched_at", limit)

@@ -6,13 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 from kb.artifacts import inputs
 from kb.cli.framework.messages import complete
-from kb.core import waiting
+from kb.core.sources import SPECS, made_of
 from kb.store.layout import Layout, parquet_files
 
 if TYPE_CHECKING:
     from kb.core.context import Run
-
-_REFRESHED = {"youtube": "refresh", "reddit": "info"}  # kinds of the frontier
 
 
 def next_steps(run: Run, sources: dict[str, dict[str, Any]], links: dict[str, Any]) -> list[str]:
@@ -29,12 +27,13 @@ def next_steps(run: Run, sources: dict[str, dict[str, Any]], links: dict[str, An
 def _step(run: Run, source: str, about: dict[str, Any]) -> str:
     """What a source's data need next: to be read to the end, sorted, kept fresh, exported.
 
-    Reddit is asked for nothing without a key, which few people can have.
+    A source whose credential few people can have is not crawled without it.
     """
     if about["running_pid"]:
         return ""
-    root, asks = run.root, source != "reddit" or run.settings.reddit_client_id is not None
-    if asks and set(about["left_by"]) == {waiting.noun(source, _REFRESHED.get(source, ""))}:
+    spec, root = SPECS[source], run.root
+    asks = not spec.credential or getattr(run.settings, spec.credential) is not None
+    if asks and spec.refreshed and set(about["left_by"]) == {spec.noun(spec.refreshed)}:
         return f"refresh {source}"
     failed = sum(counts.get("error", 0) for counts in about["phases"].values())
     if asks and (about["left"] or failed):
@@ -52,7 +51,7 @@ def _of_all(run: Run, sources: dict[str, dict[str, Any]], links: dict[str, Any])
     """What is not made yet, or not of today's rows, of what all sources lead to."""
     at = Layout(run.root)
     is_made = {
-        "pairs": not sources.get("youtube") or bool(parquet_files(at.pairs)),
+        "pairs": not any(map(sources.get, made_of("pairs"))) or bool(parquet_files(at.pairs)),
         "links": run.profile.pairs is None or bool(links and not links["older_than"]),
         "release": any(at.release().glob("*/SHA256SUMS")),
         "report": at.page.is_file(),

@@ -4,7 +4,6 @@ crawl.
 
 from __future__ import annotations
 
-import importlib
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,15 +13,15 @@ from kb.artifacts import linked
 from kb.artifacts.catalog import Catalog
 from kb.cli.commands.status import held
 from kb.cli.commands.status.next_steps import next_steps
-from kb.core import clock, waiting
-from kb.core.sources import SOURCES
+from kb.core.source_spec import SourceSpec
+from kb.core.sources import SOURCES, SPECS
 from kb.store import lock, reading
+from kb.store.frontier import Frontier
 from kb.store.layout import TOP, Layout
 
 if TYPE_CHECKING:
     from kb.core.context import Run
 
-_SOME = 20  # names of posts that are shown
 _LEFT = ("todo", "in_progress")  # what failed is counted by itself, as in a crawl's summary
 
 
@@ -54,14 +53,14 @@ def overview(run: Run) -> dict[str, Any]:
 
 def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     """Progress, quota, age and rows of one source; empty when there is nothing of it."""
-    state = Layout(run.root).state(source)
+    spec, state = SPECS[source], Layout(run.root).state(source)
     tables = held.tables(run.root, source)
     released, restored = (held.rows_of(catalog, one, source) for one in ("release", "restored"))
     if not (state.is_file() or tables or released or restored):
         return {}
     about: dict[str, Any] = {
         "running_pid": _writer(run.root, source),
-        "counted": waiting.counted(source),
+        "counted": spec.counted,
         "phases": {},
         "left_by": {},
         "crawled_so_far": 0,
@@ -70,63 +69,46 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
         "quota": {},
     }
     if state.is_file():
-        about |= _frontier(run, source, state)
+        about |= _frontier(run, spec, state)
     about["left"] = sum(counts["left"] for counts in about["phases"].values())
     about["rows"] = tables
     about |= held.answers(run.root, source)
     about |= {"released": released, "restored": restored}
     about |= held.age(run, source, catalog)
     about["unknown_keys"] = held.unknown_keys(run.root, source)
-    if source == "reddit":
-        about |= _incomplete(run.root)
+    incomplete = getattr(spec.load(spec.status), "incomplete", None) if spec.status else None
+    about |= incomplete(run.root) if incomplete is not None else {}
     return about
 
 
-def _incomplete(root: Path) -> dict[str, Any]:
-    """Posts of which a part of the tree could not be read, as summaries count them,
-    and the names of some.
-    """
-    from kb.reddit.state import incomplete_posts
-
-    keys = sorted(incomplete_posts(root))
-    return {"incomplete_posts": len(keys), "incomplete": [f"t3_{key}" for key in keys[:_SOME]]}
-
-
-def _frontier(run: Run, source: str, state: Path) -> dict[str, Any]:
+def _frontier(run: Run, spec: SourceSpec, state: Path) -> dict[str, Any]:
     with reading.state(state) as frontier:
         kinds = frontier.kinds()
         phases = {}
-        for kind in waiting.in_order(source, kinds):
+        for kind in spec.in_order(kinds):
             counts = kinds[kind]
-            phases[waiting.noun(source, kind)] = {
+            phases[spec.noun(kind)] = {
                 **counts,
                 "total": sum(counts.values()),
                 "left": sum(counts.get(status, 0) for status in _LEFT),
             }
-        requests, units = frontier.requests()
+        requests, _ = frontier.requests()
+        details = getattr(spec.load(spec.status), "details", None) if spec.status else None
         return {
             "phases": phases,
-            "left_by": waiting.left_by(source, kinds),
-            "crawled_so_far": _crawled(source, frontier),
+            "left_by": spec.left_by(kinds),
+            "crawled_so_far": _crawled(spec, frontier),
             "requests": requests,
-            "units": units if source == "youtube" else 0,
-            "quota": _quota(run, source, frontier),
-            **_po_token(source, frontier),
+            **(details(run, frontier) if details is not None else {}),
         }
 
 
-def _po_token(source: str, frontier: Any) -> dict[str, int]:
-    """Videos whose captions need a PO token. Only YouTube has such."""
-    if source != "youtube":
-        return {}
-    from kb.youtube.reduce import with_po_token
-
-    return {"po_token": with_po_token(frontier)}
-
-
-def _crawled(source: str, frontier: Any) -> int:
+def _crawled(spec: SourceSpec, frontier: Frontier) -> int:
     """What the crawls of all runs have read, as their summaries count it."""
-    return int(importlib.import_module(f"kb.{source}.reduce").crawled(frontier))
+    if spec.status:
+        return int(spec.load(spec.status).crawled(frontier))
+    counts = (frontier.counts(kind) for kind, noun in spec.nouns.items() if noun == spec.counted)
+    return sum(each.get("done", 0) for each in counts)
 
 
 def _links(catalog: Catalog) -> dict[str, Any]:
@@ -138,25 +120,6 @@ def _links(catalog: Catalog) -> dict[str, Any]:
         return {}
     older = [] if catalog.is_download else linked.older_than(catalog.path)
     return {"entities": 0, "links": 0, **counts, "older_than": older}
-
-
-def _quota(run: Run, source: str, frontier: Any) -> dict[str, Any]:
-    """Spent and left of today's buckets. Only YouTube counts units by the day."""
-    if source != "youtube" or run.profile.youtube is None:
-        return {}
-    from kb.youtube import quota
-
-    day, reset_at = quota.today(), quota.next_reset()
-    limits = {bucket: quota.limit(run.profile.youtube, bucket) for bucket in quota.BUCKETS}
-    return {
-        bucket: {
-            "spent": (spent := frontier.spent(bucket, day)),
-            "left": max(0, limit - spent),
-            "limit": limit,
-            "resets_at": clock.stamp(reset_at),
-        }
-        for bucket, limit in limits.items()
-    }
 
 
 def _writer(root: Path, source: str) -> int | None:

@@ -1,18 +1,14 @@
-"""Answers read as columns are the same rows as field by field, whatever they hold."""
+"""Hypothesis strategies for raw answers of Reddit whose fields hold anything."""
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
-import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kb.core.profile import load_profile
-from kb.reddit import heads, parse, plain
-
-LINKS = load_profile("minecraft").section("reddit").links
+from kb.reddit import parse
+from kb.store.rawlog import Envelope, Request
+from tests.reddit.raw import post
 
 anything = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(max_size=5),
@@ -102,57 +98,20 @@ params = st.fixed_dictionaries(
     },
 )
 
-
-@settings(max_examples=200, deadline=None)
-@given(
-    st.sampled_from(parse.KINDS),
-    st.lists(st.tuples(st.lists(things(), max_size=4), params), min_size=1, max_size=3),
-    st.sampled_from([200, 200, 200, 404]),
-    st.sampled_from(["2026-11-20T12:00:00Z", None, "odd"]),
+NAMES = [*(f"t1_c{number}" for number in range(10)), "t3_p1", "t3_c1", "t3_7", "t1_3", "t3_"]
+crossposts = st.sampled_from(
+    [{"crosspost_parent": "t3_p1"}, {"crosspost_parent_list": [{"id": 7}]}]
 )
-def test_columns_are_the_rows_field_by_field(
-    kind: str, answers: list[tuple[list[Any], Any]], status: int, at: str | None
-) -> None:
-    lines = [
-        json.dumps(
-            {
-                "fetched_at": at,
-                "request": {"endpoint": "dump/RC.zst", "params": asked},
-                "status": status,
-                "response": response(kind, children),
-            }
-        ).encode()
-        for children, asked in answers
-    ]
-    reader = parse.RecordReader(kind, LINKS)
-    careful = [row for line in lines for row in reader.envelope(line, marks=True)]
-    found = [row for part in parse.rows(lines, kind, LINKS) for row in part.to_pylist()]
-    assert found == parse.to_table(careful).to_pylist()
-    # What refresh and purge go by is read out of them without the texts.
-    kept = [
-        {name: row[name] for name in heads.COLUMNS}
-        for row in found
-        if row["state"] in ("there", "missing")
-    ]
-    brief = [row for part in heads.rows(lines, kind, LINKS) for row in part.to_pylist()]
-    assert brief == kept
 
 
-def test_comments_as_they_should_be_take_the_quick_path() -> None:
-    line = json.dumps(
-        {
-            "fetched_at": "2026-11-20T12:00:00Z",
-            "request": {"endpoint": "comments/p1", "params": {"article": "p1"}},
-            "status": 200,
-            "response": response("comments", [{"kind": "t1", "data": whole | {"score": 3}}] * 2),
-        }
-    ).encode()
-    page = plain.page(line, "comments")
-    assert page is not None
-    assert [plain.is_plain(thing.data, escaped=False) for thing in page.things] == [True, True]
-
-
-@pytest.mark.parametrize("field", ["body", "parent_id", "created_utc"])
-def test_a_comment_without_a_needed_field_is_looked_at_twice(field: str) -> None:
-    record = plain.CommentFields(**{name: value for name, value in whole.items() if name != field})
-    assert not plain.is_plain(record, escaped=False)
+@st.composite
+def answers(draw: st.DrawFn) -> tuple[str, Envelope]:
+    """(raw kind, envelope)."""
+    kind = draw(st.sampled_from(parse.KINDS))
+    children = draw(st.lists(things(), max_size=4))
+    if draw(st.booleans()):
+        children.append(post("c2", **draw(crossposts)))
+    answer = response(kind, children)
+    if isinstance(answer, dict) and "data" in answer:
+        answer["data"]["after"] = draw(st.sampled_from([None, *NAMES]))
+    return kind, Envelope(None, Request("comments/p1", draw(params)), 200, answer)

@@ -1,0 +1,93 @@
+"""What YouTube declares to the rest of Lorecrawl."""
+
+from __future__ import annotations
+
+from kb.core.source_spec import (
+    AgentSpec,
+    CommandHelp,
+    ReleaseSpec,
+    ReportSpec,
+    SourceSpec,
+    TextColumns,
+)
+
+SPEC = SourceSpec(
+    name="youtube",
+    package=__package__,
+    help="Videos and transcripts: crawl, import, filter, export.",
+    tables={"videos": ""},
+    nouns={
+        "searches": "searches",  # pages of channel searches
+        "uploads": "channels",  # channels whose uploads are listed
+        "videos": "videos",  # videos whose metadata is read
+        "transcripts": "transcripts",  # videos whose transcript is fetched
+        "statistics": "statistics to refresh",  # videos whose counts are read again
+        "refresh": "videos to refresh",  # videos that are read again in full
+    },
+    noted=("channels",),
+    counted="videos",
+    refreshed="refresh",
+    connector=".source:YouTubeSource",
+    purge=".purge",
+    commands="kb.cli.commands.sources.youtube",
+    section="kb.core.profile.youtube:YouTubeSection",
+    status=".status",
+    online=".online:question",
+    formats={"minedojo": "kb.export.minedojo:youtube"},
+    texts=(
+        TextColumns("videos", "video_id", {"title": ("title",), "body": ("description",)}),
+        TextColumns("transcripts", reader="kb.links.texts:transcripts"),
+    ),
+    passages="kb.search.transcripts:passages",
+    indexed=("videos", "transcripts"),
+    made=("pairs",),
+    restored=("videos", "transcripts"),
+    release=ReleaseSpec(
+        main="videos",
+        query="SELECT transcript_kind, count(*) AS videos, round(sum(duration_s) / 3600) AS hours"
+        " FROM youtube_videos GROUP BY ALL ORDER BY videos DESC",
+        stages=(
+            *("missing", "topic", "views", "aspect_ratio", "duration", "age_restricted"),
+            *("toxicity", "transcript"),
+        ),
+        rules=(
+            *("keywords", "topic_keywords", "game_ids", "category_ids", "search_pages", "uploads"),
+            *("min_views", "min_aspect_ratio", "min_duration_s", "transcripts", "language"),
+            "translate",
+        ),
+        gaps=("kb.release.gaps:views",),
+        scraped=True,
+    ),
+    report=ReportSpec(
+        title="YouTube",
+        tables=("youtube/videos",),
+        hint="run `kb youtube crawl`, then `kb youtube filter`",
+        figures="kb.report.youtube:FIGURES",
+        samples={
+            "youtube/videos": (
+                *("title", "view_count", "like_count", "duration_s", "transcript_kind"),
+                "published_at",
+            )
+        },
+        only="only videos",
+        color="RED",
+    ),
+    agent=AgentSpec(
+        time=("published_at", "published"),
+        reader="kb.mcp.youtube:around",
+        link="kb.mcp.youtube:of_link",
+        between="@",
+    ),
+    annotate_help=CommandHelp(
+        "Score titles and descriptions of crawled videos.",
+        ("kb annotate youtube                     titles and descriptions",),
+    ),
+    purge_help=CommandHelp(
+        "Remove videos that are gone from YouTube or are named, and never collect them again.",
+        (
+            "kb purge youtube",
+            "kb purge youtube --ids gone.txt",
+            "kb purge youtube --plan",
+        ),
+    ),
+)

@@ -1,0 +1,130 @@
+"""Raw answers become one row per post, comment, stub and missing id, whatever they hold."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kb.core.errors import DamagedData
+from kb.core.profile import load_profile
+from kb.reddit import parse, tree
+from kb.store import rawlog
+from kb.store.rawlog import Envelope, Request
+from tests.reddit.raw import comment, listing, post
+from tests.reddit.strategies import params, response, things
+
+LINKS = load_profile("minecraft").section("reddit").links
+
+
+def read(kind: str, *lines: bytes) -> list[dict[str, Any]]:
+    """The rows of some lines."""
+    return [row for part in parse.rows(lines, kind, LINKS) for row in part.to_pylist()]
+
+
+def envelope(answer: Any, asked: dict[str, Any] | None = None, status: int = 200) -> bytes:
+    return rawlog.encode(
+        Envelope("2026-01-01T00:00:00Z", Request("e", asked or {}), status, answer)
+    )
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.sampled_from(parse.KINDS),
+    st.lists(things(), max_size=4),
+    params,
+    st.sampled_from(["2026-11-20T12:00:00Z", None, "odd"]),
+)
+def test_every_thing_of_any_answer_has_a_row(
+    kind: str, children: list[Any], asked: dict[str, Any], at: str | None
+) -> None:
+    answer = response(kind, children)
+    line = json.dumps(
+        {"fetched_at": at, "request": {"endpoint": "e", "params": asked}}
+        | {"status": 200, "response": answer}
+    ).encode()
+    rows = read(kind, line)
+    shown = [
+        f"{thing.kind}_{thing.data['id']}"
+        for thing in tree.things(answer)
+        if thing.kind != "more" and isinstance(thing.data.get("id"), str) and thing.data["id"]
+    ]
+    names = [row["fullname"] for row in rows if row["state"] == "there"]
+    if kind == "listings" and "since" in asked:  # what lies outside of the span is left out
+        assert set(names) <= set(shown)
+    else:
+        assert names == shown
+    for row in rows:
+        problems = {one["column"] for one in row["problems"]}
+        assert not {name for name in problems - {"state", "body"} if row[name] is not None}
+
+
+def test_a_line_that_is_no_envelope_is_damage() -> None:
+    with pytest.raises(DamagedData):
+        read("info", b"{")
+
+
+def test_lone_surrogates_become_replacement_characters() -> None:
+    line = envelope(listing(comment("c1", body="x"))).replace(b'"x"', b'"a\\ud800"')
+    assert [row["text"] for row in read("info", line)] == ["a\N{REPLACEMENT CHARACTER}"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "asked", "status", "missing"),
+    [
+        ("info", {"id": "t3_a,t1_b", "posts": ["a", "p"]}, 200, [("t3_a", "a"), ("t1_b", "p")]),
+        ("info", {"id": "t1_b"}, 200, [("t1_b", "")]),
+        (
+            "morechildren",
+            {"link_id": "t3_p", "children": "b,c"},
+            200,
+            [("t1_b", "p"), ("t1_c", "p")],
+        ),
+        ("comments", {"article": "p"}, 404, [("t3_p", "p")]),
+        ("comments", {"article": "p", "comment": "c"}, 404, []),
+        ("comments", {"article": "p"}, 403, []),
+    ],
+)
+def test_what_was_asked_for_and_did_not_come_is_missing(
+    kind: str, asked: dict[str, Any], status: int, missing: list[tuple[str, str]]
+) -> None:
+    rows = read(kind, envelope(listing() if status == 200 else None, asked, status))
+    found = [(row["fullname"], row["post_id"]) for row in rows if row["state"] == "missing"]
+    assert found == missing
+
+
+def test_what_came_is_not_missing() -> None:
+    line = envelope(listing(post("a")), {"id": "t3_a,t1_b"})
+    assert [(row["fullname"], row["state"]) for row in read("info", line)] == [
+        ("t3_a", "there"),
+        ("t1_b", "missing"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "column", "reason"),
+    [
+        ("body", None, "body", "absent"),
+        ("body", 5, "body", "malformed"),
+        ("parent_id", 5, "parent_id", "malformed"),
+        ("parent_id", "LEFT OUT", "parent_id", "absent"),
+        ("score", "many", "score", "malformed"),
+        ("score", 2**70, "score", "malformed"),
+        ("created_utc", -1, "created_utc", "malformed"),
+        ("id", "", "state", "malformed"),
+    ],
+)
+def test_a_value_that_cannot_be_read_is_null_and_named(
+    field: str, value: Any, column: str, reason: str
+) -> None:
+    (row,) = read("info", envelope(listing(comment("c1", **{field: value}))))
+    assert [(one["column"], one["reason"]) for one in row["problems"]] == [(column, reason)]
+
+
+@pytest.mark.parametrize(("field", "value"), [("score", "7"), ("score", 7.9), ("score", 7)])
+def test_numbers_of_any_year(field: str, value: Any) -> None:
+    (row,) = read("dumps", envelope(listing(comment("c1", **{field: value}))))
+    assert (row[field], row["problems"]) == (7, [])
