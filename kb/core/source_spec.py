@@ -100,7 +100,9 @@ class AgentSpec:
     time        the column that dates a row, and the verb: ("published_at", "published")
     reader      function that reads what stands around a place
     link        function that takes a URL apart into a place
+    ref         an example of a ref
     between     the character between key and position in a ref
+    hosts       endings of the hosts whose URLs `link` takes; none for any other host
     note        a sentence about licences; "" when rows name their own
     prefixes    prefixes that are taken off a key and a position
     """
@@ -108,7 +110,9 @@ class AgentSpec:
     time: tuple[str, str]
     reader: str
     link: str
+    ref: str
     between: str
+    hosts: tuple[str, ...] = ()
     note: str = ""
     prefixes: tuple[str, str] = ("", "")
 

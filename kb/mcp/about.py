@@ -9,17 +9,12 @@ from kb.artifacts import catalog, indexed
 from kb.artifacts.catalog import bare
 from kb.core import terminal
 from kb.core.context import Run
-from kb.core.sources import SOURCES
+from kb.core.sources import SOURCES, SPECS
 from kb.mcp.fence import Fence, Unit, cut, together
+from kb.mcp.places import AGENTS
 from kb.reader.opened import OpenTables
 from kb.reader.rows import TableView
 
-_THINGS = {"youtube": "youtube_videos", "wiki": "wiki_pages", "reddit": "reddit_posts"}
-_WHEN = {
-    "youtube": ("published_at", "published"),
-    "wiki": ("revision_timestamp", "last edited"),
-    "reddit": ("created_utc", "written"),
-}
 _LICENCES = 10  # of a source
 
 
@@ -33,7 +28,7 @@ def about(run: Run, size: int) -> str:
         "`search` finds places, `read` gives what stands around one, `query` runs SQL (DuckDB)"
         " over the views below; SELECT column_name FROM (DESCRIBE view) lists columns."
     )
-    sources = [Unit(_source(opened, source), _licences(opened, source)) for source in _THINGS]
+    sources = [Unit(_source(opened, source), _licences(opened, source)) for source in AGENTS]
     known = [unit for unit in sources if unit.facts]
     index = Unit("\n".join(["What `search` looks through:", *_indexed(run)]), "")
     views = [Unit(line, "") for line in _views(opened)]
@@ -45,27 +40,26 @@ def _left(count: int) -> str:
 
 
 def _source(opened: OpenTables, source: str) -> str:
-    table = _THINGS[source]
-    ranked = opened.ranked(table)
+    agent, noun = AGENTS[source], SPECS[source].release.main
+    ranked = opened.ranked(f"{source}_{noun}")
     if not ranked:
         return ""
-    view, (when, word) = ranked[0].full, _WHEN[source]
+    view, (when, word) = ranked[0].full, agent.time
     row = _row(
         opened,
         f"SELECT count(*) AS n, min({when}) AS first, max({when}) AS last,"
         f" min(fetched_at) AS oldest, max(fetched_at) AS newest FROM {view}",
     )
-    noun = table.partition("_")[2]
     return (
         f"{source}: {row['n']:,} {noun}, {word} from {_day(row['first'])} to {_day(row['last'])},"
         f" fetched from {_day(row['oldest'])} to {_day(row['newest'])} ({view})"
-        + ("; texts are their authors', Reddit gives no licence" if source == "reddit" else "")
+        + (f"; {agent.note}" if agent.note else "")
     )
 
 
 def _licences(opened: OpenTables, source: str) -> str:
-    ranked = opened.ranked(_THINGS[source])
-    if not ranked or source == "reddit":
+    ranked = opened.ranked(f"{source}_{SPECS[source].release.main}")
+    if not ranked or AGENTS[source].note:
         return ""
     sql = f"SELECT license, count(*) AS n FROM {ranked[0].full} GROUP BY 1 ORDER BY 2 DESC, 1"
     rows = opened.rows(sql).to_pylist()

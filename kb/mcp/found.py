@@ -9,7 +9,7 @@ from urllib.parse import parse_qs, urlsplit
 from kb.core.context import Run
 from kb.core.sources import SOURCES
 from kb.mcp.fence import Fence, Unit, together
-from kb.mcp.places import SourceLocation, of_link
+from kb.mcp.places import AGENTS, of_link
 from kb.search.ask import SearchHit, search, suggest
 from kb.search.build import ensure
 from kb.search.rank import Only
@@ -68,8 +68,7 @@ def _licence(licence: str | None) -> str:
 def ref(one: SearchHit) -> str:
     """What `read` takes for an answer's place."""
     known = of_link(one.url)
-    if one.source == "wiki":
-        return SourceLocation("wiki", one.key, urlsplit(one.url).fragment).ref
     if known is None or known.source != one.source:
         return f"{one.source}:{one.key}"
-    return known.ref
+    agent = AGENTS[one.source]
+    return known.ref if agent.hosts else known._replace(key=one.key).ref

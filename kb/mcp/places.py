@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import re
 from typing import NamedTuple
-from urllib.parse import parse_qs, unquote, urlsplit, urlunsplit
+from urllib.parse import parse_qs, unquote, urlsplit
 
 from kb.core.errors import UsageError
+from kb.core.sources import SPECS
 
-_REF = re.compile(r"(youtube|wiki|reddit):([^\s@#/]+)(?:[@#/](.+))?")
-_THREAD = re.compile(r"/comments/(\w+)(?:/[^/]*/(\w+))?")
+AGENTS = {name: spec.agent for name, spec in SPECS.items() if spec.agent is not None}
+_REF = re.compile(rf"({'|'.join(AGENTS)}):([^\s@#/]+)(?:[@#/](.+))?")
 
 
 class SourceLocation(NamedTuple):
@@ -27,29 +28,24 @@ class SourceLocation(NamedTuple):
     @property
     def ref(self) -> str:
         """As it is given to `read`."""
-        between = {"youtube": "@", "wiki": "#", "reddit": "/"}[self.source]
-        return f"{self.source}:{self.key}{between}{self.at}" if self.at else self._thing
-
-    @property
-    def _thing(self) -> str:
-        return f"{self.source}:{self.key}"
+        between = AGENTS[self.source].between if self.at else ""
+        return f"{self.source}:{self.key}{between}{self.at}"
 
 
 def of_link(url: str) -> SourceLocation | None:
     """The place that a link of an answer leads to; None for another link."""
     parts = urlsplit(url)
-    host, asked = (parts.hostname or "").removeprefix("www."), parse_qs(parts.query)
     if parts.scheme not in ("http", "https"):
         return None
-    if host == "youtube.com" and asked.get("v"):
-        return SourceLocation("youtube", asked["v"][0], asked.get("t", [""])[0].removesuffix("s"))
-    if host.endswith("reddit.com"):
-        match = _THREAD.search(parts.path)
-        return SourceLocation("reddit", match[1], match[2] or "") if match else None
-    query = "&".join(one for one in parts.query.split("&") if not one.startswith("oldid="))
-    return SourceLocation(
-        "wiki", urlunsplit(parts._replace(query=query, fragment="")), parts.fragment
-    )
+    host = f".{parts.hostname or ''}"
+    of_host = [name for name, agent in AGENTS.items() if host.endswith(agent.hosts or "-")]
+    of_any = [name for name, agent in AGENTS.items() if not agent.hosts]
+    for name in of_host or of_any:
+        known: SourceLocation | None = SPECS[name].load(AGENTS[name].link)(
+            parts, parse_qs(parts.query)
+        )
+        return known
+    return None
 
 
 def place(given: str) -> SourceLocation:
@@ -57,15 +53,13 @@ def place(given: str) -> SourceLocation:
     given = given.strip()
     if match := _REF.fullmatch(given):
         source, key, at = match[1], match[2], match[3] or ""
-        if source == "reddit":
-            key, at = key.removeprefix("t3_"), at.removeprefix("t1_")
-        return SourceLocation(source, key, at)
+        key_prefix, at_prefix = AGENTS[source].prefixes
+        return SourceLocation(source, key.removeprefix(key_prefix), at.removeprefix(at_prefix))
     if known := of_link(given):
         return known
+    refs = ", ".join(agent.ref for agent in AGENTS.values())
     raise UsageError(
-        f"no place {given[:200]!r}",
-        hint="give the ref or the link of an answer: youtube:VIDEO@61, wiki:PAGE#Section,"
-        " reddit:POST/COMMENT",
+        f"no place {given[:200]!r}", hint=f"give the ref or the link of an answer: {refs}"
     )
 
 

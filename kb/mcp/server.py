@@ -19,6 +19,7 @@ from kb.artifacts import catalog
 from kb.core.context import Run
 from kb.core.errors import KbError, MissingExtra, UsageError
 from kb.core.installation import install_extra
+from kb.core.sources import SOURCES
 from kb.mcp import fence
 from kb.mcp.about import about
 from kb.mcp.arguments import one_line
@@ -39,7 +40,7 @@ Chars = Annotated[
     Field(description="Characters of the answer at most.", ge=fence.LEAST, le=fence.MOST),
 ]
 _NAMED = 60  # characters that the SDK puts before an error
-Source = Literal["youtube", "wiki", "reddit"]
+Source = Literal[SOURCES]  # type: ignore[valid-type]
 Kind = Literal["video", "transcript", "section", "table", "post", "comment"]
 
 

@@ -68,6 +68,7 @@ SPEC = SourceSpec(
         time=("revision_timestamp", "last edited"),
         reader="kb.mcp.wiki:around",
         link="kb.mcp.wiki:of_link",
+        ref="wiki:PAGE#Section",
         between="#",
     ),
     annotate_help=CommandHelp(

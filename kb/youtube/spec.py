@@ -76,7 +76,9 @@ SPEC = SourceSpec(
         time=("published_at", "published"),
         reader="kb.mcp.youtube:around",
         link="kb.mcp.youtube:of_link",
+        ref="youtube:VIDEO@61",
         between="@",
+        hosts=(".youtube.com",),
     ),
     annotate_help=CommandHelp(
         "Score titles and descriptions of crawled videos.",
