@@ -66,8 +66,8 @@ SPEC = SourceSpec(
     ),
     agent=AgentSpec(
         time=("created_utc", "written"),
-        reader="kb.mcp.reddit:around",
-        link="kb.mcp.reddit:of_link",
+        reader="kb.mcp.reddit:document",
+        link="kb.mcp.reddit:from_link",
         ref="reddit:POST/COMMENT",
         between="/",
         hosts=(".reddit.com",),

@@ -66,8 +66,8 @@ SPEC = SourceSpec(
     ),
     agent=AgentSpec(
         time=("revision_timestamp", "last edited"),
-        reader="kb.mcp.wiki:around",
-        link="kb.mcp.wiki:of_link",
+        reader="kb.mcp.wiki:document",
+        link="kb.mcp.wiki:from_link",
         ref="wiki:PAGE#Section",
         between="#",
     ),

@@ -74,8 +74,8 @@ SPEC = SourceSpec(
     ),
     agent=AgentSpec(
         time=("published_at", "published"),
-        reader="kb.mcp.youtube:around",
-        link="kb.mcp.youtube:of_link",
+        reader="kb.mcp.youtube:document",
+        link="kb.mcp.youtube:from_link",
         ref="youtube:VIDEO@61",
         between="@",
         hosts=(".youtube.com",),

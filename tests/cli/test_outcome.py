@@ -68,7 +68,7 @@ def test_a_stop_shows_what_was_done(end: Any) -> None:
 @pytest.mark.parametrize(
     ("error", "code", "words"),
     [
-        (KeyboardInterrupt(), 3, "the same command goes on"),
+        (KeyboardInterrupt(), 3, "run the same command to resume"),
         (
             OSError(errno.ENOSPC, "No space left on device", "/data/x"),
             3,

@@ -86,7 +86,7 @@ def test_a_crawl_finishes_the_item_in_hand_and_says_how_to_go_on(
     process.send_signal(number)
     out, err = process.communicate(timeout=30)
     assert process.returncode == 3
-    assert err == f"kb: stopped by {number.name}; run the same command to go on\n"
+    assert err == f"kb: stopped by {number.name}; run the same command to resume\n"
     assert out == f"1 crawled, stopped by {number.name}\n"
 
 
@@ -135,5 +135,5 @@ def test_a_signal_while_a_command_is_still_being_loaded(
     process.send_signal(number)
     out, err = process.communicate(timeout=30)
     assert process.returncode == 3
-    assert err == f"kb: stopped by {number.name}; run the same command to go on\n"
+    assert err == f"kb: stopped by {number.name}; run the same command to resume\n"
     assert json.loads(out) == {"stopped": f"stopped by {number.name}"}

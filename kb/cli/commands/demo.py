@@ -1,4 +1,4 @@
-"""`kb demo`: the whole job on the sandbox, without key or network; and later work in its root."""
+"""`kb demo`: the whole job on the sandbox, without key or network."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.cli.framework.command import command, group
+from kb.cli.framework.demo_root import FINISHED, without_scores
 from kb.cli.framework.options import CLUSTER, Options, pipeline
 from kb.core.errors import MissingExtra
 from kb.core.sources import SOURCES, made_of
@@ -22,15 +23,12 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
     from kb.core.context import Run
-    from kb.core.profile import Profile
-    from kb.core.settings import Settings
 
 app = group("Run the whole job on the sandbox in minutes: no key, no network.")
 
 # Settings that the demo keeps; all others, credentials included, are removed.
 _KEPT = {"kb_data", "kb_now", "source_date_epoch"}
 _DUMPS = "dumps"
-FINISHED = "demo-finished"  # a file in the root of a finished demo
 
 
 @command(
@@ -109,7 +107,7 @@ def _run(options: Options, settings: dict[str, str]) -> Run:
     run = replace(run, asked=options.workers is not None)
     if "KB_TOXICITY_MODEL" in settings:
         return run
-    return replace(run, profile=_without_scores(run.profile))
+    return replace(run, profile=without_scores(run.profile))
 
 
 def _all(
@@ -178,25 +176,3 @@ def _queries(queries: list[tuple[str, str, list[str]]], root: Path) -> None:
 def _say(options: Options, text: str) -> None:
     if not options.quiet:
         print(text, file=sys.stderr, flush=True)
-
-
-def in_demo_root(root: Path, settings: Settings, profile: Profile) -> tuple[Settings, Profile]:
-    """Settings and profile for another command in a demo's root; unchanged in any other root.
-
-    The root's scores are the tiny model's, so that model is used again unless the user names
-    another. Scoring stays off where the demo had to do without the model.
-    """
-    if not (root / FINISHED).exists() or "kb_toxicity_model" in settings.model_fields_set:
-        return settings, profile
-    from kb.sandbox import toxicity
-
-    try:
-        model = str(toxicity.tiny_checkpoint())
-    except MissingExtra:
-        return settings, _without_scores(profile)
-    return settings.model_copy(update={"kb_toxicity_model": model}), profile
-
-
-def _without_scores(profile: Profile) -> Profile:
-    off = profile.toxicity.model_copy(update={"toxicity": "off"})
-    return profile.model_copy(update={"toxicity": off})

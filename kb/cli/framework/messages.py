@@ -14,7 +14,6 @@ from collections.abc import Iterable
 from typing import Any
 
 from kb.core import terminal
-from kb.core.verdict import Summary
 from kb.net import redact
 
 _COMMAND = re.compile(r"`kb ([^`]+)`")
@@ -81,6 +80,8 @@ def show_summary(summary: dict[str, Any], as_json: bool) -> None:
     if as_json:
         print(terminal.json(json.dumps(summary, default=str, ensure_ascii=False)), flush=True)
         return
+    from kb.core.verdict import Summary
+
     # A plan is a table of the program's own words and numbers; any other summary is one line.
     clean = terminal.lines if "phases" in summary else terminal.one_line
     print(clean(Summary(summary).line()), flush=True)

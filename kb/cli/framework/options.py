@@ -110,9 +110,9 @@ class Options:
         Raises SettingError, ProfileError or OtherService before anything is sent or written.
         """
         from kb.artifacts.catalog import existing
-        from kb.cli.commands.demo import in_demo_root
         from kb.cli.commands.profile.check import refuse
         from kb.cli.framework import progress
+        from kb.cli.framework.demo_root import in_demo_root
         from kb.core.context import Run, default_workers
         from kb.core.settings import load_settings
         from kb.core.unknown_settings import unknown_names

@@ -30,8 +30,8 @@ def refuse_unknown(group: Any, context: Any, args: Sequence[str]) -> None:
 def suggestions(words: Sequence[str], commands: Sequence[str]) -> list[str]:
     """The commands ("youtube crawl") that are most like the words.
 
-    First by all words in any order ("crawl youtube", "youtube-crawl", "youtube crwal"), then by a
-    command's last word alone ("export", "exprot").
+    Several words are compared in any order ("crawl youtube", "youtube-crawl", "youtube crwal"); a
+    single one with a command's last word ("export", "exprot").
     """
     parts = sorted(part for word in words for part in word.split("-") if part)
 
@@ -41,7 +41,7 @@ def suggestions(words: Sequence[str], commands: Sequence[str]) -> list[str]:
     def last(name: str) -> float:
         return max((_similarity(part, name.rsplit(maxsplit=1)[-1]) for part in parts), default=0)
 
-    for measure in (whole, last):
+    for measure in (whole, last) if len(parts) > 1 else (last, whole):
         scores = {name: measure(name) for name in commands}
         best = max(scores.values())
         if best >= _SIMILAR:

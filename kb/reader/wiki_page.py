@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, cast
 
 from kb.artifacts.catalog import View
 from kb.core.errors import KbError, UsageError
-from kb.reader import html, image
-from kb.reader.hints import hinted
-from kb.reader.image import Box
-from kb.reader.opened import OpenTables
-from kb.reader.rows import QueryResult
+from kb.reader import html, screenshots
+from kb.reader.error_hints import with_hints
+from kb.reader.open_tables import OpenTables
+from kb.reader.screenshots import Box
+from kb.reader.tables import QueryResult
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -29,8 +29,8 @@ class Page:
     page.title, page.url, page.row["license"]
     page.screenshot()                   # a Pillow image
     page.boxes("table")                 # a list of Box; .draw() draws them
-    page.elements, page.cells, page.images      # the page's rows, as answers
-    page.facts, page.recipes                    # what its infoboxes and recipes say
+    page.elements, page.cells, page.images      # the page's rows
+    page.facts, page.recipes                    # from its infoboxes and recipes
     """
 
     def __init__(self, opened: OpenTables, view: View, row: dict[str, Any]) -> None:
@@ -68,40 +68,40 @@ class Page:
 
     @property
     def facts(self) -> QueryResult:
-        """The page's rows of wiki_facts: what its infoboxes say, field by field."""
+        """The page's rows of wiki_facts: its infoboxes, field by field."""
         return self._rows("facts", "fact_id")
 
     @property
     def recipes(self) -> QueryResult:
-        """The page's rows of wiki_recipes: what lies in each slot, and in turn."""
+        """The page's rows of wiki_recipes: the contents of each slot."""
         return self._rows("recipes", "recipe_id, slot, alternative")
 
-    @hinted
+    @with_hints
     def screenshot(self) -> Image:
-        """The whole page as a Pillow image, out of the release's tar or the data root.
+        """The whole page as a Pillow image, from the release's tar or the data root.
 
             data.page("Creeper").screenshot().save("creeper.png")
 
         Raises MissingExtra without Pillow, DamagedData for a tar or image that is missing or
-        not what the release says.
+        has another checksum.
         """
-        return image.screenshot(self._view.home, self.row)
+        return screenshots.screenshot(self._view.home, self.row)
 
-    @hinted
+    @with_hints
     def boxes(self, kind: str | None = None, *, hidden: bool = False) -> Boxes:
         """The boxes of the page's elements in reading order: all, or those of one kind.
 
             data.page("Creeper").boxes("table").draw()
 
-        A text's box has the boxes of its lines, which are what is drawn of it. Kinds are text,
-        image, sprite, animation, table and cell; another raises UsageError.
-        `hidden`: also those that the page does not show.
+        A text's box has the boxes of its lines, which are drawn instead of it. Kinds are text,
+        image, sprite, animation, table and cell; any other raises UsageError.
+        `hidden`: include elements that the page does not show.
         """
-        if kind is not None and kind not in image.COLOURS:
-            kinds = ", ".join(image.COLOURS)
-            raise UsageError(f"no kind of element is {kind!r}", hint=f"one of {kinds}")
+        if kind is not None and kind not in screenshots.COLOURS:
+            kinds = ", ".join(screenshots.COLOURS)
+            raise UsageError(f"unknown kind of element {kind!r}", hint=f"use one of {kinds}")
         boxes = [
-            image.box(row)
+            screenshots.box(row)
             for row in self.elements
             if (hidden or row["visible"]) and kind in (None, row["kind"])
         ]
@@ -110,7 +110,7 @@ class Page:
     def _rows(self, short: str, order: str) -> QueryResult:
         name = f"{self._view.schema}.wiki_{short}"
         if name not in self._opened:
-            raise UsageError(f"no table {name} here", hint="data.tables lists what is")
+            raise UsageError(f"the data have no table {name}", hint="data.tables lists the tables")
         sql = f"FROM {name} WHERE page_id = ? ORDER BY {order}"
         return QueryResult(self._opened.rows(sql, [self.page_id]))
 
@@ -133,28 +133,32 @@ class Boxes(list[Box]):
         super().__init__(boxes)
         self._page = page
 
-    @hinted
+    @with_hints
     def draw(self) -> Image:
-        """The page's screenshot with an outline for each box, a colour a kind: a Pillow image.
-        Of a text each line has an outline of its own.
+        """The page's screenshot with an outline for each box, one colour per kind: a Pillow image.
+        Each line of a text has an outline of its own.
 
             data.page("Creeper").boxes("cell").draw().show()
 
-        Raises what `Page.screenshot` raises.
+        Raises as `Page.screenshot`.
         """
         scale = self._page.row["device_pixel_ratio"]
-        return image.outlined(self._page.screenshot(), self, scale)
+        return screenshots.outlined(self._page.screenshot(), self, scale)
 
     def _repr_html_(self) -> str:
-        said = html.text(f"{self._page.title}: {len(self):,} box{'' if len(self) == 1 else 'es'}")
-        return html.block(f"<div>{_thumbnail(self._page, self)}</div>", caption=said)
+        caption = html.text(
+            f"{self._page.title}: {len(self):,} box{'' if len(self) == 1 else 'es'}"
+        )
+        return html.block(f"<div>{_thumbnail(self._page, self)}</div>", caption=caption)
 
 
 def find(opened: OpenTables, wanted: int | str) -> Page:
     """A page by its id, its title, or its title in another case. Raises UsageError."""
     ranked = opened.ranked("wiki_pages")
     if not ranked:
-        raise UsageError("no wiki pages here", hint="load a wiki release, or a data root with one")
+        raise UsageError(
+            "the data contain no wiki pages", hint="load a wiki release or a data root with one"
+        )
     for view in ranked:
         name = view.full
         tries = [("page_id = ?", wanted)] if isinstance(wanted, int) else _by_title(wanted)
@@ -166,8 +170,8 @@ def find(opened: OpenTables, wanted: int | str) -> Page:
     titles = cast("list[str]", listed)
     near = difflib.get_close_matches(str(wanted), titles, 3)
     raise UsageError(
-        f"no page {wanted!r} here." + (f" Did you mean {' or '.join(near)}?" if near else ""),
-        hint='data["wiki_pages"] has ids and titles',
+        f"unknown page {wanted!r}." + (f" Did you mean {' or '.join(near)}?" if near else ""),
+        hint='data["wiki_pages"] lists ids and titles',
     )
 
 
@@ -182,17 +186,17 @@ def _by_title(wanted: str) -> list[tuple[str, int | str]]:
 
 
 def _thumbnail(page: Page, boxes: Boxes | None = None) -> str:
-    """A small image inside of the HTML; one line where there is none."""
+    """A small image inside the HTML, or a line that explains why there is none."""
     try:
-        whole = page.screenshot() if boxes is None else boxes.draw()
+        image = page.screenshot() if boxes is None else boxes.draw()
     except KbError as error:
         return f"<i>{html.text(f'no image: {error} ({error.hint})', 400)}</i>"
     width, height = _THUMBNAIL
-    shown = min(whole.height, whole.width * height // width)
-    part = whole.crop((0, 0, whole.width, shown))
+    shown = min(image.height, image.width * height // width)
+    part = image.crop((0, 0, image.width, shown))
     part.thumbnail((width, height))
     file = io.BytesIO()
     part.convert("RGB").save(file, "JPEG", quality=80)
     encoded = base64.b64encode(file.getvalue()).decode()
-    cut = "" if shown == whole.height else "<div><i>the top of it</i></div>"
+    cut = "" if shown == image.height else "<div><i>top of the page</i></div>"
     return f'<img src="data:image/jpeg;base64,{encoded}" alt="{html.text(page.title)}">{cut}'

@@ -1,4 +1,4 @@
-"""The tables of one or more folders, and one connection over them for all that asks."""
+"""The tables of one or more folders, with one connection over them."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from kb.store.reading import reading
 
 
 class OpenTables:
-    """Tables by their full names; DuckDB is opened at the first question.
+    """Tables by their full names; DuckDB is opened for the first query.
 
-    Raises UsageError where two of the folders hold the same table.
+    Raises UsageError if two of the folders contain the same table.
     """
 
     def __init__(self, catalogs: Sequence[Catalog]) -> None:
@@ -40,12 +40,12 @@ class OpenTables:
         return full in self.named
 
     def ranked(self, short: str) -> list[View]:
-        """The tables of one name, the fullest first: clean, release, restored."""
+        """The tables of one name, fullest first: clean, release, restored."""
         full = [f"{schema}.{short}" for schema in SCHEMAS]
         return [self.named[name] for name in full if name in self.named]
 
     def rows(self, sql: str, parameters: Sequence[Any] = ()) -> pa.Table:
-        """The rows of a query of our own, with values for its question marks."""
+        """The rows of a query, with values for its question marks."""
         files = [path for view in self.views if view.name in sql for path in view.files]
         with reading(files):
             parquet.check(*files)
@@ -53,5 +53,5 @@ class OpenTables:
             return table
 
     def folders(self) -> list[str]:
-        """The folders that the tables were found in."""
+        """The folders of the tables."""
         return sorted({str(one.home) for one in self.views})

@@ -1,7 +1,4 @@
-"""What to do about an error, where a notebook shows it.
-
-The command line prints an error's hint under it; a traceback knows only of notes.
-"""
+"""Adds the hints of errors to tracebacks, which show notes only."""
 
 from __future__ import annotations
 
@@ -15,8 +12,8 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-def hinted(function: Callable[P, T]) -> Callable[P, T]:
-    """The function, whose errors show their hints in tracebacks."""
+def with_hints(function: Callable[P, T]) -> Callable[P, T]:
+    """Decorate a function so that its errors show their hints in tracebacks."""
 
     @wraps(function)
     def inner(*args: P.args, **kwargs: P.kwargs) -> T:

@@ -1,4 +1,4 @@
-"""What names a place in a source, for `read`: a short ref of ours, or the link of an answer.
+"""References to a place in a source, for `read`: a short ref, or the link of an answer.
 
 youtube:VIDEO         youtube:VIDEO@61      a second of it
 wiki:PAGE             wiki:PAGE#Taming      a section, by its anchor
@@ -19,7 +19,7 @@ _REF = re.compile(rf"({'|'.join(AGENTS)}):([^\s@#/]+)(?:[@#/](.+))?")
 
 
 class SourceLocation(NamedTuple):
-    """A thing of a source, and where in it; `key` is the page's address for a link to the wiki."""
+    """An item of a source, and a place in it; for a link to the wiki `key` is the page's URL."""
 
     source: str
     key: str
@@ -27,13 +27,13 @@ class SourceLocation(NamedTuple):
 
     @property
     def ref(self) -> str:
-        """As it is given to `read`."""
+        """The reference, as `read` takes it."""
         between = AGENTS[self.source].between if self.at else ""
         return f"{self.source}:{self.key}{between}{self.at}"
 
 
-def of_link(url: str) -> SourceLocation | None:
-    """The place that a link of an answer leads to; None for another link."""
+def from_link(url: str) -> SourceLocation | None:
+    """The place of an answer's link; None for any other link."""
     parts = urlsplit(url)
     if parts.scheme not in ("http", "https"):
         return None
@@ -48,21 +48,21 @@ def of_link(url: str) -> SourceLocation | None:
     return None
 
 
-def place(given: str) -> SourceLocation:
+def parse_reference(given: str) -> SourceLocation:
     """The place of a ref or link. Raises UsageError."""
     given = given.strip()
     if match := _REF.fullmatch(given):
         source, key, at = match[1], match[2], match[3] or ""
         key_prefix, at_prefix = AGENTS[source].prefixes
         return SourceLocation(source, key.removeprefix(key_prefix), at.removeprefix(at_prefix))
-    if known := of_link(given):
+    if known := from_link(given):
         return known
     refs = ", ".join(agent.ref for agent in AGENTS.values())
     raise UsageError(
-        f"no place {given[:200]!r}", hint=f"give the ref or the link of an answer: {refs}"
+        f"invalid reference {given[:200]!r}", hint=f"give the ref or link of an answer: {refs}"
     )
 
 
 def anchor(text: str) -> str:
-    """An anchor to compare by: links write it in per cents."""
+    """An anchor in a comparable form: links percent-encode it."""
     return unquote(text).replace(" ", "_")

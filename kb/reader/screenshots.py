@@ -1,4 +1,4 @@
-"""Images out of a release's tars or a data root, and boxes on them. Needs Pillow."""
+"""Screenshots from a release's tars or a data root, and boxes drawn on them. Needs Pillow."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from kb.core.errors import DamagedData
-from kb.reader.rows import needs
+from kb.reader.tables import needs
 from kb.store.inside import inside
 
 if TYPE_CHECKING:
@@ -30,11 +30,11 @@ COLOURS = {
 }
 _LINE = 2  # CSS px
 _PNG = b"\x89PNG\r\n\x1a\n"
-_AGAIN = "download it again, into the same folder"
+_DOWNLOAD = "download it again, into the same folder"
 
 
 class TextLine(NamedTuple):
-    """The box of one line of a text, in CSS pixels of the screenshot's page."""
+    """The box of one line of a text, in CSS pixels of the page."""
 
     x: float
     y: float
@@ -43,11 +43,10 @@ class TextLine(NamedTuple):
 
 
 class Box(NamedTuple):
-    """An element's box in CSS pixels of the screenshot's page.
+    """An element's box in CSS pixels of the page.
 
-    `lines`: of a visible text the box of each of its lines, from the top. They leave out what
-    floats beside the text, which its own box covers as well. None where there are none, as
-    of other kinds.
+    `lines`: the boxes of a visible text's lines, from the top; None for other elements. Unlike the
+    text's own box they don't cover what floats next to the text.
     """
 
     element_id: int
@@ -63,7 +62,7 @@ class Box(NamedTuple):
 
     @property
     def parts(self) -> Sequence[Box | TextLine]:
-        """What there is to draw: its lines where it has some, else the box itself."""
+        """What to draw: the lines if there are any, else the box itself."""
         return self.lines or (self,)
 
 
@@ -77,8 +76,7 @@ def box(row: dict[str, Any]) -> Box:
 def screenshot(home: Path, row: dict[str, Any]) -> Picture:
     """The screenshot of a page's row. Raises MissingExtra and DamagedData.
 
-    However large: Pillow's limit for strange images is lifted for one that is as large as the
-    page's row says, and no other.
+    Pillow's limit on pixels is lifted only for an image of exactly the size in the page's row.
     """
     needs("PIL", install="pillow")
     from PIL import Image
@@ -91,26 +89,24 @@ def screenshot(home: Path, row: dict[str, Any]) -> Picture:
     if size is None or any(
         abs(one - other) > 2 * scale for one, other in zip(size, wanted, strict=True)
     ):
-        raise DamagedData(f"{where} is no image of {wanted[0]} × {wanted[1]} px", hint=_AGAIN)
+        raise DamagedData(f"{where} is not a PNG of {wanted[0]} × {wanted[1]} px", hint=_DOWNLOAD)
     limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
     try:
         opened = Image.open(io.BytesIO(data), formats=["PNG"])
         opened.load()
     except (OSError, SyntaxError, ValueError) as error:
-        raise DamagedData(f"{where} can't be read: {error}", hint=_AGAIN) from None
+        raise DamagedData(f"{where} can't be read: {error}", hint=_DOWNLOAD) from None
     finally:
         Image.MAX_IMAGE_PIXELS = limit
     return opened
 
 
-def outlined(whole: Picture, boxes: Iterable[Box], scale: float) -> Picture:
-    """A copy with an outline for each box, of a text one for each of its lines; what is outside of
-    the image is cut off.
-    """
+def outlined(image: Picture, boxes: Iterable[Box], scale: float) -> Picture:
+    """A copy with an outline for each box, or for each line of a text, clipped to the image."""
     needs("PIL", install="pillow")
     from PIL import ImageDraw
 
-    copy = whole.convert("RGB")
+    copy = image.convert("RGB")
     pen = ImageDraw.Draw(copy)
     width = max(1, round(_LINE * scale))
     for kind, one in ((each.kind, part) for each in boxes for part in each.parts):
@@ -145,20 +141,20 @@ def _member(tar: Path, member: str) -> bytes:
         file.seek(int(entry["offset"]))
         data = file.read(int(entry["size"]))
     if hashlib.sha256(data).hexdigest() != entry["sha256"]:
-        raise DamagedData(f"{tar} is damaged: {member} is not what {INDEX} says", hint=_AGAIN)
+        raise DamagedData(f"{tar} is damaged: checksum mismatch of {member}", hint=_DOWNLOAD)
     return data
 
 
 def _searched(tar: Path, member: str) -> bytes:
-    """A member without an index: the tar is read from its start."""
+    """A member found without an index, by reading the tar from its start."""
     try:
         with tarfile.open(tar) as opened:
             file = opened.extractfile(member)
             if file is not None:
                 return file.read()
     except (tarfile.TarError, KeyError, OSError) as error:
-        raise DamagedData(f"{tar} has no {member}: {error}", hint=_AGAIN) from None
-    raise DamagedData(f"{tar} has no {member}", hint=_AGAIN)
+        raise DamagedData(f"{tar} has no {member}: {error}", hint=_DOWNLOAD) from None
+    raise DamagedData(f"{tar} has no {member}", hint=_DOWNLOAD)
 
 
 def _index(folder: Path) -> dict[tuple[str, str], dict[str, Any]]:
@@ -176,7 +172,7 @@ def _read(path: Path, changed: int) -> dict[tuple[str, str], dict[str, Any]]:
                 members[entry["tar"], entry["member"]] = entry
                 int(entry["offset"]), int(entry["size"]), entry["sha256"]
             except (ValueError, KeyError, TypeError):
-                raise DamagedData(f"{path}, line {number} can't be read", hint=_AGAIN) from None
+                raise DamagedData(f"{path}, line {number} can't be read", hint=_DOWNLOAD) from None
     return members
 
 

@@ -1,4 +1,4 @@
-"""`about`: what is in here, how fresh it is, and under which licences."""
+"""`about`: what the knowledge base contains, how old it is, and under which licences."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ from kb.artifacts.catalog import bare
 from kb.core import terminal
 from kb.core.context import Run
 from kb.core.sources import SOURCES, SPECS
-from kb.mcp.fence import Fence, Unit, cut, together
-from kb.mcp.places import AGENTS
-from kb.reader.opened import OpenTables
-from kb.reader.rows import TableView
+from kb.mcp.references import AGENTS
+from kb.mcp.untrusted_text import AnswerPart, Fence, cut, fit
+from kb.reader.open_tables import OpenTables
+from kb.reader.tables import TableView
 
 _LICENCES = 10  # of a source
 
 
-def about(run: Run, size: int) -> str:
+def run_about(run: Run, size: int) -> str:
     """Sources with dates and licences, the index, the views. Raises DamagedData, UsageError."""
     opened = OpenTables([catalog.read(run.root)])
     fence = Fence()
     head = (
         f"{fence.note}\n"
         f"A Lorecrawl knowledge base, profile {run.profile.name}: {run.profile.title}.\n"
-        "`search` finds places, `read` gives what stands around one, `query` runs SQL (DuckDB)"
+        "`search` finds places, `read` shows the surroundings of one, `query` runs SQL (DuckDB)"
         " over the views below; SELECT column_name FROM (DESCRIBE view) lists columns."
     )
-    sources = [Unit(_source(opened, source), _licences(opened, source)) for source in AGENTS]
+    sources = [AnswerPart(_source(opened, source), _licences(opened, source)) for source in AGENTS]
     known = [unit for unit in sources if unit.facts]
-    index = Unit("\n".join(["What `search` looks through:", *_indexed(run)]), "")
-    views = [Unit(line, "") for line in _views(opened)]
-    return together(fence, head, [*known, index, *views], _left, size)
+    index = AnswerPart("\n".join(["Indexed for `search`:", *_indexed(run)]), "")
+    views = [AnswerPart(line, "") for line in _views(opened)]
+    return fit(fence, head, [*known, index, *views], _left_out, size)
 
 
-def _left(count: int) -> str:
+def _left_out(count: int) -> str:
     return f"{count} more parts were left out: raise max_chars."
 
 
@@ -81,12 +81,12 @@ def _day(when: Any) -> str:
 def _indexed(run: Run) -> Iterator[str]:
     for source in SOURCES:
         if not indexed.files(run.root, source):
-            yield f"{source}: no clean texts here"
+            yield f"{source}: no clean texts"
         elif indexed.is_current(run.root, source):
             note = indexed.read(run.root, source)
             yield f"{source}: {note.passages if note else 0:,} passages"
         else:
-            yield f"{source}: its index is made at the first search"
+            yield f"{source}: indexed by the first search"
 
 
 def _views(opened: OpenTables) -> Iterator[str]:
