@@ -18,7 +18,7 @@ from pathlib import Path
 from types import ModuleType
 
 from kb.annotate.scores import drop_unused
-from kb.artifacts import belonging, indexed, inputs
+from kb.artifacts import belonging, indexed, manifest
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.pipeline import load, locate
@@ -39,16 +39,18 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
     """
     with belonging.writing(run, *lock.of_purge(source)):
         room = _room(source)
-        current = inputs.is_filtered(run.root, source)
+        clean = f"clean/{source}"
+        current = manifest.is_current(run.root, clean)
         keys = room.purge_raw(run, ids)
         said, rows, scores = getattr(keys, "said", {}), 0, 0
         if keys:
             indexed.forget(run.root, source)
-            rows = store.drop_rows(run.root, source, room.ROWS, keys)
-            if hasattr(room, "mend"):
-                room.mend(run.root, keys)
+            with manifest.editing(run.root, clean):
+                rows = store.drop_rows(run.root, source, room.ROWS, keys)
+                if hasattr(room, "mend"):
+                    room.mend(run.root, keys)
             if current:  # what was removed left raw/ and clean/ alike
-                inputs.note_raw(Layout(run.root).clean(source), inputs.of_raw(run.root, source))
+                manifest.note_inputs(run.root, clean)
             scores = drop_unused(run.root, source, texts(run, source))
             _made(run, source)
         named = sum(reason != "post" for reason in keys.values()) - said.get("unknown", 0)

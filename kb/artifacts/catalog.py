@@ -23,7 +23,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
-from kb.artifacts import complete, release_folder
+from kb.artifacts import manifest, release_folder
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.cache import cache_root
 from kb.core.errors import DamagedData, FatalError, KbError, SettingError, UsageError
@@ -98,11 +98,9 @@ class Catalog:
             for path in folder.missing():
                 hint = release_folder.DOWNLOAD if self.is_download else advice(path)
                 raise DamagedData(f"{path} is missing", hint=hint)
-        for place in (*complete.tables(self.path), *self._made()):
-            complete.check(place)
-
-    def _made(self) -> tuple[Path, ...]:
-        return () if self.is_download else (Layout(self.path).pairs,)
+        if is_root(self.path):
+            for name in (*(f"clean/{source}" for source in SOURCES), "pairs"):
+                manifest.check_complete(self.path, name)
 
     @cached_property
     def workplace(self) -> Path:
@@ -125,7 +123,7 @@ class Catalog:
             for short in shorts:
                 declared = table(f"{source}/{short}")
                 if schema == "clean" and not self.is_download:
-                    complete.check(Layout(self.path).table(declared.name))
+                    manifest.check_complete(self.path, declared.name)
                 if (schema, view_name(declared)) in held:
                     return schema
         return ""
@@ -150,7 +148,7 @@ class Catalog:
             return []
         for view in self.views:
             if view.full == wanted:
-                complete.check(view.files[0].parent)
+                manifest.check_folder(view.files[0].parent)
                 return view.files
         return []
 

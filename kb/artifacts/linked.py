@@ -12,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from kb.artifacts import complete
+from kb.artifacts import manifest
 from kb.artifacts.catalog import Catalog
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES, SPECS
@@ -43,7 +43,7 @@ class LinksNote(msgspec.Struct):
 
 def path(root: Path) -> Path:
     """Where the note is: below the data root, or in the cache for a download."""
-    return Layout(Catalog(root.absolute()).workplace).links / complete.NOTE
+    return Layout(Catalog(root.absolute()).workplace).links / manifest.SUMMARY
 
 
 def read(root: Path) -> LinksNote | None:
@@ -51,7 +51,7 @@ def read(root: Path) -> LinksNote | None:
     note: LinksNote | None = notes.read(path(root), LinksNote, mend=advice(path(root)))
     if note is None:
         return None
-    complete.check(path(root).parent)
+    manifest.check_folder(path(root).parent)
     return note
 
 

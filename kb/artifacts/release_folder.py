@@ -21,7 +21,7 @@ from typing import cast
 import orjson
 import pyarrow as pa
 
-from kb.artifacts import complete
+from kb.artifacts import manifest
 from kb.core.errors import DamagedData
 from kb.core.resources import PROFILE_FILE
 from kb.schema.tables import Table, released_tables, table, tables
@@ -92,7 +92,7 @@ class ReleaseFolder:
     def missing(self) -> list[Path]:
         """Table files that other shards or SHA256SUMS name and that are not there."""
         there = {path.name for path in self.path.glob("*.parquet")}
-        named = complete.siblings(there) | {
+        named = manifest.siblings(there) | {
             name for name in sums(self.path)[0] if name.endswith(".parquet")
         }
         return [self.path / name for name in sorted(named - there)]

@@ -25,7 +25,7 @@ from typing import Any
 
 import duckdb
 
-from kb.artifacts import complete
+from kb.artifacts import manifest
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
@@ -76,8 +76,8 @@ def export(run: Run) -> Summary:
     The same rows give the same bytes.
     """
     at = Layout(run.root)
-    posts = complete.rows(run.root, "reddit/posts")
-    comments = complete.rows(run.root, "reddit/comments")
+    posts = manifest.rows(run.root, "reddit/posts")
+    comments = manifest.rows(run.root, "reddit/comments")
     if not posts:
         raise FatalError(
             "nothing to export: clean/reddit has no posts", hint="run `kb reddit filter` first"

@@ -13,7 +13,7 @@ import contextlib
 import json
 import re
 
-from kb.artifacts import complete
+from kb.artifacts import manifest
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
@@ -46,7 +46,7 @@ def youtube(run: Run) -> Summary:
 
     Memory is bounded by the rows read ahead. Raises FatalError without clean rows, and DiskFull.
     """
-    parts = complete.rows(run.root, "youtube/videos")
+    parts = manifest.rows(run.root, "youtube/videos")
     if not parts:
         raise FatalError(
             "nothing to export: clean/youtube/videos has no rows",

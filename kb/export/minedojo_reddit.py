@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 from typing import cast
 
-from kb.artifacts import complete
+from kb.artifacts import manifest
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
@@ -29,7 +29,7 @@ def export(run: Run) -> Summary:
 
     Raises FatalError without clean rows, DamagedData, DiskFull.
     """
-    parts = complete.rows(run.root, "reddit/posts")
+    parts = manifest.rows(run.root, "reddit/posts")
     if not parts:
         raise FatalError(
             "nothing to export: clean/reddit has no posts", hint="run `kb reddit filter` first"

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote, urlsplit
 
-from kb.artifacts import complete
+from kb.artifacts import manifest
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
@@ -45,7 +45,7 @@ def wiki(run: Run) -> Summary:
     """Writes wiki_full from clean/wiki, one page at a time. Raises FatalError without clean rows,
     and DiskFull.
     """
-    if not complete.rows(run.root, "wiki/pages"):
+    if not manifest.rows(run.root, "wiki/pages"):
         raise FatalError(
             "nothing to export: clean/wiki/pages has no rows", hint="run `kb wiki filter` first"
         )
@@ -144,7 +144,7 @@ class _Grouped:
     """Rows of a table by page, read along with the pages; both are in order of page_id."""
 
     def __init__(self, root: Path, name: str, columns: list[str], by: list[str]) -> None:
-        held = rows(root, name, columns, by) if complete.rows(root, name) else iter(())
+        held = rows(root, name, columns, by) if manifest.rows(root, name) else iter(())
         self._groups = groupby(held, key=lambda row: row["page_id"])
         self._next: tuple[int, Iterator[Row]] | None = next(self._groups, None)
 

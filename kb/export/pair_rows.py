@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from kb.artifacts import complete
+from kb.artifacts import manifest
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.schema.tables import table
@@ -20,7 +20,7 @@ def pair_rows(run: Run, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
     Raises FatalError when there is no index.
     """
     declared = table("pairs/pairs")
-    parts = complete.rows(run.root, declared.name)
+    parts = manifest.rows(run.root, declared.name)
     if not parts:
         raise FatalError(
             f"nothing to export: {Layout(run.root).pairs} has no index", hint="run `kb pairs` first"

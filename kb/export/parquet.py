@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import pyarrow as pa
 
-from kb.artifacts import complete, inputs
+from kb.artifacts import manifest
 from kb.core import vocabulary
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
@@ -22,7 +22,6 @@ from kb.core.sources import SOURCES, made_by
 from kb.core.verdict import Summary
 from kb.schema.tables import released_tables
 from kb.store import shards
-from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
 
 
@@ -50,21 +49,23 @@ def export(
     """
     at = Layout(run.root)
     released = released_tables(source)
-    files = {declared.name: complete.rows(run.root, declared.name) for declared in released}
+    files = {declared.name: manifest.rows(run.root, declared.name) for declared in released}
     if not any(files.values()):
         place = at.table(released[0].name)
         raise FatalError(
             f"nothing to export: {place.parent if source in SOURCES else place} has no rows",
             hint=f"run `{made_by(source)}` first",
         )
-    made_from = inputs.of_clean(run.root, source) if source in SOURCES else ""
+    name = f"release/{source}"
+    made_from = manifest.inputs(run.root, name)
     summary: dict[str, int] = {}
     size = run.profile.release.rows_per_shard
     folder = Layout(run.root.absolute()).release(source)
     with (
         run.progress.task(f"export {source}", total=len(released), unit="tables") as task,
-        replacing_folder(folder) as fresh,
+        manifest.replacing(run.root.absolute(), name, inputs=made_from) as build,
     ):
+        fresh = build.folder
         for declared in released:
             change = (changes or {}).get(declared.name)
             if change is not None:
@@ -100,7 +101,6 @@ def export(
                 task.advance(1, rows=rows)
         if beside is not None:
             beside(fresh)
-        complete.note_export(run.root, source, made_from)
     return Summary(
         command=f"{source} export" if source in SOURCES else source,
         source=source,

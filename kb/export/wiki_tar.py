@@ -23,7 +23,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from kb.artifacts import complete
+from kb.artifacts import manifest
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.verdict import Summary
@@ -66,7 +66,7 @@ def export(run: Run) -> Summary:
     Raises FatalError, DamagedData, DiskFull.
     """
     pages = table("wiki/pages")
-    if not complete.rows(run.root, pages.name):
+    if not manifest.rows(run.root, pages.name):
         raise FatalError(
             "nothing to export: clean/wiki/pages has no rows", hint="run `kb wiki filter` first"
         )
@@ -108,7 +108,7 @@ def export(run: Run) -> Summary:
 
 def rows(root: Path, name: str, columns: list[str], by: list[str]) -> Iterator[dict[str, Any]]:
     """Clean rows of a table in order, a piece at a time in memory."""
-    merge = Merge(complete.rows(root, name), by, columns)
+    merge = Merge(manifest.rows(root, name), by, columns)
     try:
         for piece in merge:
             yield from piece.to_pylist()

@@ -21,7 +21,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from kb.artifacts import belonging, complete, indexed, inputs
+from kb.artifacts import belonging, indexed, manifest
 from kb.core import pipeline, vocabulary
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
@@ -32,7 +32,7 @@ from kb.filters.lost import unanswered
 from kb.filters.tasks import FilterJob, parse_segment, sort_bucket, spec_of, texts_of
 from kb.schema.tables import table
 from kb.store import buckets, mending, rawlog, tally, tombstones
-from kb.store.atomic import replacing_folder, write_text
+from kb.store.atomic import write_text
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
 from kb.store.lock import of_clean, writer
@@ -52,7 +52,7 @@ def run_clean(run: Run, source: str) -> Summary:
     _segments(run.root, spec)  # without any, nothing is written
     with belonging.writing(run, *of_clean(source)), _work(job) as work:
         segments = _segments(run.root, spec)
-        raw = inputs.of_raw(run.root, source)
+        raw = manifest.inputs(run.root, f"clean/{source}")
         tombstones.heal(run.root, source)
         mending.check(run.root, source)
         size = _size(run.root, spec, segments)
@@ -65,15 +65,14 @@ def run_clean(run: Run, source: str) -> Summary:
                 raise
             if key and spec.scorer is not None:
                 spec.scorer.annotate(run, source, _texts(run, job, executor, keep=True))
-            with replacing_folder(Layout(run.root).clean(source)) as fresh:
+            with manifest.replacing(run.root, f"clean/{source}", inputs=raw) as build:
+                fresh = build.folder
                 job = job._replace(out=str(fresh))
                 counts = _sort(run, job, executor)
                 summary = _summary(spec, fresh, parsed, counts, key)
                 summary |= spec.about(run.root) if spec.about is not None else {}
                 summary |= spec.figures(fresh) if spec.figures is not None else {}
                 write_text(fresh / "summary.json", json.dumps(summary, indent=1) + "\n")
-                complete.write_list(fresh)
-                inputs.note_raw(fresh, raw)
         indexed.follow(run.root, source)
     return summary
 

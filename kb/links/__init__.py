@@ -5,6 +5,6 @@
     named      the wiki's titles and redirects → which page each entity has
     build      all clean tables → links/entities-*.parquet and links/links-*.parquet
 
-The matcher is that of the pairs (kb.pairs.match), with the same keywords, forms and rules for
+The matcher is that of the pairs (kb.pairs.matching), with the same keywords, forms and rules for
 everyday words. Work is done on whole batches with numpy and Arrow.
 """

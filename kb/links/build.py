@@ -21,7 +21,7 @@ import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.artifacts import complete, linked
+from kb.artifacts import linked, manifest
 from kb.artifacts.catalog import NO_TABLES, Catalog
 from kb.artifacts.linked import LinksNote, Read
 from kb.core.context import Run
@@ -30,9 +30,9 @@ from kb.core.errors import FatalError, MissingExtra
 from kb.core.installation import install_extra
 from kb.core.sources import SOURCES
 from kb.core.verdict import Summary
-from kb.links import named
+from kb.links import entity_pages
+from kb.links.entity_pages import Names, Own
 from kb.links.mentions import MENTION, Finder, finder, mentions, rows
-from kb.links.named import Names, Own
 from kb.links.texts import TABLES, parts
 from kb.pairs import keywords as lists
 from kb.pairs.keywords import Keywords
@@ -68,7 +68,7 @@ def build(run: Run, names: Callable[[], Mapping[str, Names]]) -> Summary:
             return _summary(place, known)
         work = _work(run, place, reads)
         write_text(work / _PLAN, json.dumps(lists.plain(keywords), sort_keys=True))
-        own = named.own_pages(keywords, _titles(files.get("wiki", {})), called)
+        own = entity_pages.own_pages(keywords, _titles(files.get("wiki", {})), called)
         taken = [one for one in reads if known is not None and _same(known, reads, one)]
         if taken:
             _take_over(place, work, taken)
@@ -145,7 +145,7 @@ def _work(run: Run, place: Path, reads: Mapping[str, Read]) -> Path:
 def _take_over(root: Path, work: Path, sources: list[str]) -> None:
     """The rows of sources that are as they were, in one part."""
     wanted = pa.array(sources, pa.string())
-    files = complete.rows(root, "links/links")
+    files = manifest.rows(root, "links/links")
     with reading(files), ShardWriter(work / "taken.parquet", "links/links", in_order=True) as out:
         for path in files:
             with parquet.open_file(path, pre_buffer=False) as file:
@@ -246,7 +246,7 @@ def _finish(
             {
                 "entity": pa.array([one.name for one in keywords.every], pa.string()),
                 "kind": pa.array([one.kind for one in keywords.every], pa.string()),
-                "aliases": pa.array(named.aliases(keywords), pa.list_(pa.string())),
+                "aliases": pa.array(entity_pages.aliases(keywords), pa.list_(pa.string())),
                 "wiki_page_id": pa.array(
                     [
                         own[number].page_id if number in own else None
@@ -266,7 +266,9 @@ def _finish(
             for name, one in reads.items()
         }
         note = LinksNote(len(keywords.every), len(own), sum(counted.values()), total, sources)
-        write_bytes(fresh / complete.NOTE, msgspec.json.format(msgspec.json.encode(note), indent=1))
+        write_bytes(
+            fresh / manifest.SUMMARY, msgspec.json.format(msgspec.json.encode(note), indent=1)
+        )
     return note
 
 

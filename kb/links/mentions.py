@@ -8,9 +8,9 @@ import pyarrow as pa
 
 from kb.core.optional import np
 from kb.links.texts import TextPart
-from kb.pairs.index import PairCounts, matches
+from kb.pairs.extract import PairCounts, matches
 from kb.pairs.keywords import Keywords
-from kb.pairs.match import Matcher
+from kb.pairs.matching import Matcher
 
 MENTION = "mention"
 

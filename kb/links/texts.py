@@ -15,8 +15,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.optional import np
-from kb.pairs import source
-from kb.pairs.text import Text
+from kb.pairs import transcripts
+from kb.pairs.transcript_batch import Text
 from kb.schema import table
 from kb.store import parquet
 from kb.store.reading import reading
@@ -44,7 +44,7 @@ def parts(path: Path, name: str) -> Iterator[TextPart]:
 
 
 def _transcripts(path: Path) -> Iterator[TextPart]:
-    for text in source.texts(path):
+    for text in transcripts.texts(path):
         yield TextPart("transcript", text, timed=True)
 
 

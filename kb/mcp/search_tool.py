@@ -10,9 +10,9 @@ from kb.core.context import Run
 from kb.core.sources import SOURCES
 from kb.mcp.references import AGENTS, from_link
 from kb.mcp.untrusted_text import AnswerPart, Fence, fit
-from kb.search.ask import SearchHit, search, suggest
+from kb.search.answers import SearchHit, search, suggest
 from kb.search.build import ensure
-from kb.search.rank import Only
+from kb.search.ranking import Only
 
 _BUILDING = threading.Lock()  # only one call builds an index
 

@@ -27,7 +27,7 @@ from kb.mcp.query_tool import MOST_ROWS, MOST_SECONDS, ROWS, SECONDS, run_query
 from kb.mcp.read_tool import run_read
 from kb.mcp.references import parse_reference
 from kb.mcp.search_tool import run_search
-from kb.search.rank import Only, day_given
+from kb.search.ranking import Only, day_given
 
 INSTRUCTIONS = (
     "A local knowledge base of video transcripts, a wiki and forum threads. Ask `search` first,"

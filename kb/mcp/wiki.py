@@ -12,7 +12,7 @@ from kb.mcp.references import SourceLocation, anchor
 from kb.mcp.search_tool import revision
 from kb.reader.open_tables import OpenTables
 from kb.search.passage import plain
-from kb.search.sections import grid, link, sections
+from kb.search.wiki_passages import grid, link, sections
 
 
 def from_link(url: SplitResult, query: Mapping[str, list[str]]) -> SourceLocation | None:

@@ -10,7 +10,7 @@ from kb.mcp.read_tool import AgentDocument, DocumentPart, first_row, outward
 from kb.mcp.references import SourceLocation
 from kb.reader.open_tables import OpenTables
 from kb.search.passage import plain
-from kb.search.transcripts import Talk, talk
+from kb.search.youtube_passages import Talk, talk
 
 _WATCH = "https://www.youtube.com/watch?v="
 

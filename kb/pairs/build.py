@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import pyarrow as pa
 
-from kb.artifacts import complete
+from kb.artifacts import manifest
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import LimitReached
@@ -24,8 +24,8 @@ from kb.core.optional import np
 from kb.core.profile.pairs import Pairs
 from kb.core.verdict import Summary
 from kb.pairs import keywords as lists
-from kb.pairs import source
-from kb.pairs.index import PairCounts, Tools, make_tools, pairs_of
+from kb.pairs import transcripts
+from kb.pairs.extract import PairCounts, Tools, make_tools, pairs_of
 from kb.store.atomic import replacing_folder, write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
@@ -60,7 +60,7 @@ def build(run: Run) -> Summary:
         sort_keys=True,
     )
     with writer(run.root, "pairs"):
-        mark = source.fingerprint(run.root, _RULES, plan)
+        mark = transcripts.fingerprint(run.root, _RULES, plan)
         known = read_summary(run.root)
         if known.get("fingerprint") == mark and known.get("complete") and not run.again:
             _all_there(run.root)
@@ -95,7 +95,7 @@ def check(run: Run) -> lists.Keywords:
     """
     section, keywords = run.profile.section(Pairs), lists.load(run.profile)
     make_tools(section, run.seed, keywords)
-    source.parts(run.root)
+    transcripts.parts(run.root)
     return keywords
 
 
@@ -113,14 +113,14 @@ def clear_finished(root: Path) -> None:
 def read_summary(root: Path) -> dict[str, Any]:
     """What the last run left beside the pairs; empty when there was none."""
     try:
-        return dict(json.loads((Layout(root).pairs / complete.NOTE).read_text()))
+        return dict(json.loads((Layout(root).pairs / manifest.SUMMARY).read_text()))
     except (OSError, ValueError):
         return {}
 
 
 def _all_there(root: Path) -> None:
     """Raises DamagedData where pairs that were made have lost a file."""
-    complete.check(Layout(root).pairs)
+    manifest.check_complete(root, "pairs")
 
 
 class Stretch(NamedTuple):
@@ -163,8 +163,8 @@ def _todo(run: Run, work: Path) -> tuple[list[Stretch], bool]:
         done[stem] = max(done.get(stem, 0), int(span.partition("-")[2]))
     left = run.limit
     todo: list[Stretch] = []
-    for path in source.parts(run.root):
-        first, total = done.get(path.stem, 0), source.rows(path)
+    for path in transcripts.parts(run.root):
+        first, total = done.get(path.stem, 0), transcripts.rows(path)
         while first < total:
             if left == 0:
                 return todo, False
@@ -181,7 +181,7 @@ def do_stretch(work: str, path: str, first: int, after: int, name: str) -> tuple
     Counts are written before rows.
     """
     tools, counts, tables = _tools(f"{work}/plan.json"), PairCounts(), []
-    for text in source.texts(Path(path), first, after):
+    for text in transcripts.texts(Path(path), first, after):
         rows, more = pairs_of(text, tools)
         counts.add(more)
         tables.append(rows)
@@ -241,7 +241,7 @@ def _finish(
             rows_per_shard=run.profile.release.rows_per_shard,
             released=False,
         )
-        write_text(fresh / complete.NOTE, json.dumps(known, indent=1, ensure_ascii=False) + "\n")
+        write_text(fresh / manifest.SUMMARY, json.dumps(known, indent=1, ensure_ascii=False) + "\n")
     return known
 
 

@@ -1,8 +1,9 @@
 """The profile's keywords: forms, kinds, and rules for everyday words.
 
 A list is a tab-separated file with the columns `keyword`, `kind`, `rule`, `forms`; lines that begin
-with # are comments. Plural and joined forms follow by rule (kb.pairs.forms); `forms` adds others,
-separated by commas. A rule says what an everyday word ("bed", "chest") needs to count:
+with # are comments. Plural and joined forms follow by rule (kb.pairs.keyword_forms);
+`forms` adds others, separated by commas. A rule says what an everyday word ("bed", "chest")
+needs to count:
 
     near       an unmistakable keyword within the profile's `near_words`
     near:30    the same within 30 words
@@ -22,9 +23,9 @@ from kb.core.errors import ProfileError
 from kb.core.optional import np
 from kb.core.profile import Profile
 from kb.core.profile.pairs import Pairs
-from kb.pairs.fold import phrase
-from kb.pairs.forms import forms
-from kb.pairs.listed import COLUMNS, LONGEST, NEVER, Keyword, read
+from kb.pairs.keyword_forms import forms
+from kb.pairs.keyword_list import COLUMNS, LONGEST, NEVER, Keyword, read
+from kb.pairs.matching import phrase
 
 __all__ = [
     "COLUMNS",

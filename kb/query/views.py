@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import duckdb
 
-from kb.artifacts import complete
+from kb.artifacts import manifest
 from kb.artifacts.catalog import SCHEMAS, Catalog, View, bare
 from kb.artifacts.release_folder import read_tombstones
 from kb.core.errors import DamagedData
@@ -82,7 +82,7 @@ def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View]) -> None:
         con.execute(f"CREATE SCHEMA {schema}")
     for view in views:
         try:
-            complete.check(view.files[0].parent)
+            manifest.check_folder(view.files[0].parent)
             with reading(view.files):
                 con.execute(f"CREATE VIEW {view.full} AS FROM {scan(view.files)}")
         except duckdb.Error as error:

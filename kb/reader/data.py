@@ -14,7 +14,7 @@ from kb.reader import clips, html, thread, wiki_page
 from kb.reader.error_hints import with_hints
 from kb.reader.open_tables import OpenTables
 from kb.reader.tables import QueryResult, Tables, TableView
-from kb.search.rank import Only, day_given
+from kb.search.ranking import Only, day_given
 
 Place = str | os.PathLike[str]
 _METHODS = ("sql", "page", "thread", "clips", "search")

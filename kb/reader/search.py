@@ -14,10 +14,10 @@ from kb.core.settings import Settings
 from kb.core.sources import SOURCES
 from kb.reader.open_tables import OpenTables
 from kb.reader.tables import QueryResult
-from kb.search.ask import SearchHit, search
+from kb.search.answers import SearchHit, search
 from kb.search.build import ensure
 from kb.search.passage import KINDS
-from kb.search.rank import Only
+from kb.search.ranking import Only
 
 _NUMBERS = ("score", "start_s")
 _SCHEMA = pa.schema(

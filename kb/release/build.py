@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import duckdb
 import pyarrow as pa
 
-from kb.artifacts import belonging, complete
+from kb.artifacts import belonging, manifest
 from kb.artifacts.release_folder import (
     EARLIER_TOMBSTONES,
     TOMBSTONES,
@@ -26,12 +26,14 @@ from kb.core.licences import KNOWN
 from kb.core.progress import Task
 from kb.core.sources import PUBLISHED, exported_by, made_of
 from kb.core.verdict import Summary
-from kb.release import check, checksums, folders, history, measure, provenance, sample
-from kb.release.croissant import croissant
-from kb.release.facts import Facts
-from kb.release.metadata import deposit
-from kb.release.pages import card, citation, datasheet, law
-from kb.release.problem import GateProblem
+from kb.release import folders, history, provenance, sample
+from kb.release.gate import check, checksums
+from kb.release.gate.problem import GateProblem
+from kb.release.metadata import measure
+from kb.release.metadata.card import card, citation, datasheet, law
+from kb.release.metadata.croissant import croissant
+from kb.release.metadata.facts import Facts
+from kb.release.metadata.zenodo import deposit
 from kb.schema import table
 from kb.store import tombstones
 from kb.store.atomic import write_text
@@ -94,7 +96,7 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
         [
             GateProblem("missing", str(at.release(source)), _lost(source))
             for source in wanted
-            if source not in there and complete.exported(run.root, source)
+            if source not in there and manifest.read(run.root, f"release/{source}")
         ]
     )
     if not exports:

@@ -7,9 +7,7 @@ else; it is made again where the rows or the rules are others than noted in it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from kb.artifacts import belonging, indexed
@@ -18,12 +16,10 @@ from kb.artifacts.indexed import IndexNote
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.profile import Profile
-from kb.core.profile.reddit import RedditSection
-from kb.core.sources import SOURCES
+from kb.core.sources import SOURCES, SPECS
 from kb.core.verdict import Summary
-from kb.search import sections, threads, transcripts, writer
-from kb.search.analysis import STEMMERS
-from kb.search.passage import MOST_WORDS, Passage
+from kb.search import tantivy_index
+from kb.search.tantivy_index import STEMMERS
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
 
@@ -67,7 +63,7 @@ def follow(run: Run, source: str) -> BuiltIndex | None:
         if not paths:
             indexed.forget(run.root, source)
             return None
-        rules, note = _rules(run.profile, source), indexed.read(run.root, source)
+        rules, note = _rules(run.profile), indexed.read(run.root, source)
         now, place = indexed.prints(paths), indexed.folder(run.root, source)
         current = note is not None and note.rules == rules and note.files == now
         if note and current and not run.again and indexed.is_whole(run.root, source):
@@ -79,8 +75,9 @@ def follow(run: Run, source: str) -> BuiltIndex | None:
             run.progress.task(f"index {source}", unit="passages") as task,
             replacing_folder(place) as fresh,
         ):
-            passages = _READ[source](run.profile)(run.root)
-            count = writer.write(fresh, rules["stemmer"], passages, task.advance)
+            spec = SPECS[source]
+            passages = spec.load(spec.passages)(run.profile, run.root)
+            count = tantivy_index.write(fresh, rules["stemmer"], passages, task.advance)
             indexed.write_into(fresh, IndexNote(rules, now, indexed.own(fresh), count))
     return BuiltIndex(count, fresh=True)
 
@@ -93,18 +90,9 @@ def ensure(run: Run, sources: Sequence[str]) -> None:
             follow(run, source)
 
 
-def _rules(profile: Profile, source: str) -> dict[str, Any]:
+def _rules(profile: Profile) -> dict[str, Any]:
     """All that decides what an index holds, besides the rows."""
     language = "en" if profile.youtube is None else profile.youtube.language
     return {
         "stemmer": STEMMERS.get(language, ""),
-        "words": [MOST_WORDS, transcripts.MOST, transcripts.LEAST],
-        "subreddit": profile.section(RedditSection).subreddit if source == "reddit" else "",
     }
-
-
-_READ: dict[str, Callable[[Profile], Callable[[Path], Iterator[Passage]]]] = {
-    "youtube": lambda _: transcripts.passages,
-    "wiki": lambda _: sections.passages,
-    "reddit": lambda profile: partial(threads.passages, profile.section(RedditSection).subreddit),
-}

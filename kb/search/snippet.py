@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from tantivy import TextAnalyzer
 
-from kb.search.rank import IndexedTerm
+from kb.search.ranking import IndexedTerm
 
 MARK = "**"  # around the words that were asked for
 MOST = 32  # words

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from kb.artifacts import complete, indexed
+from kb.artifacts import indexed, manifest
 from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES
 from kb.store import leftovers, rawlog, sidefiles
@@ -121,11 +121,12 @@ class FileVerifier:
         """Whether a filter says that it wrote a clean file; of other tables all are taken."""
         if kind != "clean":
             return True
+        source = path.parent.parent.name
         try:
-            listed = complete.listed(path.parent.parent)
+            known = manifest.read(self._root, f"clean/{source}") if source in SOURCES else None
         except DamagedData:
-            return True  # told with the list
-        return not listed or path.name in listed.get(path.parent.name, ())
+            return True  # told with the manifest
+        return known is None or not known.files or f"{path.parent.name}/{path.name}" in known.files
 
     def _plain(self, path: Path, kind: str) -> None:
         """Files of other layouts and figures; there are no checksums of these."""

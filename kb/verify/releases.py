@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from kb.artifacts import complete, release_folder
+from kb.artifacts import manifest, release_folder
 from kb.store import digests
 from kb.verify import tables
 from kb.verify.found import Look
@@ -39,7 +39,7 @@ def folder(look: Look, path: Path, advice: Callable[[Path], str], *, described: 
             look.foreign("release", file, f"is not in {digests.SUMS}", "move it away")
         else:
             _file(look, file, known.get(name), advice(file))
-    for name in sorted((known.keys() | complete.siblings(there)) - there.keys()):
+    for name in sorted((known.keys() | manifest.siblings(there)) - there.keys()):
         look.missing("release", path / name, advice(path / name))
     if known:
         _metadata(look, path / CROISSANT, known, advice)

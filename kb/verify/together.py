@@ -8,7 +8,7 @@ from pathlib import Path
 
 import duckdb
 
-from kb.artifacts import complete, indexed
+from kb.artifacts import indexed, manifest
 from kb.core.errors import DamagedData
 from kb.core.sources import PUBLISHED, SOURCES, SPECS
 from kb.store import database, leftovers
@@ -40,14 +40,10 @@ def compare(look: Look, root: Path) -> None:
 
 def _lost_tables(look: Look, root: Path) -> None:
     """Files of tables that were written and are not there."""
-    at = Layout(root)
-    folders = [at.pairs, at.links]  # each with a note beside its tables
-    with contextlib.suppress(DamagedData):  # told with the list
-        folders += complete.tables(root)
-    for folder in folders:
-        with contextlib.suppress(DamagedData):
-            for path in complete.missing(folder):
-                look.missing(folder.relative_to(root).parts[0], path, advice(path))
+    for name in ("pairs", "links", *(f"clean/{source}" for source in SOURCES)):
+        with contextlib.suppress(DamagedData):  # told with the manifest
+            for path in manifest.missing(root, name):
+                look.missing(name.partition("/")[0], path, advice(path))
 
 
 def _lost_indexes(look: Look, root: Path) -> None:
@@ -87,5 +83,5 @@ def _release(look: Look, root: Path, source: str) -> None:
     folder = Layout(root).release(source)
     if folder.is_dir() and any(folder.iterdir()):
         releases.folder(look, folder, advice, described=False)
-    elif complete.exported(root, source):
+    elif manifest.read(root, f"release/{source}"):
         look.missing("release", folder, advice(folder / "x"))

@@ -9,6 +9,7 @@ from typing import Any
 
 import msgspec
 
+from kb.artifacts.restore import WORK
 from kb.core.context import Run
 from kb.core.verdict import Summary
 from kb.crawl import purge
@@ -28,7 +29,6 @@ from kb.youtube.reduce import (
     TRANSCRIPTS,
     VIDEOS,
 )
-from kb.youtube.restored import WORK
 from kb.youtube.source import YouTubeSource
 
 ROWS = (

@@ -38,7 +38,7 @@ SPEC = SourceSpec(
         TextColumns("videos", "video_id", {"title": ("title",), "body": ("description",)}),
         TextColumns("transcripts", reader="kb.links.texts:transcripts"),
     ),
-    passages="kb.search.transcripts:passages",
+    passages="kb.search.youtube_passages:passages",
     indexed=("videos", "transcripts"),
     made=("pairs",),
     restored=("videos", "transcripts"),
@@ -55,7 +55,7 @@ SPEC = SourceSpec(
             *("min_views", "min_aspect_ratio", "min_duration_s", "transcripts", "language"),
             "translate",
         ),
-        gaps=("kb.release.gaps:views",),
+        gaps=("kb.release.metadata.gaps:views",),
         scraped=True,
     ),
     report=ReportSpec(

@@ -21,9 +21,9 @@ import pytest
 from kb.core.profile import load_profile
 from kb.links.mentions import finder, mentions
 from kb.links.texts import TextPart, in_pieces
-from kb.pairs.index import make_tools, pairs_of
+from kb.pairs.extract import make_tools, pairs_of
 from kb.pairs.keywords import load
-from kb.pairs.text import Text
+from kb.pairs.transcript_batch import Text
 from kb.schema import table
 from kb.store.shards import write_table
 from tests.bench.measured import words_a_second

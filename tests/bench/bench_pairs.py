@@ -24,11 +24,10 @@ import pyarrow as pa
 import pytest
 
 from kb.core.profile import load_profile
-from kb.pairs.fold import Folded
-from kb.pairs.index import make_tools, pairs_of
+from kb.pairs.extract import make_tools, pairs_of
 from kb.pairs.keywords import load
-from kb.pairs.match import leftmost_longest
-from kb.pairs.text import Text
+from kb.pairs.matching import Folded, leftmost_longest
+from kb.pairs.transcript_batch import Text
 from kb.store.shards import ShardWriter, write_table
 from tests.bench.measured import words_a_second
 from tests.pairs.made import tables

@@ -28,11 +28,12 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
+from kb.core.profile import load_profile
 from kb.schema import table
-from kb.search import transcripts
-from kb.search.ask import search
+from kb.search import youtube_passages
+from kb.search.answers import search
 from kb.search.build import index
-from kb.search.rank import Only
+from kb.search.ranking import Only
 from kb.store.layout import Layout
 from kb.store.shards import write_table
 from tests.bench.scale_raw import Words, _spoken, _vocabulary, video_id
@@ -130,7 +131,9 @@ class Clock:
 
 def passages(root: Path) -> Iterator[list[tuple[str, str]]]:
     """Titles and texts, a thousand at a time."""
-    every = ((one.title, one.text) for one in transcripts.passages(root))
+    every = (
+        (one.title, one.text) for one in youtube_passages.passages(load_profile("minecraft"), root)
+    )
     while some := list(islice(every, _AT_ONCE)):
         yield some
 

@@ -24,7 +24,7 @@ from kb.cli.commands.demo import play
 from kb.cli.framework.options import Options
 from kb.core.profile import load_profile
 from kb.pairs import keywords
-from kb.pairs.fold import phrase
+from kb.pairs.matching import phrase
 from kb.sandbox.domain import domain_of
 from kb.sandbox.world import World
 from tests.cli.conftest import clean_environment

@@ -29,7 +29,7 @@ from tests.filters.made import digests
 BASE = "purged"
 OUTCOMES = ("told", "no effect", "silent", "unclear", "repaired", "told again")
 _MADE = ("clean", "pairs", "release")
-_COUNTS = ("summary.json", ".zst", "deposits.json", "inputs.json")
+_COUNTS = ("summary.json", ".zst", "deposits.json", "_manifest.json")
 
 
 def _flip(path: Path, draw: random.Random) -> None:

@@ -12,7 +12,7 @@ from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.links.build import build
-from kb.links.named import Names
+from kb.links.entity_pages import Names
 from kb.store.layout import Layout
 from tests.search.made import write
 

@@ -19,11 +19,11 @@ from kb.core.errors import DamagedData, WriterLocked
 from kb.core.pipeline import load, locate
 from kb.core.progress import Silent
 from kb.links import build as building
-from kb.links.named import Names
+from kb.links.entity_pages import Names
 from kb.query import connect
 from kb.release.build import release
 from kb.schema import table
-from kb.search.entities import keys
+from kb.search.answers import keys
 from kb.store import lock, parquet, shards
 from kb.store.layout import Layout, parquet_files
 from kb.store.shards import write_table

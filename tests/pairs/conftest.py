@@ -7,9 +7,9 @@ import pytest
 
 from kb.core.profile import load_profile
 from kb.core.profile.pairs import Pairs
-from kb.pairs.index import Tools, make_tools, pairs_of
+from kb.pairs.extract import Tools, make_tools, pairs_of
 from kb.pairs.keywords import NEVER, Keyword, Keywords, make
-from kb.pairs.text import Text
+from kb.pairs.transcript_batch import Text
 from kb.schema import table
 
 LIST = [

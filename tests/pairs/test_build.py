@@ -16,8 +16,8 @@ from kb.core.pipeline import load, locate
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.pairs import build as building
-from kb.pairs.show import keyword_lines
-from kb.pairs.tokens import ENDS, Tokens
+from kb.pairs.clip_tokens import ENDS, Tokens
+from kb.pairs.keyword_hits import keyword_lines
 from tests.pairs.made import fill, tables
 
 pipeline = load(str(locate("pairs")))

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from kb.pairs.fold import phrase
-from kb.pairs.index import pairs_of
-from kb.pairs.text import Text
-from kb.pairs.tokens import ENDS, Tokens
+from kb.pairs.clip_tokens import ENDS, Tokens
+from kb.pairs.extract import pairs_of
+from kb.pairs.matching import phrase
+from kb.pairs.transcript_batch import Text
 from kb.schema import conform
 from tests.pairs.conftest import rows_of, transcripts
 from tests.pairs.reference import joined

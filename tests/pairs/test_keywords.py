@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from kb.core.errors import ProfileError
 from kb.core.profile import load_profile
-from kb.pairs.fold import phrase
-from kb.pairs.forms import forms, plural, singular
+from kb.pairs.keyword_forms import forms, plural, singular
 from kb.pairs.keywords import NEVER, Keyword, load, make, read
+from kb.pairs.matching import phrase
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from kb.pairs.index import Tools
-from kb.pairs.match import Matcher
-from kb.pairs.text import Text
+from kb.pairs.extract import Tools
+from kb.pairs.matching import Matcher
+from kb.pairs.transcript_batch import Text
 from tests.pairs.conftest import transcripts
 from tests.pairs.reference import find, joined
 

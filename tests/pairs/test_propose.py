@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from kb.pairs.fold import phrase
-from kb.pairs.listed import scan
-from kb.pairs.propose import PageNames, propose
+from kb.pairs.keyword_list import scan
+from kb.pairs.keyword_proposal import PageNames, propose
+from kb.pairs.matching import phrase
 
 PAGES = [
     PageNames(

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kb.pairs.text import Text
+from kb.pairs.transcript_batch import Text
 from tests.pairs.conftest import transcripts
 
 EVERY = [chr(code) for code in range(sys.maxunicode + 1) if chr(code).isspace()]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kb.pairs.text import Text
-from kb.pairs.tokens import Tokens
+from kb.pairs.clip_tokens import Tokens
+from kb.pairs.transcript_batch import Text
 from tests.pairs.conftest import transcripts
 
 # Published encodings: the notebooks and tests of openai/CLIP and of Hugging Face's CLIPTokenizer.

@@ -104,7 +104,7 @@ def test_a_root_of_one_source_only(root: Path, tmp_path: Path) -> None:
     assert all(name.startswith("youtube_") for name in data.tables)
     assert len(data["youtube_videos"]) == 207
     for ask in (lambda: data.page("Saltstone"), lambda: data.thread("x"), lambda: data.clips("x")):
-        with pytest.raises(UsageError, match="unknown|contain no"):
+        with pytest.raises(UsageError):
             ask()
 
 

@@ -15,9 +15,9 @@ from typing import Any
 
 import pytest
 
-from kb.search.ask import search
+from kb.search.answers import search
 from kb.search.build import index
-from kb.search.rank import Only
+from kb.search.ranking import Only
 from tests.filters.made import run_at
 from tests.search.made import write
 

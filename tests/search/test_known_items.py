@@ -18,17 +18,18 @@ import pytest
 import requests
 
 from kb.core import pipeline
+from kb.core.profile import load_profile
 from kb.core.sources import SOURCES
 from kb.filters.clean import run_clean
+from kb.sandbox.reddit.subreddit import Subreddit
 from kb.sandbox.server import Sandbox
-from kb.sandbox.subreddit import Subreddit
-from kb.sandbox.wiki_recorded import Recorded
+from kb.sandbox.wiki.recorded import Recorded
 from kb.sandbox.world import World
-from kb.search import sections
-from kb.search.ask import search
+from kb.search import wiki_passages
+from kb.search.answers import search
 from kb.search.build import index
-from kb.search.rank import Only
-from kb.wiki import chromium
+from kb.search.ranking import Only
+from kb.wiki.browser import chromium
 from tests.conftest import skip_or_fail
 from tests.reddit.work import NOW, Work, rows
 
@@ -195,7 +196,7 @@ def texts(known: Known, source: str) -> list[tuple[str, list[str]]]:
         return [(f"t1_{row['comment_id']}", str(row["body"]).split()) for row in comments]
     return [
         (one.key, one.text.split())
-        for one in sections.passages(known.root)
+        for one in wiki_passages.passages(load_profile("minecraft"), known.root)
         if one.kind == "section"
     ]
 

@@ -19,16 +19,17 @@ from hypothesis import strategies as st
 import kb
 from kb.artifacts import indexed
 from kb.core.errors import DamagedData, UsageError
+from kb.core.profile import load_profile
 from kb.core.sources import SOURCES
 from kb.filters.clean import run_clean
-from kb.search import sections, threads, transcripts, writer
-from kb.search.ask import search, suggest
+from kb.search import reddit_passages, tantivy_index, wiki_passages, youtube_passages
+from kb.search.answers import search, suggest
 from kb.search.build import index
-from kb.search.engine import PassageIndex
 from kb.search.passage import MOST_WORDS, Passage
-from kb.search.rank import Only, Weights, rank
-from kb.search.transcripts import LEAST, MOST, talk
-from kb.search.words import Term, question
+from kb.search.query import Term, question
+from kb.search.ranking import Only, Weights, rank
+from kb.search.tantivy_index import PassageIndex
+from kb.search.youtube_passages import LEAST, MOST, talk
 from kb.store import lock
 from kb.store.layout import Layout
 from kb.verify.root import verify
@@ -148,9 +149,9 @@ def brute(passages: list[tuple[str, list[str]]], words: list[str]) -> list[float
 def every(root: Path) -> list[tuple[str, Passage]]:
     """All passages of the small world, by source."""
     return [
-        *(("youtube", one) for one in transcripts.passages(root)),
-        *(("wiki", one) for one in sections.passages(root)),
-        *(("reddit", one) for one in threads.passages("Minecraft", root)),
+        *(("youtube", one) for one in youtube_passages.passages(load_profile("minecraft"), root)),
+        *(("wiki", one) for one in wiki_passages.passages(load_profile("minecraft"), root)),
+        *(("reddit", one) for one in reddit_passages.passages(load_profile("minecraft"), root)),
     ]
 
 
@@ -409,7 +410,7 @@ def test_the_same_rows_give_the_same_answers_in_any_number_of_segments(tmp_path:
     indexes = []
     for name, heap in (("small", 30 << 20), ("large", 256 << 20)):
         (tmp_path / name).mkdir()
-        writer.write(tmp_path / name, "", passages, lambda _: None, heap)
+        tantivy_index.write(tmp_path / name, "", passages, lambda _: None, heap)
         indexes.append(PassageIndex(tmp_path / name, ""))
     for words in ("elm", "6 oaks", "oaks elm 3"):
         asked = question(words)

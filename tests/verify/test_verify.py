@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from kb.artifacts import manifest
 from kb.core.errors import FatalError, UsageError
 from kb.core.pipeline import load, locate
 from kb.core.progress import Silent
@@ -81,7 +82,7 @@ FILES = {
     "state/youtube.sqlite": "state",
     "clean/youtube/videos/*.parquet": "clean",
     "clean/youtube/rejected/*.parquet": "clean",
-    "clean/youtube/files.json": "clean",
+    "clean/youtube/_manifest.json": "clean",
     "pairs/pairs-*.parquet": "pairs",
     "release/youtube/videos-*.parquet": "release",
 }
@@ -173,9 +174,10 @@ def test_of_what_repair_does_not_make_the_table_names_the_command(
 def test_a_key_with_two_answers_is_told(root: Path) -> None:
     path = one(root, "clean/youtube/videos/*.parquet")
     shutil.copyfile(path, path.with_name("part-00001.parquet"))
-    names = json.loads((root / "clean/youtube/files.json").read_text())
-    names["videos"].append("part-00001.parquet")
-    (root / "clean/youtube/files.json").write_text(json.dumps(names))
+    known = manifest.read(root, "clean/youtube")
+    assert known is not None
+    known.files["videos/part-00001.parquet"] = manifest.entry_of(path)
+    manifest.write(root / "clean/youtube" / manifest.NAME, known)
     (told,) = verify(root).found
     assert "keys are in two of kept, rejected, failed and pending" in told.what
 

@@ -124,7 +124,7 @@ def keywords(
     Columns: keyword, kind, rule, matches, and `alone`: how often an everyday word stood without
     another keyword nearby, which makes no pair.
     """
-    from kb.pairs.show import keyword_lines
+    from kb.pairs.keyword_hits import keyword_lines
 
     count = total = alone = 0
     show_row(("keyword", "kind", "rule", "matches", "alone"))

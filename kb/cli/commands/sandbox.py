@@ -72,7 +72,7 @@ def sandbox(
     SIGTERM.
     """
     from kb.sandbox.server import Sandbox
-    from kb.sandbox.wiki_named import PAGES
+    from kb.sandbox.wiki.generated import PAGES
     from kb.sandbox.world import World
 
     domain = _domain(options)

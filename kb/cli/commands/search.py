@@ -16,7 +16,7 @@ from kb.core.sources import SOURCES
 from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
-    from kb.search.ask import SearchHit
+    from kb.search.answers import SearchHit
 
 app = group("Search transcripts, wiki pages and threads.")
 LIMIT = 10
@@ -112,10 +112,10 @@ def search(
     missing or out of date is built first, as by `kb index`. --data may be a data root, a restored
     one or a downloaded release, whose index is kept in the user's cache.
     """
-    from kb.search.ask import search as ask
-    from kb.search.ask import suggest
+    from kb.search.answers import search as ask
+    from kb.search.answers import suggest
     from kb.search.build import ensure
-    from kb.search.rank import Only, day_given
+    from kb.search.ranking import Only, day_given
 
     only = Only(
         kinds=tuple(map(str, kind or ())),

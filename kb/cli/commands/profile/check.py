@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def examine(path: Path, *, publishing: bool = True) -> Checked:
     """Findings about the profile's file and its keyword lists, worst first."""
-    from kb.pairs.list_check import check_lists
+    from kb.pairs.keyword_list import check_lists
 
     checked = check_file(path, publishing=publishing)
     section = checked.profile.pairs if checked.profile else None

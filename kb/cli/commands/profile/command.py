@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from kb.cli.commands.profile.online import ServiceCheck
     from kb.core.context import Run
     from kb.core.profile.finding import Finding
-    from kb.pairs.propose import Proposal
+    from kb.pairs.keyword_proposal import Proposal
 
 app = group("Make and check the profile of a new domain.")
 
@@ -214,9 +214,9 @@ def keywords(
 
 def _proposal(run: Run) -> Proposal:
     from kb.pairs import keywords
-    from kb.pairs.propose import PageNames, propose
+    from kb.pairs.keyword_proposal import PageNames, propose
     from kb.store import rawlog
-    from kb.wiki.named import pages
+    from kb.wiki.parse.page_names import pages
     from kb.wiki.spec import SPEC
 
     if not rawlog.segments(run.root, SPEC.name, "pages"):

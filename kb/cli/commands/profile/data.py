@@ -10,9 +10,9 @@ import zstandard
 from kb.core.errors import FatalError, MissingExtra, Retryable
 from kb.core.profile.finding import ERROR, NOTE, WARNING, Finding
 from kb.core.profile.wiki import Markup
-from kb.pairs.show import keyword_lines
+from kb.pairs.keyword_hits import keyword_lines
 from kb.store.layout import Layout
-from kb.wiki.selectors import SelectorMatches, count_matches
+from kb.wiki.browser.selectors import SelectorMatches, count_matches
 
 if TYPE_CHECKING:
     from kb.core.context import Run

@@ -71,7 +71,7 @@ def reddit(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summar
 
     Run `kb reddit filter` and `kb reddit export` afterwards.
     """
-    from kb.reddit.plan import plan_refresh
-    from kb.reddit.refresh import refresh
+    from kb.reddit.connector.plan import plan_refresh
+    from kb.reddit.connector.refresh import refresh
 
     return plan_refresh(run, older_than) if plan else refresh(run, older_than)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from kb.artifacts import inputs
+from kb.artifacts import manifest
 from kb.cli.framework.messages import complete
 from kb.core.sources import SPECS, made_of
 from kb.store.layout import Layout, parquet_files
@@ -38,11 +38,13 @@ def _step(run: Run, source: str, about: dict[str, Any]) -> str:
     failed = sum(counts.get("error", 0) for counts in about["phases"].values())
     if asks and (about["left"] or failed):
         return f"{source} crawl"
-    if Layout(root).raw(source).is_dir() and not inputs.is_filtered(root, source):
+    if Layout(root).raw(source).is_dir() and not manifest.is_current(root, f"clean/{source}"):
         return f"{source} filter"
     if asks and about["too_old"]:
         return f"refresh {source}"
-    if Layout(root).summary(source).is_file() and not inputs.is_exported(root, source):
+    if Layout(root).summary(source).is_file() and not manifest.is_current(
+        root, f"release/{source}"
+    ):
         return f"{source} export"
     return ""
 

@@ -1,0 +1,362 @@
+"""The manifest of an artifact: what made it, from what, and which files with which content it has.
+
+    clean/wiki/_manifest.json               in the artifact's folder, written last
+    state/manifests/release-wiki.json       of public folders, which are given away as they are
+
+A command that makes an artifact (kb.artifacts.registry) writes it with `replacing`:
+
+    with manifest.replacing(root, "pairs", inputs=manifest.inputs(root, "pairs")) as build:
+        ...                                  # write files below build.folder
+        build.figures = {"videos": 207}      # what the command reports and others read
+
+The folder then takes the old one's place in one step. Whoever reads it asks `read` for the figures,
+`rows` for the files of a table, `is_current` whether its inputs have changed, `verify` whether the
+bytes are those that were written. A command that changes files in place does so within `editing`.
+
+Data roots of older versions have no manifests. For those `read` returns one that is built in memory
+from the notes of that time; its digests are those of the notes, or unknown.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pyarrow.parquet as pq
+
+from kb.artifacts.registry import ARTIFACTS, Artifact, artifact_of, of_table
+from kb.core.errors import DamagedData
+from kb.store import digests, notes, parquet, rawlog
+from kb.store.atomic import replacing_folder, write_bytes
+from kb.store.layout import Layout, parquet_files, rows_pattern
+
+NAME = "_manifest.json"  # the underscore hides it from readers of a folder of Parquet
+SUMMARY = "_summary.json"  # what the commands that make pairs and links report
+_SHARD = re.compile(r"(.+)-(\d{5})-of-(\d{5})(\.[a-z]+)")
+_THREADS = 4  # files that are hashed at a time
+
+
+class FileEntry(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A file of an artifact. `sha256` is "" where it is not known; `rows` is for tables."""
+
+    size: int = 0
+    sha256: str = ""
+    rows: int | None = None
+
+
+class Manifest(msgspec.Struct, frozen=True, omit_defaults=True):
+    """What an artifact was made of and what it consists of; `files` by path within its folder.
+
+    `inputs` are digests by the name of the input, `rules` the digest of everything else that
+    decides the content. Both are "" or empty where an older version has not noted them.
+    """
+
+    artifact: str
+    command: str = ""
+    version: str = ""
+    inputs: dict[str, str] = {}
+    rules: str = ""
+    files: dict[str, FileEntry] = {}
+    figures: dict[str, Any] = {}
+
+
+@dataclass
+class Build:
+    """An artifact that is being made; the caller writes below `folder` and may set the rest."""
+
+    folder: Path
+    inputs: dict[str, str]
+    rules: str
+    figures: dict[str, Any] = field(default_factory=dict)
+
+
+def path(root: Path, name: str) -> Path:
+    """Where the manifest of an artifact is."""
+    artifact = ARTIFACTS[name]
+    if artifact.public:
+        return Layout(root).state_folder("manifests") / f"{name.replace('/', '-')}.json"
+    return artifact.folder(root) / NAME
+
+
+def read(root: Path, name: str) -> Manifest | None:
+    """The manifest of an artifact; None where it was never made. Raises DamagedData."""
+    artifact, place = ARTIFACTS[name], path(root, name)
+    found: Manifest | None = notes.read(place, Manifest, mend=artifact.hint)
+    return _from_older_notes(root, artifact) if found is None else found
+
+
+@contextlib.contextmanager
+def replacing(
+    root: Path, name: str, *, inputs: Mapping[str, str], rules: str = ""
+) -> Iterator[Build]:
+    """A fresh folder that takes the artifact's place, with its manifest, when the block ends well.
+
+    Call it under the artifact's lock. Raises DiskFull.
+    """
+    artifact = ARTIFACTS[name]
+    with replacing_folder(artifact.folder(root)) as fresh:
+        build = Build(fresh, dict(inputs), rules)
+        yield build
+        made = describe(name, fresh, build)
+        if not artifact.public:
+            write(fresh / NAME, made)
+        else:  # until the folder is in its place, nothing is promised about its files
+            unknown = {one: FileEntry() for one in made.files}
+            write(path(root, name), msgspec.structs.replace(made, inputs={}, files=unknown))
+    if artifact.public:
+        write(path(root, name), made)
+
+
+def describe(name: str, folder: Path, build: Build) -> Manifest:
+    """The manifest of what lies in a folder."""
+    files = {str(one.relative_to(folder)): one for one in _files(folder)}
+    with ThreadPoolExecutor(_THREADS) as pool:
+        entries = dict(zip(files, pool.map(entry_of, files.values()), strict=True))
+    command, made_by = ARTIFACTS[name].command, version("lorecrawl")
+    return Manifest(name, command, made_by, build.inputs, build.rules, entries, build.figures)
+
+
+def write(place: Path, manifest: Manifest) -> None:
+    """Write a manifest. Raises DiskFull."""
+    write_bytes(place, msgspec.json.format(msgspec.json.encode(manifest), indent=1) + b"\n")
+
+
+def entry_of(file: Path) -> FileEntry:
+    """A file as it is now."""
+    rows = pq.read_metadata(file).num_rows if file.suffix == ".parquet" else None
+    return FileEntry(file.stat().st_size, digests.digest(file), rows)
+
+
+@contextlib.contextmanager
+def editing(root: Path, *names: str) -> Iterator[None]:
+    """Change files of artifacts in place, as a purge does; the manifests then say what they are.
+
+    Cut off, they promise nothing about the content of any file, and the next `editing` reads all of
+    them. Call it under the artifacts' locks.
+    """
+    before = {name: (read(root, name), _stamps(ARTIFACTS[name].folder(root))) for name in names}
+    for manifest, _ in before.values():
+        if manifest is not None:
+            _write_entries(root, manifest, dict.fromkeys(manifest.files, FileEntry()))
+    yield
+    for name, (manifest, stamps) in before.items():
+        if manifest is None:
+            continue
+        folder = ARTIFACTS[name].folder(root)
+        now = _stamps(folder)
+        entries = {}
+        for one, entry in manifest.files.items():
+            if one in now and (not entry.sha256 or stamps.get(one) != now[one]):
+                entries[one] = entry_of(folder / one)
+            elif one in now or one not in stamps:  # what was lost before stays known as missing
+                entries[one] = entry
+        _write_entries(root, manifest, entries)
+
+
+def _write_entries(root: Path, manifest: Manifest, files: dict[str, FileEntry]) -> None:
+    write(path(root, manifest.artifact), msgspec.structs.replace(manifest, files=files))
+
+
+def _stamps(folder: Path) -> dict[str, tuple[int, int, int]]:
+    """Inode, size and time of change of each file in a folder."""
+    files = {str(one.relative_to(folder)): one.stat() for one in _files(folder)}
+    return {name: (it.st_ino, it.st_size, it.st_mtime_ns) for name, it in files.items()}
+
+
+def rows(root: Path, table: str) -> list[Path]:
+    """The files of a declared table's rows ("youtube/videos"), in order; [] where nothing was made
+    yet. Raises DamagedData where one of them is missing.
+    """
+    check_complete(root, table)
+    return Layout(root).rows(table)
+
+
+def check_complete(root: Path, name: str) -> None:
+    """Raises DamagedData for the first missing file of an artifact, or of a declared table."""
+    artifact = ARTIFACTS[name] if name in ARTIFACTS else of_table(name)
+    _refuse(missing(root, name), artifact.hint)
+
+
+def check_folder(folder: Path) -> None:
+    """Raises DamagedData for the first missing file of a folder of Parquet files, which may be one
+    of a data root, a release folder or any other with numbered shards.
+    """
+    found = artifact_of(folder)
+    lost = [folder / one for one in siblings(one.name for one in parquet_files(folder))]
+    lost = [one for one in lost if not one.is_file()]
+    if found is not None:
+        root, artifact = found
+        lost += [one for one in missing(root, artifact.name) if one.parent == folder]
+    _refuse(sorted(lost), found[1].hint if found is not None else "put it back from a copy")
+
+
+def _refuse(lost: list[Path], hint: str) -> None:
+    if lost:
+        more = f" (and {len(lost) - 1:,} more files)" if len(lost) > 1 else ""
+        raise DamagedData(f"{lost[0]} is missing{more}", hint=hint)
+
+
+def missing(root: Path, name: str) -> list[Path]:
+    """Files of an artifact, or of one declared table in it, that were written and are not there."""
+    whole = name in ARTIFACTS
+    artifact = ARTIFACTS[name] if whole else of_table(name)
+    folder, manifest = artifact.folder(root), read(root, artifact.name)
+    written = {folder / one for one in (manifest.files if manifest is not None else ())}
+    if not artifact.public:
+        for table in artifact.tables if whole else (name,):
+            there = Layout(root).rows(table)
+            written |= {one.with_name(shard) for one in there for shard in siblings([one.name])}
+    if not whole:
+        at = Layout(root)
+        written = {one for one in written if one.match(str(at.table(name) / rows_pattern(name)))}
+    return sorted(one for one in written if not one.is_file())
+
+
+def siblings(names: Iterable[str]) -> set[str]:
+    """The names of all shards of the tables that these shards belong to."""
+    every = set()
+    for name in names:
+        if match := _SHARD.fullmatch(name):
+            stem, _, count, ending = match.groups()
+            every |= {f"{stem}-{number:05d}-of-{count}{ending}" for number in range(int(count))}
+    return every
+
+
+def inputs(root: Path, name: str) -> dict[str, str]:
+    """The digests of an artifact's inputs as they are now. Raises DamagedData for a lost file."""
+    artifact = ARTIFACTS[name]
+    return {one: _digest_of_input(root, one, artifact.reads) for one in artifact.inputs}
+
+
+def is_current(root: Path, name: str) -> bool:
+    """Whether an artifact was made from the inputs that are there now; true where an older version
+    has not noted its inputs. Raises DamagedData.
+    """
+    manifest = read(root, name)
+    if manifest is None:
+        return False
+    known = {one: digest for one, digest in manifest.inputs.items() if digest}
+    return not known or known.items() <= inputs(root, name).items()
+
+
+def note_inputs(root: Path, name: str) -> None:
+    """Note that an artifact agrees with its inputs as they are now, after both were changed alike.
+
+    Raises DiskFull.
+    """
+    if (manifest := read(root, name)) is not None:
+        write(path(root, name), msgspec.structs.replace(manifest, inputs=inputs(root, name)))
+
+
+def content_digest(file: Path) -> str:
+    """What tells a file from one with other content: its SHA-256 as the manifest of its artifact or
+    the SHA256SUMS beside it has it. The file is read only where neither says it.
+
+    Files of older versions have a checksum in their footer instead: then it is that, and the size.
+    """
+    size = file.stat().st_size
+    for folder in (file.parent, file.parent.parent):
+        entry = _entries(folder).get(str(file.relative_to(folder)))
+        if entry is not None and entry.sha256 and entry.size == size:
+            return entry.sha256
+    return parquet.fingerprint(file)
+
+
+def _entries(folder: Path) -> dict[str, FileEntry]:
+    try:
+        about = (folder / NAME).stat()
+    except OSError:
+        return {}
+    return _entries_of(folder, about.st_ino, about.st_mtime_ns)
+
+
+@lru_cache(maxsize=64)
+def _entries_of(folder: Path, inode: int, changed: int) -> dict[str, FileEntry]:
+    """The entries of a manifest as it is now; cached, as it is asked for each of its files."""
+    with contextlib.suppress(OSError, msgspec.DecodeError):
+        return msgspec.json.decode((folder / NAME).read_bytes(), type=Manifest).files
+    return {}
+
+
+def _digest_of_input(root: Path, name: str, reads: Iterable[str]) -> str:
+    source = name.removeprefix("raw/")
+    if source != name:
+        return _digest_of_raw(root, source)
+    wanted = [one for one in ARTIFACTS[name].tables if one in reads or not reads]
+    found = {
+        f"{one.partition('/')[2]}/{file.name}": file for one in wanted for file in rows(root, one)
+    }
+    return _digest(f"{name} {content_digest(file)}" for name, file in found.items())
+
+
+def _digest_of_raw(root: Path, source: str) -> str:
+    """A digest of the names and sizes of all raw files: segments only grow, and each other file is
+    named by its content.
+    """
+    top = Layout(root).raw(source)
+    return _digest(
+        f"{os.path.relpath(file, top).removesuffix(rawlog.OPEN.removeprefix(rawlog.SUFFIX))}"
+        f" {file.stat().st_size}"
+        for file in top.rglob("*.*")
+        if file.is_file() and not file.name.startswith(".")
+    )
+
+
+def _digest(lines: Iterable[str]) -> str:
+    return hashlib.sha256("\n".join(sorted(lines)).encode()).hexdigest()
+
+
+def _files(folder: Path) -> list[Path]:
+    """Every file of an artifact but its manifest; hidden ones are on their way."""
+    return [
+        one
+        for one in sorted(folder.rglob("*"))
+        if one.is_file() and one.name != NAME and not one.name.startswith(".")
+    ]
+
+
+def _from_older_notes(root: Path, artifact: Artifact) -> Manifest | None:
+    """What the notes of older versions say of an artifact:
+
+    clean/<source>/files.json, inputs.json     the files by table; the digest of raw/<source>
+    state/release-<name>.exported              the digest of the clean tables
+    pairs/_summary.json, links/_summary.json   the figures, and that every table has a file
+    """
+    folder = artifact.folder(root)
+    kind, _, source = artifact.name.partition("/")
+    files: dict[str, FileEntry] = {}
+    inputs: dict[str, str] = {}
+    if kind == "clean":
+        named: dict[str, list[str]] | None
+        named = notes.read(folder / "files.json", dict[str, list[str]], mend=artifact.hint)
+        if named is None and not (folder / "summary.json").is_file():
+            return None
+        for table, names in (named or {}).items():
+            files.update({f"{table}/{one}": FileEntry() for one in names})
+        with contextlib.suppress(DamagedData):
+            noted = notes.read(folder / "inputs.json", dict[str, str], mend="") or {}
+            inputs[f"raw/{source}"] = noted.get("raw", "")
+    elif kind == "release":
+        place = Layout(root).state_folder() / f"release-{source}.exported"
+        if not place.is_file():
+            return None
+        inputs = {artifact.inputs[0]: place.read_text(encoding="utf-8", errors="replace")}
+    elif artifact.name in ("pairs", "links"):
+        if not (folder / SUMMARY).is_file():
+            return None
+        for table in artifact.tables:
+            if not Layout(root).rows(table):
+                files[f"{table.partition('/')[2]}-00000-of-00001.parquet"] = FileEntry()
+    else:
+        return None
+    return Manifest(artifact.name, artifact.command, inputs=inputs, files=files)

@@ -1,0 +1,275 @@
+"""One batch of transcripts → rows of pairs/pairs, and the counts of what was found.
+
+Every choice is drawn from (seed, video id, position of the match), so a row depends on its own
+video and the profile alone.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from typing import Any, NamedTuple, Protocol, cast
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.core.errors import MissingExtra
+from kb.core.installation import install_extra
+from kb.core.optional import np
+from kb.core.profile.pairs import Pairs
+from kb.pairs import sampling
+from kb.pairs.clip_tokens import ENDS, Tokens
+from kb.pairs.keywords import EXCLUDED, NEVER, Keywords
+from kb.pairs.matching import Matcher
+from kb.pairs.text_window import Grown, grow
+from kb.pairs.transcript_batch import Text
+
+
+class Tools(NamedTuple):
+    """What every batch needs, made once a worker."""
+
+    section: Pairs
+    seed: int
+    keywords: Keywords
+    matcher: Matcher
+    tokens: Tokens
+
+
+def make_tools(section: Pairs, seed: int, keywords: Keywords) -> Tools:
+    """Automaton and tokenizer for a profile. Raises MissingExtra."""
+    for package in ("numpy", "instant_clip_tokenizer"):
+        if find_spec(package) is None:
+            raise MissingExtra(
+                f"pairs need the package {package.replace('_', '-')}",
+                hint=install_extra("pairs"),
+            )
+    return Tools(section, seed, keywords, Matcher(keywords.phrases), Tokens())
+
+
+class Finds(Protocol):
+    """What finds keywords in a text: `Tools` do."""
+
+    @property
+    def keywords(self) -> Keywords: ...
+    @property
+    def matcher(self) -> Matcher: ...
+
+
+@dataclass
+class PairCounts:
+    """What was found: totals, and under the same names the hits of each keyword,
+    in the list's order.
+    """
+
+    totals: Counter[str] = field(default_factory=Counter)
+    hits: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def add(self, other: PairCounts) -> None:
+        """Add another batch's counts."""
+        self.totals.update(other.totals)
+        for what, hits in other.hits.items():
+            self.hits[what] = self.hits[what] + hits if what in self.hits else hits
+
+    def tell(self, keywords: Keywords, what: str, which: np.ndarray) -> None:
+        """Count the keywords `which` (numbers) under `what`."""
+        self.totals[what] += len(which)
+        self.hits[what] = np.bincount(which, minlength=len(keywords.every))
+
+    def of(self, keyword: int) -> dict[str, int]:
+        """Hits of one keyword."""
+        return {what: int(hits[keyword]) for what, hits in self.hits.items() if hits[keyword]}
+
+
+class Matches(NamedTuple):
+    """Matches that count, in order: keyword, video,
+    bytes of the phrase, its first and last word.
+    """
+
+    keyword: np.ndarray
+    video: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
+
+    def take(self, which: np.ndarray) -> Matches:
+        """Some of them."""
+        return Matches(*(column[which] for column in self))
+
+
+def matches(text: Text, tools: Finds, counts: PairCounts) -> Matches:
+    """Keywords in the text, without excluded phrases and without everyday
+    words that stand alone.
+    """
+    found = tools.matcher.find(text.raw)
+    keyword = tools.keywords.owner[found.phrase]
+    counts.totals["excluded"] += int((keyword == EXCLUDED).sum())
+    kept = keyword != EXCLUDED
+    keyword, start, end = keyword[kept], found.start[kept], found.end[kept]
+    every = Matches(
+        keyword, text.video_of(start), start, end, text.word_of(start), text.word_of(end - 1)
+    )
+    counts.tell(tools.keywords, "matches", keyword)
+    certain, reach = tools.keywords.certain[keyword], tools.keywords.reach[keyword]
+    if certain.all():
+        return every
+    near = sampling.supported(every.first, every.last, every.video, certain, reach) & (
+        reach != NEVER
+    )
+    counts.tell(tools.keywords, "ambiguous", keyword[~certain])
+    counts.tell(tools.keywords, "ambiguous_alone", keyword[~near])
+    return every.take(near)
+
+
+def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, PairCounts]:
+    """The rows of a batch (in no order that matters) and its counts."""
+    section, counts = tools.section, PairCounts()
+    counts.totals.update(videos=len(text), words=text.word_count)
+    found = matches(text, tools, counts)
+    over = text.beyond[text.cue_of(found.start)]
+    if over.any():
+        counts.totals["outside"] += int(over.sum())
+        found = found.take(~over)
+    position = text.characters(found.start, found.video)
+    ids = cast("list[str]", text.ids.to_pylist())
+    keys = sampling.video_keys(tools.seed, ids)
+    rng = _Draws(keys[found.video] if len(keys) else keys, position)
+    segment = _segment(text, found)
+    grown = None
+    if section.center == "grown":
+        grown = _grow(text, tools, found, rng)
+        low, high = _times(text, grown.first, grown.last)
+    else:
+        low, high = segment
+    center = rng.whole("center", low, high)
+    length = rng.whole("clip", *_lengths(section))
+    clip_start, clip_end = sampling.clips(center, length, text.length[found.video])
+    gap = round(section.min_gap_s * 1000)
+    taken = np.flatnonzero(
+        sampling.choose(
+            clip_start, clip_end, found.video, rng.bits("rank"), gap, section.max_pairs_per_video
+        )
+    )
+    found, position, rng = found.take(taken), position[taken], rng.take(taken)
+    grown = Grown(*(column[taken] for column in grown)) if grown else _grow(text, tools, found, rng)
+    times = {
+        "segment": (segment[0][taken], segment[1][taken]),
+        "match": _times(text, found.start, found.end - 1),
+        "text": _times(text, grown.first, grown.last),
+        "clip": (clip_start[taken], clip_end[taken]),
+    }
+    counts.tell(tools.keywords, "pairs", found.keyword)
+    return _table(text, tools.keywords, found, grown, position, rng, times, center[taken]), counts
+
+
+class _Draws(NamedTuple):
+    """Drawn numbers of matches: keys of their videos, positions in them."""
+
+    keys: np.ndarray
+    position: np.ndarray
+
+    def bits(self, purpose: str) -> np.ndarray:
+        return sampling.bits(self.keys, self.position, purpose)
+
+    def whole(self, purpose: str, low: Any, high: Any) -> np.ndarray:
+        return sampling.whole(self.bits(purpose), low, high)
+
+    def take(self, which: np.ndarray) -> _Draws:
+        return _Draws(self.keys[which], self.position[which])
+
+
+def _lengths(section: Pairs) -> tuple[int, int]:
+    """Clip lengths to draw from (ms): a step inside the limits,
+    so that no rounding of end - start leaves them.
+    """
+    low, high = round(section.min_clip_s * 1000), round(section.max_clip_s * 1000)
+    return (low + 1, high - 1) if high - low > 1 else (low, high)
+
+
+def _grow(text: Text, tools: Tools, found: Matches, rng: _Draws) -> Grown:
+    section = tools.section
+    goal = rng.whole("tokens", section.min_tokens, section.max_tokens)
+    return grow(
+        text,
+        tools.tokens,
+        (found.start, found.end),
+        found.video,
+        goal=goal,
+        side=rng.whole("side", 0, goal - ENDS),
+        low=section.min_tokens,
+        high=section.max_tokens,
+    )
+
+
+def _segment(text: Text, found: Matches) -> tuple[np.ndarray, np.ndarray]:
+    """Times of the cues that hold each phrase."""
+    first, last = text.cue_of(found.start), text.cue_of(found.end - 1)
+    if not len(first):
+        return first, last
+    bounds = np.stack((first, last + 1), axis=1).ravel()
+    return text.cue_start[first], np.maximum.reduceat(np.append(text.cue_end, 0), bounds)[::2]
+
+
+def _times(text: Text, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """When the words are said that hold the bytes `first` to `last`."""
+    begin = text.time_of(first)
+    return begin, np.maximum(begin, text.time_of(last, after=True))
+
+
+def _table(
+    text: Text,
+    keywords: Keywords,
+    found: Matches,
+    grown: Grown,
+    position: np.ndarray,
+    rng: _Draws,
+    times: dict[str, tuple[np.ndarray, np.ndarray]],
+    center: np.ndarray,
+) -> pa.Table:
+    names = pa.array([keyword.name for keyword in keywords.every])
+    kinds = pa.array([keyword.kind for keyword in keywords.every])
+    keyword, video = pa.array(found.keyword), pa.array(found.video)
+    words, end = _texts(text, grown)
+    return pa.table(
+        {
+            "pair_id": sampling.hexadecimal(rng.bits("id")),
+            "video_id": text.ids.take(video),
+            "keyword": names.take(keyword),
+            "keyword_kind": kinds.take(keyword),
+            "text": words,
+            "token_count": pa.array(grown.tokens),
+            "match_start_char": pa.array(position),
+            "match_end_char": pa.array(text.characters(found.end, found.video)),
+            "text_start_char": pa.array(text.characters(grown.start, found.video)),
+            "text_end_char": pa.array(text.characters(end, found.video)),
+            **{
+                f"{what}_{side}_s": pa.array(ms / 1000)
+                for what, both in times.items()
+                for side, ms in zip(("start", "end"), both, strict=True)
+            },
+            "center_s": pa.array(center / 1000),
+            "clip_start_s": pa.array(times["clip"][0] / 1000),
+            "clip_end_s": pa.array(times["clip"][1] / 1000),
+            "transcript_kind": text.kinds.take(video),
+        }
+    )
+
+
+def _texts(text: Text, grown: Grown) -> tuple[pa.Array[Any], np.ndarray]:
+    """Grown texts with one space between words,
+    and where they end without the white space after.
+    """
+    slices = pa.LargeListViewArray.from_arrays(  # type: ignore[call-overload]  # wants exact classes
+        pa.array(grown.start), pa.array(grown.end - grown.start), pa.array(text.codes)
+    )
+    offsets = np.concatenate(([0], np.cumsum(grown.end - grown.start))).astype(np.int64)
+    data = np.asarray(slices.flatten())
+    whole = pa.LargeStringArray.from_buffers(
+        len(grown.start), pa.py_buffer(offsets.data), pa.py_buffer(data.data)
+    )
+    trimmed = pc.ascii_rtrim(whole, " ")
+    end = grown.start + np.asarray(pc.binary_length(trimmed))
+    if len(data) > 1 and ((data[1:] == 0x20) & (data[:-1] == 0x20)).any():
+        trimmed = pc.replace_substring_regex(pc.ascii_trim(trimmed, " "), " {2,}", " ")
+    return trimmed.cast(pa.string()), end

@@ -1,0 +1,125 @@
+"""`kb pairs keywords`: hits per keyword and examples in context,
+so that a person can judge the list.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from typing import NamedTuple, cast
+
+from kb.core import signals
+from kb.core.context import Run
+from kb.core.optional import np
+from kb.core.profile.pairs import Pairs
+from kb.pairs import keywords as lists
+from kb.pairs import sampling, transcripts
+from kb.pairs.extract import PairCounts, Tools, make_tools, matches
+from kb.pairs.transcript_batch import Text
+
+_AROUND = 40  # bytes of context on each side
+
+
+class KeywordLine(NamedTuple):
+    """A keyword: matches, matches of an everyday word that stood alone,
+    and examples `…before [phrase] after…`.
+    """
+
+    keyword: str
+    kind: str
+    rule: str
+    matches: int
+    alone: int
+    examples: tuple[str, ...]
+
+
+def keyword_lines(
+    run: Run, examples: int = 3, kind: str = "", rare: bool = False, videos: int = 0
+) -> Iterator[KeywordLine]:
+    """Keywords by hits, most first. `rare`: those without a hit as well; `videos`: read that many
+    transcripts, 0 for all.
+
+    Raises ProfileError, MissingExtra, FatalError without transcripts.
+    """
+    tools = make_tools(run.profile.section(Pairs), run.seed, lists.load(run.profile))
+    counts, shown = PairCounts(), _Examples(examples)
+    left = videos or None
+    total = videos or sum(map(transcripts.rows, transcripts.parts(run.root)))
+    with run.progress.task("keywords", total, "transcripts") as task:
+        for path in transcripts.parts(run.root):
+            for text in transcripts.texts(path, 0, left):
+                signals.stop.check()
+                shown.look(text, tools, counts)
+                task.advance(len(text))
+                left = left - len(text) if left is not None else None
+            if left == 0:
+                break
+    hits = {one.name: counts.of(number) for number, one in enumerate(tools.keywords.every)}
+    for number, one in sorted(
+        enumerate(tools.keywords.every),
+        key=lambda item: (-hits[item[1].name].get("matches", 0), item[1].name),
+    ):
+        found = hits[one.name].get("matches", 0)
+        if (found or rare) and kind in ("", one.kind):
+            rule = (
+                ""
+                if one.reach is None
+                else "never"
+                if one.reach == lists.NEVER
+                else f"near:{one.reach}"
+            )
+            yield KeywordLine(
+                one.name,
+                one.kind,
+                rule,
+                found,
+                hits[one.name].get("ambiguous_alone", 0),
+                shown.of(number),
+            )
+
+
+class _Examples:
+    """Of each keyword's matches those with the best drawn rank: the same in every run,
+    spread over all videos.
+    """
+
+    def __init__(self, number: int) -> None:
+        self._number = number
+        self._best: dict[int, list[tuple[int, str]]] = {}
+
+    def look(self, text: Text, tools: Tools, counts: PairCounts) -> None:
+        found = matches(text, tools, counts)
+        if not self._number or not len(found.keyword):
+            return
+        ids = cast("list[str]", text.ids.to_pylist())
+        keys = sampling.video_keys(tools.seed, ids)[found.video]
+        rank = sampling.bits(keys, text.characters(found.start, found.video), "rank")
+        order = np.lexsort((rank, found.keyword))
+        sorted_ = found.keyword[order]
+        nth = np.arange(len(order)) - np.searchsorted(sorted_, sorted_)
+        for one in order[nth < self._number].tolist():
+            best = self._best.setdefault(int(found.keyword[one]), [])
+            best.append(
+                (
+                    int(rank[one]),
+                    _context(
+                        text, int(found.start[one]), int(found.end[one]), int(found.video[one])
+                    ),
+                )
+            )
+            best[:] = heapq.nsmallest(self._number, best)
+
+    def of(self, keyword: int) -> tuple[str, ...]:
+        return tuple(line for _, line in self._best.get(keyword, []))
+
+
+def _context(text: Text, start: int, end: int, video: int) -> str:
+    low, high = (
+        max(int(text.video_at[video]), start - _AROUND),
+        min(int(text.video_end[video]), end + _AROUND),
+    )
+    before, phrase, behind = (
+        " ".join(part.decode("utf-8", "ignore").split())
+        for part in (text.raw[low:start], text.raw[start:end], text.raw[end:high])
+    )
+    return f"{text.ids[video].as_py()}: …{before} [{phrase}] {behind}…"

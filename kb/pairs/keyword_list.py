@@ -1,0 +1,255 @@
+"""A keyword list as it is written: rows with their lines, and what is wrong with the others.
+
+A tab-separated file with the columns `keyword`, `kind`, `rule`, `forms`; lines that begin with #
+are comments.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+from kb.core.errors import ProfileError
+from kb.core.profile.base import FILL_IN
+from kb.core.profile.everyday import is_everyday
+from kb.core.profile.finding import ERROR, NOTE, WARNING, Finding
+from kb.core.profile.pairs import Pairs
+from kb.pairs.keyword_forms import forms
+from kb.pairs.matching import phrase
+
+COLUMNS = ("keyword", "kind", "rule", "forms")
+RULES = ("near", "near:WORDS", "never", "always")
+NEVER = -1
+LONGEST = 64  # characters of a phrase, so that it always fits in a text
+
+
+@dataclass(frozen=True)
+class Keyword:
+    """`reach`: words around it in which it needs an unmistakable keyword.
+
+    None: it needs none; NEVER: it makes no pair. `more`: forms of its own. `rule`: as written;
+    "always" does what an empty one does, and says that an everyday word is meant.
+    """
+
+    name: str
+    kind: str
+    reach: int | None = None
+    more: tuple[str, ...] = ()
+    rule: str = field(default="", compare=False)
+
+
+class Row(NamedTuple):
+    """A keyword and the line that it stands on, counted from 1."""
+
+    line: int
+    keyword: Keyword
+
+
+class KeywordProblem(NamedTuple):
+    """A line that can't be used; 0 where the whole file can't."""
+
+    line: int
+    what: str
+    mend: str
+
+
+def scan(path: Path, near_words: int) -> tuple[Sequence[Row], Sequence[KeywordProblem]]:
+    """Every row of a file, and every problem. `near_words` is the reach of a plain `near`."""
+    try:
+        # -sig: an editor's mark at the beginning of the file is no part of the first column.
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        return (), (KeywordProblem(0, f"the keyword list {path} can't be read: {why}", ""),)
+    return _understood(text, near_words)
+
+
+@lru_cache(maxsize=8)  # a command checks its lists, and then uses them
+def _understood(text: str, near_words: int) -> tuple[tuple[Row, ...], tuple[KeywordProblem, ...]]:
+    rows: list[Row] = []
+    problems: list[KeywordProblem] = []
+    header = False
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        cells = [cell.strip() for cell in line.split("\t")]
+        if not header:
+            if tuple(cells) != COLUMNS:
+                # Without its columns no other line means anything.
+                return (), (KeywordProblem(number, *_no_header(line)),)
+            header = True
+            continue
+        found = _row(cells, near_words)
+        if isinstance(found, Keyword):
+            rows.append(Row(number, found))
+        else:
+            problems.append(KeywordProblem(number, *found))
+    return tuple(rows), tuple(problems)
+
+
+def read(path: Path, near_words: int) -> list[Keyword]:
+    """One keyword file. Raises ProfileError that names the line."""
+    rows, problems = scan(path, near_words)
+    if problems:
+        first = problems[0]
+        where = f"{path}:{first.line}: " if first.line else ""
+        raise ProfileError(f"{where}{first.what}", hint=first.mend)
+    return [row.keyword for row in rows]
+
+
+def _no_header(line: str) -> tuple[str, str]:
+    what = f"the first line must read {', '.join(COLUMNS)}, separated by tabs"
+    if sorted(line.replace(",", " ").split()) == sorted(COLUMNS):
+        return what, "it has the right names: put tabs between them, in this order"
+    return what, ""
+
+
+def _row(cells: list[str], near_words: int) -> Keyword | tuple[str, str]:
+    """The keyword of a line, or what is wrong with it and how to mend it."""
+    needed = "a line has a keyword, a kind, perhaps a rule and forms, separated by tabs"
+    if len(cells) < 2:
+        return needed, "this one has no tab"
+    if len(cells) > len(COLUMNS):
+        return needed, f"this one has {len(cells)} columns; commas separate several forms"
+    cells = cells + [""] * (len(COLUMNS) - len(cells))
+    name, kind, rule, forms = cells
+    if FILL_IN in cells:
+        return "the line is still to be filled in", "write a keyword and its kind"
+    if not name or not kind:
+        return needed, f"the {'kind' if name else 'keyword'} of this one is empty"
+    folded = phrase(name)
+    if not folded or len(folded) > LONGEST:
+        wrong = f"more than {LONGEST} letters" if folded else "no word"
+        return f"the keyword {name!r} has {wrong}", "write what is said in a video"
+    reach = _reach(rule, near_words)
+    if isinstance(reach, str):
+        return f"the rule is {rule!r}; known: {', '.join(RULES)}, or nothing", reach
+    more = tuple(form.strip() for form in forms.split(",") if form.strip())
+    return Keyword(name, kind, reach, more, rule)
+
+
+def _reach(rule: str, near_words: int) -> int | str | None:
+    """What a rule means, or how to mend it."""
+    name, colon, number = rule.partition(":")
+    if rule in ("", "always"):
+        return None
+    if rule == "never":
+        return NEVER
+    if name == "near" and not colon:
+        return near_words
+    if name == "near" and number.isascii() and number.isdigit() and int(number) > 0:
+        return int(number)
+    if name == "near":
+        return "near: is followed by a number of words, such as near:30"
+    close = difflib.get_close_matches(name.lower(), ("near", "never", "always"), n=1, cutoff=0.5)
+    return f"did you mean {close[0]}?" if close else "forms stand in the fourth column"
+
+
+Placed = tuple[str, Row]  # a row and its file's name
+
+
+def check_lists(folder: Path, names: Sequence[str], section: Pairs | None) -> list[Finding]:
+    """Findings of all lists together. `section` is None where [pairs] itself has errors."""
+    near_words = section.near_words if section else Pairs.model_fields["near_words"].default
+    every: list[Placed] = []
+    found: list[Finding] = []
+    for name in names:
+        rows, problems = scan(folder / name, near_words)
+        every += [(name, row) for row in rows]
+        found += [Finding(ERROR, name, one.line, "", one.what, one.mend) for one in problems]
+        if not rows and not problems:
+            mend = "write one a line: keyword, tab, kind"
+            found.append(Finding(ERROR, name, 0, "", "the list holds no keyword", mend))
+    broken = bool(found)
+    found += _duplicates(every)
+    found += _kinds(every)
+    found += _everyday(every)
+    found += _excluded(every, section)
+    if not broken:
+        found += _helpless(every, section)
+    return found
+
+
+def _at(level: str, place: Placed, what: str, mend: str) -> Finding:
+    return Finding(level, place[0], place[1].line, place[1].keyword.name, what, mend)
+
+
+def _duplicates(every: list[Placed]) -> Iterator[Finding]:
+    """Names that stand twice, and forms that another keyword has as its name or form."""
+    first: dict[str, Placed] = {}
+    for place in every:
+        name = place[1].keyword.name
+        before = first.setdefault(phrase(name), place)
+        if before is not place:
+            what = f"{name!r} stands on line {before[1].line} of {before[0]} already"
+            mine, other = place[1].keyword, before[1].keyword
+            same = (mine.kind, mine.reach, mine.more) == (other.kind, other.reach, other.more)
+            # Only a row that says something else is lost.
+            level = NOTE if same else WARNING
+            yield _at(level, place, what, "the first counts; take one of them out")
+    taken = dict(first)
+    for place in every:
+        for form in place[1].keyword.more:
+            folded = phrase(form)
+            if not folded:
+                yield _at(WARNING, place, f"the form {form!r} has no word", "take it out")
+                continue
+            before = taken.setdefault(folded, place)
+            if before is not place:
+                what = f"the form {form!r} is that of {before[1].keyword.name!r} already"
+                yield _at(NOTE, place, what, "a form counts for one keyword only")
+
+
+def _kinds(every: list[Placed]) -> Iterator[Finding]:
+    """A kind that stands once and looks like one that stands often."""
+    often = Counter(row.keyword.kind for _, row in every)
+    known = [kind for kind, times in often.items() if times >= 3]
+    for place in every:
+        kind = place[1].keyword.kind
+        if often[kind] > 1:
+            continue
+        close = difflib.get_close_matches(kind, known, n=1, cutoff=0.8)
+        if close:
+            what = f"the kind {kind!r} stands only here"
+            yield _at(WARNING, place, what, f"did you mean {close[0]!r}?")
+
+
+def _everyday(every: list[Placed]) -> Iterator[Finding]:
+    """Single everyday words that count wherever they are said."""
+    for place in every:
+        keyword = place[1].keyword
+        if keyword.reach is not None or keyword.rule == "always":
+            continue
+        for word in (keyword.name, *keyword.more):
+            if is_everyday(word):
+                what = f"{word!r} is an everyday word and has no rule"
+                mend = (
+                    "write near (with another keyword close by), never, or always (it is meant)"
+                    " as its rule"
+                )
+                yield _at(WARNING, place, what, mend)
+
+
+def _excluded(every: list[Placed], section: Pairs | None) -> Iterator[Finding]:
+    """Keywords that `exclude` takes away whole."""
+    for text in section.exclude if section else ():
+        banned = forms(phrase(text))
+        for place in every:
+            if phrase(place[1].keyword.name) in banned:
+                what = f"{place[1].keyword.name!r} is ruled out by pairs.exclude"
+                yield _at(WARNING, place, what, f"take it out here, or {text!r} there")
+
+
+def _helpless(every: list[Placed], section: Pairs | None) -> Iterator[Finding]:
+    """Rules that wait for a keyword which the lists don't have."""
+    if not every or (section and section.include):
+        return
+    if all(row.keyword.reach is not None for _, row in every):
+        what = "every keyword has a rule, so that none makes a pair"
+        mend = "near waits for a keyword without a rule: leave it empty where a word is yours alone"
+        yield _at(ERROR, every[0], what, mend)

@@ -1,0 +1,154 @@
+"""Evens out case, punctuation and spaces of UTF-8 text, and knows where each byte came from.
+
+A word is a run of letters, digits and combining marks; everything else separates words. Invisible
+characters (soft hyphen, joiners, variation selectors) vanish. Scripts that don't write spaces form
+long words; a keyword is found in them only where something separates it.
+"""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import chain
+from typing import NamedTuple
+
+from ahocorasick_rs import BytesAhoCorasick, Implementation
+
+from kb.core.optional import np
+
+WALL = 0xFF  # between texts: no byte of UTF-8, so no phrase reaches across
+_GONE = 0x00
+
+# ASCII: letters to lower case, digits kept, all else to a space. Bytes of longer characters stay
+# for now.
+ASCII = bytes(
+    byte if byte >= 0x80 else ord(chr(byte).lower()) if chr(byte).isalnum() else 0x20
+    for byte in range(256)
+)
+
+
+@lru_cache(maxsize=65_536)
+def character(char: str) -> bytes:
+    """What one character beyond ASCII becomes, in as many bytes as it had."""
+    size = len(char.encode())
+    kind = unicodedata.category(char)
+    if (kind == "Cf" and char != "\u200b") or "\ufe00" <= char <= "\ufe0f":
+        return bytes([_GONE]) * size
+    if kind[0] not in "LNM":
+        return b" " * size
+    for folded in (char.casefold(), char.lower()):
+        if len(folded.encode()) <= size and all(
+            part.isalnum() or unicodedata.category(part)[0] == "M" for part in folded
+        ):
+            return folded.encode().ljust(size, bytes([_GONE]))
+    return char.encode()
+
+
+def phrase(text: str) -> str:
+    """A keyword as it stands in folded text: its words, with one space between them."""
+    if text.isascii():
+        return " ".join(text.encode().translate(ASCII).decode().split())
+    out = b"".join(
+        bytes([ASCII[ord(char)]]) if ord(char) < 0x80 else character(char) for char in text
+    )
+    return " ".join(out.replace(bytes([_GONE]), b"").decode().split())
+
+
+class Folded:
+    """Folded bytes of a buffer that begins and ends with a space. `origin` maps positions back."""
+
+    def __init__(self, raw: bytes) -> None:
+        codes = np.frombuffer(bytearray(raw.translate(ASCII)), np.uint8)
+        _fold_wide(codes)
+        dropped = codes == _GONE
+        kept = np.flatnonzero(~dropped)  # invisible characters don't part a run of spaces
+        space = codes[kept] == 0x20
+        dropped[kept[1:]] = space[1:] & space[:-1]
+        places = np.flatnonzero(dropped)
+        # Where each dropped byte would be in the folded text.
+        self._before = places - np.arange(len(places))
+        self.bytes: bytes = codes[~dropped].tobytes()
+
+    def origin(self, positions: np.ndarray) -> np.ndarray:
+        """Positions in the buffer of positions in `bytes`."""
+        return positions + np.searchsorted(self._before, positions, "right")
+
+
+def _fold_wide(codes: np.ndarray) -> None:
+    """Fold characters of two to four bytes in place, each different one once."""
+    leads = np.flatnonzero((codes >= 0xC2) & (codes != WALL))
+    first = codes[leads]
+    size = np.where(first >= 0xF0, 4, np.where(first >= 0xE0, 3, 2))
+    for length in (2, 3, 4):
+        places = leads[size == length][:, None] + np.arange(length)
+        characters, which = np.unique(codes[places], axis=0, return_inverse=True)
+        folded = b"".join(
+            character(one.tobytes().decode("utf-8", "replace")[:1]) for one in characters
+        )
+        codes[places] = np.frombuffer(folded, np.uint8).reshape(-1, length)[which]
+
+
+class KeywordMatches(NamedTuple):
+    """Matches in order: the phrase's number, its first byte and the byte after its last,
+    in the text.
+    """
+
+    phrase: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+
+
+# With other first bytes than the space the automaton just goes on, and does not look for the next
+# space, of which texts have one every five bytes. No text has these (RFC 3629, section 3).
+_NEVER = [bytes([byte]) for byte in (0xFA, 0xFB, 0xFC, 0xFD)]
+
+
+class Matcher:
+    """Matches folded phrases."""
+
+    def __init__(self, phrases: Sequence[str]) -> None:
+        self._automaton = _automaton(tuple(phrases)) if phrases else None
+
+    def find(self, raw: bytes) -> KeywordMatches:
+        """Matches in UTF-8 text that begins and ends with a space."""
+        folded = Folded(raw)
+        hits = (
+            self._automaton.find_matches_as_indexes(folded.bytes, overlapping=True)
+            if self._automaton
+            else []
+        )
+        flat = np.fromiter(chain.from_iterable(hits), np.int64, 3 * len(hits)).reshape(-1, 3)
+        phrase, start, end = flat[:, 0], flat[:, 1] + 1, flat[:, 2] - 1
+        kept = leftmost_longest(start, end)
+        phrase, start, end = phrase[kept], start[kept], end[kept]
+        return KeywordMatches(
+            phrase, folded.origin(start), folded.origin(end - 1) + 1 if len(end) else end
+        )
+
+
+@lru_cache(maxsize=2)  # one command matches with the same phrases again
+def _automaton(phrases: tuple[str, ...]) -> BytesAhoCorasick:
+    return BytesAhoCorasick(
+        [*(f" {one} ".encode() for one in phrases), *_NEVER], implementation=Implementation.DFA
+    )
+
+
+def leftmost_longest(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Which of the overlapping matches stay, in order: the first, of equal starts the longest,
+    then on from its end.
+    """
+    order = np.lexsort((-end, start))
+    begin, finish = start[order], end[order]
+    kept = np.zeros(len(order), bool)
+    left = np.arange(len(order))  # undecided matches, in order
+    while len(left):
+        reach = np.maximum.accumulate(finish[left])
+        head = np.concatenate(
+            ([True], begin[left][1:] >= reach[:-1])
+        )  # nothing undecided before overlaps it
+        kept[left[head]] = True
+        group = np.cumsum(head) - 1
+        taken = finish[left[head]][group]
+        left = left[~head & (begin[left] >= taken)]
+    return order[kept]

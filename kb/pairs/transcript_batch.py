@@ -1,0 +1,224 @@
+"""Transcripts of a batch as one run of bytes, with the place and time of every cue.
+
+A transcript's text is its cues in order of their start, with one space between two. Positions in
+it are characters; inside a batch they are bytes. Times are whole milliseconds.
+
+Captions also name sounds and speakers: [Music], [Applause], notes, >> where another one speaks.
+That is nothing that is said, so spaces take its place, and positions stay those of the transcript.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, cast
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.core.optional import np
+from kb.pairs.matching import WALL
+
+_WALL = b" " + bytes([WALL]) + b" "
+_SPACES = bytes(0x20 if byte in b" \t\n\v\f\r\x1c\x1d\x1e\x1f" else byte for byte in range(256))
+# Spaces beyond ASCII, as str.split() sees them
+_WIDE_SPACE = (
+    rb"\xc2[\x85\xa0]|\xe1\x9a\x80|\xe2\x80[\x80-\x8a\xa8\xa9\xaf]|\xe2\x81\x9f|\xe3\x80\x80"
+)
+# At most 64 bytes in brackets, so that one that never closes hides nothing.
+_SOUND = rb"\[[^\[\]\xff]{0,64}\]|>{2,}|\xe2\x99[\xa9-\xac]"  # ♩ ♪ ♫ ♬
+_SPACE = re.compile(_WIDE_SPACE)
+_NOT_SPOKEN = re.compile(_SOUND + b"|" + _WIDE_SPACE)
+_FAR = 1e9  # seconds; times beyond it are no times
+
+
+class Text:
+    """A batch of transcripts.
+
+    `given` begins and ends with a space; `raw` is the same with plain spaces in place of sounds and
+    white space. Arrays a
+    cue: `cue_at` (first byte; a last one more for the end), `cue_start`, `cue_end` (ms),
+    `cue_video`; arrays a video: `video_at`, `video_end` (bytes), `length` (ms), and Arrow columns
+    `ids`, `kinds`.
+    """
+
+    def __init__(
+        self,
+        transcripts: pa.Table,
+        lengths: pa.Array[Any] | None = None,
+        *,
+        parted: bool = False,
+    ) -> None:
+        """`transcripts` has the columns of youtube/transcripts; `lengths` the videos' seconds,
+        null when unknown. `parted`: these are no captions but texts, and no phrase reaches from
+        one into the next.
+        """
+        transcripts = transcripts.combine_chunks()
+        self.ids, self.kinds = _column(transcripts, "video_id"), _column(transcripts, "kind")
+        cues = _column(transcripts, "cues")
+        videos = len(cues)
+        counts = np.asarray(pc.fill_null(pc.list_value_length(cues), 0)).astype(np.int64)
+        cells = pc.list_flatten(cues)
+        texts = pc.fill_null(pc.struct_field(cells, "text"), "").cast(pa.large_binary())
+        start, last = _seconds(cells, "start_s"), _seconds(cells, "duration_s")
+        video = np.repeat(np.arange(videos), counts)
+        if len(start) > 1 and ((start[1:] < start[:-1]) & (video[1:] == video[:-1])).any():
+            order = np.lexsort((np.arange(len(start)), start, video))
+            texts, start, last = texts.take(pa.array(order)), start[order], last[order]
+        self.cue_video = video
+        self._times(start, last, lengths)
+        self._places(texts, counts, _WALL if parted else b" ")
+        self.raw = _blanked(_SPACE if parted else _NOT_SPOKEN, self.given)
+
+    def _times(self, start: np.ndarray, last: np.ndarray, lengths: pa.Array[Any] | None) -> None:
+        """A cue of an automatic track is over when the next begins;
+        nothing lasts longer than its video.
+        """
+        end = start + np.maximum(last, 0)
+        video, videos = self.cue_video, len(self.ids)
+        if len(start) > 1:
+            automatic = ~np.asarray([kind == "manual" for kind in self.kinds.to_pylist()], bool)
+            follows = np.flatnonzero((video[1:] == video[:-1]) & automatic[video[1:]])
+            end[follows] = np.minimum(end[follows], start[follows + 1])
+        spoken = np.zeros(videos, np.int64)
+        np.maximum.at(spoken, video, end)
+        length = spoken
+        if lengths is not None:
+            seconds = pc.fill_null(lengths.cast(pa.float64()), 0)
+            given = np.asarray(seconds.to_numpy(zero_copy_only=False))
+            given = np.where(np.isfinite(given) & (given > 0) & (given < _FAR), given, 0)
+            length = np.where(given > 0, np.floor(given * 1000 + 1e-6).astype(np.int64), spoken)
+        self.length = length
+        limit = length[video]
+        self.beyond = start >= limit  # cues that begin when the video is over
+        self.cue_start, self.cue_end = np.minimum(start, limit), np.minimum(end, limit)
+
+    def _places(self, texts: pa.Array[Any], counts: np.ndarray, joint: bytes) -> None:
+        """Join cues by a joint and transcripts by a wall, and note where each begins."""
+        videos = len(counts)
+        sizes = np.asarray(pc.binary_length(texts)).astype(np.int64)
+        starts = np.concatenate(([0], np.cumsum(counts)))
+        byte_ends = np.concatenate(([0], np.cumsum(sizes)))
+        joints = np.maximum(counts - 1, 0)
+        spoken = byte_ends[starts[1:]] - byte_ends[starts[:-1]] + joints * len(joint)
+        self._walls = max(videos - 1, 0) + (int(joints.sum()) if joint == _WALL else 0)
+        self.video_at = 1 + np.concatenate(([0], np.cumsum(spoken + len(_WALL))))[:videos]
+        self.video_end = self.video_at + spoken
+        within = byte_ends[:-1] + np.arange(len(sizes)) * len(joint)
+        first = np.minimum(starts[:-1], max(len(within) - 1, 0))
+        base = within[first] if len(within) else np.zeros(videos, np.int64)
+        self.cue_at = self.video_at[self.cue_video] + within - np.repeat(base, counts)
+        self.cue_size = sizes
+        together = pc.binary_join(
+            _lists(starts, texts),
+            pa.scalar(joint, pa.large_binary()),
+        )
+        data = memoryview(together.buffers()[2] or b"")
+        ends = np.cumsum(np.asarray(pc.binary_length(together)), dtype=np.int64).tolist()
+        pieces: list[bytes | memoryview] = [b" "]
+        for begin, end in pairwise([0, *ends]):
+            pieces += [data[begin:end], _WALL]
+        # Copied once; no wall stands behind the last one.
+        pieces[-1:] = [b" "] if videos else [b" ", b" "]
+        self.given: bytes = b"".join(pieces)
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def cue_of(self, places: np.ndarray) -> np.ndarray:
+        """The cue that holds each byte."""
+        cues: np.ndarray = np.searchsorted(self.cue_at, places, "right") - 1
+        return cues
+
+    def video_of(self, places: np.ndarray) -> np.ndarray:
+        """The video that holds each byte."""
+        videos: np.ndarray = np.searchsorted(self.video_at, places, "right") - 1
+        return videos
+
+    @cached_property
+    def codes(self) -> np.ndarray:
+        """The bytes of `raw` as numbers."""
+        return np.frombuffer(self.raw, np.uint8)
+
+    @cached_property
+    def _inner(self) -> np.ndarray:
+        """Where bytes are that continue a character."""
+        codes = np.frombuffer(self.given, np.uint8)
+        inner: np.ndarray = np.flatnonzero((codes & 0xC0) == 0x80)
+        return inner
+
+    def characters(self, places: np.ndarray, videos: np.ndarray) -> np.ndarray:
+        """Bytes of the batch as characters of their transcript's text."""
+        begin = self.video_at[videos]
+        bytes_: np.ndarray = places - begin
+        if not len(self._inner):
+            return bytes_
+        inner = np.searchsorted(self._inner, places) - np.searchsorted(self._inner, begin)
+        characters: np.ndarray = bytes_ - inner
+        return characters
+
+    @cached_property
+    def words(self) -> np.ndarray:
+        """First byte of each word (walls between transcripts are among them)."""
+        space = self.codes == 0x20
+        return np.flatnonzero(space[:-1] & ~space[1:]) + 1
+
+    def before(self, places: np.ndarray) -> np.ndarray:
+        """How many words begin before each byte."""
+        numbers: np.ndarray = np.searchsorted(self.words, places)
+        return numbers
+
+    def word_of(self, places: np.ndarray) -> np.ndarray:
+        """The number of the word that holds each byte."""
+        return self.before(places + 1) - 1
+
+    def time_of(self, places: np.ndarray, *, after: bool = False) -> np.ndarray:
+        """When the words that hold these bytes begin (or end, with `after`), in ms:
+        a cue's time is shared out evenly among its words.
+        """
+        cue = self.cue_of(places)
+        begin = self.cue_at[cue]
+        bounds = np.concatenate((places + 1, begin, begin + self.cue_size[cue]))
+        number, first, behind = np.split(self.before(bounds), 3)
+        span, count = self.cue_end[cue] - self.cue_start[cue], behind - first
+        spoken = np.minimum(number - 1 - first + after, count)
+        times: np.ndarray = self.cue_start[cue] + span * spoken // np.maximum(count, 1)
+        return times
+
+    @property
+    def word_count(self) -> int:
+        """Words of all transcripts."""
+        return max(0, len(self.words) - self._walls)
+
+
+def without_sounds(captions: bytes) -> bytes:
+    """UTF-8 text with spaces, byte for byte, in place of sounds, changes of speakers and white
+    space.
+    """
+    return _blanked(_NOT_SPOKEN, captions)
+
+
+def _blanked(pattern: re.Pattern[bytes], text: bytes) -> bytes:
+    return pattern.sub(lambda match: b" " * len(match[0]), text).translate(_SPACES)
+
+
+def _lists(offsets: Any, values: Any) -> pa.Array[Any]:
+    return pa.LargeListArray.from_arrays(pa.array(offsets, pa.int64()), values)
+
+
+def _column(rows: pa.Table, name: str) -> pa.Array[Any]:
+    column = rows.column(name)
+    if not column.num_chunks:
+        return cast("pa.Array[Any]", pa.array([], column.type))
+    return cast("pa.Array[Any]", column.chunk(0))  # the stubs say ChunkedArray
+
+
+def _seconds(cells: pa.Array[Any], name: str) -> np.ndarray:
+    """A field of cues in ms; what is no time (null, NaN, infinite) counts as 0."""
+    values = (
+        pc.struct_field(cells, name).cast("float64").fill_null(0).to_numpy(zero_copy_only=False)
+    )
+    values = np.where(np.isfinite(values) & (np.abs(values) < _FAR), values, 0)
+    ms: np.ndarray = np.rint(np.maximum(values, 0) * 1000).astype(np.int64)
+    return ms

@@ -1,0 +1,138 @@
+"""Where transcripts come from: clean/youtube, read a few hundred at a time."""
+
+from __future__ import annotations
+
+import hashlib
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.artifacts import manifest
+from kb.core.errors import FatalError
+from kb.pairs.transcript_batch import Text
+from kb.store import parquet, rawlog
+from kb.store.layout import parquet_files
+from kb.store.reading import reading
+
+_ROWS = 128  # transcripts in memory at once: some 2 MB of text, which the cache half holds
+_COLUMNS = ["video_id", "kind", "cues"]
+_CUES = 2_000_000  # cues in memory at once, whatever the number of transcripts
+
+
+def parts(root: Path, table: str = "transcripts", *, index: Path | None = None) -> list[Path]:
+    """The files of a clean YouTube table, in order. FatalError when there are no transcripts.
+
+    `index`: the released pairs whose transcripts are wanted, for the advice.
+    """
+    found = manifest.rows(root, f"youtube/{table}")
+    if not found and table == "transcripts":
+        raise FatalError("there are no transcripts in clean/youtube", hint=_how(root, index))
+    return found
+
+
+def _how(root: Path, index: Path | None) -> str:
+    """What has to be run before there are transcripts."""
+    if rawlog.any_answer(root, "youtube"):
+        return "run `kb youtube filter` first"
+    crawl = "kb youtube crawl" + (f" --ids {shlex.quote(str(index))}" if index is not None else "")
+    return f"run `{crawl}`, then `kb youtube filter`, then this command again"
+
+
+def rows(path: Path) -> int:
+    """Transcripts in a file."""
+    with reading([path]):
+        return int(parquet.footer(path).num_rows)
+
+
+def texts(path: Path, first: int = 0, after: int | None = None) -> Iterator[Text]:
+    """Transcripts `first` up to `after` of a file, in batches, with the lengths of their videos."""
+    lengths = _Lengths(path)
+    with reading([path]), parquet.open_file(path, pre_buffer=False, buffer_size=1 << 20) as file:
+        after = file.metadata.num_rows if after is None else after
+        at, groups = 0, []
+        begin = 0
+        for group in range(file.num_row_groups):
+            size = file.metadata.row_group(group).num_rows
+            if at + size > first and at < after:
+                groups.append(group)
+            elif at + size <= first:
+                begin = at + size
+            at += size
+        place = begin
+        for batch in (
+            file.iter_batches(
+                batch_size=_ROWS, row_groups=groups, columns=_COLUMNS, use_threads=False
+            )
+            if groups
+            else ()
+        ):
+            low, high = max(first - place, 0), min(after - place, batch.num_rows)
+            place += batch.num_rows
+            if low < high:
+                for piece in _pieces(pa.Table.from_batches([batch.slice(low, high - low)])):
+                    yield Text(piece, lengths.of(piece.column("video_id")))
+            if place >= after:
+                return
+
+
+def _pieces(rows: pa.Table) -> Iterator[pa.Table]:
+    """A table cut where it holds too many cues for one go (very long streams)."""
+    cues = pc.sum(pc.list_value_length(rows.column("cues"))).as_py() or 0
+    if cues > _CUES and rows.num_rows > 1:
+        half = rows.num_rows // 2
+        yield from _pieces(rows.slice(0, half))
+        yield from _pieces(rows.slice(half))
+    else:
+        yield rows
+
+
+class _Lengths:
+    """Seconds of videos by id.
+
+    The videos of a file of transcripts are mostly in the file of the same name.
+    """
+
+    def __init__(self, path: Path) -> None:
+        folder = path.parent.with_name("videos")
+        self._same, self._folder = folder / path.name, folder
+        self._known: pa.Table | None = None
+        self._all = False
+
+    def of(self, ids: pa.ChunkedArray[Any]) -> pa.Array[Any]:
+        """Lengths in the order of `ids`; null where no video says one."""
+        if self._known is None:
+            self._known = _read([self._same] if self._same.exists() else [])
+        where = pc.index_in(ids, self._known["video_id"])
+        if where.null_count and not self._all:
+            self._known, self._all = _read(parquet_files(self._folder)), True
+            where = pc.index_in(ids, self._known["video_id"])
+        found = self._known["duration_s"].take(
+            where.combine_chunks() if hasattr(where, "combine_chunks") else where
+        )
+        return found.combine_chunks()
+
+
+def _read(files: list[Path]) -> pa.Table:
+    with reading(files):
+        tables = [parquet.read_table(file, columns=["video_id", "duration_s"]) for file in files]
+    return (
+        pa.concat_tables(tables)
+        if tables
+        else pa.table(
+            {"video_id": pa.array([], pa.string()), "duration_s": pa.array([], pa.float64())}
+        )
+    )
+
+
+def fingerprint(root: Path, *rules: str) -> str:
+    """What the pairs follow from: transcripts, videos and rules, in 16 digits."""
+    whole = hashlib.sha256("\x1f".join(rules).encode())
+    for table in ("transcripts", "videos"):
+        for path in parts(root, table):
+            with path.open("rb") as file:
+                whole.update(path.name.encode() + hashlib.file_digest(file, "sha256").digest())
+    return whole.hexdigest()[:16]

@@ -1,0 +1,204 @@
+"""The best passages of a data root, as answers with a snippet and a link to the very place."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import msgspec
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.artifacts import indexed, linked
+from kb.artifacts.catalog import NO_TABLES, Catalog
+from kb.core.errors import UsageError
+from kb.core.sources import SOURCES
+from kb.search.passage import Passage
+from kb.search.query import question
+from kb.search.ranking import IndexedTerm, Only, Ranked, Weights, rank
+from kb.search.snippet import snippet
+from kb.search.spelling import corrected
+from kb.search.tantivy_index import PassageIndex
+from kb.store import parquet
+from kb.store.reading import reading
+
+
+class SearchHit(msgspec.Struct):
+    """A passage that was asked for. `text` is at most as long as was asked, `snippet` a part of it
+    with the words marked (of the title where the passage has no text of its own); `start_s` where
+    a video speaks of it; `licence` None where the source gives none.
+    """
+
+    text: str
+    snippet: str
+    source: str
+    kind: str
+    key: str
+    title: str
+    path: str
+    score: float
+    url: str
+    licence: str | None
+    date: str | None
+    start_s: float | None = None
+
+
+def search(
+    root: Path,
+    words: str,
+    *,
+    sources: Sequence[str] = (),
+    only: Only | None = None,
+    size: int = 1000,
+    entity: str = "",
+) -> list[SearchHit]:
+    """The best answers first. `size`: characters of an answer's text at most. `entity`: out of
+    videos, pages, posts and comments alone that are linked to it (kb.search.answers).
+
+    Raises UsageError for a query without a word to look for, where a source has no index or one
+    that does not follow clean/, and so for the entity tables where they are asked for; DamagedData
+    for what can't be read.
+    """
+    asked = question(words)
+    indexes = {source: _opened(root, source) for source in usable(root, sources or SOURCES)}
+    weights = Weights(indexes, asked)
+    linked = restrict(root, entity, list(indexes)) if entity else None
+    return [
+        _answer(indexes[one.source], one, weights.marked(one.source), size)
+        for one in rank(indexes, asked, weights, only or Only(), linked)
+    ]
+
+
+def suggest(root: Path, words: str, *, sources: Sequence[str] = ()) -> str:
+    """The query with each word that no passage has in its nearest spelling that some have; "" where
+    every word is known, or nothing is near. Raises as `search`.
+    """
+    usable_sources = usable(root, sources or SOURCES)
+    return corrected([_opened(root, source) for source in usable_sources], words)
+
+
+def usable(root: Path, sources: Sequence[str]) -> list[str]:
+    """Those of the sources that have texts here; their index is current.
+
+    Raises UsageError for one whose index is not, and where there are no texts.
+    """
+    with_rows = [source for source in sources if indexed.files(root, source)]
+    if not with_rows:
+        raise UsageError(
+            f"nothing to search: {root} has no texts of {' or '.join(sources)}",
+            hint=f"`kb restore` brings back a release's texts; for a data root {NO_TABLES}",
+        )
+    for source in with_rows:
+        if not indexed.is_current(root, source):
+            raise UsageError(
+                f"the index of {source} is missing or out of date",
+                hint="run `kb index`",
+            )
+    return with_rows
+
+
+def _opened(root: Path, source: str) -> PassageIndex:
+    indexed.check(root, source)
+    note = indexed.read(root, source)
+    return PassageIndex(indexed.folder(root, source), str(note.rules["stemmer"]) if note else "")
+
+
+def _answer(
+    index: PassageIndex, ranked: Ranked, marked: Sequence[IndexedTerm], size: int
+) -> SearchHit:
+    one = index.passage(ranked.address)
+    shown = snippet(one.text, index.analyzer, marked)
+    if not shown.marks and one.alt:
+        alt = snippet(one.alt, index.analyzer, marked)
+        shown = alt if alt.marks or not one.text else shown
+    if not (one.text or one.alt):
+        shown = snippet(one.title, index.analyzer, marked)
+    start, url = None, one.url
+    if one.times:
+        start = _second(one, shown.marks)
+        url = re.sub(r"&t=\d+s$", f"&t={int(start)}s", url)
+    text = one.text.replace("\n", " ") if one.times else one.text
+    return SearchHit(
+        text=cut(text or one.alt or one.title, size),
+        snippet=shown.text,
+        source=ranked.source,
+        kind=one.kind,
+        key=one.key,
+        title=one.title,
+        path=one.path,
+        score=ranked.score,
+        url=url,
+        licence=one.licence,
+        date=one.date,
+        start_s=start,
+    )
+
+
+def cut(text: str, size: int) -> str:
+    """The text, or as much of it as `size` characters hold with an ellipsis."""
+    return text if len(text) <= size else text[: max(0, size - 1)].rstrip() + "…"
+
+
+def _second(one: Passage, marks: Sequence[tuple[int, int]]) -> float:
+    """The second at which the cue with the most of the marked words begins, of several the first;
+    cues are lines.
+    """
+    words: Counter[int] = Counter()
+    for at, count in marks:
+        words[one.text.count("\n", 0, at)] += count
+    return one.times[min(words, key=lambda line: (-words[line], line), default=0)]
+
+
+def restrict(root: Path, name: str, sources: Sequence[str]) -> dict[str, list[str]]:
+    """The keys that are linked to an entity, for `kb.search.ranking.rank`.
+
+    Raises UsageError where there are no entity tables, they are older than the clean tables that
+    are searched, or no entity has that name; DamagedData.
+    """
+    now = {source: note.files for source in sources if (note := indexed.read(root, source))}
+    linked.check(root, now)
+    return keys(root, entity(root, name), sources)
+
+
+def entity(root: Path, name: str) -> str:
+    """The entity of that name, or whose other form it is. Raises UsageError with the nearest."""
+    wanted = " ".join(name.split()).casefold()
+    rows: list[dict[str, Any]] = []
+    files = Catalog(root.absolute()).files("links/entities")
+    with reading(files):
+        for path in files:
+            rows += parquet.read_table(path, columns=["entity", "aliases"]).to_pylist()
+    names = {str(row["entity"]).casefold(): str(row["entity"]) for row in rows}
+    forms = {alias: str(row["entity"]) for row in rows for alias in row["aliases"]}
+    if found := names.get(wanted) or forms.get(wanted):
+        return found
+    near = difflib.get_close_matches(wanted, [*names, *forms], n=3, cutoff=0.6)
+    listed = dict.fromkeys(names.get(one) or forms[one] for one in near)
+    hint = f"did you mean {' or '.join(listed)}?" if listed else ""
+    lists = '`kb query "SELECT entity FROM links.entities"` lists them'
+    raise UsageError(f"no entity {name!r}", hint=hint or lists)
+
+
+def keys(root: Path, name: str, sources: Sequence[str]) -> dict[str, list[str]]:
+    """The keys that are linked to an entity, sorted. Only row groups that may name it are read."""
+    held: dict[str, set[str]] = {source: set() for source in sources}
+    files = Catalog(root.absolute()).files("links/links")
+    with reading(files):
+        for path in files:
+            with parquet.open_file(path) as file:
+                for group in range(file.metadata.num_row_groups):
+                    about: Any = file.metadata.row_group(group).column(0).statistics
+                    known = about is not None and about.has_min_max
+                    if known and not about.min <= name <= about.max:
+                        continue
+                    rows = file.read_row_group(group, columns=["entity", "source", "key"])
+                    mine = rows.filter(pc.equal(rows["entity"].cast(pa.string()), name))
+                    pairs = zip(mine["source"].to_pylist(), mine["key"].to_pylist(), strict=True)
+                    for source, key in cast("list[tuple[str, str]]", list(pairs)):
+                        if source in held:
+                            held[source].add(key)
+    return {source: sorted(found) for source, found in held.items()}

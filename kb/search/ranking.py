@@ -1,0 +1,252 @@
+"""tantivy's BM25 over the indexes of several sources, and words in the order asked above it.
+
+    score  = Σ rarity · f · (k + 1) / (f + k · (1 - b + b · length / mean)) + order
+    rarity = ln(1 + (N - n + 0.5) / (n + 0.5))
+
+with N passages, n that have the term, f how often a passage has it, k = 1.2, b = 0.75; words of the
+title count twice, in f and in the length. The mean is that of the source. How rare a term is
+follows from all sources that are searched together, else a word would count more only because its
+source is larger: tantivy weighs each term by its own source, and that is divided out. What begins
+like a prefix counts once, as if all such words were one.
+
+`order`: for each two neighbours of the words asked that a passage has side by side, the mean of
+their rarities; where it has all that are not small in the order asked, with the same gaps give or
+take a word, more than all this can sum up to; and where it has all of them side by side, as much
+again. So such passages rank above all that only share the words.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import date
+from typing import NamedTuple
+
+from tantivy import Occur, Query
+
+from kb.core.errors import UsageError
+from kb.search.query import Question, Term, is_small
+from kb.search.tantivy_index import PassageIndex
+
+_HIGHEST = 2.2  # k + 1: what a term adds at most, as a multiple of its rarity
+_MARKED = 0.3  # of the rarest term's rarity
+_DIGITS = 3  # of a score; the engine computes with seven in all
+_AHEAD = 64  # passages that are looked at first, as several may be of one thing
+
+
+@dataclass(frozen=True)
+class Only:
+    """Which passages may be answers, and how many: `each` of one video, page or thread (None: all
+    of them); dates as "2026-03-01", both included.
+    """
+
+    kinds: tuple[str, ...] = ()
+    since: str = ""
+    until: str = ""
+    least: float = 0.0
+    each: int | None = 1
+    limit: int = 10
+
+
+def day_given(name: str, given: str) -> str:
+    """A day as somebody wrote it, "" for none. Raises UsageError unless it is like 2023-01-31."""
+    try:
+        if given and not re.fullmatch(r"\d{4}-\d\d-\d\d", given):
+            raise ValueError
+        return date.fromisoformat(given).isoformat() if given else ""
+    except ValueError:
+        raise UsageError(f"{name} is {given!r}", hint="write it like 2023-01-31") from None
+
+
+class Ranked(NamedTuple):
+    """A passage's score and where it is. Sorts from the best; equal ones as they were written."""
+
+    minus: float
+    source: str
+    number: int
+    address: tuple[int, int]
+
+    @property
+    def score(self) -> float:
+        """The higher the better."""
+        return -self.minus
+
+
+class IndexedTerm:
+    """A term in one index. `words` are its words as the index has them."""
+
+    def __init__(self, index: PassageIndex, term: Term) -> None:
+        self._index, self.prefix = index, term.prefix
+        self.words: list[str] = index.analyzer.analyze(term.text)
+
+    @property
+    def frequencies(self) -> list[int]:
+        """How many passages have each of the words; of a prefix how many have all of it."""
+        if self.prefix and self.words:
+            return [self._index.count(self._matching)]
+        return [self._index.frequency(word) for word in self.words]
+
+    @property
+    def _matching(self) -> Query:
+        index = self._index
+        return index.beginning(self.words) if self.prefix else index.phrase(self.words)
+
+    def places(self, words: Sequence[str]) -> list[int]:
+        """Where the term stands among the words of a text."""
+        first, *rest = self.words or [""]
+        if not rest and self.prefix:
+            return [at for at, word in enumerate(words) if word.startswith(first)]
+        places = [at for at, word in enumerate(words) if word == first]
+        return [at for at in places if self._goes_on(words[at + 1 : at + 1 + len(rest)], rest)]
+
+    def _goes_on(self, words: Sequence[str], rest: Sequence[str]) -> bool:
+        if not self.prefix or len(words) < len(rest):
+            return words == rest
+        return words[:-1] == rest[:-1] and words[-1].startswith(rest[-1])
+
+    def scored(self, weight: float) -> Query:
+        """Passages with the term, by BM25 as if it were so rare."""
+        if self.prefix:
+            return self.constant(weight)
+        own = sum(rarity(self._index.size, count) for count in self.frequencies)
+        return Query.boost_query(self._matching, weight / own)
+
+    def constant(self, score: float) -> Query:
+        """Passages with the term, each with this score."""
+        return Query.const_score_query(self._matching, score)
+
+
+class Weights:
+    """How much each term of a question counts in these indexes, all taken together."""
+
+    def __init__(self, indexes: Mapping[str, PassageIndex], question: Question) -> None:
+        self._size = sum(index.size for index in indexes.values())
+        run = Term(" ".join(question.run))
+        self.indexed = {
+            source: {
+                term: IndexedTerm(index, term)
+                for term in {*question.terms, *question.needed, *question.barred, *question.pairs}
+            }
+            for source, index in indexes.items()
+        }
+        self.runs = {source: IndexedTerm(index, run) for source, index in indexes.items()}
+        self.large = {source: _large(index, question) for source, index in indexes.items()}
+        self.terms = self._rarities(question.terms)
+        self.pairs = {term: one / 2 for term, one in self._rarities(question.pairs).items()}
+        self.order = _HIGHEST * sum(self.terms.values()) + sum(self.pairs.values())
+
+    def _rarities(self, terms: Iterable[Term]) -> dict[Term, float]:
+        """Sums over each term's words. One without any, as the analyzer sees it, is left out."""
+        made = {}
+        for term in terms:
+            frequencies = [one[term].frequencies for one in self.indexed.values()]
+            if all(frequencies):
+                counts = map(sum, zip(*frequencies, strict=True))
+                made[term] = sum(rarity(self._size, count) for count in counts)
+        return made
+
+    def marked(self, source: str) -> list[IndexedTerm]:
+        """What a snippet marks: all words in the order asked, then those that are not everywhere,
+        such as "to", the rarest first.
+        """
+        most = max(self.terms.values(), default=0.0)
+        rarest = sorted(self.terms.items(), key=lambda one: (-one[1], one[0]))
+        terms = [self.indexed[source][term] for term, one in rarest if one >= _MARKED * most]
+        return [self.runs[source], *terms] if self.runs[source].words else terms
+
+
+def rank(
+    indexes: Mapping[str, PassageIndex],
+    question: Question,
+    weights: Weights,
+    only: Only,
+    linked: Mapping[str, Collection[str]] | None = None,
+) -> list[Ranked]:
+    """The best passages of all indexes, at most `only.limit`, the best first; of equal ones in
+    the order of sources and of writing. `linked`: those alone that have one of these keys.
+    """
+    ranked: list[Ranked] = []
+    if not weights.terms:
+        return []
+    for source, index in indexes.items():
+        if not index.size:
+            continue
+        keys = None if linked is None else linked[source]
+        query = _query(index, source, question, weights, only, keys)
+        ranked += _best(index, source, query, only)
+    return sorted(ranked)[: only.limit]
+
+
+def rarity(passages: int, having: int) -> float:
+    """How much a term counts that `having` of the passages have; never below nought."""
+    return math.log(1 + (passages - having + 0.5) / (having + 0.5))
+
+
+def _large(index: PassageIndex, question: Question) -> list[tuple[int, str]]:
+    """Words of the run that are not small, as the index has them, with their places in it."""
+    found: list[tuple[int, str]] = []
+    place = 0
+    for word in question.run:
+        analyzed = index.analyzer.analyze(word)
+        if not is_small(word):
+            found += enumerate(analyzed, place)
+        place += len(analyzed)
+    return found
+
+
+def _query(
+    index: PassageIndex,
+    source: str,
+    question: Question,
+    weights: Weights,
+    only: Only,
+    keys: Collection[str] | None,
+) -> Query:
+    """What an index is asked."""
+    terms, run = weights.indexed[source], weights.runs[source]
+    parts = [(Occur.Should, terms[term].scored(one)) for term, one in weights.terms.items()]
+    parts += [(Occur.Should, terms[term].constant(one)) for term, one in weights.pairs.items()]
+    if run.words:
+        parts.append((Occur.Should, run.constant(weights.order)))
+    if len(large := weights.large[source]) > 1:
+        in_order = Query.const_score_query(index.in_order(large), weights.order)
+        parts.append((Occur.Should, in_order))
+    needed, barred = (
+        [terms[term].constant(0.0) for term in given if terms[term].words]
+        for given in (question.needed, question.barred)
+    )
+    if only.kinds:
+        needed.append(index.kinds(only.kinds))
+    if only.since or only.until:
+        needed.append(index.days(only.since, only.until))
+    if keys is not None:
+        needed.append(index.keys(keys))
+    return Query.boolean_query(
+        [
+            (Occur.Must, Query.boolean_query(parts)),
+            *((Occur.Must, Query.const_score_query(one, 0.0)) for one in needed),
+            *((Occur.MustNot, one) for one in barred),
+        ]
+    )
+
+
+def _best(index: PassageIndex, source: str, query: Query, only: Only) -> list[Ranked]:
+    most = only.limit if only.each is None else max(_AHEAD, 4 * only.limit)
+    while True:
+        most = min(most + 1, index.size)
+        hits = [(round(hit.score, _DIGITS), hit) for hit in index.best(query, most)]
+        last = -1.0 if len(hits) < most or most == index.size else hits[-1][0]
+        # Of those with the lowest score some may be left out, and which is chance.
+        sure = sorted((-score, hit.number, hit) for score, hit in hits if score > last)
+        best: list[Ranked] = []
+        taken: Counter[int] = Counter()
+        for minus, number, hit in sure:
+            taken[hit.thing] += 1
+            if -minus >= only.least and (only.each is None or taken[hit.thing] <= only.each):
+                best.append(Ranked(minus, source, number, hit.address))
+        if len(best) >= only.limit or last < only.least:
+            return best[: only.limit]
+        most *= 8

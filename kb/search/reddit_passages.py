@@ -1,0 +1,32 @@
+"""Posts and comments as passages; a comment has its post's title."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+from kb.core.profile import Profile
+from kb.core.profile.reddit import RedditSection
+from kb.search.passage import Beside, Passage, day, pieces, plain, rows
+
+_POST = ["post_id", "title", "body", "poll_options", "created_utc"]
+_COMMENT = ["comment_id", "post_id", "body", "created_utc"]
+
+
+def passages(profile: Profile, root: Path) -> Iterator[Passage]:
+    """The passages of all kept threads, by post. Raises DamagedData."""
+    subreddit = profile.section(RedditSection).subreddit
+    replies = Beside(rows(root, "reddit/comments", _COMMENT), "post_id")
+    for post in rows(root, "reddit/posts", _POST):
+        key, title = post["post_id"], plain(post["title"])
+        url = f"https://www.reddit.com/r/{subreddit}/comments/{key}/"
+        made = partial(Passage, thing=key, title=title)
+        lines = [*plain(post["body"]).splitlines(), *map(plain, post["poll_options"] or ())]
+        for text in list(pieces(lines)) or [""]:
+            yield made("post", key=f"t3_{key}", text=text, url=url, date=day(post["created_utc"]))
+        for one in replies.of(key):
+            there, when = f"{url}_/{one['comment_id']}/", day(one["created_utc"])
+            for text in pieces(plain(one["body"]).splitlines()):
+                name = f"t1_{one['comment_id']}"
+                yield made("comment", key=name, text=text, url=there, date=when)

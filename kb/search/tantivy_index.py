@@ -1,0 +1,251 @@
+"""What an index of tantivy's looks like, and how it is asked (kb.search.tantivy_index writes it).
+
+A passage is one document. Its `words` are its title twice, its headings, its text and its alt texts
+one after the other, so that a word of the title counts twice; a phrase never reaches from one into
+the next. Beside them stand what filters ask for, and `row`, all that an answer shows.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+import orjson
+import tantivy
+from tantivy import Filter, Occur, Query, Tokenizer
+
+from kb.artifacts import indexed
+from kb.core.errors import DamagedData, DiskFull
+from kb.search.passage import KINDS, Passage
+from kb.store.atomic import FULL_HINT
+
+WORDS, KEY, KIND, NUMBER, THING, DAY, ROW = "words", "key", "kind", "number", "thing", "day", "row"
+ANALYZER = "words"  # the name of kb.search.tantivy_index.analyzer in an index
+_SPECIAL = re.compile(r"[^\w\s]")  # signs of a pattern; folding makes some: "⑴" is "(1)"
+_Given = TypeVar("_Given")
+
+
+class IndexHit(NamedTuple):
+    """A passage that a query found: its score, its number and its thing's in the order of writing,
+    and tantivy's address of it (segment, document).
+    """
+
+    score: float
+    number: int
+    thing: int
+    address: tuple[int, int]
+
+
+def schema() -> tantivy.Schema:
+    """The fields of a passage."""
+    made = tantivy.SchemaBuilder()
+    made.add_text_field(WORDS, tokenizer_name=ANALYZER)
+    made.add_text_field(KEY, tokenizer_name="raw", index_option="basic")
+    for name in (KIND, NUMBER, THING, DAY):
+        made.add_integer_field(name, fast=True)
+    made.add_bytes_field(ROW, stored=True)
+    return made.build()
+
+
+def day(date: str) -> int:
+    """ "2026-11-20" as the number that stands for it."""
+    return int(date.replace("-", ""))
+
+
+class PassageIndex:
+    """An index to ask. Raises DamagedData for one that can't be read, here and everywhere."""
+
+    def __init__(self, folder: Path, stemmer: str) -> None:
+        self._folder = folder
+        self.analyzer = analyzer(stemmer)
+        self._index = self._read(lambda: _open(folder))
+        self.schema = self._index.schema
+        self._searcher = self._read(self._index.searcher)
+        self.size = self._searcher.num_docs
+
+    def _read(self, ask: Callable[[], _Given]) -> _Given:
+        try:
+            return ask()
+        except Exception as error:
+            raise self._damaged() from error
+        except BaseException as error:
+            if type(error).__name__ != "PanicException":  # tantivy's; its class has no address
+                raise
+            raise self._damaged() from None
+
+    def _damaged(self) -> DamagedData:
+        return DamagedData(f"{self._folder} can't be read", hint="run `kb index --again`")
+
+    def frequency(self, word: str) -> int:
+        """How many passages have a word of the analyzer's."""
+        return self._read(lambda: self._searcher.doc_freq(WORDS, word))
+
+    def count(self, query: Query) -> int:
+        """How many passages a query finds."""
+        return int(self._read(lambda: self._searcher.search(query, 1)).count)  # type: ignore[attr-defined]
+
+    def frequencies(self, prefix: str, most: int) -> list[tuple[str, int]]:
+        """The most frequent words that begin like this, and how many passages have them."""
+        return self._read(lambda: self._searcher.terms_with_prefix(WORDS, prefix, limit=most))
+
+    def phrase(self, words: list[str]) -> Query:
+        """Passages with a word, or with several side by side."""
+        if len(words) == 1:
+            return Query.term_query(self.schema, WORDS, words[0], "position")
+        return Query.phrase_query(self.schema, WORDS, list(words))
+
+    def in_order(self, places: list[tuple[int, str]]) -> Query:
+        """Passages with these words (place, word) so far apart, or one place more or less."""
+        # With one place to spare no two words change places.
+        return Query.phrase_query(self.schema, WORDS, list(places), slop=1)
+
+    def beginning(self, words: list[str]) -> Query:
+        """Passages with these words side by side, the last of which is how a word begins."""
+        patterns = [_SPECIAL.sub(r"\\\g<0>", word) for word in words]
+        patterns[-1] += ".*"
+        if len(words) == 1:
+            return Query.regex_query(self.schema, WORDS, patterns[0])
+        return Query.regex_phrase_query(self.schema, WORDS, list(patterns))
+
+    def days(self, since: str, until: str) -> Query:
+        """Passages of these days, both included; either may be "". None without a date."""
+        first, last = (day(one) if one else None for one in (since, until))
+        return Query.range_query(self.schema, DAY, tantivy.FieldType.Integer, first, last)
+
+    def kinds(self, kinds: Iterable[str]) -> Query:
+        """Passages of these kinds."""
+        numbers = [KINDS.index(one) for one in kinds]
+        whole = tantivy.FieldType.Integer
+        return Query.boolean_query(
+            [(Occur.Should, Query.range_query(self.schema, KIND, whole, n, n)) for n in numbers]
+        )
+
+    def keys(self, keys: Iterable[str]) -> Query:
+        """Passages of these keys."""
+        return Query.term_set_query(self.schema, KEY, list(keys))
+
+    def best(self, query: Query, most: int) -> list[IndexHit]:
+        """The passages of a query with the highest scores; which of equal ones is chance."""
+        hits = self._read(lambda: self._searcher.search(query, most, count=False)).hits
+        places = [place for _, place in hits]
+        numbers, things = (
+            self._read(lambda field=field: self._searcher.fast_field_values(field, places))  # type: ignore[misc]
+            for field in (NUMBER, THING)
+        )
+        return [
+            IndexHit(score, int(number or 0), int(thing or 0), (place.segment_ord, place.doc))
+            for (score, place), number, thing in zip(hits, numbers, things, strict=True)
+        ]
+
+    def first(self, query: Query, most: int) -> list[Passage]:
+        """The passages of a query that were written first."""
+        hits = self._read(
+            lambda: self._searcher.search(
+                query, most, count=False, order_by_field=NUMBER, order=tantivy.Order.Asc
+            )
+        ).hits
+        return [self.passage((place.segment_ord, place.doc)) for _, place in hits]
+
+    def passage(self, address: tuple[int, int]) -> Passage:
+        """The passage at an address."""
+        document = self._read(lambda: self._searcher.doc(tantivy.DocAddress(*address)))
+        return Passage(*self._read(lambda: orjson.loads(document.get_first(ROW) or b"")))
+
+
+def _open(folder: Path) -> tantivy.Index:
+    """An index, by links to its files where the folder lets no lock be written."""
+    if os.access(folder, os.W_OK):
+        return tantivy.Index.open(str(folder))
+    with tempfile.TemporaryDirectory(prefix="lorecrawl-index-") as scratch:
+        for path in folder.iterdir():
+            if path.name not in indexed.LOCKS:
+                Path(scratch, path.name).symlink_to(path.absolute())
+        return tantivy.Index.open(scratch)  # its files are open, and stay
+
+
+STEMMERS = {
+    "ar": "arabic", "da": "danish", "de": "german", "el": "greek", "en": "english",
+    "es": "spanish", "fi": "finnish", "fr": "french", "hu": "hungarian", "it": "italian",
+    "nb": "norwegian", "nl": "dutch", "nn": "norwegian", "no": "norwegian", "pt": "portuguese",
+    "ro": "romanian", "ru": "russian", "sv": "swedish", "ta": "tamil", "tr": "turkish",
+}  # fmt: skip
+
+
+def analyzer(stemmer: str) -> tantivy.TextAnalyzer:
+    """A text's words: runs of letters and digits, small, without accents, and stemmed unless
+    `stemmer` is "".
+    """
+    made = tantivy.TextAnalyzerBuilder(Tokenizer.simple())
+    made = made.filter(Filter.lowercase()).filter(Filter.ascii_fold())
+    return (made.filter(Filter.stemmer(stemmer)) if stemmer else made).build()
+
+
+_HEAP = 128 << 20  # bytes that all threads of a writer may take before they write a segment
+_THREADS = 2  # on any machine, so that the memory is the same
+_AT_ONCE = 4_096  # passages between two reports of progress
+_LEAST_ROOM = 64 << 20  # bytes; where less is left on the disk, that is why a writer failed
+
+
+def write(
+    folder: Path,
+    stemmer: str,
+    passages: Iterable[Passage],
+    advance: Callable[[int], object],
+    heap: int = _HEAP,
+) -> int:
+    """Write an index of passages into an empty folder and return how many they are.
+
+    `advance` is called with the number of passages written since the last call. The passages of
+    one thing come together. Raises DiskFull.
+    """
+    index = tantivy.Index(schema(), path=str(folder))
+    index.register_tokenizer(ANALYZER, analyzer(stemmer))
+    count = reported = things = 0
+    thing = None
+    with _checking_disk(folder):
+        writer = index.writer(heap_size=heap, num_threads=_THREADS)
+        for count, passage in enumerate(passages, 1):
+            things += passage.thing != thing
+            thing = passage.thing
+            writer.add_document(_document(passage, count, things))
+            if count - reported == _AT_ONCE:
+                advance(_AT_ONCE)
+                reported = count
+        writer.commit()
+        writer.wait_merging_threads()
+    advance(count - reported)
+    written = PassageIndex(folder, stemmer).size
+    assert written == count, f"{written} of {count} passages in {folder}"
+    return count
+
+
+def _document(passage: Passage, number: int, thing: int) -> tantivy.Document:
+    made = tantivy.Document()
+    for text in (passage.title, passage.title, passage.path, passage.text, passage.alt):
+        if text:
+            made.add_text(WORDS, text)
+    made.add_text(KEY, passage.key)
+    made.add_integer(KIND, KINDS.index(passage.kind))
+    made.add_integer(NUMBER, number)
+    made.add_integer(THING, thing)
+    if passage.date:
+        made.add_integer(DAY, day(passage.date))
+    made.add_bytes(ROW, orjson.dumps(tuple(passage)))
+    return made
+
+
+@contextlib.contextmanager
+def _checking_disk(folder: Path) -> Iterator[None]:
+    """tantivy says only that a thread of it failed."""
+    try:
+        yield
+    except ValueError as error:
+        if shutil.disk_usage(folder).free < _LEAST_ROOM:
+            raise DiskFull(f"no room to write {folder}", hint=FULL_HINT) from error
+        raise
