@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import importlib
 from collections.abc import Iterator, Sequence
+from types import ModuleType
 from typing import Annotated, Any
 
 import typer
@@ -18,8 +19,8 @@ from kb.core.sources import SPECS
 DEFAULT = "kb.cli.commands.sources.default"  # of sources without commands of their own
 
 _COMMANDS = "kb.cli.commands."
-# name -> (module, one line for `kb --help`). The module's `app` is a typer app of one or several
-# commands.
+# name -> (module, one line for `kb --help`). The module's `app`, or the attribute after a colon, is a
+# typer app of one or several commands.
 TREE = {
     **{name: (spec.commands or DEFAULT, spec.help) for name, spec in SPECS.items()},
     **{
@@ -30,8 +31,8 @@ TREE = {
                 "restore",
                 "Restore the content of a downloaded release with your own keys.",
             ),
-            ("models", "models", "Download the toxicity model."),
-            ("annotate", "sources.annotate", "Score text for toxicity."),
+            ("models", "toxicity:models_app", "Download the toxicity model."),
+            ("annotate", "toxicity:annotate_app", "Score text for toxicity."),
             ("pairs", "pairs", "Make keyword-matched video-text pairs."),
             ("links", "links", "Find which videos, wiki pages and threads mention which entities."),
             ("release", "release", "Check, describe and publish release/."),
@@ -39,9 +40,13 @@ TREE = {
             ("status", "status.command", "Show progress, quota, age of the data and what is left."),
             ("verify", "verify", "Find damaged, missing and foreign files; repair them."),
             ("profile", "profile.command", "Make and check the profile of a new domain."),
-            ("index", "index", "Build the local search index."),
-            ("search", "search", "Search transcripts, wiki pages and threads."),
-            ("mcp", "mcp", "Serve search and tables to agents (Model Context Protocol)."),
+            ("index", "search:index_app", "Build the local search index."),
+            ("search", "search:search_app", "Search transcripts, wiki pages and threads."),
+            (
+                "mcp",
+                "search:mcp_app",
+                "Serve search and tables to agents (Model Context Protocol).",
+            ),
             ("query", "query", "Run SQL over the tables with DuckDB."),
             (
                 "refresh",
@@ -61,11 +66,17 @@ TREE = {
 CONTEXT: dict[str, Any] = {"help_option_names": ["--help", "-h"]}  # groups inherit it
 
 
+def command_module(name: str) -> ModuleType:
+    """The module that declares a name in TREE."""
+    return importlib.import_module(TREE[name][0].partition(":")[0])
+
+
 @functools.cache
 def _loaded(name: str) -> Any:
     """The click command of a name in TREE. Imports its module."""
-    module = importlib.import_module(TREE[name][0])
-    app = module.app_of(name) if module.__name__ == DEFAULT else module.app
+    module = command_module(name)
+    attribute = TREE[name][0].partition(":")[2] or "app"
+    app = module.app_of(name) if module.__name__ == DEFAULT else getattr(module, attribute)
     command = typer.main.get_command(app)
     command.name = name
     return command

@@ -52,12 +52,12 @@ def _sql(opened: OpenTables, pairs: View, ranked: list[View]) -> str:
     of_video = ", ".join(f"v.{name}" if videos else f"NULL AS {name}" for name in _OF_VIDEO)
     if videos:
         joins.append(f"LEFT JOIN {videos[0].full} AS v ON v.video_id = p.video_id")
-    gone = [
+    removed = [
         f"SELECT key FROM {one.full} WHERE source = '{source}'"
         for source in (*made_of("pairs"), "pairs")
         for one in opened.ranked(f"{source}_tombstones")
     ]
-    left = f"AND p.video_id NOT IN ({' UNION ALL '.join(gone)})" if gone else ""
+    left = f"AND p.video_id NOT IN ({' UNION ALL '.join(removed)})" if removed else ""
     return f"""
         SELECT p.pair_id, p.keyword, p.keyword_kind, p.video_id, {of_video},
             p.clip_start_s, p.clip_end_s,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import os
 import shutil
 import sys
@@ -153,10 +152,10 @@ def _missing_section(run: Run, step: str) -> str | None:
 
 def _function(step: str) -> Any:
     """The function behind a command."""
-    from kb.cli.app import TREE
+    from kb.cli.app import command_module
 
     group_name, _, name = step.partition(" ")
-    module = importlib.import_module(TREE[group_name][0])
+    module = command_module(group_name)
     return getattr(module, {"filter": "filter_", "import": "import_"}.get(name, name) or group_name)
 
 

@@ -10,8 +10,8 @@ from typing import Annotated
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.dumps_option import Dumps, DumpsCommand
-from kb.cli.framework.options import Options, Plan
+from kb.cli.framework.command_classes import DumpsCommand
+from kb.cli.framework.options import Dumps, Options, Plan
 from kb.core.pipeline import load, locate
 from kb.core.sources import SPECS
 from kb.core.verdict import Summary

@@ -1,4 +1,4 @@
-"""`kb search`: ranked hits from the local index."""
+"""`kb index`, `kb search` and `kb mcp`: the local search index, for people and agents."""
 
 from __future__ import annotations
 
@@ -16,9 +16,12 @@ from kb.core.sources import SOURCES
 from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
+    from kb.core.context import Run
     from kb.search.answers import SearchHit
 
-app = group("Search transcripts, wiki pages and threads.")
+index_app = group("Build the local search index of all clean text.")
+search_app = group("Search transcripts, wiki pages and threads.")
+mcp_app = group("Serve search and tables to agents over the Model Context Protocol on stdio.")
 LIMIT = 10
 
 
@@ -37,7 +40,29 @@ class HitKind(StrEnum):
 
 
 @command(
-    app,
+    index_app,
+    needs_data=True,
+    resumable=False,
+    again="Rebuild the index of every source, even if its clean tables have not changed.",
+    json="passages, indexed, sources",
+    examples=[
+        "kb index                                 what has changed since the last run",
+        "kb index --again                         everything again",
+    ],
+)
+def index(run: Run) -> Summary:
+    """Build the index that `kb search` reads: transcripts, wiki sections, tables, posts, comments.
+
+    A source whose clean files have not changed is skipped. index/<source>/ holds texts and is
+    never released.
+    """
+    from kb.search.build import index
+
+    return index(run)
+
+
+@command(
+    search_app,
     raw=True,
     limit="Print at most N answers instead of 10 (exit code 0).",
     json="answers, each with text, snippet, source, key, score, url and licence",
@@ -162,3 +187,25 @@ def _lines(number: int, one: SearchHit) -> Iterator[str]:
         for line in textwrap.wrap(one.snippet, 96):
             yield f"    {line}"
     yield f"    {one.url}"
+
+
+@command(
+    mcp_app,
+    without=("json",),
+    needs_data=True,
+    resumable=False,
+    examples=[
+        "kb mcp --data data                         the command for a client's configuration",
+        "claude mcp add lorecrawl -- kb mcp --data /home/me/data",
+    ],
+)
+def mcp(run: Run) -> None:
+    """Serve four tools to an agent: search, read, query (read-only SQL) and about.
+
+    A client starts the server and talks to it on stdin and stdout; it opens no port, and ends when
+    stdin closes. Answers respect the client's size limit, name source, link and licence, and mark
+    retrieved text as such. Needs the extra `mcp`. docs/agents.md shows how to set up clients.
+    """
+    from kb.mcp.server import serve
+
+    serve(run)

@@ -67,21 +67,21 @@ def verify(
             hint="download damaged files again, into the same folder",
         )
     room = pipeline(run, "verify")
-    look: Look
+    report: Look
     repaired: list[str]
-    look, repaired = room.mended(run) if repair else (room.verify(run, place), [])
+    report, repaired = room.mended(run) if repair else (room.verify(run, place), [])
     run.progress.close()
-    _print_table(list(look.table()))
-    for one in look.found:
+    _print_table(list(report.table()))
+    for one in report.found:
         show(with_options(f"{one.state}: {one.path}: {one.what}; {one.advice}"))
     for line in repaired:
         show(with_options(f"repair: {line}"))
-    summary = Summary(command="verify", **look.summary(place), repaired=repaired)
-    if look.found:
+    summary = Summary(command="verify", **report.summary(place), repaired=repaired)
+    if report.found:
         counts = ", ".join(
             f"{files:,} {state}"
             for state in ("damaged", "missing", "foreign")
-            if (files := look.total(state)[0])
+            if (files := report.total(state)[0])
         )
         hint = "`kb verify --repair` repairs what it can" if repairable and not repair else ""
         error = DamagedData(f"{place} has problems: {counts}", hint=hint)

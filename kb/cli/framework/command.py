@@ -32,8 +32,8 @@ from typing import Any, get_type_hints
 import typer
 
 from kb.cli.framework import messages
+from kb.cli.framework.command_classes import Command, Group
 from kb.cli.framework.exit_codes import report
-from kb.cli.framework.help import Command, Group
 from kb.cli.framework.options import COMMON, RUNNING, SHARED, Options, shared_option
 from kb.cli.framework.usage_errors import UsageProblem
 from kb.core import garbage

@@ -212,6 +212,16 @@ def _profile(name: str | None, root: Path, needs: str) -> Profile:
     return profile
 
 
+DUMPS = "--dumps"
+Dumps = Annotated[
+    list[Path] | None,
+    typer.Option(
+        DUMPS,
+        metavar="FILE...",
+        help="Archive dumps of posts and comments (zstd, zst_blocks, gzip or plain NDJSON), or a"
+        " folder of them, to read instead of asking Reddit. Needs no key and no network.",
+    ),
+]
 Plan = Annotated[
     bool, typer.Option("--plan", help="Print what is left and what it costs; send nothing.")
 ]

@@ -35,13 +35,13 @@ def suggestions(words: Sequence[str], commands: Sequence[str]) -> list[str]:
     """
     parts = sorted(part for word in words for part in word.split("-") if part)
 
-    def whole(name: str) -> float:
+    def by_all_words(name: str) -> float:
         return _similarity(" ".join(parts), " ".join(sorted(name.split())))
 
-    def last(name: str) -> float:
+    def by_last_word(name: str) -> float:
         return max((_similarity(part, name.rsplit(maxsplit=1)[-1]) for part in parts), default=0)
 
-    for measure in (whole, last) if len(parts) > 1 else (last, whole):
+    for measure in (by_all_words, by_last_word) if len(parts) > 1 else (by_last_word, by_all_words):
         scores = {name: measure(name) for name in commands}
         best = max(scores.values())
         if best >= _SIMILAR:

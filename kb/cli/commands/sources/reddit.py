@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.dumps_option import Dumps, DumpsCommand
-from kb.cli.framework.options import CLUSTER, Plan
+from kb.cli.framework.command_classes import DumpsCommand
+from kb.cli.framework.options import CLUSTER, Dumps, Plan
 from kb.cli.framework.source_commands import add_export, add_filter
 from kb.core import clock
 from kb.core.errors import SettingError

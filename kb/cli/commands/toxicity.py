@@ -1,4 +1,4 @@
-"""`kb annotate`: toxicity scores for text that has none yet."""
+"""`kb annotate` and `kb models`: toxicity scores, and the model that computes them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.framework.command import command, group
+from kb.cli.framework.command_classes import Group
 from kb.cli.framework.options import CLUSTER
 from kb.core.errors import KbError
 from kb.core.source_spec import CommandHelp
@@ -17,7 +18,8 @@ from kb.core.verdict import Summary
 if TYPE_CHECKING:
     from kb.core.context import Run
 
-app = group("Score text for toxicity. `filter` does this as well.")
+annotate_app = group("Score text for toxicity. `filter` does this as well.")
+models_app = group("Download the toxicity model.")
 
 
 class Precision(StrEnum):
@@ -89,7 +91,7 @@ def _add(source: str, about: str, *examples: str) -> None:
 
     annotate.__doc__ = about
     command(
-        app,
+        annotate_app,
         name=source,
         uses=(*CLUSTER, "pipeline"),
         limit="Stop after scoring N more texts (exit code 3); the next run resumes.",
@@ -101,3 +103,36 @@ def _add(source: str, about: str, *examples: str) -> None:
 for _name, _spec in SPECS.items():
     _text = _spec.annotate_help or CommandHelp(f"Score the texts of {_name}.")
     _add(_name, _text.about, *(_text.examples or (f"kb annotate {_name}",)))
+
+
+@models_app.callback(cls=Group)
+def models() -> None:
+    """Download the toxicity model."""
+
+
+@command(
+    models_app,
+    without=("data", "profile"),
+    json="model, fetched, present, bytes, folder",
+    examples=[
+        "kb models fetch                the model of the paper, Detoxify `original`",
+        "kb models fetch unbiased       another model; then set KB_TOXICITY_MODEL=unbiased",
+    ],
+)
+def fetch(
+    run: Run,
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="[NAME]",
+            help="original, unbiased, multilingual, original-small or unbiased-small.",
+        ),
+    ] = "original",
+) -> Summary:
+    """Download a published checkpoint with its configuration and vocabulary, and verify them.
+
+    An interrupted download resumes. The files are kept in the user's cache, for all data roots.
+    """
+    from kb.annotate.fetch import fetch as room
+
+    return room(run, name)

@@ -1,12 +1,13 @@
-"""What `--help` shows: a command's own options first, then shared ones, then examples."""
+"""Click classes of commands: the order of options in `--help`, suggestions, `--dumps FILE…`."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import typer.core
 
-from kb.cli.framework.options import COMMON, RUNNING
+from kb.cli.framework.options import COMMON, DUMPS, RUNNING
 from kb.cli.framework.usage_errors import refuse_unknown
 
 
@@ -57,3 +58,30 @@ def _section(parameter: Any) -> str:
     if parameter.name in RUNNING:
         return "Run options"
     return "Common options" if parameter.name in (*COMMON, "help") else "Options"
+
+
+class DumpsCommand(Command):
+    """Takes every word after --dumps, up to the next option, as one of its files.
+
+    Where the command itself takes folders, only a folder right after --dumps belongs to it.
+    """
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the arguments with --dumps repeated before each file."""
+        takes_folders = any(one.param_type_name == "argument" for one in self.params)
+        return super().parse_args(ctx, _repeat_option(args, takes_folders))
+
+
+def _repeat_option(args: list[str], takes_folders: bool) -> list[str]:
+    words: list[str] = []
+    inside = False
+    for word, before in zip(args, ["", *args], strict=False):
+        if word.startswith("-"):
+            inside = word == DUMPS
+        elif inside and before != DUMPS:
+            if takes_folders and Path(word).is_dir():
+                inside = False
+            else:
+                words.append(DUMPS)
+        words.append(word)
+    return words
