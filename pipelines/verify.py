@@ -29,7 +29,7 @@ from kb.verify.found import Look
 from kb.verify.repair import Crawl, Describe, Make, Step, repaired
 from kb.verify.root import verify as look_at
 from kb.wiki.connector.source import WikiSource
-from kb.youtube.source import YouTubeSource
+from kb.youtube.connector.source import YouTubeSource
 
 SOURCES = {"youtube": YouTubeSource, "wiki": WikiSource, "reddit": RedditSource}
 

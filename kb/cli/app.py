@@ -19,8 +19,8 @@ from kb.core.sources import SPECS
 DEFAULT = "kb.cli.commands.sources.default"  # of sources without commands of their own
 
 _COMMANDS = "kb.cli.commands."
-# name -> (module, one line for `kb --help`). The module's `app`, or the attribute after a colon, is a
-# typer app of one or several commands.
+# name -> (module, one line for `kb --help`). The module has a typer app of one or several commands,
+# `app` unless another name follows a colon.
 TREE = {
     **{name: (spec.commands or DEFAULT, spec.help) for name, spec in SPECS.items()},
     **{

@@ -10,7 +10,7 @@ import pytest
 from kb.release.folders import find
 from kb.release.metadata.gaps import gaps
 from kb.store import database
-from kb.youtube.view_rule import view_rule
+from kb.youtube.parse.view_rule import view_rule
 from tests.youtube.job import Job
 from tests.youtube.test_faults import CRAWL
 

@@ -46,7 +46,7 @@ def youtube(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summa
     counts of videos whose metadata are fresh, from the separate quota for statistics.
     Run `kb youtube filter` and `kb youtube export` afterwards.
     """
-    from kb.youtube.refresh import plan_refresh, refresh
+    from kb.youtube.connector.refresh import plan_refresh, refresh
 
     do = plan_refresh if plan else refresh
     return do(run, older_than)

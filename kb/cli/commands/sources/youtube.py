@@ -73,7 +73,7 @@ def crawl(
     """
     which = parse_part(part)
     if plan:
-        from kb.youtube.plan import plan as estimate
+        from kb.youtube.connector.plan import plan as estimate
 
         if part and not ids:
             raise SettingError(
@@ -119,7 +119,7 @@ def check(
     duration differs from the list's. Only counts are kept. Stops with exit code 3 when the quota is
     spent; the same command resumes.
     """
-    from kb.youtube import check as room
+    from kb.youtube.connector import check as room
 
     if plan:
         return room.plan(run, ids)

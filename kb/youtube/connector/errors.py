@@ -9,7 +9,7 @@ from typing import Any
 
 from kb.core.errors import CredentialRefused, ItemFinal, KbError, Retryable
 from kb.net import retry
-from kb.youtube import quota
+from kb.youtube.connector import quota
 
 _SPENT = {"quotaExceeded", "dailyLimitExceeded", "dailyLimitExceededUnreg"}
 _BURST = {"rateLimitExceeded", "userRateLimitExceeded"}

@@ -22,8 +22,8 @@ import pyarrow as pa
 from kb.core.profile.youtube import YouTubeSection
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope
-from kb.youtube import parse
-from kb.youtube.parse import PO_TOKEN
+from kb.youtube.parse import answers as parse
+from kb.youtube.parse.answers import PO_TOKEN
 from kb.youtube.ytdlp.tracks import TrackLanguage
 
 SEARCHES, CHANNELS, UPLOADS, VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS = (

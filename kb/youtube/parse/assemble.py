@@ -13,9 +13,9 @@ from kb.schema.tables import table
 from kb.store.buckets import RawKind
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
-from kb.youtube import parse
-from kb.youtube.merge import FROM_FILE, one_row_each
-from kb.youtube.view_rule import view_rule
+from kb.youtube.parse import answers as parse
+from kb.youtube.parse.join import FROM_FILE, one_row_each
+from kb.youtube.parse.view_rule import view_rule
 from kb.youtube.ytdlp import info, tracks
 from kb.youtube.ytdlp.tracks import ENGLISH, TrackLanguage
 

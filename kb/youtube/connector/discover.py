@@ -11,9 +11,8 @@ from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.profile.youtube import YouTubeSection
 from kb.store.frontier import Frontier
-from kb.youtube import errors
-from kb.youtube.parse import PO_TOKEN
-from kb.youtube.reduce import (
+from kb.youtube.connector import errors
+from kb.youtube.connector.reduce import (
     BEYOND,
     CHANNELS,
     SEARCHES,
@@ -25,6 +24,7 @@ from kb.youtube.reduce import (
     search_key,
     uploads_list,
 )
+from kb.youtube.parse.answers import PO_TOKEN
 
 _log = logging.getLogger("kb.youtube")
 

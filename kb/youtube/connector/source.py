@@ -35,14 +35,13 @@ from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Opened, Phase, Plain
 from kb.store.frontier import Frontier, Item
 from kb.store.rawlog import Envelope
-from kb.youtube import replay
-from kb.youtube.api import GOOGLE
-from kb.youtube.assemble import assemble
-from kb.youtube.discover import extend, new_round, no_channel, reopen
-from kb.youtube.fetch import API, PACK, WEB, YouTubeFetcher
-from kb.youtube.ids import Part, share, some_ids
-from kb.youtube.quota import GENERAL, SEARCH, limit, today
-from kb.youtube.reduce import (
+from kb.youtube.connector import replay
+from kb.youtube.connector.client import GOOGLE
+from kb.youtube.connector.discover import extend, new_round, no_channel, reopen
+from kb.youtube.connector.fetch import API, PACK, WEB, YouTubeFetcher
+from kb.youtube.connector.ids import Part, share, some_ids
+from kb.youtube.connector.quota import GENERAL, SEARCH, limit, today
+from kb.youtube.connector.reduce import (
     BEYOND,
     CHANNELS,
     PAYLOADS,
@@ -57,8 +56,9 @@ from kb.youtube.reduce import (
     with_po_token,
     without_channels,
 )
+from kb.youtube.connector.transcripts import SITE
+from kb.youtube.parse.assemble import assemble
 from kb.youtube.spec import SPEC
-from kb.youtube.transcripts import SITE
 
 PHASES = (
     Phase(
@@ -195,11 +195,11 @@ class YouTubeSource(Plain):
         return self._fetch(phase.kind, items)
 
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
-        """See kb.youtube.reduce."""
+        """See kb.youtube.connector.reduce."""
         self._reduce(frontier, kind, envelope)
 
     def replay(self, frontier: Frontier, kind: str, lines: Iterable[bytes]) -> None:
-        """As kb.youtube.replay."""
+        """As kb.youtube.connector.replay."""
         if not replay.take_in(self._reduce, frontier, kind, lines):
             super().replay(frontier, kind, lines)
 

@@ -14,10 +14,9 @@ from kb.core.profile.youtube import YouTubeSection
 from kb.crawl.source import Answer, Opened
 from kb.net.rate import Pace
 from kb.store.frontier import Item
-from kb.youtube import parse
-from kb.youtube.api import YouTubeApi
-from kb.youtube.quota import WEB as SITE_BUCKET
-from kb.youtube.reduce import (
+from kb.youtube.connector.client import YouTubeApi
+from kb.youtube.connector.quota import WEB as SITE_BUCKET
+from kb.youtube.connector.reduce import (
     RAW_LIST,
     RAW_SEARCH,
     RAW_STATISTICS,
@@ -30,7 +29,8 @@ from kb.youtube.reduce import (
     UPLOADS,
     VIDEOS,
 )
-from kb.youtube.transcripts import SITE, Fetcher
+from kb.youtube.connector.transcripts import SITE, Fetcher
+from kb.youtube.parse import answers as parse
 
 API, WEB = "api", "web"  # lanes
 PACK = 50  # ids a call, and entries a page: the API's largest

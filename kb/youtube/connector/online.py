@@ -12,7 +12,7 @@ from kb.core.context import Run
 from kb.core.profile.finding import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
 from kb.core.profile.youtube import YouTubeSection
 from kb.store.frontier import Frontier
-from kb.youtube.api import YouTubeApi
+from kb.youtube.connector.client import YouTubeApi
 
 
 def question(run: Run, cost: QuestionCost) -> OnlineAnswer:

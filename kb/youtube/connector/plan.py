@@ -19,10 +19,10 @@ from kb.core.profile.youtube import YouTubeSection
 from kb.core.verdict import Summary
 from kb.store import rawlog, reading
 from kb.store.layout import Layout
-from kb.youtube import quota
-from kb.youtube.fetch import PACK
-from kb.youtube.ids import Part, share, some_ids
-from kb.youtube.reduce import (
+from kb.youtube.connector import quota
+from kb.youtube.connector.fetch import PACK
+from kb.youtube.connector.ids import Part, share, some_ids
+from kb.youtube.connector.reduce import (
     CHANNELS,
     PAYLOADS,
     RAW_LIST,

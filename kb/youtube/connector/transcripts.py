@@ -25,7 +25,7 @@ from kb.core.settings import Settings
 from kb.net.rate import Pace
 from kb.net.retry import PATIENCE_S, attempt, blocked
 from kb.net.session import Door, HttpSession, failure, refusal
-from kb.youtube import player
+from kb.youtube.connector import player
 
 SITE = "https://www.youtube.com/"
 REDIRECTS = 5  # in a row

@@ -39,11 +39,11 @@ from kb.store.atomic import write_bytes
 from kb.store.frontier import Frontier, Item
 from kb.store.layout import Layout
 from kb.store.rawlog import Envelope
-from kb.youtube.fetch import API, PACK
-from kb.youtube.ids import RULES, some_ids
-from kb.youtube.parse import requested
-from kb.youtube.quota import GENERAL
-from kb.youtube.source import YouTubeSource
+from kb.youtube.connector.fetch import API, PACK
+from kb.youtube.connector.ids import RULES, some_ids
+from kb.youtube.connector.quota import GENERAL
+from kb.youtube.connector.source import YouTubeSource
+from kb.youtube.parse.answers import requested
 
 CHECKS = "checks"  # kind of the frontier and of the verdicts
 THERE, CHANGED, GONE = "there", "changed", "gone"

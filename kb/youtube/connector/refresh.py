@@ -33,10 +33,11 @@ from kb.crawl.session import CrawlSession
 from kb.crawl.source import Opened, Phase
 from kb.store import rawlog, tombstones
 from kb.store.frontier import ROUND, Frontier, going_on
-from kb.youtube import parse, quota
-from kb.youtube.fetch import API, PACK
-from kb.youtube.reduce import RAW_INFO, RAW_STATISTICS, RAW_VIDEOS, REFRESH, STATISTICS
-from kb.youtube.source import YouTubeSource
+from kb.youtube.connector import quota
+from kb.youtube.connector.fetch import API, PACK
+from kb.youtube.connector.reduce import RAW_INFO, RAW_STATISTICS, RAW_VIDEOS, REFRESH, STATISTICS
+from kb.youtube.connector.source import YouTubeSource
+from kb.youtube.parse import answers as parse
 from kb.youtube.spec import SPEC
 
 BYTES_A_CALL = {REFRESH: 60_000, STATISTICS: 3_000}  # compressed, of 50 videos

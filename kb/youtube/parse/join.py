@@ -1,4 +1,4 @@
-"""What several answers say about a video, as one row.
+"""Joins all answers about a video into one row.
 
     videos        videos.list: everything that the Data API has
     statistics    videos.batchGetStats: the counts, read again
@@ -28,8 +28,8 @@ def one_row_each(
 ) -> pa.Table | None:
     """The rows of `videos` and `files` (newest of each `video_id`) joined, by `video_id`.
 
-    Both have the columns of kb.youtube.parse.videos, `files` also those that only a file has.
-    Statistics of other videos are left out. None where there is no video at all.
+    Both have the columns of `answers.videos`, `files` also those that only a file has. Statistics
+    of other videos are left out. None where there is no video at all.
     """
     if files is None:
         rows = videos

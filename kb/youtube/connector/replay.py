@@ -1,7 +1,7 @@
-"""The raw log taken into the frontier many answers at a time, to the same effect as one by one.
+"""Replays the raw log into the frontier, many answers at a time; the result is that of the reducer.
 
-Of an answer is decoded what kb.youtube.reduce looks at, and the changes go into the state together:
-a state that is made again costs little more than reading.
+Only the fields that kb.youtube.connector.reduce reads are decoded, and their changes are committed
+together, so that rebuilding a state costs little more than reading the log.
 """
 
 from __future__ import annotations
@@ -18,9 +18,7 @@ from kb.store import rawlog, typed
 from kb.store.frontier import Frontier
 from kb.store.newest import newest
 from kb.store.rawlog import Envelope
-from kb.youtube import parse
-from kb.youtube.merge import COUNTED, with_statistics
-from kb.youtube.reduce import (
+from kb.youtube.connector.reduce import (
     RAW_INFO,
     RAW_STATISTICS,
     RAW_TRANSCRIPTS,
@@ -31,6 +29,8 @@ from kb.youtube.reduce import (
     Reducer,
     note_transcripts,
 )
+from kb.youtube.parse import answers as parse
+from kb.youtube.parse.join import COUNTED, with_statistics
 from kb.youtube.ytdlp import info
 
 _AT_ONCE = 1_000  # answers; they are not held, only what they say

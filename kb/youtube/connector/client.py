@@ -17,9 +17,9 @@ from kb.core.profile.youtube import YouTubeSection
 from kb.crawl.source import Opened
 from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
 from kb.net.session import HttpSession, failure, host_of, never_sent, user_agent
-from kb.youtube import quota
-from kb.youtube.errors import meaning
-from kb.youtube.transport import Transport
+from kb.youtube.connector import quota
+from kb.youtube.connector.errors import meaning
+from kb.youtube.connector.transport import Transport
 
 GOOGLE = "https://youtube.googleapis.com"
 
