@@ -35,7 +35,7 @@ from kb.store.layout import Layout
 def purge(run: Run, source: str, ids: Path | None) -> Summary:
     """Everything, in the order above, while nobody else writes what it touches.
 
-    Cut off, the same command goes on.
+    After an interruption the same command resumes.
     """
     with belonging.writing(run, *lock.of_purge(source)):
         room = _room(source)

@@ -21,7 +21,7 @@ def needing() -> Iterator[None]:
             raise FatalError(
                 "there is not enough memory for the toxicity model",
                 hint="close what else takes memory, or try fewer --workers;"
-                " the same command goes on where it stopped",
+                " the same command resumes",
             ) from error
         raise
 

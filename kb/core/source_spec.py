@@ -122,7 +122,7 @@ class SourceSpec:
     """One source of Lorecrawl. Names of code are "module:attribute", relative to `package` when
     they begin with a dot.
 
-    name            the folders raw/<name>, clean/<name> … and the commands `kb <source> …`
+    name            the folders raw/<name>, clean/<name> … and its commands
     package         the package of its modules
     help            one line for `kb --help`
     tables          tables that a filter sorts → what their keys begin with in rejected, failed

@@ -156,12 +156,12 @@ def _run(run: Run, jobs: list[ImportJob]) -> None:
             if run.limit and sum(one.fresh for one in done) >= run.limit:
                 raise LimitReached(
                     f"{run.limit} posts and comments were imported (--limit {run.limit})",
-                    hint="run the same command to go on",
+                    hint="run the same command to resume",
                 )
         if len(done) < len(jobs) or not all(place.done for place in done):
             raise Interrupted(
                 f"stopped by {signals.stop.name or 'a signal'}",
-                hint="run the same command to go on",
+                hint="run the same command to resume",
             )
 
 
