@@ -19,8 +19,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.annotate.hashes import text_hashes
+from kb.artifacts import purge_rows
 from kb.schema.tables import table
-from kb.store import database, parquet, purge
+from kb.store import database, parquet
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import reading, scan
 from kb.store.shards import ShardWriter, order, write_table
@@ -194,4 +195,4 @@ def drop_unused(root: Path, source: str, texts: Iterable[pa.Array[Any]]) -> int:
     if not Layout(root).annotations(source).is_dir():
         return 0
     used = pa.chunked_array([text_hashes(part) for part in texts], pa.string()).unique()
-    return purge.drop_annotations(root, source, used)
+    return purge_rows.drop_annotations(root, source, used)

@@ -13,8 +13,8 @@ from kb.annotate.detoxify_model import load_detoxify
 from kb.annotate.hashes import text_hashes
 from kb.annotate.scores import CATEGORIES
 from kb.annotate.toxicity import ToxicityScorer
+from kb.artifacts.purge_rows import drop_annotations
 from kb.core.errors import MissingModel
-from kb.store.purge import drop_annotations
 from tests.annotate.made import UNBIASED, WORDS, checkpoint_of, make_checkpoint
 
 BACKENDS = (backends.open_runner, backends.torch_runner)

@@ -16,11 +16,12 @@ import pytest
 from kb.core.errors import Interrupted, LimitReached
 from kb.core.progress import LineProgress
 from kb.core.signals import stop
+from kb.crawl.purge import purge_answers
 from kb.reddit.connector.importer import import_dumps
 from kb.reddit.dumps import cursor as places
 from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.reddit.parse.anonymize import load_key
-from kb.reddit.purge import purge_raw
+from kb.reddit.purge import RULES
 from kb.store import rawlog
 from tests import processes
 from tests.cli.conftest import clean_environment
@@ -191,7 +192,7 @@ def test_what_a_killed_import_left_is_noted_or_gone_before_a_purge(tmp_path):
     os.rename(base / place.segment, places.written(base, place.segment))
     places.begun(base, name).write_bytes(b"TITLE00301")
     (tmp_path / "ids.txt").write_text("t3_p00001\nt3_p00301\n")
-    purge_raw(run_in(tmp_path), tmp_path / "ids.txt")
+    purge_answers(run_in(tmp_path), RULES, RULES.read_ids(tmp_path / "ids.txt", None))
     assert not list(base.glob(".*"))
     assert len(ids(tmp_path)) == 299
     import_dumps(run_in(tmp_path), [dump])
