@@ -12,6 +12,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 
+def load_name(name: str, package: str | None = None) -> Any:
+    """The module that "module" names, or the attribute that "module:attribute" names."""
+    module, _, attribute = name.partition(":")
+    loaded = importlib.import_module(module, package)
+    return getattr(loaded, attribute) if attribute else loaded
+
+
 @dataclass(frozen=True)
 class CommandHelp:
     """Help text and examples of a command that every source has."""
@@ -42,7 +49,8 @@ class ReleaseSpec:
     main        the table that a reader means who names none
     query       the first query on the card
     counted     tables whose rows go through the filters; `main` alone by default
-    stages      the stages of the filters, in order
+    stages      the stages of the filters, in order, which the card pictures
+    pictured    the column whose frequent values it pictures instead
     rules       keys of the profile that decide which rows are released
     section     the section of these keys; the source's own by default
     gaps        functions that describe what the tables lack
@@ -59,6 +67,7 @@ class ReleaseSpec:
     query: str
     counted: tuple[str, ...] = ()
     stages: tuple[str, ...] = ()
+    pictured: str = ""
     rules: tuple[str, ...] = ()
     section: str = ""
     gaps: tuple[str, ...] = ()
@@ -81,7 +90,8 @@ class ReportSpec:
     figures     the list of functions that draw
     samples     columns of the sample rows, by table
     only        who knows what no other source names: "only videos"
-    color       of the panel with its requests
+    color       of the panel with its requests: red, blue, green or grey
+    units       whether its ledger counts units of a quota
     """
 
     title: str
@@ -90,7 +100,8 @@ class ReportSpec:
     figures: str
     samples: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     only: str = ""
-    color: str = ""
+    color: str = "grey"
+    units: bool = False
 
 
 @dataclass(frozen=True)
@@ -142,6 +153,7 @@ class SourceSpec:
                     `details(run, frontier)` and `incomplete(root)`
     online          the question of `kb profile check --online`
     formats         export formats besides Parquet → their writers
+    exports         files and folders that they write below export/
     texts           the texts in which links are found
     pages           the table whose rows are the pages of entities
     passages        the passages that `kb search` indexes, as a function of profile and data root
@@ -172,6 +184,7 @@ class SourceSpec:
     status: str = ""
     online: str = ""
     formats: Mapping[str, str] = field(default_factory=dict)
+    exports: tuple[str, ...] = ()
     texts: tuple[TextColumns, ...] = ()
     pages: str = ""
     passages: str = ""
@@ -185,9 +198,7 @@ class SourceSpec:
 
     def load(self, name: str) -> Any:
         """The module or the attribute ("module:attribute") that a field names."""
-        module, _, attribute = name.partition(":")
-        loaded = importlib.import_module(module, self.package)
-        return getattr(loaded, attribute) if attribute else loaded
+        return load_name(name, self.package)
 
     def noun(self, kind: str) -> str:
         """What an item of the frontier is called."""

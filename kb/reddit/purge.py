@@ -20,10 +20,10 @@ from kb.artifacts.purge_rows import RowLocation, keep_rows, shared_locations
 from kb.crawl.id_list import IdList
 from kb.reddit.connector.ids import read_wanted
 from kb.reddit.connector.source import INFO
-from kb.reddit.parse import comment_counts, tree
-from kb.reddit.parse.crossposts import crossposts_of, drop_parents
+from kb.reddit.parse import tree
+from kb.reddit.parse.assemble import count_again
 from kb.reddit.parse.latest_state import known
-from kb.reddit.parse.remove_ids import strip
+from kb.reddit.parse.remove_ids import crossposts_of, drop_parents, strip
 from kb.store import tombstones
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import Envelope
@@ -110,7 +110,7 @@ def repair(purge: Purge) -> None:
     for path in sorted(Layout(purge.root).clean("reddit", "failed").glob("*.parquet")):
         keep_rows(path, "shared/failed", ["key"], is_kept)
     for base in BASES:
-        comment_counts.count_again(purge.root / base)
+        count_again(purge.root / base)
 
 
 RULES = PurgeRules(

@@ -36,6 +36,7 @@ SPEC = SourceSpec(
         "minedojo": "kb.export.minedojo_reddit:export",
         "convokit": "kb.export.convokit:export",
     },
+    exports=("minedojo/reddit.json", "convokit"),
     texts=(
         TextColumns(
             "posts", "post_id", {"title": ("title",), "body": ("body", "poll_options")}, "t3_"
@@ -62,7 +63,7 @@ SPEC = SourceSpec(
         figures="kb.report.reddit:FIGURES",
         samples={"reddit/posts": ("title", "type", "score", "num_comments", "created_utc")},
         only="only threads",
-        color="BLUE",
+        color="blue",
     ),
     agent=AgentSpec(
         time=("created_utc", "written"),

@@ -32,9 +32,10 @@ SPEC = SourceSpec(
     status=".connector.reduce",
     online=".connector.online:question",
     formats={"parquet": "kb.export.wiki_tar:export", "minedojo": "kb.export.minedojo_wiki:wiki"},
+    exports=("minedojo/wiki_full",),
     texts=(
         TextColumns("pages", "page_id", {"title": ("title",)}),
-        TextColumns("elements", reader="kb.links.texts:elements"),
+        TextColumns("elements", reader="kb.links.texts:visible_text"),
     ),
     pages="pages",
     passages="kb.search.wiki_passages:passages",
@@ -57,12 +58,12 @@ SPEC = SourceSpec(
         title="Wiki",
         tables=("wiki/pages", "wiki/elements", "wiki/images"),
         hint="run `kb wiki crawl`, then `kb wiki filter`",
-        figures="kb.report.wikipage:FIGURES",
+        figures="kb.report.wiki:FIGURES",
         samples={
             "wiki/pages": ("title", "word_count", "page_width", "page_height", "license", "url")
         },
         only="only the wiki",
-        color="GREEN",
+        color="green",
     ),
     agent=AgentSpec(
         time=("revision_timestamp", "last edited"),

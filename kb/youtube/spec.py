@@ -34,9 +34,10 @@ SPEC = SourceSpec(
     status=".status",
     online=".connector.online:question",
     formats={"minedojo": "kb.export.minedojo:youtube"},
+    exports=("minedojo/youtube_full.json", "minedojo/youtube_tutorial.json"),
     texts=(
         TextColumns("videos", "video_id", {"title": ("title",), "body": ("description",)}),
-        TextColumns("transcripts", reader="kb.links.texts:transcripts"),
+        TextColumns("transcripts", reader="kb.links.texts:transcripts_of"),
     ),
     passages="kb.search.youtube_passages:passages",
     indexed=("videos", "transcripts"),
@@ -70,7 +71,8 @@ SPEC = SourceSpec(
             )
         },
         only="only videos",
-        color="RED",
+        color="red",
+        units=True,
     ),
     agent=AgentSpec(
         time=("published_at", "published"),

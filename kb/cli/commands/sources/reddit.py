@@ -58,8 +58,8 @@ def crawl(run: Run, since: Since = None, until: Until = None, plan: Plan = False
     out of the tables too (`outside` in the summary); a later crawl with another span, or none,
     reads them.
     """
-    from kb.reddit.connector.crawl import crawl
     from kb.reddit.connector.plan import plan_crawl
+    from kb.reddit.connector.source import crawl
 
     begin, end = _span(since, until)
     if plan:

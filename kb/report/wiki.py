@@ -1,11 +1,17 @@
-"""What the wiki's pages consist of."""
+"""The figures of the wiki, among them what its pages consist of."""
 
 from __future__ import annotations
 
+from functools import partial
+
 from kb.core.profile import Profile
+from kb.report import wikipage
 from kb.report.charts import bars
 from kb.report.data import ReportData
-from kb.report.style import BLUE, Figure, saved
+from kb.report.dates import dates
+from kb.report.funnel import funnel
+from kb.report.style import BLUE, GREEN, Figure, saved
+from kb.report.toxicity import toxicity
 from kb.report.wikipage import KINDS
 
 
@@ -30,3 +36,12 @@ def elements(data: ReportData, profile: Profile) -> Figure | None:
         ("kind", "elements"),
         top,
     )
+
+
+FIGURES = (
+    wikipage.page,
+    partial(funnel, name="wiki/pages"),
+    elements,
+    partial(dates, table="wiki/pages", column="revision_timestamp", what="revised", color=GREEN),
+    partial(toxicity, table="wiki/pages", columns=("toxicity",)),
+)
