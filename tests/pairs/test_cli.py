@@ -9,7 +9,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from kb.youtube.ids import read_ids
+from kb.youtube.connector.ids import read_ids
 from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.pairs.made import fill, tables

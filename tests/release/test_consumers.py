@@ -26,7 +26,7 @@ import requests
 
 import kb
 from kb.core.sources import PUBLISHED
-from kb.release.publish import publish
+from kb.release.publish.publish import publish
 from kb.sandbox.server import Sandbox
 from kb.sandbox.zenodo.service import TOKEN
 from kb.schema import tables

@@ -29,7 +29,7 @@ from kb.core.errors import (
 )
 from kb.core.verdict import Summary
 from kb.release.build import release
-from kb.release.publish import publish
+from kb.release.publish.publish import publish
 from kb.sandbox.server import Sandbox
 from kb.sandbox.zenodo.service import TOKEN, Deposits
 from tests import processes
@@ -320,7 +320,7 @@ SAID = {"too large": "answered with more than 2 MB", "a redirect": "leads elsewh
 def test_an_odd_answer_is_one_line_and_the_token_goes_nowhere(
     root: Path, service: Sandbox, monkeypatch: pytest.MonkeyPatch, name: str, here: Here
 ) -> None:
-    monkeypatch.setattr("kb.release.answers.MOST", 2 << 20)
+    monkeypatch.setattr("kb.release.publish.answers.MOST", 2 << 20)
     headers = {"Content-Type": "application/json"}
     odd = {"status": 200, "times": None, "headers": headers, **ODD[name]}
     service.faults.add("/api/deposit", **odd)
@@ -576,7 +576,7 @@ def test_an_upload_ends_in_the_midst_of_a_file(tmp_path: Path, service: Sandbox)
     from kb.core.settings import load_settings
     from kb.core.signals import stop
     from kb.net.session import HttpSession
-    from kb.release.deposit import Zenodo, md5
+    from kb.release.publish.zenodo import Zenodo, md5
 
     file = tmp_path / "large.tar"
     with file.open("wb") as sparse:

@@ -17,7 +17,7 @@ from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.sandbox.server import Sandbox
 from kb.sandbox.youtube import resources as errors
-from kb.youtube.quota import PACIFIC
+from kb.youtube.connector.quota import PACIFIC
 from pipelines import youtube
 from tests.youtube.job import Job
 from tests.youtube.test_faults import CRAWL

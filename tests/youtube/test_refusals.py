@@ -11,7 +11,7 @@ import pytest
 
 from kb.sandbox.youtube import resources as errors
 from kb.store.frontier import Frontier
-from kb.youtube.reduce import SEARCHES, UPLOADS, VIDEOS
+from kb.youtube.connector.reduce import SEARCHES, UPLOADS, VIDEOS
 from tests.sandbox.domains import of_case
 from tests.youtube import walls
 from tests.youtube.job import Job

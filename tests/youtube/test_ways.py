@@ -18,7 +18,7 @@ from kb.core.errors import SettingError
 from kb.sandbox.server import Sandbox, Server
 from kb.sandbox.world import World
 from kb.sandbox.youtube import service
-from kb.youtube.ids import read_ids
+from kb.youtube.connector.ids import read_ids
 from tests.youtube.job import Job, plain_units
 from tests.youtube.test_faults import CRAWL, check
 

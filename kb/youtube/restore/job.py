@@ -42,8 +42,8 @@ from kb.store.atomic import write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import reading
 from kb.store.shuffle import Shuffle
-from kb.youtube.plan import REQUESTS_A_TRANSCRIPT, phases_of_known
-from kb.youtube.source import YouTubeSource
+from kb.youtube.connector.plan import REQUESTS_A_TRANSCRIPT, phases_of_known
+from kb.youtube.connector.source import YouTubeSource
 
 VIDEO, TRANSCRIPT = "video ", "transcript "  # prefixes of names in missing.parquet
 TABLES = (
