@@ -24,38 +24,36 @@ from kb.store.shards import write_table
 from tests.release.made import build
 from tests.report.made import OfOne, a_run
 
-FIGURES = set(
-    [
-        "youtube-videos-funnel",
-        "youtube-durations",
-        "youtube-views",
-        "youtube-dates",
-        "youtube-channels",
-        "youtube-transcripts",
-        "youtube-videos-toxicity",
-        "youtube-words",
-        "wiki-page",
-        "wiki-page-overview",
-        "wiki-dates",
-        "wiki-pages-toxicity",
-        "wiki-pages-funnel",
-        "wiki-elements",
-        "reddit-posts-funnel",
-        "reddit-types",
-        "reddit-scores",
-        "reddit-comments-funnel",
-        "reddit-dates",
-        "reddit-posts-toxicity",
-        "reddit-comments-toxicity",
-        "reddit-words",
-        "pairs-keywords",
-        "pairs-lengths",
-        "links-most",
-        "links-least",
-        "links-known",
-        "quota",
-    ]
-)
+FIGURES = {
+    "youtube-videos-funnel",
+    "youtube-durations",
+    "youtube-views",
+    "youtube-dates",
+    "youtube-channels",
+    "youtube-transcripts",
+    "youtube-videos-toxicity",
+    "youtube-words",
+    "wiki-page",
+    "wiki-page-overview",
+    "wiki-dates",
+    "wiki-pages-toxicity",
+    "wiki-pages-funnel",
+    "wiki-elements",
+    "reddit-posts-funnel",
+    "reddit-types",
+    "reddit-scores",
+    "reddit-comments-funnel",
+    "reddit-dates",
+    "reddit-posts-toxicity",
+    "reddit-comments-toxicity",
+    "reddit-words",
+    "pairs-keywords",
+    "pairs-lengths",
+    "links-most",
+    "links-least",
+    "links-known",
+    "quota",
+}
 
 
 def embedded(pdf: bytes) -> list[set[str]]:
@@ -81,9 +79,9 @@ def test_every_figure_is_there_as_svg_png_and_pdf(root: Path) -> None:
         fonts = embedded(content)
         assert bool(fonts) != path.stem.endswith("-words")  # a cloud is shapes
         for tables in fonts:
-            assert tables == set(
-                ["glyf", "head", "hhea", "hmtx", "loca", "maxp", "fpgm", "prep"]
-            ) | {"cvt "}
+            assert tables == {"glyf", "head", "hhea", "hmtx", "loca", "maxp", "fpgm", "prep"} | {
+                "cvt "
+            }
         assert b"/CreationDate" not in content
     for path in folder.glob("*.svg"):
         ElementTree.parse(path)
