@@ -12,6 +12,7 @@ from tests.cli.commands.profile.conftest import (
     ERRORS,
     GOOD,
     Broken,
+    Typed,
     row,
     summary_of,
     toml,

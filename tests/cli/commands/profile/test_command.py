@@ -13,6 +13,7 @@ from tests.cli.commands.profile.conftest import (
     GOOD,
     HEADER,
     Broken,
+    Typed,
     summary_of,
     written,
 )
