@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from typing import Any
 
 import msgspec
 import pytest
@@ -92,3 +93,142 @@ def test_a_line_that_is_no_json_inside_is_damage() -> None:
     for broken in (line.replace(b'"x"', b'"\\ud800"'), line.replace(b'"x"', b'"\xff"')):
         with pytest.raises(DamagedData):
             rawlog.decode(broken)
+
+
+def thing(kind: str, key: str, **fields: Any) -> dict[str, Any]:
+    return {"kind": kind, "data": {"id": key, "name": f"{kind}_{key}", **fields}}
+
+
+COMMENT = thing(
+    "t1", "c", link_id="t3_p", replies=listing(thing("t1", "d", link_id="t3_p", replies=""))
+)
+
+
+SHARED = thing(
+    "t3",
+    "x",
+    crosspost_parent="t3_p",
+    crosspost_parent_list=[{"id": "p", "title": "t"}],
+    url="/r/M/comments/p/title/",
+)
+
+
+@pytest.mark.parametrize(
+    ("kind", "params", "answer", "keys", "expected"),
+    [
+        (
+            "listings",
+            {"after": "t3_p"},
+            listing(thing("t3", "p"), thing("t3", "q"), after="t3_p"),
+            {"t3_p"},
+            ({"after": ""}, listing(thing("t3", "q"), after="t3_q")),
+        ),
+        (
+            "listings",
+            {},
+            listing(SHARED),
+            {"t3_p"},
+            ({}, listing(thing("t3", "x", crosspost_parent="t3_p", crosspost_parent_list=[]))),
+        ),
+        (
+            "comments",
+            {"article": "p"},
+            [listing(thing("t3", "p")), listing(COMMENT)],
+            {"t3_p"},
+            None,
+        ),
+        (
+            "comments",
+            {"article": "p", "comment": "c"},
+            [listing(thing("t3", "p")), listing(COMMENT)],
+            {"t1_c"},
+            (
+                {"article": "p"},
+                [listing(thing("t3", "p")), listing(thing("t1", "d", link_id="t3_p", replies=""))],
+            ),
+        ),
+        (
+            "comments",
+            {"article": "p"},
+            [listing(COMMENT)],
+            {"t1_d"},
+            ({"article": "p"}, [listing(thing("t1", "c", link_id="t3_p", replies=listing()))]),
+        ),
+        (
+            "comments",
+            {"article": "p"},
+            [listing(thing("more", "a", children=["a", "b"], parent_id="t3_p"))],
+            {"t1_a"},
+            (
+                {"article": "p"},
+                [
+                    listing(
+                        {
+                            "kind": "more",
+                            "data": {
+                                "id": "b",
+                                "name": "t1_b",
+                                "children": ["b"],
+                                "parent_id": "t3_p",
+                            },
+                        }
+                    )
+                ],
+            ),
+        ),
+        (
+            "comments",
+            {"article": "p"},
+            [listing(thing("more", "a", children=["a"], parent_id="t3_p"))],
+            {"t1_a"},
+            ({"article": "p"}, [listing()]),
+        ),
+        ("comments", {"article": "p"}, None, {"t3_p"}, None),
+        (
+            "morechildren",
+            {"link_id": "t3_p", "children": "c,e"},
+            {"json": {"errors": [], "data": {"things": [COMMENT]}}},
+            {"t1_c"},
+            (
+                {"link_id": "t3_p", "children": "e"},
+                {
+                    "json": {
+                        "errors": [],
+                        "data": {"things": [thing("t1", "d", link_id="t3_p", replies="")]},
+                    }
+                },
+            ),
+        ),
+        (
+            "morechildren",
+            {"link_id": "t3_p", "children": "c"},
+            {"json": {"data": {"things": [COMMENT]}}},
+            {"t3_p"},
+            None,
+        ),
+        (
+            "info",
+            {"id": "t3_p,t1_c,t1_z", "posts": ["p", "p", "q"]},
+            listing(thing("t3", "p"), COMMENT),
+            {"t3_p"},
+            ({"id": "t1_z", "posts": ["q"]}, listing()),
+        ),
+        ("info", {"id": "t3_p"}, listing(thing("t3", "p")), {"t3_p"}, None),
+        ("dumps", {}, listing(thing("t3", "p"), thing("t1", "c", link_id="t3_p")), {"t3_p"}, None),
+    ],
+)
+def test_what_strip_leaves(
+    kind: str, params: dict[str, Any], answer: Any, keys: set[str], expected: Any
+) -> None:
+    left = strip(kind, Envelope("2026-01-01T00:00:00Z", Request(kind, params), 200, answer), keys)
+    assert (None if left is None else (left.request.params, left.response)) == expected
+
+
+def test_an_envelope_without_the_keys_is_the_same_object() -> None:
+    envelope = Envelope(
+        None,
+        Request("comments/p", {"article": "p"}),
+        200,
+        [listing(thing("t3", "p")), listing(COMMENT)],
+    )
+    assert strip("comments", envelope, {"t3_other", "t1_other"}) is envelope
