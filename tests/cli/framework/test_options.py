@@ -60,7 +60,7 @@ def test_a_contact_that_is_none_is_found_before_anything_is_written(
     keys = dict.fromkeys(("YOUTUBE_API_KEY", "REDDIT_CLIENT_ID", "REDDIT_CLIENT_SECRET"), "hunter2")
     answer = kb(source, "crawl", env={**keys, "KB_CONTACT": "me"})
     assert answer.returncode == 2
-    assert answer.stderr.startswith('kb: KB_CONTACT is "me": must be or hold an e-mail or web')
+    assert answer.stderr.startswith('kb: KB_CONTACT is "me": must contain an e-mail or web')
     assert list(tmp_path.iterdir()) == []
 
 

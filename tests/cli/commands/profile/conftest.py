@@ -114,7 +114,7 @@ ERRORS = [
     row("FILL-IN\tplace\n", "the line is still to be filled in"),
     file("Saxifrage\tplant\n", "keywords.tsv:1", "the first line must read keyword, kind"),
     file("keyword,kind,rule,forms\nA,b\n", "keywords.tsv:1", "the first line", "put tabs"),
-    file(HEADER, "keywords.tsv", "the list holds no keyword"),
+    file(HEADER, "keywords.tsv", "the list contains no keyword"),
     file(HEADER + "Spring\tseason\tnear\n", "keywords.tsv:2", "every keyword has a rule"),
 ]  # fmt: skip
 

@@ -35,7 +35,7 @@ WARNINGS = [
     row("Scree\tplace\t\tstone\n", "'stone' is an everyday word", "never"),
     row("saxifrage\tplace\n", "'saxifrage' stands on line 2", "the first counts"),
     row("Scree\tplace\t\t!!\n", "the form '!!' has no word"),
-    row("A1\tplant\nA2\tplant\nScree\tplnt\n", "the kind 'plnt' stands only here", "'plant'"),
+    row("A1\tplant\nA2\tplant\nScree\tplnt\n", "the kind 'plnt' occurs only once", "'plant'"),
 ]  # fmt: skip
 
 
