@@ -1,4 +1,4 @@
-"""What a crawl asked for and never had: counted as failed, so that every key has its answer."""
+"""Keys that a crawl requested and never received count as failed: every key has an outcome."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.filters.chain import VERDICTS, Clean
-from kb.filters.tasks import FilterJob, removed_keys
+from kb.filters.tasks import FilterJob, purged_keys
 from kb.schema.tables import table
 from kb.store import parquet
 from kb.store.layout import parquet_files
@@ -32,7 +32,7 @@ def unanswered(job: FilterJob, spec: Clean) -> Counter[str]:
         for path in parquet_files(Path(job.out, table(name).short)):
             for key in parquet.read_table(path, columns=[column])[column].to_pylist():
                 lost.pop(f"{prefix}{key}", None)
-    for key in removed_keys(job.root, job.source, job.tombstones) if lost else ():
+    for key in purged_keys(job.root, job.source, job.tombstones) if lost else ():
         lost.pop(key, None)
     if lost:
         rows = pa.table({"key": list(lost), "reason": list(lost.values())})
