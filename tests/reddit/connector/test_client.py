@@ -12,7 +12,7 @@ from kb.net.rate import Pace
 from kb.reddit.connector.client import Limiter
 from kb.sandbox.server import Sandbox
 from tests.reddit.conftest import small_world
-from tests.reddit.test_rounds import Said
+from tests.reddit.connector.test_reduce import Said
 from tests.reddit.work import Work
 
 TOKEN = {"access_token": "sandbox-reddit-token", "expires_in": 86_400, "scope": "*"}

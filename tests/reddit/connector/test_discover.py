@@ -9,7 +9,6 @@ import pytest
 
 from kb.core.errors import LimitReached
 from kb.reddit.parse import answers as parse
-from kb.reddit.parse import tree
 from kb.sandbox.server import Sandbox
 from kb.store.rawlog import Envelope, Request, encode
 from tests.reddit.conftest import small_world
@@ -97,22 +96,6 @@ def test_a_post_outside_whose_page_is_shut_is_counted(few: Work) -> None:
     summary = few.filter()
     assert (summary["failed"], summary["pending"]) == (1, 0)
     assert few.table("clean", "reddit", "failed") == [{"key": f"t3_{oldest}", "reason": "403"}]
-
-
-@pytest.mark.parametrize(
-    ("at", "since", "until", "expected"),
-    [
-        (5, None, None, False),
-        (5, 5, 6, False),
-        (5, 6, None, True),
-        (5, None, 5, True),
-        (5.5, 5, 5.5, True),
-        (None, 6, 7, False),
-        ("5", 6, 7, False),
-    ],
-)
-def test_since_is_inside_and_until_is_not(at: Any, since: Any, until: Any, expected: bool) -> None:
-    assert tree.outside(at, since, until) is expected
 
 
 def test_a_listing_of_a_span_holds_rows_of_that_span_alone(whole: Work) -> None:

@@ -13,7 +13,6 @@ import pytest
 from kb.core.errors import DamagedData
 from kb.core.profile import load_profile
 from kb.reddit.parse import answers as parse
-from kb.reddit.parse.tree import depths
 from kb.store.rawlog import Envelope, Request, encode
 from tests.reddit.cassettes import Exchange, read
 
@@ -111,27 +110,6 @@ def test_every_thing_of_every_answer_is_a_row_without_a_problem(
         if row["state"] == "there":
             assert row["created_utc"].year > 2004
             assert isinstance(row["score"], int)
-
-
-def test_a_forest_is_whole_after_its_stubs(rows: Callable[[str], list[Row]]) -> None:
-    found = rows("TestCommentForest.test_replace__all")
-    known = {row["fullname"] for row in found if row["state"] != "stub"}
-    assert {row["fullname"] for row in found if row["state"] == "stub"} - known == set()
-    deep = depths(
-        (row["fullname"][3:], row["parent_id"])
-        for row in found
-        if row["state"] == "there" and row["parent_id"]
-    )
-    assert (max(value for value in deep.values() if value is not None), None in deep.values()) == (
-        11,
-        False,
-    )
-
-
-def test_a_chain_read_from_the_bottom_up(rows: Callable[[str], list[Row]]) -> None:
-    found = rows("TestComment.test_parent__chain")
-    deep = depths((row["fullname"][3:], row["parent_id"]) for row in found if row["parent_id"])
-    assert sorted(deep.values()) == list(range(32))
 
 
 def test_names_that_info_leaves_out_are_missing(rows: Callable[[str], list[Row]]) -> None:

@@ -13,14 +13,12 @@ from typing import Any
 import pytest
 import zstandard
 
-from kb.core.errors import LimitReached, SettingError
-from kb.core.progress import LineProgress
+from kb.core.errors import LimitReached
 from kb.reddit.connector.importer import import_dumps
 from kb.reddit.dumps import containers
-from kb.reddit.dumps.containers import ReadProgress
-from kb.reddit.dumps.files import find_dumps
+from kb.reddit.dumps.containers import ReadProgress, memory
 from kb.store import rawlog
-from tests.reddit.dumped import import_killed, imported, post, run_in
+from tests.reddit.dumped import import_killed, imported, post, run_in, write
 
 Pack = Callable[[bytes], bytes]
 
@@ -219,50 +217,20 @@ def test_a_block_that_would_fill_the_memory_is_damage(
         assert "damaged block" in progress.problem
 
 
-@pytest.mark.parametrize(
-    "data",
-    [b"plain text\n", b"[1, 2]\n", b"\xff\xfe{\0", b"PK\x03\x04", b"\x89PNG\r\n\x1a\n"],
-)
-def test_a_named_file_that_is_no_dump_is_wrong_usage(tmp_path: Path, data: bytes) -> None:
-    (tmp_path / "x.zst").write_bytes(data)
-    with pytest.raises(SettingError, match=r"x\.zst is not a dump"):
-        took(tmp_path / "data", [tmp_path / "x.zst"])
-    assert not (tmp_path / "data").exists()
+def archived(path: Path, *keys: str) -> Path:
+    """A dump with a window of 2^31 bytes, as the archives make them: one block as it is."""
+    content = b"".join(json.dumps(post(key)).encode() + b"\n" for key in keys)
+    header = b"\x28\xb5\x2f\xfd" + bytes([0, (31 - 10) << 3])
+    path.write_bytes(header + ((len(content) << 3) | 1).to_bytes(3, "little") + content)
+    return path
 
 
-def test_folders_are_searched_and_other_files_counted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    place = tmp_path / "dumps"
-    data = joined(records(30))
-    for name, made in {
-        "comments/RC_2020-01.zst": zstd(data),
-        "submissions/RS_2020-01.zst_blocks": blocks(data),
-        "submissions/RS_2020-02": members(data),
-        "mine.ndjson": data,
-        "cut.zst": zstd(data)[:9],
-        "SHA256SUMS": b"0123 *RC_2020-01.zst\n",
-        "about.json": b'{"name": "Minecraft"}\n',
-        "empty": b"",
-        "backup.tar.gz": gzip.compress(b"ustar"),
-        ".part": data,
-    }.items():
-        (place / name).parent.mkdir(parents=True, exist_ok=True)
-        (place / name).write_bytes(made)
-    root = place / "data"  # the data root's own raw answers are no dumps
-    run = run_in(root, progress=LineProgress())
-    assert [file.name for file in find_dumps(run, [place]).files] == [
-        "cut.zst",
-        "mine.ndjson",
-        "RC_2020-01.zst",
-        "RS_2020-01.zst_blocks",
-        "RS_2020-02",
-    ]
-    done = import_dumps(run, [place])
-    assert (done["crawled"], done["foreign_files"], done["truncated_files"]) == (80, 4, 1)
-    said = "skipped 4 files without posts: SHA256SUMS, about.json, backup.tar.gz, …"
-    assert said in capsys.readouterr().err
-    assert import_dumps(run, [place])["crawled"] == 0
-    (tmp_path / "none").mkdir()
-    with pytest.raises(SettingError, match="holds no dumps"):
-        find_dumps(run, [tmp_path / "none"])
+def test_the_window_of_a_dump_counts(tmp_path: Path) -> None:
+    wide, small = archived(tmp_path / "RS_a.zst", "aaa"), write(tmp_path / "b.zst", [post("bbb")])
+    assert 1 << 31 <= memory(wide) < (1 << 31) + (1 << 28)
+    assert memory(small) < 1 << 28
+    behind = tmp_path / "c.zst"  # a frame without content comes first in some files
+    behind.write_bytes(b"\x50\x2a\x4d\x18" + (5).to_bytes(4, "little") + b"-" * 5)
+    with behind.open("ab") as file:
+        file.write(wide.read_bytes())
+    assert memory(behind) == memory(wide)

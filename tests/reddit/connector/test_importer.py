@@ -6,24 +6,25 @@ from __future__ import annotations
 
 import json
 import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as some
 
 from kb.core.errors import LimitReached, SettingError
 from kb.core.profile import load_profile
 from kb.core.profile.toxicity import Toxicity
 from kb.core.progress import LineProgress
 from kb.filters.clean import run_clean
-from kb.reddit.connector.importer import import_dumps
-from kb.reddit.dumps import chunks, containers, cursor
-from kb.reddit.dumps.chunks import DEEPEST, Chunk
-from kb.reddit.dumps.subreddit_search import CHECKED, SubredditSearch
+from kb.reddit.connector.importer import _side_by_side, import_dumps
+from kb.reddit.dumps import cursor
+from kb.reddit.dumps.import_file import ImportJob
+from kb.reddit.dumps.subreddit_search import CHECKED
 from kb.reddit.parse import answers as parse
-from kb.store import rawlog, tombstones
+from kb.reddit.parse.anonymize import load_key
+from kb.store import rawlog
 from tests.reddit.dumped import import_killed, imported, post, run_in, write
 from tests.reddit.work import rows as read_rows
 
@@ -56,16 +57,6 @@ def test_only_the_subreddit_and_no_name_stays(tmp_path):
         if path.is_file() and path != dump
     )
     assert len(imported(tmp_path)[0][1]["author"]) == 32
-
-
-def test_a_space_after_the_colon_and_none(tmp_path):
-    tight = json.dumps(post("tight"), separators=(",", ":")).encode()
-    assert (
-        import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [tight, post("wide")])])[
-            "crawled"
-        ]
-        == 2
-    )
 
 
 def test_damaged_lines_are_counted_and_the_rest_is_taken(tmp_path):
@@ -111,28 +102,6 @@ def test_damage_far_behind_the_beginning_is_counted_and_the_first_place_is_said(
     )
 
 
-def test_objects_that_are_broken_inside_count_in_a_file_of_the_subreddit(tmp_path):
-    dump = write(tmp_path / "RS.zst", [post("aaa"), b'{"id": broken}', b"garbage", post("bbb")])
-    assert import_dumps(run_in(tmp_path), [dump])["bad_lines"] == 2
-
-
-@pytest.mark.parametrize("order", [1, -1])
-@pytest.mark.parametrize(
-    ("own", "others"), [(None, None), ("t5_2r05i", "t5_2qhw1"), ("t5_2r05i", "t5_2r05i"), (7, [7])]
-)
-def test_every_spelling_of_the_name_in_any_order(tmp_path, order, own, others):
-    other = post("x", subreddit="gardening", selftext="leaf " * 200, subreddit_id=others)
-    named = [
-        post(key, subreddit=name, subreddit_id=own)
-        for key, name in zip(
-            "abcd", ("Minecraft", "minecraft", "MineCraft", "MINECRAFT"), strict=True
-        )
-    ]
-    lines = [named[0], *[other] * 3_000, *named[1:3], *[other] * 3_000, named[3]]
-    import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", lines[::order])])
-    assert sorted(data["id"] for _, data in imported(tmp_path)) == ["a", "b", "c", "d"]
-
-
 @pytest.mark.parametrize(
     "said", ["1700000000000", "²", "٣", -1, 1e300, "9" * 30, float("nan"), True]
 )
@@ -147,38 +116,6 @@ def test_a_date_of_reading_that_is_none_is_null(tmp_path, said):
     }
 
 
-@pytest.mark.parametrize("innermost", [b"", b"0"])
-@pytest.mark.parametrize("depth", [199, 200, 300, 3_000, 200_000])
-def test_a_line_nested_without_end_is_damaged(tmp_path, depth, innermost):
-    lists = b"[" * depth + innermost + b"]" * depth
-    record = b'{"id": "q", "subreddit": "Minecraft", "title": "t", "x": ' + lists + b"}"
-    summary = import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [record, post("good")])])
-    # The record itself is one level.
-    bad = int(1 + depth > DEEPEST)
-    assert (summary["crawled"], summary["bad_lines"]) == (2 - bad, bad)
-
-
-@pytest.mark.parametrize("last", [False, True])
-def test_a_line_without_end_is_not_held_and_counts_as_damaged(tmp_path, monkeypatch, last):
-    """One of 1.8 GB swells from a small file."""
-    monkeypatch.setattr(chunks, "LONGEST", 300_000)
-    long = b'{"subreddit": "Minecraft", "id": "' + b"x" * 40_000_000
-    lines = [post("a"), long, *([] if last else [post("b")])]
-    dump = write(tmp_path / "RS.zst", lines, frames=len(lines))
-    held = max_held(chunks.chunks(dump, containers.ReadProgress()))
-    assert held < 5_000_000
-    assert (
-        max(len(piece) for piece in containers.pieces(dump, containers.ReadProgress())) < 5_000_000
-    )
-    done = import_dumps(run_in(tmp_path), [dump])
-    assert (done["lines"], done["bad_lines"]) == (len(lines), 1)
-    assert [data["id"] for _, data in imported(tmp_path)] == ["a"] + ["b"] * (not last)
-
-
-def max_held(chunks):
-    return max(len(chunk.data) for chunk in chunks)
-
-
 def test_frames_that_are_to_be_skipped_hold_nothing(tmp_path):
     """As pzstd writes them."""
     dump = write(tmp_path / "RS.zst", [post("a"), post("b")], frames=2)
@@ -186,16 +123,6 @@ def test_frames_that_are_to_be_skipped_hold_nothing(tmp_path):
     dump.write_bytes(extra + dump.read_bytes() + extra)
     assert import_dumps(run_in(tmp_path), [dump])["truncated_files"] == 0
     assert [data["id"] for _, data in imported(tmp_path)] == ["a", "b"]
-
-
-@pytest.mark.parametrize("made", ["nan", "inf", -5, None, "soon", [1]])
-def test_a_record_whose_date_cannot_be_read_is_left_to_the_filter(tmp_path, made):
-    dump = write(tmp_path / "RS.zst", [post("odd", created_utc=made)])
-    assert import_dumps(run_in(tmp_path), [dump])["crawled"] == 1
-    assert (
-        import_dumps(run_in(tmp_path), [dump], since=datetime(2020, 1, 1, tzinfo=UTC))["crawled"]
-        == 1
-    )
 
 
 def test_several_frames_in_one_file(tmp_path):
@@ -306,14 +233,6 @@ def test_where_no_date_is_said_the_later_dump_counts_in_whatever_order_they_came
     ] == [("a", 99), ("b", 7)]
 
 
-def test_emoji_right_to_left_nul_and_lone_surrogates(tmp_path):
-    import_dumps(
-        run_in(tmp_path),
-        [write(tmp_path / "RS.zst", [post("odd", title="🗼 مرحبا a\0b \ud83d end")])],
-    )
-    assert [row["title"] for row in rows(tmp_path)] == ["🗼 مرحبا a\ufffdb \ufffd end"]
-
-
 def test_a_second_import_of_the_same_file_takes_nothing(tmp_path):
     dump = write(tmp_path / "RS.zst", [post("aaa")])
     import_dumps(run_in(tmp_path), [dump])
@@ -337,26 +256,6 @@ def test_limit_goes_on_where_it_stopped(tmp_path):
     )
 
 
-def test_since_until_and_tombstones(tmp_path):
-    tombstones.add(tmp_path, "reddit", [("t3_gone", "named")])
-    dump = write(
-        tmp_path / "RS.zst",
-        [
-            post("early", created_utc=10),
-            post("in", created_utc=20),
-            post("gone", created_utc=21),
-            post("late", created_utc=30),
-        ],
-    )
-    import_dumps(
-        run_in(tmp_path),
-        [dump],
-        since=datetime.fromtimestamp(20, UTC),
-        until=datetime.fromtimestamp(30, UTC),
-    )
-    assert [data["id"] for _, data in imported(tmp_path)] == ["in"]
-
-
 @pytest.mark.parametrize("make", [lambda path: None, lambda path: path.write_text("plain text")])
 def test_a_file_that_is_no_dump_is_wrong_usage_and_nothing_is_written(tmp_path, make):
     make(tmp_path / "RS.zst")
@@ -378,40 +277,43 @@ def test_sigkill_then_the_same_command_takes_each_once(tmp_path):
     assert cursor.load_cursor(tmp_path, cursor.cursor_name(dump, 0.0, float("inf"))).lines == 8_000
 
 
-LINE = some.one_of(
-    some.builds(
-        lambda key, name: json.dumps({"id": key, "subreddit": name, "title": "t"}).encode(),
-        some.text("abc", min_size=1, max_size=5),
-        some.sampled_from(["Minecraft", "minecraft", "mINECRAFT", "pics", "MinecraftBuilds"]),
-    ),
-    some.binary(max_size=20).filter(
-        lambda line: (
-            b"\n" not in line
-            and b"\r" not in line
-            and line.strip()
-            and not line.strip().startswith(b"{")
-        )
-    ),
-)
+GB = 10**9
 
 
-@given(some.lists(LINE, max_size=30), some.sampled_from([0, CHECKED]))
-def test_search_finds_what_reading_every_line_finds(lines, start):
-    chunk = b"".join(line + b"\n" for line in lines)
-    taken = []
-    found = SubredditSearch("Minecraft")(
-        Chunk(start, b"x" + chunk + b"x", 1, len(chunk) + 1),
-        lambda _, record: taken.append(record["id"]),
-    )
-    wanted = [
-        json.loads(line)["id"]
-        for line in lines
-        if line.startswith(b"{") and json.loads(line)["subreddit"].lower() == "minecraft"
-    ]
-    assert taken == wanted
-    assert found.lines == len(lines)
-    bad = [n for n, line in enumerate(lines) if not line.startswith(b"{")]
-    assert found.bad_lines == len(bad)
-    assert found.first_bad == (
-        start + sum(len(line) + 1 for line in lines[: bad[0]]) if bad else None
-    )
+def archived(path: Path, *keys: str) -> Path:
+    """A dump with a window of 2^31 bytes, as the archives make them: one block as it is."""
+    content = b"".join(json.dumps(post(key)).encode() + b"\n" for key in keys)
+    header = b"\x28\xb5\x2f\xfd" + bytes([0, (31 - 10) << 3])
+    path.write_bytes(header + ((len(content) << 3) | 1).to_bytes(3, "little") + content)
+    return path
+
+
+class Counted(ThreadPoolExecutor):
+    """How many tasks were handed out and not taken back yet, at most."""
+
+    most = 0
+
+    def __init__(self) -> None:
+        super().__init__(4)
+        self.out: list[Any] = []
+
+    def submit(self, *task: Any, **options: Any) -> Any:
+        self.out = [future for future in self.out if not future.done()]
+        future = super().submit(*task, **options)
+        self.out.append(future)
+        self.most = max(self.most, len(self.out))
+        return future
+
+
+@pytest.mark.parametrize(("gb", "together"), [(3, 1), (1, 1), (5, 2)])
+def test_two_wide_dumps_are_read_at_once_only_where_both_fit(
+    tmp_path: Path, gb: int, together: int
+) -> None:
+    files = [archived(tmp_path / f"RS_{n}.zst", f"k{n}") for n in range(5)]
+    jobs = [ImportJob(str(tmp_path), str(file), "minecraft", 0, 4e9, 0) for file in files]
+    load_key(tmp_path)
+    with Counted() as pool:
+        cursors = list(_side_by_side(jobs, pool, window=4, most=gb * GB))
+    assert pool.most <= together
+    assert [cursor.fresh for cursor in cursors] == [1] * 5
+    assert sorted(data["id"] for _, data in imported(tmp_path)) == [f"k{n}" for n in range(5)]

@@ -18,7 +18,6 @@ import pytest
 
 import kb.reddit
 from kb.core.errors import LimitReached, SettingError, Unreachable, WriterLocked
-from kb.reddit.connector.ids import read_wanted
 from kb.sandbox.invented_ids import PEOPLE
 from kb.sandbox.server import Sandbox
 from kb.schema import table
@@ -294,13 +293,6 @@ def test_tables_that_were_removed_are_asked_for_again(work: Work, lost: str) -> 
     assert work.rebuild(ids)["requests"] == 0
 
 
-def test_ids_with_a_byte_order_mark(tmp_path: Path) -> None:
-    (tmp_path / "ids.txt").write_bytes(b"\xef\xbb\xbft3_a001\r\n")
-    (tmp_path / "reddit.json").write_bytes(b'\xef\xbb\xbf[{"id": "a001"}]')
-    assert read_wanted(tmp_path / "ids.txt").names == ["t3_a001"]
-    assert read_wanted(tmp_path / "reddit.json").trees == ["a001"]
-
-
 def test_lines_that_are_no_names_are_counted(work: Work) -> None:
     ids = work.place / "ids.txt"
     ids.write_text(f"t3_{next(iter(work.world.posts))}\nabc\nnot a name\n")
@@ -324,17 +316,6 @@ def test_the_same_ids_are_the_same_reconstruction_in_whatever_form(work: Work) -
     assert (summary["posts"], summary["missing"]) == (3, 2)
     assert list(missing(work).items()) == [("t1_nowhere", "missing"), ("t3_nowhere", "missing")]
     assert work.rebuild(work.place / "ids.txt")["requests"] == 0
-
-
-def test_ids_of_released_tables_and_of_keys(tmp_path: Path) -> None:
-    pq.write_table(pa.table({"comment_id": ["a1", "a2"], "post_id": ["p", "p"]}), tmp_path / "c")
-    pq.write_table(pa.table({"post_id": ["p", "q"]}), tmp_path / "p.parquet")
-    pq.write_table(
-        pa.table({"key": ["t3_p", "t1_a"], "reason": ["x", "y"]}), tmp_path / "k.parquet"
-    )
-    assert list(read_wanted(tmp_path / "c").names) == ["t1_a1", "t1_a2"]
-    assert list(read_wanted(tmp_path / "p.parquet").names) == ["t3_p", "t3_q"]
-    assert list(read_wanted(tmp_path / "k.parquet").names) == ["t3_p", "t1_a"]
 
 
 def shards(whole: Work, name: str) -> Path:
