@@ -229,7 +229,9 @@ def test_a_line_that_is_no_envelope_names_its_file(root: Path) -> None:
     segment = rawlog.Segment(rawlog.folder(root, "youtube", "videos"))
     segment.append(b'{"no": "envelope"}\n')
     segment.close()
-    with pytest.raises(DamagedData, match=r"000002-\w+\.ndjson\.zst: a raw line is no envelope"):
+    with pytest.raises(
+        DamagedData, match=r"000002-\w+\.ndjson\.zst: a raw line is not an envelope"
+    ):
         run_clean(run_at(root), "youtube")
     assert not (root / "clean" / "youtube").exists()
 
