@@ -18,7 +18,7 @@ from pathlib import Path
 from types import ModuleType
 
 from kb.annotate.scores import drop_unused
-from kb.artifacts import belonging, indexed, manifest
+from kb.artifacts import belonging, index, manifest
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.pipeline import load, locate
@@ -44,7 +44,7 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
         keys = room.purge_raw(run, ids)
         said, rows, scores = getattr(keys, "said", {}), 0, 0
         if keys:
-            indexed.forget(run.root, source)
+            index.remove(run.root, source)
             with manifest.editing(run.root, clean):
                 rows = store.drop_rows(run.root, source, room.ROWS, keys)
                 if hasattr(room, "mend"):

@@ -7,16 +7,18 @@ of its poll) is one text that no phrase crosses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.optional import np
-from kb.pairs import transcripts
+from kb.core.source_spec import TextColumns
+from kb.core.sources import SPECS
 from kb.pairs.transcript_batch import Text
+from kb.pairs.transcripts import texts as texts_of
 from kb.schema import table
 from kb.store import parquet
 from kb.store.reading import reading
@@ -39,40 +41,31 @@ def parts(path: Path, name: str) -> Iterator[TextPart]:
 
     Raises DamagedData.
     """
+    source, _, short = name.partition("/")
+    spec = SPECS[source]
+    declared = next(one for one in spec.texts if one.table == short)
     with reading([path]):
-        yield from _READ[name](path)
+        yield from spec.load(declared.reader)(path) if declared.reader else _columns(path, declared)
 
 
-def _transcripts(path: Path) -> Iterator[TextPart]:
-    for text in transcripts.texts(path):
-        yield TextPart("transcript", text, timed=True)
+def _columns(path: Path, declared: TextColumns) -> Iterator[TextPart]:
+    """The texts of a table that are columns of it; a release lacks some of them."""
+    wanted = [declared.key, *(column for part in declared.parts.values() for column in part)]
+    for rows in _batches(path, wanted):
+        ids = rows[declared.key].cast(pa.string())
+        keys = pc.binary_join_element_wise(declared.prefix, ids, "")
+        for part, columns in declared.parts.items():
+            if texts := [rows[column] for column in columns if column in rows.column_names]:
+                yield from _texts(part, keys, texts)
 
 
-def _videos(path: Path) -> Iterator[TextPart]:
-    for rows in _batches(path, ["video_id", "title", "description"]):
-        for part, column in (("title", "title"), ("body", "description")):
-            if column in rows.column_names:  # a release has no descriptions
-                yield from _texts(part, rows["video_id"], (rows[column],))
+def transcripts(path: Path) -> Iterator[TextPart]:
+    """What is said in videos."""
+    for batch in texts_of(path):
+        yield TextPart("transcript", batch, timed=True)
 
 
-def _posts(path: Path) -> Iterator[TextPart]:
-    for rows in _batches(path, ["post_id", "title", "body", "poll_options"]):
-        keys = _full("t3_", rows["post_id"])
-        yield from _texts("title", keys, (rows["title"],))
-        yield from _texts("body", keys, (rows["body"], rows["poll_options"]))
-
-
-def _comments(path: Path) -> Iterator[TextPart]:
-    for rows in _batches(path, ["comment_id", "body"]):
-        yield from _texts("comment", _full("t1_", rows["comment_id"]), (rows["body"],))
-
-
-def _pages(path: Path) -> Iterator[TextPart]:
-    for rows in _batches(path, ["page_id", "title"]):
-        yield from _texts("title", rows["page_id"].cast(pa.string()), (rows["title"],))
-
-
-def _elements(path: Path) -> Iterator[TextPart]:
+def elements(path: Path) -> Iterator[TextPart]:
     """The visible text of pages; a file of elements holds whole pages, some hundred of them."""
     names = ["page_id", "element_id", "parent_id", "kind", "visible", "text", "reading_order"]
     rows = parquet.read_table(path, columns=names)
@@ -82,22 +75,6 @@ def _elements(path: Path) -> Iterator[TextPart]:
     texts = _one(rows["text"]).take(pa.array(taken))
     keys = pa.array(pages).cast(pa.string())
     yield from in_pieces("page", keys, page[taken], texts)
-
-
-_READ: dict[str, Callable[[Path], Iterator[TextPart]]] = {
-    "youtube/videos": _videos,
-    "youtube/transcripts": _transcripts,
-    "wiki/pages": _pages,
-    "wiki/elements": _elements,
-    "reddit/posts": _posts,
-    "reddit/comments": _comments,
-}
-TABLES = {
-    "youtube": ("videos", "transcripts"),
-    "wiki": ("pages", "elements"),
-    "reddit": ("posts", "comments"),
-}
-"""The tables of each source whose texts are looked through."""
 
 
 def tops(rows: pa.Table, page: np.ndarray) -> np.ndarray:
@@ -135,13 +112,8 @@ def _batches(path: Path, columns: list[str]) -> Iterator[pa.Table]:
             yield pa.Table.from_batches([batch]).combine_chunks()
 
 
-def _full(prefix: str, ids: pa.ChunkedArray[Any]) -> pa.ChunkedArray[Any]:
-    joined = pc.binary_join_element_wise(prefix, ids.cast(pa.string()), "")
-    return cast("pa.ChunkedArray[Any]", joined)
-
-
 def _texts(
-    part: str, keys: pa.ChunkedArray[Any], columns: tuple[pa.ChunkedArray[Any], ...]
+    part: str, keys: pa.ChunkedArray[Any], columns: Sequence[pa.ChunkedArray[Any]]
 ) -> Iterator[TextPart]:
     """One text a key, out of columns of texts and of lists of texts."""
     texts, things = [], []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import pyarrow as pa
 
-from kb.artifacts import belonging, indexed
+from kb.artifacts import belonging, texts
 from kb.artifacts.catalog import Catalog
 from kb.core.context import Run
 from kb.core.errors import UsageError
@@ -45,7 +45,11 @@ def find(
             raise UsageError(f"no {what} {wrong[0]!r}", hint=f"one of {', '.join(known)}")
     hits = []
     chosen = sources or SOURCES
-    held = [one for one in opened.catalogs if any(indexed.files(one.path, name) for name in chosen)]
+    held = [
+        one
+        for one in opened.catalogs
+        if any(texts.files(one.path, f"index/{name}") for name in chosen)
+    ]
     for one in held or opened.catalogs:
         ensure(_run(one), chosen)
         hits += search(one.path, words, sources=sources, only=only, size=size, entity=entity)
