@@ -19,8 +19,10 @@ from kb.export import layouts
 from kb.filters.chain import Chain, Clean
 from kb.filters.judgement import Predicate
 from kb.filters.predicates import AtLeast, In, NotIn, NotTrue, Present, Waits, none_above
-from kb.reddit import parse, state, threads
-from kb.reddit.assemble import HELPERS, assemble, with_posts
+from kb.reddit.connector import unfinished as state
+from kb.reddit.parse import answers as parse
+from kb.reddit.parse import comment_counts as threads
+from kb.reddit.parse.assemble import HELPERS, assemble, with_posts
 
 THERE = (
     NotTrue("missing", stage="missing", reason="missing"),

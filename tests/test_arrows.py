@@ -124,7 +124,7 @@ UPWARDS = {
     "store/atomic.py": "from kb.crawl import loop",
     "store/inside.py": "from kb.query import connect",
     "crawl/limits.py": "from kb.youtube import parse",
-    "youtube/parse.py": "from kb.wiki import addresses",
+    "youtube/parse/answers.py": "from kb.wiki import urls",
 }
 
 

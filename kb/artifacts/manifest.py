@@ -27,13 +27,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pyarrow.parquet as pq
 
-from kb import __version__
 from kb.artifacts.registry import ARTIFACTS, Artifact, artifact_of, of_table
 from kb.core.errors import DamagedData
 from kb.store import digests, notes, parquet, rawlog
@@ -122,8 +122,8 @@ def describe(name: str, folder: Path, build: Build) -> Manifest:
     files = {str(one.relative_to(folder)): one for one in _files(folder)}
     with ThreadPoolExecutor(_THREADS) as pool:
         entries = dict(zip(files, pool.map(entry_of, files.values()), strict=True))
-    command, version = ARTIFACTS[name].command, __version__
-    return Manifest(name, command, version, build.inputs, build.rules, entries, build.figures)
+    command, made_by = ARTIFACTS[name].command, version("lorecrawl")
+    return Manifest(name, command, made_by, build.inputs, build.rules, entries, build.figures)
 
 
 def write(place: Path, manifest: Manifest) -> None:

@@ -23,12 +23,13 @@ from kb.core.engine import make_executor, map_in_order
 from kb.core.verdict import Summary
 from kb.crawl.purge import PurgeKeys, collected
 from kb.crawl.session import open_session
-from kb.reddit import threads, tree
-from kb.reddit.crossposts import crossposts_of, drop_parents
-from kb.reddit.known import known
-from kb.reddit.source import INFO, RedditSource
-from kb.reddit.strip import strip
-from kb.reddit.wanted import read_wanted
+from kb.reddit.connector.ids import read_wanted
+from kb.reddit.connector.source import INFO, RedditSource
+from kb.reddit.parse import comment_counts as threads
+from kb.reddit.parse import tree
+from kb.reddit.parse.crossposts import crossposts_of, drop_parents
+from kb.reddit.parse.latest_state import known
+from kb.reddit.parse.remove_ids import strip
 from kb.store import mending, parquet, purge, purge_plan, rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout

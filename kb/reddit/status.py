@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from kb.reddit.reduce import crawled
-from kb.reddit.state import incomplete_posts
+from kb.reddit.connector.reduce import crawled
+from kb.reddit.connector.unfinished import incomplete_posts
 
 __all__ = ["crawled", "incomplete"]
 

@@ -20,11 +20,11 @@ from kb.store.inside import is_inside
 from kb.store.layout import BELOW, Layout
 from kb.store.purge import Strip, links_of, place_of, verdicts_of
 from kb.store.purge_search import Found
-from kb.wiki import extraction, tables
-from kb.wiki.payloads import PAYLOADS
-from kb.wiki.reduce import LEFT
-from kb.wiki.source import WikiSource
-from kb.wiki.titles import read_names
+from kb.wiki.connector.ids import read_names
+from kb.wiki.connector.payloads import PAYLOADS
+from kb.wiki.connector.reduce import LEFT
+from kb.wiki.connector.source import WikiSource
+from kb.wiki.parse import extraction, tables
 
 _PURGED = "purged titles"  # cursor of the frontier
 ROWS = (

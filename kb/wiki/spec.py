@@ -25,12 +25,12 @@ SPEC = SourceSpec(
         "files": "image files",  # original files of images
     },
     counted="pages",
-    connector=".source:WikiSource",
+    connector=".connector.source:WikiSource",
     purge=".purge",
     commands="kb.cli.commands.sources.wiki",
     section="kb.core.profile.wiki:Wiki",
-    status=".reduce",
-    online=".online:question",
+    status=".connector.reduce",
+    online=".connector.online:question",
     formats={"parquet": "kb.export.wiki_tar:export", "minedojo": "kb.export.minedojo_wiki:wiki"},
     texts=(
         TextColumns("pages", "page_id", {"title": ("title",)}),

@@ -9,6 +9,7 @@ from typing import Any
 
 import msgspec
 
+from kb.artifacts.restore import WORK
 from kb.core.context import Run
 from kb.core.verdict import Summary
 from kb.crawl import purge
@@ -17,9 +18,8 @@ from kb.store import purge_plan, rawlog
 from kb.store.layout import BELOW, Layout
 from kb.store.purge import RowLocation, links_of, place_of, verdicts_of
 from kb.store.purge_search import finder
-from kb.youtube import parse
-from kb.youtube.ids import read_ids
-from kb.youtube.reduce import (
+from kb.youtube.connector.ids import read_ids
+from kb.youtube.connector.reduce import (
     RAW_STATISTICS,
     RAW_TRANSCRIPTS,
     RAW_VIDEOS,
@@ -28,8 +28,8 @@ from kb.youtube.reduce import (
     TRANSCRIPTS,
     VIDEOS,
 )
-from kb.youtube.restored import WORK
-from kb.youtube.source import YouTubeSource
+from kb.youtube.connector.source import YouTubeSource
+from kb.youtube.parse import answers as parse
 
 ROWS = (
     *(place_of(f"youtube/{name}", "video_id") for name in ("videos", "transcripts")),

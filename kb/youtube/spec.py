@@ -27,12 +27,12 @@ SPEC = SourceSpec(
     noted=("channels",),
     counted="videos",
     refreshed="refresh",
-    connector=".source:YouTubeSource",
+    connector=".connector.source:YouTubeSource",
     purge=".purge",
     commands="kb.cli.commands.sources.youtube",
     section="kb.core.profile.youtube:YouTubeSection",
     status=".status",
-    online=".online:question",
+    online=".connector.online:question",
     formats={"minedojo": "kb.export.minedojo:youtube"},
     texts=(
         TextColumns("videos", "video_id", {"title": ("title",), "body": ("description",)}),
@@ -55,7 +55,7 @@ SPEC = SourceSpec(
             *("min_views", "min_aspect_ratio", "min_duration_s", "transcripts", "language"),
             "translate",
         ),
-        gaps=("kb.release.gaps:views",),
+        gaps=("kb.release.metadata.gaps:views",),
         scraped=True,
     ),
     report=ReportSpec(

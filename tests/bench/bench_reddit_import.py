@@ -28,8 +28,8 @@ import pytest
 import zstandard
 
 from kb.core import clock
-from kb.reddit.byid import keep
-from kb.reddit.onedump import ImportJob, import_file
+from kb.reddit.dumps.id_search import keep
+from kb.reddit.dumps.import_file import ImportJob, import_file
 from tests.reddit.test_containers import blocks
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(1800)]
@@ -243,7 +243,8 @@ def test_memory_does_not_grow_with_the_file(tmp_path, record_property):
         path = tmp_path / f"RC_{lines}.zst"
         write(path, lines, LATER)
         program = (
-            "import sys; from kb.reddit.onedump import ImportJob, import_file; import resource;"
+            "import sys; import resource;"
+            " from kb.reddit.dumps.import_file import ImportJob, import_file;"
             "import_file(ImportJob(sys.argv[2], sys.argv[1], 'Minecraft', 0.0, float('inf'),"
             " 0)); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
         )

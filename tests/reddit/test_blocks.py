@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from kb.core.errors import LimitReached
-from kb.reddit import onedump
-from kb.reddit.authors import load_key
-from kb.reddit.importing import import_dumps
-from kb.reddit.lines import look_at_block
-from kb.reddit.onedump import ImportJob, import_file, import_with
+from kb.reddit.connector.importer import import_dumps
+from kb.reddit.dumps import import_file as onedump
+from kb.reddit.dumps.extract import look_at_block
+from kb.reddit.dumps.import_file import ImportJob, import_file, import_with
+from kb.reddit.parse.anonymize import load_key
 from kb.store import rawlog
 from tests.reddit.dumped import imported, post, run_in, write
 

@@ -15,10 +15,10 @@ import zstandard
 
 from kb.core.errors import LimitReached, SettingError
 from kb.core.progress import LineProgress
-from kb.reddit import containers
-from kb.reddit.containers import Seen
-from kb.reddit.dumpfiles import find
-from kb.reddit.importing import import_dumps
+from kb.reddit.connector.importer import import_dumps
+from kb.reddit.dumps import containers
+from kb.reddit.dumps.containers import Seen
+from kb.reddit.dumps.files import find
 from kb.store import rawlog
 from tests.reddit.dumped import import_killed, imported, post, run_in
 

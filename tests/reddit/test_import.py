@@ -18,10 +18,13 @@ from kb.core.profile import load_profile
 from kb.core.profile.toxicity import Toxicity
 from kb.core.progress import LineProgress
 from kb.filters.clean import run_clean
-from kb.reddit import containers, dumps, parse, places
-from kb.reddit.dumps import DEEPEST, Chunk
-from kb.reddit.importing import import_dumps
-from kb.reddit.search import CHECKED, SubredditSearch
+from kb.reddit.connector.importer import import_dumps
+from kb.reddit.dumps import chunks as dumps
+from kb.reddit.dumps import containers
+from kb.reddit.dumps import cursor as places
+from kb.reddit.dumps.chunks import DEEPEST, Chunk
+from kb.reddit.dumps.subreddit_search import CHECKED, SubredditSearch
+from kb.reddit.parse import answers as parse
 from kb.store import rawlog, tombstones
 from tests.reddit.dumped import import_killed, imported, post, run_in, write
 from tests.reddit.work import rows as read_rows
@@ -29,11 +32,11 @@ from tests.reddit.work import rows as read_rows
 
 def rows(root):
     links = load_profile("minecraft").reddit.links
-    return [
-        row
-        for envelope in rawlog.read(root, "reddit", "dumps")
-        for row in parse.RecordReader("dumps", links).envelope(rawlog.encode(envelope))
-    ]
+    lines = map(rawlog.encode, rawlog.read(root, "reddit", "dumps"))
+    found = [row for part in parse.rows(lines, "dumps", links) for row in part.to_pylist()]
+    for row in found:
+        row["fetched_at"] = row["fetched_at"] and f"{row['fetched_at']:%Y-%m-%dT%H:%M:%SZ}"
+    return found
 
 
 def test_only_the_subreddit_and_no_name_stays(tmp_path):
@@ -243,7 +246,12 @@ def test_fields_of_old_dumps(tmp_path):
     )
     found = {row["fullname"]: row for row in rows(tmp_path)}
     first = found["t3_old1"]
-    assert (first["title"], first["text"], first["created_utc"], first["author_hash"]) == (
+    assert (
+        first["title"],
+        first["text"],
+        first["created_utc"].timestamp(),
+        first["author_hash"],
+    ) == (
         "Iron & gold <3",
         "a > b",
         1_300_000_000,
@@ -271,7 +279,7 @@ def test_each_record_has_its_own_date_of_reading_or_none(tmp_path):
     )
     found = {row["post_id"]: row for row in rows(tmp_path)}
     assert (found["n1"]["fetched_at"], found["n2"]["fetched_at"]) == (None, "2020-09-13T12:26:40Z")
-    assert (found["n2"]["upvote_ratio"], found["n2"]["found"]) == (0.95, [])
+    assert (found["n2"]["upvote_ratio"], found["n2"]["problems"]) == (0.95, [])
 
 
 @pytest.mark.parametrize("order", [1, -1])

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from kb.core.errors import DamagedData
-from kb.reddit.known import known
+from kb.reddit.parse.latest_state import known
 from kb.reddit.purge import collect
-from kb.sandbox.reddit import dumps
+from kb.sandbox.reddit.service import dumps
 from kb.sandbox.server import Sandbox
 from kb.store import buckets, rawlog, tombstones
 from kb.store.rawlog import read

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from kb.reddit import importing
-from kb.reddit.containers import memory
-from kb.reddit.onedump import ImportJob
+from kb.reddit.connector import importer as importing
+from kb.reddit.dumps.containers import memory
+from kb.reddit.dumps.import_file import ImportJob
 from tests.reddit.dumped import imported, post, write
 
 GB = 10**9

@@ -16,13 +16,13 @@ import pytest
 from kb.core.errors import Interrupted, LimitReached
 from kb.core.progress import LineProgress
 from kb.core.signals import stop
-from kb.reddit import places
-from kb.reddit.authors import load_key
-from kb.reddit.importing import import_dumps
-from kb.reddit.onedump import ImportJob, import_file
+from kb.reddit.connector.importer import import_dumps
+from kb.reddit.dumps import cursor as places
+from kb.reddit.dumps.import_file import ImportJob, import_file
+from kb.reddit.parse.anonymize import load_key
 from kb.reddit.purge import purge_raw
 from kb.store import rawlog
-from tests import forked
+from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.reddit.dumped import imported, post, run_in, write
 
@@ -127,7 +127,7 @@ def test_a_signal_ends_it_within_a_dump(tmp_path, workers, number):
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from"
         " kb.cli import main; main()"
     )
-    child = forked.program(program, *words, env=clean_environment())
+    child = processes.program(program, *words, env=clean_environment())
     base = rawlog.folder(tmp_path / "data", "reddit", "dumps")
     while child.poll() is None and not any(base.glob(".*.part")):
         time.sleep(0.005)

@@ -10,13 +10,13 @@ import pytest
 
 from kb.core.errors import LimitReached, Unreachable
 from kb.reddit import purge
-from kb.reddit.plan import plan_refresh
+from kb.reddit.connector.plan import plan_refresh
+from kb.reddit.parse.remove_ids import strip
 from kb.reddit.purge import purge_raw
-from kb.reddit.strip import strip
-from kb.sandbox.made_ids import ELSEWHERE
-from kb.sandbox.reddit import dumps
+from kb.sandbox.invented_ids import ELSEWHERE
+from kb.sandbox.reddit.service import dumps
+from kb.sandbox.reddit.subreddit import CASES
 from kb.sandbox.server import Sandbox
-from kb.sandbox.subreddit import CASES
 from kb.store import purge as store
 from kb.store import tombstones
 from kb.store.layout import Layout
@@ -106,7 +106,7 @@ def test_an_answer_without_any_of_them_is_not_believed(
 def test_of_few_ids_the_subreddit_tells_whether_it_is_closed(
     tiny: Work, monkeypatch: pytest.MonkeyPatch, shut: bool
 ) -> None:
-    monkeypatch.setattr("kb.reddit.refresh._NONE_OF", 10**6)  # as if all were few
+    monkeypatch.setattr("kb.reddit.connector.refresh._NONE_OF", 10**6)  # as if all were few
     monkeypatch.setenv("KB_NOW", LATER)
     nothing = {"kind": "Listing", "data": {"children": [], "after": None}}
     private = {"reason": "private", "message": "Forbidden", "error": 403}

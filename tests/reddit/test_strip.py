@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kb.core.errors import DamagedData
-from kb.reddit import tree
-from kb.reddit.crossposts import crossposts_of
+from kb.reddit.parse import tree
+from kb.reddit.parse.crossposts import crossposts_of
+from kb.reddit.parse.remove_ids import strip
 from kb.reddit.purge import holding
-from kb.reddit.strip import strip
 from kb.store import rawlog
 from kb.store.rawlog import Envelope, Request
 from tests.reddit.raw import comment, listing, post

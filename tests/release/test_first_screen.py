@@ -17,7 +17,7 @@ from kb.cli.app import leaves
 from kb.core.sources import PUBLISHED
 from kb.export import wiki_tar
 from kb.release.build import release
-from kb.release.first import STAGES
+from kb.release.metadata.first_screen import STAGES
 from tests.release.conftest import a_run
 from tests.release.made import build
 

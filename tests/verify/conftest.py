@@ -9,7 +9,7 @@ import pytest
 
 from kb.crawl.session import open_session
 from kb.store import tombstones
-from kb.youtube.source import YouTubeSource
+from kb.youtube.connector.source import YouTubeSource
 from tests.cli.conftest import kb  # noqa: F401  a fixture
 from tests.crash import killed
 from tests.filters.made import run_at

@@ -7,7 +7,7 @@ from typing import Any
 
 from kb.crawl.purge import strip_of
 from kb.store import rawlog, tombstones
-from kb.wiki.named import NamedPage, pages
+from kb.wiki.parse.page_names import NamedPage, pages
 from tests.wiki.made import FRIDAY, MONDAY, page, put, told
 
 SITE = {

@@ -61,9 +61,9 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
     from kb.core.profile import DEFAULT, load_profile
     from kb.core.settings import Settings
     from kb.sandbox.domain import domain_of
-    from kb.sandbox.reddit import dumps
+    from kb.sandbox.reddit.service import dumps
     from kb.sandbox.server import Sandbox
-    from kb.sandbox.wiki_named import PAGES
+    from kb.sandbox.wiki.generated import PAGES
     from kb.sandbox.world import World
 
     for name in set(Settings.model_fields) - _KEPT:

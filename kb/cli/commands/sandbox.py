@@ -77,7 +77,7 @@ def sandbox(
     run until SIGTERM.
     """
     from kb.sandbox.server import Sandbox
-    from kb.sandbox.wiki_named import PAGES
+    from kb.sandbox.wiki.generated import PAGES
     from kb.sandbox.world import World
 
     domain = _domain(options)

@@ -8,7 +8,7 @@ from kb.core.errors import SettingError
 from kb.pairs import keywords
 from kb.pairs.keyword_proposal import PageNames, Proposal, propose
 from kb.store import rawlog
-from kb.wiki.named import pages
+from kb.wiki.parse.page_names import pages
 from kb.wiki.spec import SPEC
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from kb.core.errors import MissingExtra, Retryable
 from kb.core.profile.finding import ERROR, NOTE, WARNING, Finding
 from kb.core.profile.wiki import Markup
 from kb.store.layout import Layout
-from kb.wiki.selectors import SelectorMatches, count_matches
+from kb.wiki.browser.selectors import SelectorMatches, count_matches
 
 if TYPE_CHECKING:
     from kb.core.profile import Profile

@@ -57,8 +57,8 @@ def crawl(run: Run, since: Since = None, until: Until = None, plan: Plan = False
     is left out of the tables too (`outside` in the summary); a later crawl with another span, or
     none, reads it.
     """
-    from kb.reddit.crawl import crawl as room
-    from kb.reddit.plan import plan_crawl
+    from kb.reddit.connector.crawl import crawl as room
+    from kb.reddit.connector.plan import plan_crawl
 
     begin, end = _span(since, until)
     if plan:
@@ -110,7 +110,7 @@ def import_(
     A folder is searched for dumps. Damaged lines, cut-off files and a folder's other files are
     counted. Interrupted, the same command resumes.
     """
-    from kb.reddit.importing import import_dumps
+    from kb.reddit.connector.importer import import_dumps
 
     begin, end = _span(since, until)
     return import_dumps(run, files, since=begin, until=end)
@@ -171,8 +171,8 @@ def reconstruct(
     to; what was removed stays removed, whatever an older dump holds. Cut off, the same command goes
     on.
     """
-    from kb.reddit.plan import plan_rebuild
-    from kb.reddit.reconstruction import rebuild
+    from kb.reddit.connector.plan import plan_rebuild
+    from kb.reddit.restore.reconstruct import rebuild
     from kb.store.layout import Layout
 
     if plan:

@@ -46,7 +46,7 @@ def youtube(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summa
     videos whose metadata are fresh, from the quota that statistics have for themselves.
     Run `kb youtube filter` and `export` afterwards.
     """
-    from kb.youtube.refresh import plan_refresh, refresh
+    from kb.youtube.connector.refresh import plan_refresh, refresh
 
     do = plan_refresh if plan else refresh
     return do(run, older_than)
@@ -72,7 +72,7 @@ def reddit(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summar
     With --again also what was missing the last time.
     Run `kb reddit filter` and `export` afterwards.
     """
-    from kb.reddit.plan import plan_refresh
-    from kb.reddit.refresh import refresh
+    from kb.reddit.connector.plan import plan_refresh
+    from kb.reddit.connector.refresh import refresh
 
     return plan_refresh(run, older_than) if plan else refresh(run, older_than)

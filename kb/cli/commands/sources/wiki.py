@@ -55,7 +55,7 @@ def crawl(
     bars its folder to all crawlers; rules for `lorecrawl` by name are kept there too.
     """
     if plan:
-        from kb.wiki.plan import plan_crawl
+        from kb.wiki.connector.plan import plan_crawl
 
         return plan_crawl(run, titles)
     summary: Summary = pipeline(run, "wiki").crawl(run, titles)

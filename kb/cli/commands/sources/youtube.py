@@ -72,7 +72,7 @@ def crawl(
     which = parse_part(part)
     if plan:
         from kb.core.errors import SettingError
-        from kb.youtube.plan import plan as estimate
+        from kb.youtube.connector.plan import plan as estimate
 
         if part and not ids:
             raise SettingError(
@@ -117,7 +117,7 @@ def check(
     Needs YOUTUBE_API_KEY: a unit for 50 videos. Changed: title or duration differ from the list's.
     Only counts are kept. Stops with exit code 3 when the quota is spent; the same command goes on.
     """
-    from kb.youtube import check as room
+    from kb.youtube.connector import check as room
 
     if plan:
         return room.plan(run, ids)
