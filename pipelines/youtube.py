@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from kb.annotate import toxicity
-from kb.annotate.words import word_count_of_lists
+from kb.annotate.word_count import word_count_of_lists
 from kb.core.context import Run
 from kb.core.profile import Profile
 from kb.core.profile.youtube import YouTubeSection

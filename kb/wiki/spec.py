@@ -26,7 +26,7 @@ SPEC = SourceSpec(
     },
     counted="pages",
     connector=".connector.source:WikiSource",
-    purge=".purge",
+    purge=".purge:RULES",
     commands="kb.cli.commands.sources.wiki",
     section="kb.core.profile.wiki:Wiki",
     status=".connector.reduce",

@@ -57,8 +57,8 @@ def crawl(run: Run, since: Since = None, until: Until = None, plan: Plan = False
     is left out of the tables too (`outside` in the summary); a later crawl with another span, or
     none, reads it.
     """
-    from kb.reddit.connector.crawl import crawl as room
     from kb.reddit.connector.plan import plan_crawl
+    from kb.reddit.connector.source import crawl as room
 
     begin, end = _span(since, until)
     if plan:

@@ -1,8 +1,8 @@
-"""A checkpoint as an ONNX graph, made once and kept in the user's cache.
+"""A checkpoint as an ONNX graph, exported once and kept in the user's cache; ONNX Runtime runs it.
 
 ONNX Runtime computes the same numbers as torch without importing torch, which takes longer than
-scoring a small crawl. A fresh graph must agree with Detoxify's own `predict` on probe texts, or it
-is thrown away.
+scoring a small crawl. A new graph must agree with Detoxify's own `predict` on probe texts, or it is
+discarded.
 """
 
 from __future__ import annotations
@@ -10,17 +10,20 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import json
+import logging
 import tempfile
 import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from kb.annotate.checkpoint import Checkpoint, sha256_of
 from kb.annotate.detoxify_model import load_detoxify
-from kb.annotate.graph import Compiled, graph_runner
+from kb.annotate.inference import Meta, ModelNetwork, Runner
 from kb.annotate.model_files import tokenizer_files
-from kb.annotate.runner import Meta
 from kb.core.cache import cache_root, making
+from kb.store.atomic import writing
 
 FORMAT = 6  # raise it when the folder's files change meaning
 TOLERANCE = 1e-4
@@ -33,8 +36,19 @@ PROBES = (
 )
 
 
-def place(checkpoint: Checkpoint) -> Path:
-    """Where the graph of exactly this checkpoint, configuration and torch is kept."""
+@dataclass(frozen=True)
+class Compiled:
+    """A folder with model.onnx, tokenizer.json and meta.json (see `Meta`)."""
+
+    folder: Path
+
+    @property
+    def graph(self) -> Path:
+        return self.folder / "model.onnx"
+
+
+def cache_folder(checkpoint: Checkpoint) -> Path:
+    """The cache folder for this checkpoint, configuration and version of torch."""
     parts = [
         str(FORMAT),
         checkpoint.sha256,
@@ -48,20 +62,22 @@ def place(checkpoint: Checkpoint) -> Path:
 
 
 def find_compiled(checkpoint: Checkpoint) -> Compiled | None:
-    """The graph that was made before, if it is whole."""
-    folder = place(checkpoint)
+    """The graph from the cache, if it is complete."""
+    folder = cache_folder(checkpoint)
     try:
         meta = json.loads((folder / "meta.json").read_text(encoding="utf-8"))
-        whole = all(sha256_of(folder / name) == digest for name, digest in meta["files"].items())
+        is_complete = all(
+            sha256_of(folder / name) == digest for name, digest in meta["files"].items()
+        )
     except (OSError, ValueError, KeyError):
         return None
-    return Compiled(folder) if whole else None
+    return Compiled(folder) if is_complete else None
 
 
 def make_compiled(checkpoint: Checkpoint) -> Compiled | None:
-    """Write the graph; None when it doesn't agree with Detoxify, or can't be written."""
+    """Export the graph; None if it disagrees with Detoxify."""
     detoxify = load_detoxify(checkpoint)
-    folder = place(checkpoint)
+    folder = cache_folder(checkpoint)
     try:
         with making(folder, lambda: find_compiled(checkpoint) is not None) as fresh:
             _export(detoxify, fresh)
@@ -69,7 +85,7 @@ def make_compiled(checkpoint: Checkpoint) -> Compiled | None:
                 raise _Differs
     except _Differs:
         return None
-    except OSError:  # no cache to write to: make it for this run only
+    except OSError:  # the cache is not writable: export for this run only
         fresh = Path(tempfile.mkdtemp(prefix="kb-compiled-"))
         _export(detoxify, fresh)
         return Compiled(fresh) if _agrees(detoxify, Compiled(fresh)) else None
@@ -89,7 +105,7 @@ def _export(detoxify: Any, folder: Path) -> None:
     axes = {0: "windows", 1: "tokens"}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        # The exporter by tracing: the newer one needs onnxscript and gives the same graph for BERT.
+        # The tracing exporter: the newer one needs onnxscript and gives the same graph for BERT.
         torch.onnx.export(
             detoxify.model,
             (ids, mask),
@@ -134,3 +150,50 @@ def _version(name: str) -> str:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
         return ""
+
+
+def graph_runner(
+    compiled: Compiled, threads: int, exact: Callable[[], ModelNetwork] | None = None
+) -> Runner:
+    """The graph in fp32; `exact` as in `Runner`."""
+    return _runner(compiled, compiled.graph, threads, exact)
+
+
+def int8_runner(compiled: Compiled, threads: int) -> Runner:
+    """The graph with 8-bit weights, quantized once."""
+    quantized = compiled.folder / "model.int8.onnx"
+    if not quantized.exists():
+        from onnxruntime.quantization import QuantType, quantize_dynamic
+
+        with writing(quantized) as fresh:
+            root = logging.getLogger()
+            before = root.level
+            # It advises to preprocess the graph, which changes nothing for BERT.
+            root.setLevel(logging.ERROR)
+            try:
+                quantize_dynamic(str(compiled.graph), str(fresh), weight_type=QuantType.QInt8)
+            finally:
+                root.setLevel(before)
+    return _runner(compiled, quantized, threads)
+
+
+def _runner(
+    compiled: Compiled, graph: Path, threads: int, exact: Callable[[], ModelNetwork] | None = None
+) -> Runner:
+    import onnxruntime
+    from tokenizers import Tokenizer
+
+    onnxruntime.disable_telemetry_events()  # in addition to kb.core.telemetry
+    onnxruntime.set_default_logger_severity(3)
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+    session = onnxruntime.InferenceSession(str(graph), options, providers=["CPUExecutionProvider"])
+
+    def network(ids: Any, mask: Any) -> Any:
+        return session.run(None, {"input_ids": ids, "attention_mask": mask})[0]
+
+    tokenizer = Tokenizer.from_file(str(compiled.folder / "tokenizer.json"))
+    tokenizer.no_padding()
+    tokenizer.no_truncation()
+    meta = Meta.read(compiled.folder / "meta.json")
+    return Runner("onnxruntime", network, tokenizer, meta, exact=exact)

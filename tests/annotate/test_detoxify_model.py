@@ -5,16 +5,13 @@ with more outputs than classes.
 from __future__ import annotations
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from kb.annotate import backends
 from kb.annotate.detoxify_model import load_detoxify
-from kb.annotate.hashes import text_hashes
-from kb.annotate.scores import CATEGORIES
+from kb.annotate.scores import CATEGORIES, text_hashes
 from kb.annotate.toxicity import ToxicityScorer
 from kb.core.errors import MissingModel
-from kb.store.purge import drop_annotations
 from tests.annotate.made import UNBIASED, WORDS, checkpoint_of, make_checkpoint
 
 BACKENDS = (backends.open_runner, backends.torch_runner)
@@ -82,14 +79,3 @@ def test_a_class_that_the_model_lacks_is_null_and_one_without_toxicity_is_exit_2
         ToxicityScorer.open(foreign, "youtube").annotate([TEXTS])
     assert error.value.exit_code == 2
     assert not (run.root / "annotations/youtube").exists()
-
-
-def test_scores_are_read_and_merged(make_run):
-    run = make_run()
-    ToxicityScorer.open(run, "reddit").annotate([TEXTS[:3]])
-    path = run.root / "annotations/reddit/toxicity.parquet"
-    counts = ToxicityScorer.open(run, "reddit").annotate([TEXTS])
-    assert (counts.scored, counts.known) == (len(TEXTS) - 3, 3)
-    assert pq.read_table(path).num_rows == len(TEXTS)
-    assert drop_annotations(run.root, "reddit", text_hashes(pa.array(TEXTS[:2]))) == len(TEXTS) - 2
-    assert ToxicityScorer.open(run, "reddit").annotate([TEXTS[:2]]).scored == 0

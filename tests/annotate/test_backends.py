@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from kb.annotate import backends, rounding
+from kb.annotate import backends, inference
 from tests.annotate.demo_texts import demo_texts
 from tests.annotate.least import LEAST
 from tests.annotate.made import WORDS, checkpoint_of, make_checkpoint
@@ -91,7 +91,7 @@ def test_windows_near_a_tie_are_decided_in_float64(kept, texts):
 def test_scores_are_rounded_once_to_the_digits_that_the_schemas_say():
     from kb.schema.tables import table
 
-    step = f"steps of {10**-rounding.DECIMALS:.4f}"
+    step = f"steps of {10**-inference.DECIMALS:.4f}"
     names = (
         "shared/annotations",
         "youtube/videos",
