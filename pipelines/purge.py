@@ -16,13 +16,9 @@ import shutil
 from pathlib import Path
 
 from kb.annotate.scores import drop_unused
-<<<<<<< HEAD
-from kb.artifacts import belonging, index, manifest
-=======
 from kb.artifacts import belonging, manifest
 from kb.artifacts import purge as steps
 from kb.artifacts.purge import PurgeLine, Step
->>>>>>> main
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.pipeline import load, locate
@@ -48,23 +44,12 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
     with belonging.writing(run, *lock.of_purge(source)):
         clean = f"clean/{source}"
         current = manifest.is_current(run.root, clean)
-<<<<<<< HEAD
-        keys = room.purge_raw(run, ids)
-        said, rows, scores = getattr(keys, "said", {}), 0, 0
-        if keys:
-            index.remove(run.root, source)
-            with manifest.editing(run.root, clean):
-                rows = store.drop_rows(run.root, source, room.ROWS, keys)
-                if hasattr(room, "mend"):
-                    room.mend(run.root, keys)
-=======
         purge = purge_answers(run, rules, listed)
         removed: list[PurgeLine] = []
         scores = 0
         if purge.keys:
             list(steps.index(purge))
             removed = list(steps.rows(purge))
->>>>>>> main
             if current:  # what was removed left raw/ and clean/ alike
                 manifest.note_inputs(run.root, clean)
             scores = drop_unused(run.root, source, texts(run, source))
