@@ -7,9 +7,9 @@ of its poll) is one text that no phrase crosses.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -17,8 +17,8 @@ import pyarrow.compute as pc
 from kb.core.optional import np
 from kb.core.source_spec import TextColumns
 from kb.core.sources import SPECS
+from kb.pairs import transcripts
 from kb.pairs.transcript_batch import Text
-from kb.pairs.transcripts import texts as texts_of
 from kb.schema import table
 from kb.store import parquet
 from kb.store.reading import reading
@@ -41,31 +41,32 @@ def parts(path: Path, name: str) -> Iterator[TextPart]:
 
     Raises DamagedData.
     """
-    source, _, short = name.partition("/")
-    spec = SPECS[source]
-    declared = next(one for one in spec.texts if one.table == short)
     with reading([path]):
-        yield from spec.load(declared.reader)(path) if declared.reader else _columns(path, declared)
+        spec, texts = _TEXTS[name]
+        if texts.reader:
+            yield from spec.load(texts.reader)(path)
+        else:
+            yield from _columns_of(path, texts)
 
 
-def _columns(path: Path, declared: TextColumns) -> Iterator[TextPart]:
-    """The texts of a table that are columns of it; a release lacks some of them."""
-    wanted = [declared.key, *(column for part in declared.parts.values() for column in part)]
-    for rows in _batches(path, wanted):
-        ids = rows[declared.key].cast(pa.string())
-        keys = pc.binary_join_element_wise(declared.prefix, ids, "")
-        for part, columns in declared.parts.items():
-            if texts := [rows[column] for column in columns if column in rows.column_names]:
-                yield from _texts(part, keys, texts)
+def transcripts_of(path: Path) -> Iterator[TextPart]:
+    """Transcripts of videos, with the times of their cues."""
+    for text in transcripts.texts(path):
+        yield TextPart("transcript", text, timed=True)
 
 
-def transcripts(path: Path) -> Iterator[TextPart]:
-    """What is said in videos."""
-    for batch in texts_of(path):
-        yield TextPart("transcript", batch, timed=True)
+def _columns_of(path: Path, texts: TextColumns) -> Iterator[TextPart]:
+    """The parts that are columns; a release lacks some of them."""
+    names = [texts.key, *(name for columns in texts.parts.values() for name in columns)]
+    for rows in _batches(path, names):
+        keys = _full(texts.prefix, rows[texts.key])
+        for part, columns in texts.parts.items():
+            held = tuple(rows[name] for name in columns if name in rows.column_names)
+            if held:
+                yield from _texts(part, keys, held)
 
 
-def elements(path: Path) -> Iterator[TextPart]:
+def visible_text(path: Path) -> Iterator[TextPart]:
     """The visible text of pages; a file of elements holds whole pages, some hundred of them."""
     names = ["page_id", "element_id", "parent_id", "kind", "visible", "text", "reading_order"]
     rows = parquet.read_table(path, columns=names)
@@ -75,6 +76,9 @@ def elements(path: Path) -> Iterator[TextPart]:
     texts = _one(rows["text"]).take(pa.array(taken))
     keys = pa.array(pages).cast(pa.string())
     yield from in_pieces("page", keys, page[taken], texts)
+
+
+_TEXTS = {f"{name}/{one.table}": (spec, one) for name, spec in SPECS.items() for one in spec.texts}
 
 
 def tops(rows: pa.Table, page: np.ndarray) -> np.ndarray:
@@ -112,8 +116,13 @@ def _batches(path: Path, columns: list[str]) -> Iterator[pa.Table]:
             yield pa.Table.from_batches([batch]).combine_chunks()
 
 
+def _full(prefix: str, ids: pa.ChunkedArray[Any]) -> pa.ChunkedArray[Any]:
+    joined = pc.binary_join_element_wise(prefix, ids.cast(pa.string()), "")
+    return cast("pa.ChunkedArray[Any]", joined)
+
+
 def _texts(
-    part: str, keys: pa.ChunkedArray[Any], columns: Sequence[pa.ChunkedArray[Any]]
+    part: str, keys: pa.ChunkedArray[Any], columns: tuple[pa.ChunkedArray[Any], ...]
 ) -> Iterator[TextPart]:
     """One text a key, out of columns of texts and of lists of texts."""
     texts, things = [], []

@@ -9,30 +9,36 @@ from __future__ import annotations
 import duckdb
 
 from kb.artifacts.release_folder import INDEX, ReleaseFolder
+from kb.core.sources import RELEASES, exported_by
 from kb.release.gate.columns import numbered
 from kb.release.gate.problem import GateProblem, damaged
 from kb.store import database
 
-_AGAIN = "run `kb wiki export` again"
 _COLUMNS = (
     "{tar: 'VARCHAR', member: 'VARCHAR', \"offset\": 'BIGINT', size: 'BIGINT', sha256: 'VARCHAR'}"
 )
-_PATHS = (("pages", "screenshot_path"), ("images", "path"))
 
 
 def check(folder: ReleaseFolder) -> list[GateProblem]:
     """Every problem of the archives; nothing for a source that has none."""
-    if folder.source != "wiki":
+    source, spec = folder.source, RELEASES[folder.source]
+    again = f"run `{exported_by(source)}` again"
+    if not spec.archives:
         return []
     tars = {path.name: path.stat().st_size for path in folder.others if path.suffix == ".tar"}
     problems = [
-        GateProblem("damaged", f"wiki/{kind}", f"archives are missing or of two exports; {_AGAIN}")
-        for kind in ("screenshots", "images")
+        GateProblem(
+            "damaged", f"{source}/{kind}", f"archives are missing or of two exports; {again}"
+        )
+        for kind in spec.archives
         if not numbered([name for name in tars if name.startswith(kind)], kind, "tar")
     ]
     index = folder.path / INDEX
     if not index.is_file():
-        return [*problems, GateProblem("damaged", f"wiki/{INDEX}", f"is not there; {_AGAIN}")]
+        return [
+            *problems,
+            GateProblem("damaged", f"{source}/{INDEX}", f"is not there; {again}"),
+        ]
     with database.asking() as con:
         con.execute("CREATE TEMP TABLE tars (tar VARCHAR, bytes BIGINT)")
         if tars:
@@ -48,16 +54,16 @@ def check(folder: ReleaseFolder) -> list[GateProblem]:
                 ' WHERE coalesce(bytes, 0) < "offset" + size GROUP BY 1 ORDER BY 1'
             ).fetchall()
         except duckdb.Error as error:
-            return [*problems, damaged(f"wiki/{INDEX}", error, _AGAIN)]
+            return [*problems, damaged(f"{source}/{INDEX}", error, again)]
         for tar, files in cut:
             what = (
                 f"is cut off: {files:,} of its files end beyond it"
                 if tar in tars
                 else f"is not there; {INDEX} names {files:,} files in it"
             )
-            problems.append(GateProblem("damaged", f"wiki/{tar}", f"{what}; {_AGAIN}"))
+            problems.append(GateProblem("damaged", f"{source}/{tar}", f"{what}; {again}"))
         for part in folder.parts:
-            for column in (column for short, column in _PATHS if short == part.table.short):
+            for column in (column for short, column in spec.paths if short == part.table.short):
                 missing = (
                     f"SELECT count(*) FROM read_parquet(?) WHERE {column} NOT IN (SELECT tar"
                     " || '/' || member FROM held)"
@@ -69,9 +75,8 @@ def check(folder: ReleaseFolder) -> list[GateProblem]:
                     problems.append(
                         GateProblem(
                             "damaged",
-                            f"wiki/{part.table.short}",
-                            f"{rows:,} rows name a file in {column} that no archive"
-                            f" holds; {_AGAIN}",
+                            f"{source}/{part.table.short}",
+                            f"{rows:,} rows name a file in {column} that no archive holds; {again}",
                         )
                     )
     return problems

@@ -21,6 +21,7 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError
 from kb.core.licences import KNOWN, licence
 from kb.core.resources import PROFILE_FILE
+from kb.core.sources import SPECS
 from kb.release.folders import DEPOSIT, samples, strays
 from kb.release.gate import archives, checksums, columns, personal
 from kb.release.gate import secrets as scan
@@ -274,11 +275,12 @@ def _age(run: Run, source: str, part: ReleasedTable) -> list[GateProblem]:
         ).fetchone()
     if not row or not row[0]:
         return []
+    refreshed = source in SPECS and SPECS[source].refreshed
     what = f"{row[0]:,} rows were read more than {days} days ago (the oldest on {row[1]})"
     return [
         GateProblem(
             "age",
             f"{source}/{part.table.short}",
-            f"{what}; run `kb refresh {source}`" if source in ("youtube", "reddit") else what,
+            f"{what}; run `kb refresh {source}`" if refreshed else what,
         )
     ]

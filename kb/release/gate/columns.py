@@ -14,12 +14,13 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData
+from kb.core.sources import RELEASES
 from kb.release.gate.problem import GateProblem, damaged
 from kb.schema import Table
 from kb.schema.tables import Column
 from kb.store import parquet
 
-_REDDIT_LONGEST = 16  # ids, types and full names; anything longer is content
+_LONGEST_ID = 16  # ids, types and full names; anything longer is content
 
 
 def check(path: Path, declared: Table, source: str) -> list[GateProblem]:
@@ -32,7 +33,7 @@ def check(path: Path, declared: Table, source: str) -> list[GateProblem]:
         schema = pq.read_schema(path)
         problems = _columns(declared, schema, where)
         return problems or _values(
-            path, declared, where, ids_only=source == "reddit" and declared.source == source
+            path, declared, where, ids_only=RELEASES[source].ids_only and declared.source == source
         )
     except (pa.ArrowException, OSError, DamagedData) as error:
         return [damaged(where, error, "export it again")]
@@ -65,7 +66,7 @@ def check_rows(path: Path, declared: Table, source: str) -> list[GateProblem]:
             what = f"column {field.name} holds something else than {column.type}"
             problems.append(GateProblem("undescribed", where, what))
             continue
-        ids_only = source == "reddit" and declared.source == source
+        ids_only = RELEASES[source].ids_only and declared.source == source
         if problem := _odd(values, column, where, ids_only=ids_only):
             problems.append(problem)
     return problems
@@ -146,7 +147,7 @@ def _odd(
         # No text of a released Reddit table may be longer than an id or hold an address, whatever
         # its column says.
         odd = pc.or_(
-            pc.greater(pc.utf8_length(values), _REDDIT_LONGEST),
+            pc.greater(pc.utf8_length(values), _LONGEST_ID),
             pc.match_substring_regex(values, r"[\s/@]"),
         )
         if pc.any(odd).as_py():
