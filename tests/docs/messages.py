@@ -29,7 +29,7 @@ _NAMED = {
     "limit": "help",
     "again": "help",
     "json": "help",
-    "mend": "hint",
+    "fix": "hint",
     "fix": "hint",
     "advice": "hint",
     "why": "text",
