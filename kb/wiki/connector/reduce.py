@@ -1,4 +1,4 @@
-"""What each raw answer means for the frontier. The same function takes live answers and replays."""
+"""Applies raw answers to the frontier, both live ones and those of a replay."""
 
 from __future__ import annotations
 
@@ -213,6 +213,6 @@ def missing(frontier: Frontier) -> int:
 def crawled(frontier: Frontier) -> int:
     """Pages that were answered for in all runs: captured, barred, not to be shown, or missing."""
     skipped = frontier.items("pages", "skipped")
-    gone = sum(reason in (*LEFT, "removed") for _, _, reason, _ in skipped)
+    left = sum(reason in (*LEFT, "removed") for _, _, reason, _ in skipped)
     pages = frontier.counts("pages")
-    return pages.get("done", 0) + pages.get("skipped", 0) - gone + missing(frontier)
+    return pages.get("done", 0) + pages.get("skipped", 0) - left + missing(frontier)

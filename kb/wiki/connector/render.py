@@ -1,4 +1,4 @@
-"""One page in the browser, tried at most `max_tries` times, and its files on disk."""
+"""Captures one page in at most `max_tries` tries and stores its files."""
 
 from __future__ import annotations
 
@@ -64,9 +64,9 @@ def show_page(
                 reason, _, value = error.reason.partition(": ")
                 web.rest(error.after)
                 if error.unreachable or isinstance(error, NotShown):
-                    said = _ask_plainly(web, url, error)
-                    if said is not None:
-                        return {**answer, **_final(web, said), "tries": number}
+                    final = _ask_plainly(web, url, error)
+                    if final is not None:
+                        return {**answer, **_final(web, final), "tries": number}
                 elif not last:
                     clock.sleep(0.1 * number)
                 elif isinstance(error, Challenge):
@@ -211,15 +211,15 @@ def wanted_files(extraction: dict[str, Any]) -> list[dict[str, Any]]:
     files: dict[str, dict[str, Any]] = {}
     page = urls.original(extraction["page"]["url"])
     for element in extraction["elements"]:
-        for held in element.get("frames") or [element]:
-            src = held.get("src")
+        for image in element.get("frames") or [element]:
+            src = image.get("src")
             if src and src.startswith(("http:", "https:")):
                 key = urls.original(src)
                 # An address that is the page's own, as of src="#", is no image.
                 if key != page and key not in files:
                     files[key] = {
                         "key": key,
-                        "title": urls.file_title(src, held.get("file")),
+                        "title": urls.file_title(src, image.get("file")),
                         "src": src,
                     }
     return list(files.values())

@@ -1,9 +1,9 @@
-"""The wiki as the frame sees it: list, ask, compare, show, fetch. One round reads what is new.
+"""The wiki as a source of the crawl frame. Each round reads what is new.
 
 site     the wiki's description of itself     raw kind site
 titles   the titles of all content pages      raw kind titles
 info     revision, address, contributors      raw kind pages
-gone     what vanished becomes tombstones     raw kinds pages, imageinfo
+gone     tombstones for pages that disappeared     raw kinds pages, imageinfo
 pages    each new revision in the browser     raw kind renders, raw/wiki/pages/
 files    the original images                raw kinds imageinfo, files, raw/wiki/images/
 """
@@ -121,8 +121,8 @@ class WikiSource(Plain):
         discover.reopen_foreign(frontier, self._run.root)
         self._removed = self.opened.gone
         if not frontier.open(*(phase.kind for phase in self.wanted)):
-            said = "the wiki crawl is finished; --again looks for what changed"
-            self._run.progress.say(said)
+            notice = "the wiki crawl is finished; --again looks for what changed"
+            self._run.progress.say(notice)
 
     def leave_out(self, phase: Phase, item: Item) -> str | None:
         """Pages that were purged."""
@@ -260,7 +260,7 @@ class WikiSource(Plain):
         files = kinds.get("files", {})
         skipped = Counter(reason for _, _, reason, _ in frontier.items("pages", "skipped"))
         robots = skipped.pop("disallowed", 0)
-        gone = sum(skipped.pop(reason, 0) for reason in (*reduce.LEFT, "removed"))
+        departed = sum(skipped.pop(reason, 0) for reason in (*reduce.LEFT, "removed"))
         missing = reduce.missing(frontier)
         left = SPEC.left_by(kinds)
         return Summary(
@@ -276,7 +276,7 @@ class WikiSource(Plain):
                 kinds.get(kind, {}).get("error", 0) for kind in ("site", "titles", "info", "pages")
             ),
             pending=frontier.waiting("pages"),
-            gone=gone,
+            gone=departed,
             **({"bad_lines": self._titles.bad_lines} if self._titles else {}),
             images=files.get("done", 0),
             images_failed=files.get("error", 0) + files.get("skipped", 0),

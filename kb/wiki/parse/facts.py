@@ -1,8 +1,7 @@
-"""What infoboxes and recipes say, out of what the page script saw of them: wiki/facts and
-wiki/recipes.
+"""Makes wiki/facts and wiki/recipes from the infoboxes and recipes of an extraction.
 
-The extraction has texts as shown. Names and units are told from them here, by the profile's rules,
-so that other rules need no other crawl; of a page captured before they were read there is nothing.
+The extraction has texts as shown. Names and units are derived here, by the profile's rules, so that
+other rules need no new crawl. Pages captured by versions before these tables have no rows in them.
 """
 
 from __future__ import annotations
@@ -52,13 +51,13 @@ class MarkupRules(NamedTuple):
     item: str = ""
 
 
-def facts(page: Mapping[str, Any], found: Iterable[Row], rules: MarkupRules) -> list[Row]:
+def facts(page: Mapping[str, Any], entries: Iterable[Row], rules: MarkupRules) -> list[Row]:
     """Rows of wiki/facts of a page with `page_id`, `title` and `revision_id`.
 
     Fields that say nothing are left out.
     """
     rows: list[Row] = []
-    for one in found:
+    for one in entries:
         field, value = (_bare(one[name]) for name in ("field", "value"))
         field = field.rstrip(":：").rstrip()
         if not field or not value:
@@ -113,7 +112,7 @@ def _measures(units: tuple[str, ...]) -> tuple[re.Pattern[str], re.Pattern[str],
     )
 
 
-def recipes(page: Mapping[str, Any], found: Iterable[Row], rules: MarkupRules) -> list[Row]:
+def recipes(page: Mapping[str, Any], entries: Iterable[Row], rules: MarkupRules) -> list[Row]:
     """Rows of wiki/recipes of a page with `page_id` and `revision_id`."""
     return [
         {
@@ -130,7 +129,7 @@ def recipes(page: Mapping[str, Any], found: Iterable[Row], rules: MarkupRules) -
             "visible": one["visible"],
             "revision_id": page["revision_id"],
         }
-        for number, recipe in enumerate(found)
+        for number, recipe in enumerate(entries)
         for slot, one in enumerate(recipe["slots"])
         for place, item in enumerate(one["items"])
     ]
@@ -138,7 +137,7 @@ def recipes(page: Mapping[str, Any], found: Iterable[Row], rules: MarkupRules) -
 
 def name(item: Row, expression: str) -> str | None:
     """What a thing in a slot is called, None where nothing lies there or says so."""
-    return next((told for told in _names(item, expression) if told), None)
+    return next((candidate for candidate in _names(item, expression) if candidate), None)
 
 
 def _names(item: Row, expression: str) -> Iterator[str]:
@@ -169,10 +168,10 @@ def inside(text: str | None, expression: str) -> str | None:
 
 def quantity(item: Row) -> int | None:
     """How many there are, 1 where nothing is said, None of nothing and of no whole number."""
-    said = item["quantity"]
-    if not said:
+    text = item["quantity"]
+    if not text:
         return 1 if item["filled"] or item["text"] else None
-    match = _AMOUNT.fullmatch(said.strip())
+    match = _AMOUNT.fullmatch(text.strip())
     if not match:
         return None
     digits = re.sub(r"[,\s]", "", match[1])
