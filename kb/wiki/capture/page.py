@@ -73,7 +73,7 @@ class Stopwatch:
         self._last = now
 
 
-def at_once(after: float | None, within: float) -> bool:
+def wait_retry_after(after: float | None, within: float) -> bool:
     """Wait for Retry-After only, without a pace of our own. See `capture`."""
     if (after or 0.0) > within:
         return False
@@ -90,7 +90,7 @@ def capture(
     max_height: int,
     page_id: int | None = None,
     strict: bool = True,
-    turn: Callable[[float | None, float], bool] = at_once,
+    turn: Callable[[float | None, float], bool] = wait_retry_after,
 ) -> Captured:
     """Load `url` and write its screenshot to `shot`.
 
@@ -120,14 +120,14 @@ def capture(
         watch.lap("extract")
     except Retryable as error:
         if error.after is None and not browser.overdue:
-            error.after = _wished(network, url)
+            error.after = _retry_after(network, url)
         if isinstance(error, PageTimeout):
             raise
         # A page that redirects to another site ends in an error page, with various errors.
-        raise _left(browser, url) or error from None
+        raise _redirect_error(browser, url) or error from None
     page = extraction["page"]
     if not _same_site(page["url"], url):
-        raise _left(browser, url) or ItemFinal("redirected_away", page["url"])
+        raise _redirect_error(browser, url) or ItemFinal("redirected_away", page["url"])
     if page_id is not None:  # it may have redirected while it settled
         _check_identity(page, page_id)
     if page["height"] > max_height:
@@ -191,7 +191,7 @@ def _longest(network: PageTraffic, addresses: list[str]) -> float | None:
     return max((wait for wait in waits if wait is not None), default=None)
 
 
-def _wished(network: PageTraffic, url: str) -> float | None:
+def _retry_after(network: PageTraffic, url: str) -> float | None:
     """The Retry-After of a document that the browser did not show."""
     try:
         network.read()
@@ -207,7 +207,7 @@ def _check_document(browser: Browser, network: PageTraffic, url: str) -> None:
     if not where.startswith(("http:", "https:")):
         served = network.of(url)
         unserved = served is not None and not served.barred and not 0 < served.status < 400
-        raise _left(browser, url) or (Unserved if unserved else NotShown)("not_loaded")
+        raise _redirect_error(browser, url) or (Unserved if unserved else NotShown)("not_loaded")
     if not _same_site(where, url):
         raise ItemFinal("redirected_away", where)
     if status == 429 or status >= 500:
@@ -238,7 +238,7 @@ def _has_no_end(network: PageTraffic) -> bool:
     return text is not None and "</html" not in text[-1000:].lower()
 
 
-def check_shown(browser: Browser, url: str) -> None:
+def check_page(browser: Browser, url: str) -> None:
     """Load a page to see whether the wiki serves it. Raises Challenge, and as `capture` does."""
     network = PageTraffic(browser)
     browser.go(url)
@@ -248,7 +248,7 @@ def check_shown(browser: Browser, url: str) -> None:
         raise Challenge
 
 
-def _left(browser: Browser, url: str) -> ItemFinal | None:
+def _redirect_error(browser: Browser, url: str) -> ItemFinal | None:
     """The error for a page that redirected to another site; None when it did not."""
     try:
         history = browser.devtools("Page.getNavigationHistory", {})

@@ -50,7 +50,7 @@ class WikiApi:
 
     def __init__(self, endpoint: str, web: WikiHosts) -> None:
         self.endpoint, self._web = endpoint, web
-        self._circles: dict[tuple[int, int], _Circle] = {}
+        self._loops: dict[tuple[int, int], _LoopDetector] = {}
 
     def site(self) -> Answer:
         """URLs, namespaces and licence of the site."""
@@ -74,16 +74,16 @@ class WikiApi:
             "apfilterredir": "nonredirects",
             "aplimit": "500",
         }
-        circle = self._circles.setdefault((number, namespace), _Circle())
-        circle.check(going)
+        loop = self._loops.setdefault((number, namespace), _LoopDetector())
+        loop.check(going)
         status, answer = self.ask({**params, **going})
-        circle.note(going, answer["query"]["allpages"])
+        loop.note(going, answer["query"]["allpages"])
         return Answer("titles", self.endpoint, {**params, **going, "round": number}, answer, status)
 
     def details(self, tag: str, *, titles: Sequence[str] = (), ids: Sequence[str] = ()) -> Answer:
         """Revision, URL, contributors, redirects and categories of up to 50 pages."""
         by = {"titles": "|".join(titles)} if titles else {"pageids": "|".join(ids)}
-        status, answer = self.whole({"action": "query", **by, **_DETAILS})
+        status, answer = self.ask_all({"action": "query", **by, **_DETAILS})
         return Answer("pages", self.endpoint, {**by, "round": tag}, answer, status)
 
     def revision(self, revision: int) -> Answer:
@@ -102,17 +102,17 @@ class WikiApi:
     def files(self, titles: list[str]) -> Answer:
         """What the wiki knows about up to 50 files; `answers.files` has it by title."""
         params = {"action": "query", "titles": "|".join(titles), **_FILES}
-        status, answer = self.whole(params)
+        status, answer = self.ask_all(params)
         return Answer("imageinfo", self.endpoint, {"titles": titles}, answer, status)
 
-    def whole(self, params: Mapping[str, str | int]) -> tuple[int, dict[str, Any]]:
+    def ask_all(self, params: Mapping[str, str | int]) -> tuple[int, dict[str, Any]]:
         """Ask one question and merge all continuations of the answer."""
         status, first = self.ask(params)
-        answer, circle = first, _Circle()
+        answer, loop = first, _LoopDetector()
         while going := answer.get("continue"):
-            circle.check(going)
+            loop.check(going)
             status, answer = self.ask({**params, **going})
-            circle.note(going)
+            loop.note(going)
             _join(first, answer)
         first.pop("continue", None)
         return status, first
@@ -158,7 +158,7 @@ class WikiApi:
         return answer.status, value
 
 
-class _Circle:
+class _LoopDetector:
     """Detects a list whose continuations loop."""
 
     def __init__(self) -> None:
@@ -167,24 +167,24 @@ class _Circle:
 
     def check(self, going: Mapping[str, str | int]) -> None:
         """Check a step before it is requested. Raises Retryable when it was answered before."""
-        if _step(going) in self._seen:
-            raise _endless(_step(going))
+        if _step_key(going) in self._seen:
+            raise _loop_error(_step_key(going))
 
     def note(self, going: Mapping[str, str | int], entries: Sequence[Any] = ()) -> None:
         """Record an answered step. Raises Retryable when the previous one had the same entries."""
         if entries and entries == self._last:
-            raise _endless(_step(going))
-        self._seen.add(_step(going))
+            raise _loop_error(_step_key(going))
+        self._seen.add(_step_key(going))
         self._last = list(entries)
 
 
-def _endless(step: str) -> Retryable:
+def _loop_error(step: str) -> Retryable:
     return Retryable(
         f"the wiki's API goes in a circle: it says again to continue at {answers.quoted(step)}"
     )
 
 
-def _step(going: Mapping[str, str | int]) -> str:
+def _step_key(going: Mapping[str, str | int]) -> str:
     return msgspec.json.encode(going, order="sorted").decode()
 
 

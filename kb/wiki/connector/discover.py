@@ -32,7 +32,7 @@ class Round(msgspec.Struct):
     done: bool = False
 
 
-def begin(
+def begin_round(
     frontier: Frontier, names: list[str] | None, namespaces: Iterable[int], *, again: bool
 ) -> None:
     """Continue a round, or start one: of the titles `names`, or of the complete list.
@@ -58,9 +58,9 @@ def begin(
             frontier.add("gone", [tag])
 
 
-def end(frontier: Frontier, root: Path, tag: str) -> None:
+def finish_round(frontier: Frontier, root: Path, tag: str) -> None:
     """Finish a round whose items were all answered."""
-    bury(frontier, root)
+    write_tombstones(frontier, root)
     cursor = "round" if tag.isdigit() else "named"
     number = int(tag.removeprefix("t"))
     with frontier.transaction():
@@ -95,7 +95,7 @@ def unnamed(frontier: Frontier, tag: str) -> list[str]:
     return [key for key, _, _, page in known if page.title in titles]
 
 
-def bury(frontier: Frontier, root: Path) -> None:
+def write_tombstones(frontier: Frontier, root: Path) -> None:
     """Write tombstones: by id for a page that disappeared, by title for a title that a page left.
 
     A tombstone is lifted when the wiki shows the page again, unless the page was purged meanwhile:
@@ -118,7 +118,7 @@ def bury(frontier: Frontier, root: Path) -> None:
         tombstones.add(root, "wiki", rows)
 
 
-def others(frontier: Frontier, key: str, front: str) -> list[str]:
+def comparison_urls(frontier: Frontier, key: str, front: str) -> list[str]:
     """URLs of pages to compare a challenged one with.
 
     A captured page, else a random choice of waiting ones; the front page if there is no other.

@@ -22,7 +22,7 @@ from kb.wiki.capture import images
 from kb.wiki.connector import discover
 from kb.wiki.connector.client import BATCH, WikiApi
 from kb.wiki.connector.hosts import WikiHosts
-from kb.wiki.connector.render import show_page
+from kb.wiki.connector.render import render_page
 from kb.wiki.errors import NoPicture
 from kb.wiki.parse import answers
 
@@ -40,7 +40,7 @@ def titles(api: WikiApi, items: list[Item]) -> Iterator[Answer]:
     yield api.details(_tag(items[0]), titles=[item.payload.title for item in items])
 
 
-def together(items: list[Item]) -> list[Item]:
+def batch_titles(items: list[Item]) -> list[Item]:
     """The first titles of one round that fit into one URL."""
     mine = list(takewhile(lambda item: _tag(item) == _tag(items[0]), items))
     return mine[: len(next(_parts([item.payload.title for item in mine])))]
@@ -76,7 +76,7 @@ def compare(api: WikiApi, frontier: Frontier, root: Path, tag: str) -> Iterator[
         yield api.details(tag, ids=ids[start : start + BATCH])
     if tag.isdigit() and int(tag) > 1:
         yield from _replaced(api, frontier, root)
-    discover.end(frontier, root, tag)
+    discover.finish_round(frontier, root, tag)
 
 
 def _replaced(api: WikiApi, frontier: Frontier, root: Path) -> Iterator[Answer]:
@@ -113,7 +113,7 @@ def page(
 
     `others` as for `show_page`.
     """
-    shown = show_page(web, section, pool, item, others)
+    shown = render_page(web, section, pool, item, others)
     revision = shown.get("revision_id")
     if revision and revision != item.payload.revision_id:
         yield api.revision(revision)

@@ -87,11 +87,11 @@ def _pages(frontier: Frontier, envelope: Envelope) -> None:
     for page in query.get("pages", []):
         key, state = str(page.get("pageid")), answers.state(page)
         if state == "redirect":
-            _gone(frontier, key, "moved")
+            _mark_left(frontier, key, "moved")
         elif state == "missing":
-            _gone(frontier, key, "deleted")
+            _mark_left(frontier, key, "deleted")
         elif state == "there" and _usable(page):
-            _note(frontier, number, page, page["revisions"][0])
+            _update_page(frontier, number, page, page["revisions"][0])
         elif state == "there":
             state = "unanswered"
         states[page.get("title")] = state
@@ -116,7 +116,7 @@ def _usable(page: dict[str, Any]) -> bool:
     )
 
 
-def _gone(frontier: Frontier, key: str, reason: str) -> None:
+def _mark_left(frontier: Frontier, key: str, reason: str) -> None:
     """A known page was deleted or moved; unknown ones are ignored. `gone` stays when it is back."""
     known = frontier.get("pages", key)
     if known is not None:
@@ -124,7 +124,9 @@ def _gone(frontier: Frontier, key: str, reason: str) -> None:
         frontier.skip("pages", key, reason)
 
 
-def _note(frontier: Frontier, number: int, page: dict[str, Any], revision: dict[str, Any]) -> None:
+def _update_page(
+    frontier: Frontier, number: int, page: dict[str, Any], revision: dict[str, Any]
+) -> None:
     key = str(page["pageid"])
     new = PageItem(page["title"], page["fullurl"], revision["revid"], number)
     known = frontier.get("pages", key)

@@ -114,7 +114,7 @@ class WikiSource(Plain):
         """A round, and what may go well by now."""
         self._missing_before = reduce.missing(frontier)
         names = self._titles.keys if self._titles else None
-        discover.begin(frontier, names, self.section.namespaces, again=self._run.again)
+        discover.begin_round(frontier, names, self.section.namespaces, again=self._run.again)
         discover.reopen_larger(frontier, self.section)
         discover.reopen_moved(frontier, self._web.today)
         discover.reopen_lost(frontier, self._run.root)
@@ -132,7 +132,7 @@ class WikiSource(Plain):
 
     def pack(self, phase: Phase, items: list[Item]) -> list[Item]:
         """Titles of one round, as many as an address may hold."""
-        return fetch.together(items) if phase is INFO else items
+        return fetch.batch_titles(items) if phase is INFO else items
 
     def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
         """Ask for the items, after robots.txt and the API's address."""
@@ -150,7 +150,7 @@ class WikiSource(Plain):
         elif phase.kind == "pages":
             pool = self._browsers()
             item, frontier = items[0], self.opened.frontier
-            others = partial(discover.others, frontier, item.key, f"{self.url}/")
+            others = partial(discover.comparison_urls, frontier, item.key, f"{self.url}/")
             for answer in fetch.page(api, self._web, self.section, pool, item, others):
                 yield answer
                 if answer.kind == "renders" and answer.response["outcome"] != "failed":
@@ -224,7 +224,7 @@ class WikiSource(Plain):
         """The browsers, started when the first page is to be shown."""
         with self._lock:
             if self._pool is None:
-                render.sweep(self._run.root)
+                render.remove_scratch(self._run.root)
                 self._pool = Pool(self._browser, self.section.page_seconds + LAST_SECONDS)
             return self._pool
 

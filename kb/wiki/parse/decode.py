@@ -64,7 +64,7 @@ def site(lines: Iterable[bytes]) -> Iterator[pa.Table]:
     return _rows(lines, _site, "site")
 
 
-def nothing(lines: Iterable[bytes]) -> Iterator[pa.Table]:
+def no_rows(lines: Iterable[bytes]) -> Iterator[pa.Table]:
     """No rows of answers that only the crawl needs.
 
     They are looked through for unknown keys and cut-off files.

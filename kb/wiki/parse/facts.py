@@ -58,11 +58,11 @@ def facts(page: Mapping[str, Any], entries: Iterable[Row], rules: MarkupRules) -
     """
     rows: list[Row] = []
     for one in entries:
-        field, value = (_bare(one[name]) for name in ("field", "value"))
+        field, value = (_bare(one[key]) for key in ("field", "value"))
         field = field.rstrip(":：").rstrip()
         if not field or not value:
             continue
-        value, unit = measured(field, value, (*UNITS, *rules.units))
+        value, unit = split_unit(field, value, (*UNITS, *rules.units))
         rows.append(
             {
                 "page_id": page["page_id"],
@@ -84,7 +84,7 @@ def _bare(text: str) -> str:
     return _NO_WIDTH.sub("", text).strip()
 
 
-def measured(field: str, value: str, units: tuple[str, ...]) -> tuple[str, str | None]:
+def split_unit(field: str, value: str, units: tuple[str, ...]) -> tuple[str, str | None]:
     """The value without its unit, and the unit; the value as it is where it has none.
 
     A unit stands behind a figure or a range of two ("2 kg", "3–5 minutes", "90%"), or in brackets
@@ -123,7 +123,7 @@ def recipes(page: Mapping[str, Any], entries: Iterable[Row], rules: MarkupRules)
             "row_index": one["row"],
             "column_index": one["column"],
             "alternative": place,
-            "item": name(item, rules.item),
+            "item": item_name(item, rules.item),
             "quantity": quantity(item),
             "element_id": one["element"],
             "visible": one["visible"],
@@ -135,7 +135,7 @@ def recipes(page: Mapping[str, Any], entries: Iterable[Row], rules: MarkupRules)
     ]
 
 
-def name(item: Row, expression: str) -> str | None:
+def item_name(item: Row, expression: str) -> str | None:
     """What a thing in a slot is called, None where nothing lies there or says so."""
     return next((candidate for candidate in _names(item, expression) if candidate), None)
 
@@ -144,7 +144,7 @@ def _names(item: Row, expression: str) -> Iterator[str]:
     if item["tip"]:
         yield _ESCAPED.sub(r"\1", _FORMATTING.sub("", item["tip"])).strip()
     alt = " ".join((item["alt"] or "").split())
-    named = inside(alt, expression) or ""
+    named = name_inside(alt, expression) or ""
     if not _FILE.match(named):
         yield named
     title = " ".join((item["title"] or "").split())
@@ -157,7 +157,7 @@ def _names(item: Row, expression: str) -> Iterator[str]:
         yield match[0].rpartition(".")[0]
 
 
-def inside(text: str | None, expression: str) -> str | None:
+def name_inside(text: str | None, expression: str) -> str | None:
     """The name that stands inside of a picture's longer text, by the profile's expression; the text
     itself where there is none.
     """

@@ -21,8 +21,8 @@ KINDS = {
     ),
     "files": RawKind(decode.files, key=("key",), named_by=("renders", "files")),
     "site": RawKind(decode.site, key=()),
-    "titles": RawKind(decode.nothing, key=()),
-    "imageinfo": RawKind(decode.nothing, key=()),
+    "titles": RawKind(decode.no_rows, key=()),
+    "imageinfo": RawKind(decode.no_rows, key=()),
 }
 HELPERS = (
     "key",

@@ -126,7 +126,7 @@ class _Parts:
         self._waiting, self._size = [], 0
 
 
-def tops(elements: list[Any]) -> Iterator[Any]:
+def outermost_texts(elements: list[Any]) -> Iterator[Any]:
     """Visible texts and cells that no other one of the same table holds: every word once."""
     by_id = {element.id: element for element in elements}
     for element in elements:
@@ -153,7 +153,7 @@ def _holder(element: Any, by_id: Mapping[Any, Any]) -> Any:
 
 def page_text(elements: list[Any]) -> str:
     """The visible text of a page in reading order, a block a line."""
-    return "\n".join(element.text for element in tops(elements) if element.text)
+    return "\n".join(element.text for element in outermost_texts(elements) if element.text)
 
 
 def elements(pages: list[tuple[int, list[Any]]], rules: facts.MarkupRules) -> pa.Table:
@@ -161,7 +161,7 @@ def elements(pages: list[tuple[int, list[Any]]], rules: facts.MarkupRules) -> pa
 
     def text(element: Any) -> str | None:
         if element.kind == "sprite":
-            return facts.inside(element.text, rules.item)
+            return facts.name_inside(element.text, rules.item)
         content: str | None = element.text if element.kind in ("text", "cell") else None
         return content
 
