@@ -32,8 +32,8 @@ LINES = {
     "5 no checksums": (
         "store/test_parquet.py: of_2000_changed_bits_in_raw_and_parquet_none_is_silent",
         "store/test_parquet.py: a_footer_is_told_by_itself",
-        "query/test_views.py: a_changed_bit_never_changes_an_answer",
-        "reader/test_damage.py: a_changed_bit_is_told_by_rows_and_by_counts",
+        "query/test_execute.py: a_changed_bit_never_changes_an_answer",
+        "reader/test_tables.py: a_changed_bit_is_told_by_rows_and_by_counts",
         "search/test_search.py: a_damaged_index_is_told",
         "youtube/test_damage.py: a_flipped_bit_never_makes_another_answer",
     ),
@@ -55,7 +55,7 @@ LINES = {
     ),
     "10 a path in raw data leaves the root": (
         "wiki/test_export.py: no_path_in_data_leads_out_of_the_data_root",
-        "reader/test_damage.py: no_path_in_data_leads_out_of_its_folder",
+        "reader/test_screenshots.py: no_path_in_data_leads_out_of_its_folder",
     ),
     "11 a changed picture under its old name": (
         "wiki/connector/test_source.py: lost_images_and_captures_are_asked_for_again",
@@ -83,7 +83,7 @@ LINES = {
     ),
     "17 terminal escapes from data": (
         "core/test_terminal.py: nothing_on_stderr_or_stdout_acts",
-        "cli/test_query.py: nothing_of_the_data_acts_on_the_terminal",
+        "query/test_formats.py: nothing_of_the_data_acts_on_the_terminal",
     ),
     "leases and temporary files": (
         "crash/test_chaos.py: killed_and_run_again_it_is_as_if_nothing_had_been",

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import ValidationError
 
-from kb.artifacts import linked, manifest
+from kb.artifacts import manifest, texts
 from kb.artifacts.release_folder import TOMBSTONES, ReleasedTable, ReleaseFolder
 from kb.core import clock
 from kb.core.context import Run
@@ -125,9 +125,9 @@ def _layout(folder: ReleaseFolder) -> list[GateProblem]:
     ]
     for path in strays(folder):
         what = (
-            "is a link; a release has files of its own"
+            "is a link; a release needs real files"
             if path.is_symlink()
-            else "is nothing that an export or a release writes; remove it"
+            else "is not part of a release; remove it"
         )
         problems.append(GateProblem("undeclared file", f"{folder.source}/{path.name}", what))
     return problems
@@ -216,7 +216,7 @@ def _absent(root: Path, folder: ReleaseFolder) -> list[GateProblem]:
 def _older(root: Path) -> list[GateProblem]:
     """Entity tables may name what a filter has dropped since."""
     what = "are older than clean/{}, and may name what was dropped since; run `kb links`"
-    return [GateProblem("rows", "links", what.format(one)) for one in linked.older_than(root)]
+    return [GateProblem("rows", "links", what.format(one)) for one in texts.changed(root, "links")]
 
 
 def _licence(run: Run, folder: ReleaseFolder) -> list[GateProblem]:
