@@ -21,10 +21,9 @@ from kb.core.verdict import Summary
 from kb.crawl.job import Parts
 from kb.filters.chain import Clean
 from kb.filters.clean import run_clean
-from kb.filters.released import stages
+from kb.filters.topic import released_stages
 from kb.pairs.restore import TextRestore
-from kb.reddit.dumps import files as dumpfiles
-from kb.reddit.dumps.files import Dumps
+from kb.reddit.dumps.files import Dumps, find_dumps
 from kb.reddit.restore.job import ThreadRestore
 from kb.release.downloaded import Folders, keep_profile, verify
 from kb.store import lock
@@ -37,7 +36,12 @@ ROWS = ("videos", "transcripts", "posts", "comments", "pairs", "filled", "differ
 def clean(p: Profile) -> Clean:
     """Raw answers to the tables of every available video: what is released was judged."""
     shipped: Clean = load(str(locate("youtube"))).clean(p)
-    chain = replace(shipped.chains[0], stages=stages(p.section(YouTubeSection)), scores={}, told=())
+    chain = replace(
+        shipped.chains[0],
+        stages=released_stages(p.section(YouTubeSection)),
+        scores={},
+        described_by=(),
+    )
     return replace(shipped, chains=(chain,), scorer=None)
 
 
@@ -47,7 +51,7 @@ def restore(run: Run, folders: Folders, dumps: Dumps = (), only: str | None = No
     Raises SettingError and MissingCredential before anything is sent, DamagedData where a folder
     differs from its checksums; Stopped, with what was done, when something is left.
     """
-    jobs = _jobs(run, folders, dumpfiles.find(run, dumps).files, only)
+    jobs = _jobs(run, folders, find_dumps(run, dumps).files, only)
     needed: tuple[str, ...] = ()
     for job in jobs:
         needed = job.check(needed)

@@ -19,8 +19,8 @@ from kb.crawl.session import open_session
 from kb.export import layouts
 from kb.filters.clean import run_clean
 from kb.pairs.build import build, clear_finished
-from kb.reddit.connector.crawl import crawl as crawl_reddit
 from kb.reddit.connector.source import RedditSource
+from kb.reddit.connector.source import crawl as crawl_reddit
 from kb.release.build import release
 from kb.search.build import follow
 from kb.store import mending

@@ -30,6 +30,7 @@ from kb.pairs.clip_tokens import ENDS
 from kb.pairs.extract import make_tools
 from kb.pairs.keywords import Keywords
 from kb.pairs.transcript_batch import Text, without_sounds
+from kb.pairs.transcripts import VIDEOS
 from kb.schema.conform import conform
 from kb.schema.tables import table
 from kb.store import parquet, tombstones
@@ -87,17 +88,17 @@ class TextRestore:
     def restore(self) -> Summary:
         """As `RestoreJob.restore`; pairs of removed videos are left out. Raises DamagedData."""
         at, (folder,) = Layout(self.run.root), self.content.of("pairs")
-        own = tombstones.keys(self.run.root, "youtube")
-        removed = pa.array(sorted(own | self.content.removed("youtube", "pairs")), pa.string())
+        own = tombstones.keys(self.run.root, VIDEOS)
+        removed = pa.array(sorted(own | self.content.removed(VIDEOS, "pairs")), pa.string())
         rows = _read(folder.path)
         purged = pc.is_in(rows["video_id"].cast(pa.string()), value_set=removed)
-        transcripts = parquet_files(at.restored("youtube", "transcripts"))
+        transcripts = parquet_files(at.restored(VIDEOS, "transcripts"))
         return fill(self.run, rows.filter(pc.invert(purged)), transcripts, at.restored("pairs"))
 
     def missing(self) -> pa.Table | None:
         """As `RestoreJob.missing`: pairs without text, and whether their video has a transcript."""
         at = Layout(self.run.root)
-        transcripts = parquet_files(at.restored("youtube", "transcripts"))
+        transcripts = parquet_files(at.restored(VIDEOS, "transcripts"))
         columns = [parquet.read_table(path, columns=["video_id"])[0] for path in transcripts]
         ids = [chunk for column in columns for chunk in column.cast(pa.string()).chunks]
         videos = pa.chunked_array(ids, pa.string()).combine_chunks()

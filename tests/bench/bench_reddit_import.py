@@ -28,7 +28,7 @@ import pytest
 import zstandard
 
 from kb.core import clock
-from kb.reddit.dumps.id_search import keep
+from kb.reddit.dumps.id_search import write_index
 from kb.reddit.dumps.import_file import ImportJob, import_file
 from tests.reddit.test_containers import blocks
 
@@ -206,7 +206,7 @@ def test_six_times_json(tmp_path, record_property, later):
     path = tmp_path / "RC_2024-01.zst"
     write(path, LINES, later)
     ids = tmp_path / "ids"
-    keep((f"t1_c{number:07x}" for number in range(7, LINES, 200)), (), ids)
+    write_index((f"t1_c{number:07x}" for number in range(7, LINES, 200)), (), ids)
     ways: dict[str, Callable[[int], int]] = {
         "json": lambda turn: parsed(json.loads, path),
         "orjson": lambda turn: parsed(orjson.loads, path),

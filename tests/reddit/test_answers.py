@@ -11,7 +11,7 @@ import pytest
 
 from kb.core.errors import Unreachable
 from kb.reddit.connector import refresh
-from kb.reddit.connector.answer_check import DEEPEST, problem
+from kb.reddit.connector.errors import DEEPEST, problem
 from kb.sandbox.server import Sandbox
 from kb.store import rawlog
 from tests.reddit.conftest import small_world

@@ -19,7 +19,7 @@ import pytest
 
 from kb.core.errors import LimitReached, SettingError
 from kb.reddit.dumps.chunks import Chunk
-from kb.reddit.dumps.id_search import ById, IdIndex, keep
+from kb.reddit.dumps.id_search import ById, IdIndex, write_index
 from kb.reddit.restore.reconstruct import rebuild
 from kb.sandbox.invented_ids import PEOPLE
 from kb.store import tombstones
@@ -251,7 +251,9 @@ def test_a_release_that_names_its_subreddit_takes_lines_of_it_alone(work: Work) 
 
 
 def test_ids_of_any_length_and_kind(tmp_path: Path) -> None:
-    keep(["t3_a", "t1_abcdefg", "t1_abcdefgh", "t3_abcdefghijk"], ["tree1"], tmp_path / "ids")
+    write_index(
+        ["t3_a", "t1_abcdefg", "t1_abcdefgh", "t3_abcdefghijk"], ["tree1"], tmp_path / "ids"
+    )
     search = ById(IdIndex(tmp_path / "ids"))
     lines = [
         {"id": "a", "title": ""},

@@ -19,9 +19,7 @@ from kb.core.profile.toxicity import Toxicity
 from kb.core.progress import LineProgress
 from kb.filters.clean import run_clean
 from kb.reddit.connector.importer import import_dumps
-from kb.reddit.dumps import chunks as dumps
-from kb.reddit.dumps import containers
-from kb.reddit.dumps import cursor as places
+from kb.reddit.dumps import chunks, containers, cursor
 from kb.reddit.dumps.chunks import DEEPEST, Chunk
 from kb.reddit.dumps.subreddit_search import CHECKED, SubredditSearch
 from kb.reddit.parse import answers as parse
@@ -108,7 +106,7 @@ def test_damage_far_behind_the_beginning_is_counted_and_the_first_place_is_said(
     )
     assert (summary["crawled"], summary["lines"], summary["bad_lines"]) == (1, len(lines), 4)
     assert (
-        f"left out 4 damaged lines, the first at byte {len(before) * (len(other) + 1)} "
+        f"skipped 4 damaged lines, the first at byte {len(before) * (len(other) + 1)} "
         in capsys.readouterr().err
     )
 
@@ -163,13 +161,15 @@ def test_a_line_nested_without_end_is_damaged(tmp_path, depth, innermost):
 @pytest.mark.parametrize("last", [False, True])
 def test_a_line_without_end_is_not_held_and_counts_as_damaged(tmp_path, monkeypatch, last):
     """One of 1.8 GB swells from a small file."""
-    monkeypatch.setattr(dumps, "LONGEST", 300_000)
+    monkeypatch.setattr(chunks, "LONGEST", 300_000)
     long = b'{"subreddit": "Minecraft", "id": "' + b"x" * 40_000_000
     lines = [post("a"), long, *([] if last else [post("b")])]
     dump = write(tmp_path / "RS.zst", lines, frames=len(lines))
-    held = max_held(dumps.chunks(dump, containers.Seen()))
+    held = max_held(chunks.chunks(dump, containers.ReadProgress()))
     assert held < 5_000_000
-    assert max(len(piece) for piece in containers.pieces(dump, containers.Seen())) < 5_000_000
+    assert (
+        max(len(piece) for piece in containers.pieces(dump, containers.ReadProgress())) < 5_000_000
+    )
     done = import_dumps(run_in(tmp_path), [dump])
     assert (done["lines"], done["bad_lines"]) == (len(lines), 1)
     assert [data["id"] for _, data in imported(tmp_path)] == ["a"] + ["b"] * (not last)
@@ -375,7 +375,7 @@ def test_sigkill_then_the_same_command_takes_each_once(tmp_path):
     import_killed(tmp_path, dump, (1, 3, 6))
     ids = [data["id"] for _, data in imported(tmp_path)]
     assert sorted(ids) == [f"p{n:05d}" for n in range(8_000)]
-    assert places.load(tmp_path, places.name_of(dump, 0.0, float("inf"))).lines == 8_000
+    assert cursor.load_cursor(tmp_path, cursor.cursor_name(dump, 0.0, float("inf"))).lines == 8_000
 
 
 LINE = some.one_of(

@@ -257,7 +257,7 @@ def test_wiki_under_a_licence_that_no_release_can_carry(tmp_path: Path) -> None:
     (line,) = refused(tmp_path, profile=profile)
     assert line.startswith(
         "licence: wiki/LICENSE: the pages name https://wiki.example.org/terms,"
-        " which is no licence that a release can carry"
+        " which a release can't carry"
     )
 
 
@@ -290,10 +290,7 @@ def test_undeclared_files(tmp_path: Path, source: str, name: str) -> None:
     build(tmp_path, sources=(source,))
     (tmp_path / "release" / source / name).write_text("text")
     assert refused(tmp_path) == [
-        (
-            f"undeclared file: {source}/{name}: was not written by an export or a release"
-            "; remove it"
-        )
+        (f"undeclared file: {source}/{name}: was not written by an export or a release; remove it")
     ]
 
 
@@ -462,8 +459,7 @@ def test_archives_that_are_gone_or_cut_off(tmp_path: Path) -> None:
     screenshots.unlink()
     lines = refused(tmp_path)
     assert (
-        f"checksum: wiki/{screenshots.name}: is in SHA256SUMS but missing; export it again"
-        in lines
+        f"checksum: wiki/{screenshots.name}: is in SHA256SUMS but missing; export it again" in lines
     )
     assert any(
         line.startswith(

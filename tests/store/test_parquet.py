@@ -11,14 +11,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from kb.artifacts.purge_rows import RowLocation, drop_rows
 from kb.core.errors import DamagedData, KbError
 from kb.export import convokit
 from kb.export import parquet as export
 from kb.filters.clean import run_clean
 from kb.pairs.build import build
 from kb.report.data import ReportData
-from kb.store import parquet, purge, tombstones
-from kb.store.purge import RowLocation
+from kb.store import parquet, tombstones
 from kb.store.shards import write_table
 from tests.crash import killed
 from tests.filters.made import run_at
@@ -133,12 +133,8 @@ def test_a_file_that_was_replaced_is_read_again(tmp_path: Path) -> None:
 
 
 def _purged(root: Path) -> object:
-    return purge.drop_rows(
-        root,
-        "youtube",
-        [RowLocation("clean/youtube/videos", "youtube/videos", "video_id")],
-        {"x": "named"},
-    )
+    videos = RowLocation("clean/youtube/videos", "youtube/videos", "video_id")
+    return list(drop_rows(root, [videos], {"x"}))
 
 
 def _made_again(root: Path) -> object:

@@ -10,7 +10,7 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from kb.annotate.words import word_count_of_lists
+from kb.annotate.word_count import word_count_of_lists
 from kb.core.errors import DamagedData
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.assemble import assemble

@@ -24,8 +24,7 @@ from kb.core.settings import REDDIT, Settings
 from kb.net.rate import Pace
 from kb.net.retry import PATIENCE_S, attempt
 from kb.net.session import HttpSession, Ledger, host_of
-from kb.reddit.connector.answer_check import problem
-from kb.reddit.connector.errors import consequence, too_deep
+from kb.reddit.connector.errors import consequence, problem, too_deep
 
 ROOT = "https://www.reddit.com"
 OAUTH = "https://oauth.reddit.com"

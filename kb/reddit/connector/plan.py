@@ -16,7 +16,7 @@ from kb.reddit.connector.client import IDS, ROOT
 from kb.reddit.connector.ids import Ids, asked_for
 from kb.reddit.connector.reduce import PAGES
 from kb.reddit.connector.refresh import due_parts, oldest_due
-from kb.reddit.dumps import files as dumpfiles
+from kb.reddit.dumps.files import find_dumps
 from kb.reddit.parse.latest_state import known
 from kb.store import parquet, rawlog, reading, tombstones
 from kb.store.layout import Layout
@@ -79,7 +79,7 @@ def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
 
 def plan_rebuild(run: Run, ids: Ids, dumps: Sequence[Path] = ()) -> Summary:
     """What a reconstruction of these ids would ask for, or read. Raises SettingError."""
-    files = dumpfiles.find(run, dumps).files
+    files = find_dumps(run, dumps).files
     wanted, _ = asked_for(ids, Layout(run.root).release("reddit"))
     if dumps:
         size = sum(file.stat().st_size for file in files)

@@ -171,3 +171,18 @@ def crawled(frontier: Frontier) -> int:
     """Posts that were answered for in all runs, missing ones among them."""
     counts = frontier.counts("tree")
     return counts.get("done", 0) + counts.get("skipped", 0) - outside(frontier)
+
+
+def incomplete_posts(frontier: Frontier) -> dict[str, str]:
+    """Posts of which a part of the tree failed after its tries: bare id → the reason of one part.
+
+    The next crawl tries the part again.
+    """
+    reasons: dict[str, str] = {}
+    for key, _, reason, _ in frontier.items("tree", "error"):
+        reasons.setdefault(key, reason or "failed")
+    for key, _, reason, _ in frontier.items("thread", "error"):
+        reasons.setdefault(key.partition("/")[0], reason or "failed")
+    for _, _, reason, payload in frontier.items("more", "error"):
+        reasons.setdefault(payload.post, reason or "failed")
+    return reasons

@@ -13,13 +13,21 @@ from functools import cached_property
 from kb.core.context import Run
 from kb.core.errors import ItemFinal
 from kb.core.profile.reddit import RedditSection
+from kb.core.verdict import Summary
+from kb.crawl.job import work
+from kb.crawl.loop import Loop
+from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Opened, Phase, Plain
-from kb.reddit.connector import credentials, discover, reduce
+from kb.reddit.connector import discover, reduce
 from kb.reddit.connector.client import IDS, ROOT, Client
+from kb.reddit.connector.discover import KINDS
+from kb.reddit.connector.errors import require
 from kb.reddit.connector.fetch import RedditFetcher
-from kb.reddit.dumps import cursor as places
+from kb.reddit.connector.reduce import crawled, outside
+from kb.reddit.dumps.cursor import recover_segments
 from kb.reddit.parse import tree
 from kb.reddit.parse.anonymize import Scrubber, load_key
+from kb.reddit.spec import SPEC
 from kb.store.frontier import Frontier, Item
 from kb.store.rawlog import Envelope
 
@@ -60,7 +68,7 @@ class RedditSource(Plain):
 
     def identity(self) -> dict[str, str]:
         """The host and the subreddit. Raises MissingCredential."""
-        credentials.require(self.run)
+        require(self.run)
         host = self.run.settings.kb_reddit_endpoint or ROOT
         return {"host": host, "subreddit": self.section.subreddit.lower()}
 
@@ -72,7 +80,7 @@ class RedditSource(Plain):
 
     def settle(self) -> None:
         """Let appear what an import that was killed has noted."""
-        places.settle(self.run.root)
+        recover_segments(self.run.root)
 
     def discover(self, frontier: Frontier) -> None:
         """The profile's listings; with --again a new round of them."""
@@ -144,3 +152,44 @@ class Dumps(RedditSource):
     def identity(self) -> dict[str, str]:
         """The subreddit."""
         return {"subreddit": self.section.subreddit.lower()}
+
+
+def crawl(run: Run, since: datetime | None = None, until: datetime | None = None) -> Summary:
+    """Read what is left. `since` and `until` bound when posts were made (UTC, since included).
+
+    What lies outside is left out, and read by a later crawl with another span or none.
+    Raises LimitReached, Blocked, Unreachable, Interrupted (exit 3), CredentialRefused and
+    FatalError (exit 1); the summary so far is on the error.
+    """
+    source = RedditSource(run, since, until)
+
+    def summary(session: CrawlSession, loop: Loop) -> Summary:
+        """Figures of this run and what is left."""
+        frontier = session.frontier
+        counts = {kind: frontier.counts(kind) for kind in KINDS}
+        left = SPEC.left_by(counts)
+        left_out = outside(frontier)
+        return Summary(
+            command="reddit crawl",
+            source="reddit",
+            counted="posts",
+            crawled=loop.answered["tree"],
+            crawled_in_all=crawled(frontier),
+            missing=counts["tree"].get("skipped", 0) - left_out,
+            failed=sum(counts[kind].get("error", 0) for kind in KINDS),
+            incomplete_posts=len(reduce.incomplete_posts(frontier)),
+            pending=frontier.waiting("tree"),
+            comments=source.comments,
+            outside=left_out,
+            posts=sum(counts["tree"].values()),
+            requests=source.requests(),
+            left=sum(left.values()),
+            left_by=left,
+        )
+
+    return work(
+        run,
+        source,
+        summary,
+        facts=lambda phase: {"comments": source.comments, "requests": source.requests()},
+    )

@@ -14,10 +14,9 @@ from typing import Any, NamedTuple
 
 import orjson
 
-from kb.reddit.dumps.containers import Seen, pieces
+from kb.reddit.dumps.containers import ReadProgress, pieces
 from kb.reddit.parse.tree import is_deeper
 
-LATEST = 253402300800  # seconds of Unix time: the year 10000
 DEEPEST = 200  # lists and objects within each other; what Reddit says has about ten
 LONGEST = 64 << 20  # bytes of a line; Reddit's longest records have some hundred thousand
 
@@ -34,7 +33,7 @@ class Chunk(NamedTuple):
 
 
 def chunks(
-    path: Path, seen: Seen, skip: int = 0, goes_on: Callable[[], bool] = lambda: True
+    path: Path, progress: ReadProgress, skip: int = 0, goes_on: Callable[[], bool] = lambda: True
 ) -> Iterator[Chunk]:
     """Whole lines from decompressed offset `skip` on; a piece is never copied, the line across two
     pieces comes by itself.
@@ -42,14 +41,14 @@ def chunks(
     A last line without line break is given when it is an object; else it is a part of a line, the
     file was cut off there, and the line counts as damaged. So does one of more than `LONGEST`
     bytes, of which nothing is held. `goes_on` is asked at every piece, also while skipping; when it
-    says no, `seen.stopped` is set and nothing more comes.
+    says no, `progress.stopped` is set and nothing more comes.
     """
     parts: list[bytes] = []  # a line that goes on in the next piece
     held = 0  # their bytes
     at = 0  # of the next byte to give
-    for piece in pieces(path, seen):
+    for piece in pieces(path, progress):
         if not goes_on():
-            seen.stopped = True
+            progress.stopped = True
             return
         begin = max(0, skip - at - held)
         if begin:
@@ -66,8 +65,8 @@ def chunks(
             begin = piece.find(b"\n") + 1
             size = held + begin
             if size > LONGEST:
-                seen.lines += 1
-                seen.damaged(1, at)
+                progress.lines += 1
+                progress.count_damaged(1, at)
                 yield Chunk(at + size, b"", 0, 0)  # so far all is read
             else:
                 yield Chunk(at, b"".join((*parts, piece[:begin])), 0, size)
@@ -83,10 +82,10 @@ def chunks(
     if read_object(rest) is not None:
         yield Chunk(at, rest + b"\n", 0, len(rest) + 1)
         return
-    if not seen.truncated:
-        seen.truncated, seen.problem = True, "the last line is cut off"
-    seen.lines += 1
-    seen.damaged(1, at)
+    if not progress.truncated:
+        progress.truncated, progress.problem = True, "the last line is cut off"
+    progress.lines += 1
+    progress.count_damaged(1, at)
 
 
 def read_object(line: bytes) -> dict[str, Any] | None:
@@ -107,14 +106,3 @@ def read_object(line: bytes) -> dict[str, Any] | None:
     # Few brackets can't be nested deep, and counting them is quick.
     brackets = line.count(b"[") + line.count(b"{")
     return None if brackets > DEEPEST and is_deeper(value, DEEPEST) else value
-
-
-def retrieved(data: dict[str, Any]) -> int | None:
-    """When the archive read a record, in seconds since 1970; None when it doesn't say."""
-    for name in ("retrieved_utc", "retrieved_on"):
-        value = data.get(name)
-        if isinstance(value, str) and value.isascii() and value.isdigit() and len(value) < 20:
-            value = int(value)
-        if isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < value < LATEST:
-            return int(value)
-    return None

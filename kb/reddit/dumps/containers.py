@@ -8,7 +8,7 @@ NDJSON, told apart by their first bytes, never by their names.
     gzip        members one after the other
     plain       lines that begin with an object
 
-A file that ends too early or is damaged gives what comes before, and says so in `Seen`.
+A file that ends too early or is damaged gives what comes before, and says so in `ReadProgress`.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _WINDOW = 16 + zlib.MAX_WBITS  # a gzip header, not zlib's
 
 
 @dataclass
-class Seen:
+class ReadProgress:
     """What reading a dump met, so far."""
 
     lines: int = 0
@@ -49,24 +49,24 @@ class Seen:
     problem: str = ""
     stopped: bool = False  # asked to, before the end
 
-    def damaged(self, number: int, first: int | None) -> None:
+    def count_damaged(self, number: int, first: int | None) -> None:
         """Count damaged lines, the first of which begins at `first`."""
         self.bad_lines += number
         if self.first_bad is None:
             self.first_bad = first
 
 
-Read = Callable[[BinaryIO, Seen], Iterator[bytes]]
+Read = Callable[[BinaryIO, ReadProgress], Iterator[bytes]]
 
 
-def pieces(path: Path, seen: Seen) -> Iterator[bytes]:
+def pieces(path: Path, progress: ReadProgress) -> Iterator[bytes]:
     """The decompressed bytes of a dump, about CHUNK at once, without a byte order mark.
 
     Raises SettingError for a file that is no dump, or can't be read.
     """
     first = True
     with path.open("rb", buffering=1 << 20) as file:
-        for piece in _reader(path)(file, seen):
+        for piece in _reader(path)(file, progress):
             yield piece.removeprefix(_BOM) if first else piece
             first = False
 
@@ -127,12 +127,12 @@ def _is_zstd(head: bytes) -> bool:
     return head.startswith(_FRAME) or (head[1:4] == _SKIPPED and head[0] & 0xF0 == 0x50)
 
 
-def _of_plain(file: BinaryIO, seen: Seen) -> Iterator[bytes]:
+def _of_plain(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
     while piece := file.read(CHUNK):
         yield piece
 
 
-def _of_gzip(file: BinaryIO, seen: Seen) -> Iterator[bytes]:
+def _of_gzip(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
     member, begun = zlib.decompressobj(_WINDOW), False
     while rest := file.read(_PIECE):
         while True:
@@ -144,7 +144,7 @@ def _of_gzip(file: BinaryIO, seen: Seen) -> Iterator[bytes]:
             try:
                 data = member.decompress(rest, CHUNK)
             except zlib.error as error:
-                seen.truncated, seen.problem = True, f"damaged gzip member: {error}"
+                progress.truncated, progress.problem = True, f"damaged gzip member: {error}"
                 return
             if data:
                 yield data
@@ -153,10 +153,10 @@ def _of_gzip(file: BinaryIO, seen: Seen) -> Iterator[bytes]:
             if not rest and len(data) < CHUNK:
                 break
     if begun:
-        seen.truncated, seen.problem = True, "the last gzip member is cut off"
+        progress.truncated, progress.problem = True, "the last gzip member is cut off"
 
 
-def _of_blocks(file: BinaryIO, seen: Seen) -> Iterator[bytes]:
+def _of_blocks(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
     engine = zstandard.ZstdDecompressor(max_window_size=1 << 31)
     while head := file.read(4):
         size = int.from_bytes(head, "little")
@@ -164,13 +164,13 @@ def _of_blocks(file: BinaryIO, seen: Seen) -> Iterator[bytes]:
         try:
             rows, whole = _rows(engine, block)
         except zstandard.ZstdError as error:
-            seen.truncated, seen.problem = True, f"damaged block: {error}"
+            progress.truncated, progress.problem = True, f"damaged block: {error}"
             return
         step = max(1, len(rows) * CHUNK // (sum(map(len, rows)) + 1))
         for begin in range(0, len(rows), step):
             yield b"\n".join([*rows[begin : begin + step], b""])
         if len(block) < size or not whole:
-            seen.truncated, seen.problem = True, "the last block is cut off"
+            progress.truncated, progress.problem = True, "the last block is cut off"
             return
 
 
@@ -199,7 +199,7 @@ def _rows(engine: zstandard.ZstdDecompressor, block: bytes) -> tuple[list[bytes]
     return [row for row, end in zip(rows, ends, strict=True) if end <= len(data)], False
 
 
-def _of_zstd(file: BinaryIO, seen: Seen) -> Iterator[bytes]:
+def _of_zstd(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
     """python-zstandard's stream reader would end at a cut without a word, and a plain decompressor
     after the first frame.
     """
@@ -210,7 +210,7 @@ def _of_zstd(file: BinaryIO, seen: Seen) -> Iterator[bytes]:
             try:
                 data = frame.decompress(rest)
             except zstandard.ZstdError as error:
-                seen.truncated, seen.problem = True, f"damaged frame: {error}"
+                progress.truncated, progress.problem = True, f"damaged frame: {error}"
                 return
             fresh = False
             if data:
@@ -219,7 +219,7 @@ def _of_zstd(file: BinaryIO, seen: Seen) -> Iterator[bytes]:
             if frame.eof:
                 frame, fresh = engine.decompressobj(write_size=CHUNK), True
     if not fresh:
-        seen.truncated, seen.problem = True, "the last frame is cut off"
+        progress.truncated, progress.problem = True, "the last frame is cut off"
 
 
 def _compressed(file: BinaryIO) -> Iterator[bytes]:

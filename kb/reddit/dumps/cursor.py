@@ -1,8 +1,8 @@
-"""How far each dump was imported: a note a dump and span of time, in state/reddit-import/.
+"""How far each dump was imported: one note per dump and span of time, in state/reddit-import/.
 
-A segment is written as a hidden part, named, noted, then renamed. A note whose segment did not get
-to its place is completed at the next start; parts that no note knows go, as what they hold is read
-again.
+A segment is written to a hidden file, renamed to its final hidden name, noted, then renamed again.
+The next start completes a noted segment whose last rename is missing and deletes hidden files that
+no note names, as their records are read again.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from kb.core import signals
 from kb.store import notes, rawlog
 from kb.store.atomic import sync_folder, write_bytes
 from kb.store.layout import Layout
-from kb.store.rawlog import SUFFIX
 
 KIND = "dumps"
 PART = ".part"
 _LEASE = ".lease"
+_ROUND = "again"
 _START = 1 << 16  # bytes of a dump that are compared at its beginning
-_BLOCKS, _BLOCK = 1024, 4096  # and behind it, as far from each other as its size asks for
-_MEND = "delete it; the dump is read once more, and what is here already counts once"
+_SAMPLES, _SAMPLE = 1024, 4096  # samples after it, evenly spread over the file
+_REPAIR = "delete it; the dump is read once more, and existing records count once"
 
 
 class DumpCursor(msgspec.Struct):
@@ -47,7 +47,7 @@ class DumpCursor(msgspec.Struct):
     fresh: int = 0  # things of this run
     first_bad: int | None = None  # offset of the first damaged line
     round: str = ""  # of --again
-    changed: int = 0  # when the dump was written (ns), as it was read to its end
+    changed: int = 0  # when the dump was last modified (ns), once it was read to its end
 
     @property
     def damaged(self) -> bool:
@@ -55,123 +55,94 @@ class DumpCursor(msgspec.Struct):
         return self.truncated or self.bad_lines > 0
 
 
-def name_of(file: Path, since: float, until: float) -> str:
-    """The name of a dump's note: tells a dump by its name, size and what stands all over it,
+def cursor_name(file: Path, since: float, until: float) -> str:
+    """The name of a dump's note. It identifies a dump by its name, size and samples of its content,
     wherever it lies, and the span of time.
     """
     size = file.stat().st_size
-    whole = hashlib.sha256(f"{file.name}\0{size}\0".encode())
+    digest = hashlib.sha256(f"{file.name}\0{size}\0".encode())
     with file.open("rb") as opened:
-        whole.update(opened.read(_START))
-        step = max(_BLOCK, (size - _START - _BLOCK) // (_BLOCKS - 1))
-        for at in (*range(_START, size - _BLOCK, step), max(size - _BLOCK, _START)):
+        digest.update(opened.read(_START))
+        step = max(_SAMPLE, (size - _START - _SAMPLE) // (_SAMPLES - 1))
+        for at in (*range(_START, size - _SAMPLE, step), max(size - _SAMPLE, _START)):
             opened.seek(at)
-            whole.update(opened.read(_BLOCK))
-    return whole.hexdigest()[:16] + _span(since, until)
-
-
-def _span(since: float, until: float) -> str:
+            digest.update(opened.read(_SAMPLE))
+    name = digest.hexdigest()[:16]
     if (since, until) == (0.0, float("inf")):
-        return ""
-    return "-" + hashlib.sha256(f"{since}\0{until}".encode()).hexdigest()[:8]
+        return name
+    span = hashlib.sha256(f"{since}\0{until}".encode()).hexdigest()
+    return f"{name}-{span[:8]}"
 
 
-def load(root: Path, name: str, file: str = "", round: str = "") -> DumpCursor:
-    """Where an import was left: at the beginning when there is no note, one of another round of
-    `--again`, or one of a damaged `file` that was repaired since.
+def load_cursor(root: Path, name: str, file: str = "", round: str = "") -> DumpCursor:
+    """Where an import stopped: at the beginning without a note, in a new round of `--again`, and
+    for a damaged `file` that was modified since.
     """
-    noted = notes.read(_folder(root) / f"{name}.json", DumpCursor, mend=_MEND)
-    place = noted or DumpCursor(file, round=round)
-    repaired = file and place.done and place.damaged and place.changed != _changed(file)
-    if repaired or (round and place.round != round):
+    noted = notes.read(_folder(root) / f"{name}.json", DumpCursor, mend=_REPAIR)
+    if noted is None or (round and noted.round != round):
         return DumpCursor(file, round=round)
-    return place
+    if file and noted.done and noted.damaged and noted.changed != Path(file).stat().st_mtime_ns:
+        return DumpCursor(file, round=round)
+    return noted
 
 
-def ended(place: DumpCursor, file: Path) -> None:
-    """The dump was read to its end."""
-    place.done, place.changed = True, _changed(str(file))
-
-
-def _changed(file: str) -> int:
-    return Path(file).stat().st_mtime_ns
-
-
-def save(root: Path, name: str, place: DumpCursor) -> None:
+def save_cursor(root: Path, name: str, cursor: DumpCursor) -> None:
     """Write the note. Raises DiskFull."""
-    write_bytes(_folder(root) / f"{name}.json", msgspec.json.encode(place))
+    write_bytes(_folder(root) / f"{name}.json", msgspec.json.encode(cursor))
 
 
-def begun(base: Path, name: str) -> Path:
-    """Where a segment is written."""
+def hidden(base: Path, name: str) -> Path:
+    """Where a segment is written, and under its final name waits until it is noted."""
     return base / f".{name}{PART}"
 
 
-def written(base: Path, segment: str) -> Path:
-    """Where a whole segment waits until it is noted."""
-    return base / f".{segment}{PART}"
-
-
-def segment_name(number: int, digest: str) -> str:
-    """By content: segments of other machines, spans and rounds in one folder have other names, or
-    are the same.
-    """
-    return f"{number:06d}-{digest[:16]}{SUFFIX}"
-
-
-def settle(root: Path) -> None:
-    """Let segments appear that were noted when an import was killed, and forget what was not noted.
-    Call it under the writer's lock.
+def recover_segments(root: Path) -> None:
+    """Complete segments that were noted when an import was killed, and delete the others. The
+    caller holds the writer's lock.
     """
     base = rawlog.folder(root, "reddit", KIND)
     if not base.is_dir():
         return
     for note in sorted(_folder(root).glob("*.json")):
         if note.stem != _ROUND:
-            complete(base, load(root, note.stem))
+            publish_segment(base, load_cursor(root, note.stem))
     for part in base.glob(f".*{PART}"):
         part.unlink()
     sync_folder(base)
     for lease in _folder(root).glob(f"*{_LEASE}"):
-        lease.unlink()  # workers of another machine that outlived their command end
+        lease.unlink()  # stops workers on other machines that outlived their command
 
 
-def complete(base: Path, place: DumpCursor) -> None:
-    """Finish the rename that a note promises."""
-    part = written(base, place.segment)
-    if place.segment and part.exists() and not (base / place.segment).exists():
-        os.rename(part, base / place.segment)
+def publish_segment(base: Path, cursor: DumpCursor) -> None:
+    """Rename a noted segment to its final name, unless that has happened."""
+    part = hidden(base, cursor.segment)
+    if cursor.segment and part.exists() and not (base / cursor.segment).exists():
+        os.rename(part, base / cursor.segment)
         sync_folder(base)
 
 
-_ROUND = "again"
-
-
 def begin_round(root: Path, names: Sequence[str]) -> str:
-    """The round of `--again` over these notes: a new one, or the one that was stopped before its
-    end.
-    """
+    """The round of `--again` over these notes: a new one, or the same one if it was interrupted."""
     path = _folder(root) / f"{_ROUND}.json"
-    wanted = sorted(names)
-    noted = notes.read(path, tuple[str, list[str]], mend=_MEND)
-    if noted and noted[1] == wanted:
+    noted = notes.read(path, tuple[str, list[str]], mend=_REPAIR)
+    if noted and noted[1] == sorted(names):
         return str(noted[0])
-    begun = uuid.uuid4().hex[:8]
-    write_bytes(path, msgspec.json.encode((begun, wanted)))
-    return begun
+    round = uuid.uuid4().hex[:8]
+    write_bytes(path, msgspec.json.encode((round, sorted(names))))
+    return round
 
 
 def end_round(root: Path) -> None:
-    """The round is through: the next `--again` begins another."""
+    """The round is complete: the next `--again` begins another."""
     (_folder(root) / f"{_ROUND}.json").unlink(missing_ok=True)
 
 
 @contextmanager
 def lease(root: Path) -> Iterator[Path]:
-    """A file that workers look for: when it is gone they end after the lines in hand.
+    """A file that workers check: once it is deleted they stop after the lines in hand.
 
-    It goes at the end of the block, and as soon as the run is asked to end; it reaches other
-    machines as the data root does.
+    It is deleted at the end of the block and as soon as the run is asked to stop. As part of the
+    data root it reaches workers on other machines.
     """
     path, over = _folder(root) / f"{uuid.uuid4().hex}{_LEASE}", threading.Event()
     path.parent.mkdir(parents=True, exist_ok=True)

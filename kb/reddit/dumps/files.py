@@ -13,7 +13,7 @@ from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.reddit.dumps import containers
 from kb.reddit.dumps.chunks import read_object
-from kb.reddit.dumps.containers import Seen
+from kb.reddit.dumps.containers import ReadProgress
 
 Dumps = Sequence[Path]  # archive files to read instead of asking Reddit
 _SHOWN = 3  # names of foreign files in a message
@@ -26,7 +26,7 @@ class DumpFiles(NamedTuple):
     foreign: int
 
 
-def find(run: Run, paths: Sequence[Path]) -> DumpFiles:
+def find_dumps(run: Run, paths: Sequence[Path]) -> DumpFiles:
     """The named files, and all dumps below the named folders in the order of their paths.
 
     Files count by their content. A folder's other files are counted and named; hidden ones and the
@@ -74,7 +74,7 @@ def _holds_records(file: Path) -> bool:
     be.
     """
     try:
-        start = next(containers.pieces(file, Seen()), None)
+        start = next(containers.pieces(file, ReadProgress()), None)
     except SettingError:
         return False
     if start is None:

@@ -34,7 +34,7 @@ _LONG, _GONE, _BITS = "long", "gone", "bits"
 _FEWEST, _MOST = 20, 32  # the table's size as a power of two; a checksum has 32 bits
 
 
-def keep(
+def write_index(
     names: Iterable[str], trees: Iterable[str], folder: Path, gone: Collection[str] = ()
 ) -> None:
     """Write full names, and bare ids of posts that are wanted with all comments, for `ById`.
@@ -67,7 +67,7 @@ def keep(
 
 
 class IdIndex:
-    """What `keep` wrote into `folder`; processes share the memory of most of it."""
+    """What `write_index` wrote into `folder`; processes share the memory of most of it."""
 
     def __init__(self, folder: Path) -> None:
         self._sorted = {kind: _numbers(folder / kind) for kind in (POSTS, COMMENTS, TREES)}

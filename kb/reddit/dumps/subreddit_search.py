@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterable, Iterator
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import pyarrow as pa
@@ -152,6 +152,7 @@ class SubredditSearch:
             place = lower.find(self._quoted, place + 1)
 
 
+@lru_cache(maxsize=64)
 def finder(text: bytes) -> Finder:
     """One pattern: its vectorised search is several times faster than bytes.find, and than one for
     many spellings (tests/bench).

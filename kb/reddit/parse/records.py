@@ -12,9 +12,8 @@ from collections.abc import Callable
 from typing import Any
 
 from kb.core.profile.reddit import Links
-from kb.reddit.dumps.chunks import LATEST, retrieved
-from kb.reddit.parse import html_entities as entities
 from kb.reddit.parse import tree
+from kb.reddit.parse.html_entities import resolve
 from kb.reddit.parse.post_types import (
     is_crosspost,
     link_classifier,
@@ -24,6 +23,7 @@ from kb.reddit.parse.post_types import (
 )
 
 Row = dict[str, Any]
+LATEST = 253402300800  # seconds of Unix time: the year 10000
 NOBODY = frozenset({"", "[deleted]", "[removed]"})  # names that stand for no author
 _COLUMNS = {"selftext": "body"}  # fields whose column has another name
 
@@ -38,7 +38,7 @@ class RecordReader:
     def post(self, data: dict[str, Any]) -> Row:
         """The row of a post (a submission's fields of any year)."""
         if not self._live:
-            data = entities.resolve(data)
+            data = resolve(data)
         row = _identified(tree.POST, data)
         row["post_id"] = row["fullname"].partition("_")[2]
         row["type"], row["link_kind"], row["source_url"] = post_type(data, self._classify)
@@ -54,7 +54,7 @@ class RecordReader:
     def comment(self, data: dict[str, Any]) -> Row:
         """The row of a comment."""
         if not self._live:
-            data = entities.resolve(data)
+            data = resolve(data)
         row = _identified(tree.COMMENT, data)
         row["post_id"] = tree.bare(data.get("link_id"))
         parent = data.get("parent_id")
@@ -69,6 +69,17 @@ class RecordReader:
 def new_row(fullname: str, post: str, state: str) -> Row:
     """A row without values."""
     return {"fullname": fullname, "post_id": post, "state": state, "problems": []}
+
+
+def retrieved(data: dict[str, Any]) -> int | None:
+    """When the archive read a record, in seconds since 1970; None when it doesn't say."""
+    for name in ("retrieved_utc", "retrieved_on"):
+        value = data.get(name)
+        if isinstance(value, str) and value.isascii() and value.isdigit() and len(value) < 20:
+            value = int(value)
+        if isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < value < LATEST:
+            return int(value)
+    return None
 
 
 def _identified(kind: str, data: dict[str, Any]) -> Row:

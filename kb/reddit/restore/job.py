@@ -14,7 +14,7 @@ from kb.core.context import Run
 from kb.core.plan import PlanPart, PlanPhase
 from kb.core.profile.reddit import RedditSection
 from kb.core.verdict import Summary
-from kb.reddit.connector import credentials
+from kb.reddit.connector.errors import require
 from kb.reddit.connector.plan import plan_rebuild
 from kb.reddit.restore.reconstruct import WITHOUT_KEY, rebuild
 from kb.store import parquet
@@ -39,7 +39,7 @@ class ThreadRestore:
         if self.wanted:
             self.run.profile.section(RedditSection)
             if not self.dumps:
-                credentials.require(self.run, *needed, without=WITHOUT_KEY)
+                require(self.run, *needed, without=WITHOUT_KEY)
         return needed
 
     def plan(self) -> PlanPart:

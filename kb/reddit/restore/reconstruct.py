@@ -36,12 +36,12 @@ from kb.core.settings import load_settings
 from kb.core.verdict import Summary
 from kb.crawl import job
 from kb.net import redact
-from kb.reddit.connector import credentials
+from kb.reddit.connector.errors import require
 from kb.reddit.connector.ids import Ids, WantedThings, asked_for, released, subreddit_of
-from kb.reddit.connector.importer import different, import_jobs, summary_of
-from kb.reddit.dumps import cursor as places
-from kb.reddit.dumps import files as dumpfiles
-from kb.reddit.dumps import id_search as byid
+from kb.reddit.connector.importer import import_files
+from kb.reddit.dumps.cursor import cursor_name, recover_segments
+from kb.reddit.dumps.files import find_dumps
+from kb.reddit.dumps.id_search import write_index
 from kb.reddit.dumps.import_file import ImportJob
 from kb.reddit.parse.anonymize import load_key
 from kb.reddit.restore import tables
@@ -152,9 +152,9 @@ def rebuild(
     CredentialRefused and WriterLocked (exit 1).
     """
     if dumps:
-        dumps = dumpfiles.find(run, dumps).files
+        dumps = find_dumps(run, dumps).files
     else:
-        credentials.require(run, without=WITHOUT_KEY)
+        require(run, without=WITHOUT_KEY)
     wanted, sources = asked_for(ids, Layout(run.root).release("reddit"), run.progress.say)
     digest = _digest(wanted, dumps, removed)
     tables.check_place(out)
@@ -247,7 +247,7 @@ def _digest(wanted: WantedThings, dumps: Sequence[Path], removed: Collection[str
     """Identifies what is wanted, from which dumps, and without which names."""
     if not dumps and not removed:
         return wanted.digest()
-    names = [*sorted(places.name_of(file, 0.0, math.inf) for file in dumps), *sorted(removed)]
+    names = [*sorted(cursor_name(file, 0.0, math.inf) for file in dumps), *sorted(removed)]
     return hashlib.sha256(" ".join([wanted.digest(), *names]).encode()).hexdigest()[:16]
 
 
@@ -266,17 +266,15 @@ def _read_dumps(
     ids, notes = work / "ids", Layout(work).importing("reddit")
     if run.again and not notes.exists():
         run = replace(run, again=False)  # nothing was read yet that could be read anew
-    places.settle(work)
+    recover_segments(work)
     load_key(run.root)
     if not ids.is_dir():
         with run.progress.task("ids", unit="steps"):
-            byid.keep(wanted.names, wanted.trees, ids, removed)
+            write_index(wanted.names, wanted.trees, ids, removed)
     room, home = run.limit or 0, str(run.root)
     job_ = ImportJob(str(work), "", subreddit, 0.0, math.inf, room, ids=str(ids), home=home)
-    files = different(run, dumps)
-    jobs = [msgspec.structs.replace(job_, file=str(file.absolute())) for file in files]
     try:
-        summary = summary_of(import_jobs(replace(run, root=work), jobs))
+        summary = import_files(replace(run, root=work), job_, dumps)
     except KbError as error:
         if error.summary is not None:
             error.summary = _of_dumps(error.summary)

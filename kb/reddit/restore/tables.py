@@ -30,8 +30,7 @@ from kb.core.profile.reddit import Links
 from kb.reddit.connector.ids import Released, WantedThings
 from kb.reddit.dumps.cursor import KIND
 from kb.reddit.parse import answers as parse
-from kb.reddit.parse.assemble import assemble, newest_of
-from kb.reddit.parse.comment_counts import counted
+from kb.reddit.parse.assemble import assemble, newest_of, with_counts
 from kb.reddit.parse.tree import depths
 from kb.schema.tables import Table
 from kb.store import rawlog
@@ -157,7 +156,7 @@ def _with_counts(rows: dict[str, pa.Table]) -> dict[str, pa.Table]:
     known = depths(zip(keys, comments["parent_id"].to_pylist(), strict=True))
     computed = pa.array([known.get(key) for key in keys], pa.int64())
     comments = _put(comments, "depth", pc.coalesce(comments["depth"], computed))
-    return counted({**rows, "reddit/comments": comments})
+    return with_counts({**rows, "reddit/comments": comments})
 
 
 def _read(path: Path) -> pa.Table:

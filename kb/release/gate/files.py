@@ -1,4 +1,4 @@
-"""Checks the files of a release folder: only declared ones, SHA256SUMS, and the wiki's archives.
+"""Checks the files of a release folder: only declared ones, SHA256SUMS, and archives.
 
 Tables and the index of the archives are joined in DuckDB, so memory does not grow with the number
 of images.
@@ -13,17 +13,16 @@ import duckdb
 
 from kb.artifacts import release_folder
 from kb.artifacts.release_folder import INDEX, ReleaseFolder
+from kb.core.sources import RELEASES, exported_by
 from kb.release.folders import is_made, strays
 from kb.release.gate.problem import GateProblem, damaged
 from kb.release.gate.tables import numbered
 from kb.store import database
 from kb.store.digests import SUMS, digest
 
-_RERUN = "run `kb wiki export` again"
 _COLUMNS = (
     "{tar: 'VARCHAR', member: 'VARCHAR', \"offset\": 'BIGINT', size: 'BIGINT', sha256: 'VARCHAR'}"
 )
-_PATHS = (("pages", "screenshot_path"), ("images", "path"))
 
 
 def check_layout(folder: ReleaseFolder) -> list[GateProblem]:
@@ -73,17 +72,21 @@ def check_sums(
 
 def check_archives(folder: ReleaseFolder) -> list[GateProblem]:
     """Problems of tar files, and rows whose file is in none of them; nothing for most sources."""
-    if folder.source != "wiki":
+    source, spec = folder.source, RELEASES[folder.source]
+    if not spec.archives:
         return []
+    rerun = f"run `{exported_by(source)}` again"
     tars = {path.name: path.stat().st_size for path in folder.others if path.suffix == ".tar"}
     problems = [
-        GateProblem("damaged", f"wiki/{kind}", f"archives are missing or of two exports; {_RERUN}")
-        for kind in ("screenshots", "images")
+        GateProblem(
+            "damaged", f"{source}/{kind}", f"archives are missing or of two exports; {rerun}"
+        )
+        for kind in spec.archives
         if not numbered([name for name in tars if name.startswith(kind)], kind, "tar")
     ]
     index = folder.path / INDEX
     if not index.is_file():
-        return [*problems, GateProblem("damaged", f"wiki/{INDEX}", f"is missing; {_RERUN}")]
+        return [*problems, GateProblem("damaged", f"{source}/{INDEX}", f"is missing; {rerun}")]
     with database.asking() as con:
         con.execute("CREATE TEMP TABLE tars (tar VARCHAR, bytes BIGINT)")
         if tars:
@@ -99,16 +102,16 @@ def check_archives(folder: ReleaseFolder) -> list[GateProblem]:
                 ' WHERE coalesce(bytes, 0) < "offset" + size GROUP BY 1 ORDER BY 1'
             ).fetchall()
         except duckdb.Error as error:
-            return [*problems, damaged(f"wiki/{INDEX}", error, _RERUN)]
+            return [*problems, damaged(f"{source}/{INDEX}", error, rerun)]
         for tar, files in cut:
             what = (
                 f"is cut off: {files:,} of its files end beyond it"
                 if tar in tars
                 else f"is missing; {INDEX} names {files:,} files in it"
             )
-            problems.append(GateProblem("damaged", f"wiki/{tar}", f"{what}; {_RERUN}"))
+            problems.append(GateProblem("damaged", f"{source}/{tar}", f"{what}; {rerun}"))
         for part in folder.parts:
-            for column in (column for short, column in _PATHS if short == part.table.short):
+            for column in (column for short, column in spec.paths if short == part.table.short):
                 missing = (
                     f"SELECT count(*) FROM read_parquet(?) WHERE {column} NOT IN (SELECT tar"
                     " || '/' || member FROM members)"
@@ -116,6 +119,6 @@ def check_archives(folder: ReleaseFolder) -> list[GateProblem]:
                 shards = [str(shard) for shard in part.shards]
                 ((rows,),) = con.execute(missing, [shards]).fetchall()
                 if rows:
-                    what = f"{rows:,} rows name a file in {column} that is in no archive; {_RERUN}"
-                    problems.append(GateProblem("damaged", f"wiki/{part.table.short}", what))
+                    what = f"{rows:,} rows name a file in {column} that is in no archive; {rerun}"
+                    problems.append(GateProblem("damaged", f"{source}/{part.table.short}", what))
     return problems

@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 
 from kb.artifacts.release_folder import TOMBSTONES, ReleasedTable, ReleaseFolder
 from kb.core.errors import DamagedData
+from kb.core.sources import RELEASES
 from kb.release.folders import samples
 from kb.release.gate.problem import GateProblem, damaged
 from kb.schema import Table, table
@@ -22,7 +23,7 @@ from kb.schema.tables import Column
 from kb.store import database, parquet
 from kb.store.reading import scan
 
-_LONGEST_ID = 16  # of Reddit's ids, types and full names; anything longer is content
+_LONGEST_ID = 16  # characters of ids, types and full names; anything longer is content
 
 
 def check(folder: ReleaseFolder) -> tuple[list[GateProblem], list[ReleasedTable]]:
@@ -145,7 +146,7 @@ def _values(
     source: str,
 ) -> list[GateProblem]:
     """The first invalid value of each column, in one query; it may be content and is not shown."""
-    ids_only = source == "reddit" and declared.source == source
+    ids_only = RELEASES[source].ids_only and declared.source == source
     rules = [(column, *rule) for column in columns for rule in _rules(column, ids_only=ids_only)]
     if not rules:
         return []
@@ -169,8 +170,8 @@ def _rules(column: Column, *, ids_only: bool) -> list[tuple[str, str, str]]:
     if column.type != "string":
         return rules
     if ids_only:
-        # No text of a released Reddit table may be longer than an id or hold an address, whatever
-        # its column says.
+        # No text of such a table may be longer than an id or hold an address, whatever its column
+        # says.
         invalid = f"length({name}) > {_LONGEST_ID} OR regexp_matches({name}, '[\\s/@]')"
         rules.append(("content", invalid, "has text that is not an id"))
     if column.values:

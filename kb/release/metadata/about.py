@@ -10,10 +10,12 @@ from __future__ import annotations
 import functools
 import tomllib
 from collections.abc import Callable
+from pathlib import Path
 
 import msgspec
 
 from kb.core.profile import Profile
+from kb.core.sources import SPECS
 from kb.release.metadata.text import ENVIRONMENT, TEMPLATES, line
 
 
@@ -55,6 +57,8 @@ def about(profile: Profile, source: str, show: Callable[[str], str] = line) -> A
 @functools.cache
 def _neutral(source: str, topic: str) -> About:
     path = TEMPLATES / "about" / f"{source}.toml"
+    if not path.is_file():  # a source may bring its own
+        path = Path(SPECS[source].load(".spec").__file__).with_name("about.toml")
     sentences = {
         name: _filled(said, topic)
         for name, said in tomllib.loads(path.read_text(encoding="utf-8")).items()

@@ -17,6 +17,7 @@ from kb import __version__
 from kb.core.context import Run
 from kb.core.installation import install_extra, lock_digest, software, software_address
 from kb.core.licences import licence
+from kb.core.sources import RELEASES
 from kb.release import provenance
 from kb.release.history import Changes
 from kb.release.metadata.about import about
@@ -32,8 +33,6 @@ _SIZES = (
     (10**7, "1M<n<10M"),
     (10**8, "10M<n<100M"),
 )
-_EXTRAS = {"wiki": "wiki", "pairs": "pairs"}  # what the commands of a card need
-_MAIN = ("videos", "pages", "posts", "pairs", "links")  # what a reader means who names no table
 
 
 def card(run: Run, facts: Facts, changed: Changes) -> str:
@@ -115,7 +114,7 @@ def _in_markdown(run: Run, facts: Facts) -> dict[str, Any]:
         "facts": facts,
         "law": licence(facts.licence),
         "note": SANDBOX_NOTE,
-        "install": install_extra(_EXTRAS.get(facts.source, "")),
+        "install": install_extra(RELEASES[facts.source].extra),
         "release": section,
         "software": software(),
         "address": software_address(),
@@ -129,4 +128,4 @@ def _search_words(run: Run, facts: Facts) -> list[str]:
 
 
 def _is_main(table: TableFacts) -> bool:
-    return table.table.short in _MAIN
+    return table.table.short == RELEASES[table.table.source].main

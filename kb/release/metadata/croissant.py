@@ -12,6 +12,7 @@ from typing import Any
 
 from kb.core.context import Run
 from kb.core.licences import licence
+from kb.core.sources import RELEASES
 from kb.release.metadata.about import about
 from kb.release.metadata.card import bibtex
 from kb.release.metadata.facts import DataFile, Facts, TableFacts
@@ -101,7 +102,7 @@ def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
     fields = {
         "rai:dataCollection": said.collection,
         "rai:dataCollectionType": ["Web API", "Web scraping"]
-        if facts.source in ("youtube", "wiki", "links")
+        if RELEASES[facts.source].scraped
         else ["Web API"],
         "rai:dataCollectionRawData": said.raw,
         "rai:dataCollectionMissingData": said.absent,

@@ -7,6 +7,8 @@ from __future__ import annotations
 from duckdb import DuckDBPyConnection
 
 from kb.artifacts.release_folder import ReleaseFolder
+from kb.core.source_spec import load_name
+from kb.core.sources import RELEASES
 from kb.store.reading import scan
 
 # The longest chain of comments that can be walked from a post, each by its parent.
@@ -21,11 +23,12 @@ _WALK = """
 
 def gaps(con: DuckDBPyConnection, folder: ReleaseFolder) -> tuple[str, ...]:
     """One sentence a gap, of tables that say of themselves what is not in them."""
-    checks = {"reddit": (_threads, _unread), "youtube": (_views,)}.get(folder.source, ())
+    checks = map(load_name, RELEASES[folder.source].gaps)
     return tuple(sentence for check in checks if (sentence := check(con, folder)))
 
 
-def _views(con: DuckDBPyConnection, folder: ReleaseFolder) -> str:
+def views(con: DuckDBPyConnection, folder: ReleaseFolder) -> str:
+    """How views were counted."""
     scan = _scan(folder, "videos")
     if not scan:
         return ""
@@ -45,7 +48,8 @@ def _views(con: DuckDBPyConnection, folder: ReleaseFolder) -> str:
     return f"Views (`view_rule`): {', '.join(parts)}{mixed}."
 
 
-def _threads(con: DuckDBPyConnection, folder: ReleaseFolder) -> str:
+def threads(con: DuckDBPyConnection, folder: ReleaseFolder) -> str:
+    """Comments whose parent was left out."""
     scan = _scan(folder, "comments")
     if not scan:
         return ""
@@ -64,7 +68,8 @@ def _threads(con: DuckDBPyConnection, folder: ReleaseFolder) -> str:
     )
 
 
-def _unread(con: DuckDBPyConnection, folder: ReleaseFolder) -> str:
+def unread(con: DuckDBPyConnection, folder: ReleaseFolder) -> str:
+    """Comments that were never read."""
     scan = _scan(folder, "posts")
     if not scan:
         return ""

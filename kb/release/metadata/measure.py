@@ -17,7 +17,7 @@ from kb.artifacts import manifest
 from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.core.context import Run
 from kb.core.licences import KNOWN
-from kb.core.sources import made_of
+from kb.core.sources import RELEASES, made_of
 from kb.release.gate.personal import personal_counts
 from kb.release.metadata.facts import ColumnFacts, DataFile, Facts, TableFacts
 from kb.release.metadata.gaps import gaps
@@ -55,7 +55,7 @@ def _facts(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> Facts:
             DataFile(path.name, path.stat().st_size, None, digest(path)) for path in folder.others
         ),
         licence=_choose(con, run, folder),
-        licences=_licences(con, folder, *(("pages", "images") if folder.source == "wiki" else ())),
+        licences=_licences(con, folder, *RELEASES[folder.source].licensed),
         read=read,
         made=made,
         rejected=_rejected(con, run.root, folder.source),
@@ -80,8 +80,8 @@ def page_licences(folder: ReleaseFolder) -> tuple[list[str], int]:
     """
     named: dict[str | None, int] = {}
     with database.asking() as con:
-        for part in folder.parts if folder.source == "wiki" else ():
-            if part.table.short == "pages":
+        for part in folder.parts if RELEASES[folder.source].licensed else ():
+            if part.table.short == RELEASES[folder.source].main:
                 files = [str(shard) for shard in part.shards]
                 named = dict(
                     con.execute(
@@ -136,8 +136,9 @@ def _built(run: Run, *spans: tuple[datetime, datetime] | None) -> datetime:
 
 def _choose(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> str:
     """The wiki's own licence where its pages name one that is known, else the profile's."""
-    if folder.source == "wiki":
-        named = [name for name, _ in _licences(con, folder, "pages") if name in KNOWN]
+    spec = RELEASES[folder.source]
+    if spec.licensed:
+        named = [name for name, _ in _licences(con, folder, spec.main) if name in KNOWN]
         if named:
             return named[0]
     given = run.profile.release.licenses
