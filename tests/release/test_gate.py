@@ -134,7 +134,7 @@ def test_content_hidden_in_a_released_column_of_reddit(tmp_path: Path, text: str
         tmp_path, changed("reddit/comments", lambda row: row.update(score_source=text)), ("reddit",)
     )
     assert (
-        "content: reddit/comments-00000-of-00001.parquet: column score_source has text"
+        "content: reddit/comments-00000-of-00001.parquet: column score_source contains text"
         " that is not an id"
     ) in refused(tmp_path)
 
@@ -257,7 +257,7 @@ def test_wiki_under_a_licence_that_no_release_can_carry(tmp_path: Path) -> None:
     (line,) = refused(tmp_path, profile=profile)
     assert line.startswith(
         "licence: wiki/LICENSE: the pages name https://wiki.example.org/terms,"
-        " which a release can't carry"
+        " which is not a licence that a release can use"
     )
 
 
@@ -290,7 +290,7 @@ def test_undeclared_files(tmp_path: Path, source: str, name: str) -> None:
     build(tmp_path, sources=(source,))
     (tmp_path / "release" / source / name).write_text("text")
     assert refused(tmp_path) == [
-        (f"undeclared file: {source}/{name}: was not written by an export or a release; remove it")
+        f"undeclared file: {source}/{name}: is not part of a release; remove it"
     ]
 
 
@@ -302,7 +302,7 @@ def test_links_are_not_followed(tmp_path: Path) -> None:
             tmp_path / ("nowhere" if name == "DATASHEET.md" else "outside")
         )
     assert refused(tmp_path) == [
-        f"undeclared file: youtube/{name}: is a link; a release has files of its own"
+        f"undeclared file: youtube/{name}: is a link; a release needs real files"
         for name in ("DATASHEET.md", "README.md", "extra.txt")
     ]
 
@@ -319,10 +319,13 @@ def test_sample_in_json_with_content(tmp_path: Path) -> None:
             {"post_id": "somebody wrote this"},
             "content: {}: column post_id has text that is not an id",
         ),
-        ({"type": "poem"}, "content: {}: column type has values other than "),
-        ({"score": "many"}, "undescribed: {}: column score has values that are not int64"),
+        ({"type": "poem"}, "content: {}: column type contains other values than "),
+        ({"score": "many"}, "undescribed: {}: column score contains other values than int64"),
         ({"post_id": None}, "null: {}: column post_id has rows without a value"),
-        ({"created_utc": "soon"}, "undescribed: {}: column created_utc has values that are not "),
+        (
+            {"created_utc": "soon"},
+            "undescribed: {}: column created_utc contains other values than ",
+        ),
     ):
         path.write_text(json.dumps([rows[0] | edit, *rows[1:]]))
         wanted = line.format("reddit/posts.sample.json")
@@ -435,7 +438,7 @@ def test_a_name_where_reddit_has_words_and_ids(
     where = f"reddit/{table}-00000-of-00001.parquet"
     rewritten(tmp_path / "release" / where, lambda rows: with_first(rows, column, text))
     (line,) = refused(tmp_path)
-    assert line.startswith(f"content: {where}: column {column} has ")
+    assert line.startswith(f"content: {where}: column {column} contains ")
     assert text not in line
 
 

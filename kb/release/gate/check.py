@@ -78,7 +78,7 @@ def _licence(run: Run, folder: ReleaseFolder) -> list[GateProblem]:
     foreign = [name for name in named if name not in KNOWN]
     if foreign:
         what = (
-            f"the pages name {', '.join(foreign[:3])}, which a release can't carry"
+            f"the pages name {', '.join(foreign[:3])}, which is not a licence that a release can use"
             f" (known: {', '.join(sorted(KNOWN))}); release the other folders with --only"
         )
         return [GateProblem("licence", where, what)]

@@ -93,7 +93,7 @@ def _json(path: Path, declared: Table, source: str) -> list[GateProblem]:
         try:
             arrays[field.name] = _array([row.get(field.name) for row in rows], field.type)
         except (pa.ArrowException, ValueError, TypeError):
-            what = f"column {field.name} has values that are not {known[field.name].type}"
+            what = f"column {field.name} contains other values than {known[field.name].type}"
             problems.append(GateProblem("undescribed", where, what))
     with database.asking() as con:
         con.register("rows", pa.table(arrays))
@@ -173,14 +173,14 @@ def _rules(column: Column, *, ids_only: bool) -> list[tuple[str, str, str]]:
         # No text of such a table may be longer than an id or hold an address, whatever its column
         # says.
         invalid = f"length({name}) > {_LONGEST_ID} OR regexp_matches({name}, '[\\s/@]')"
-        rules.append(("content", invalid, "has text that is not an id"))
+        rules.append(("content", invalid, "contains text that is not an id"))
     if column.values:
         allowed = ", ".join(_quoted(value) for value in column.values)
-        what = f"has values other than {', '.join(column.values)}"
+        what = f"contains other values than {', '.join(column.values)}"
         rules.append(("content", f"{name} NOT IN ({allowed})", what))
     if column.pattern:
         invalid = f"NOT regexp_full_match({name}, {_quoted(column.pattern)})"
-        rules.append(("content", invalid, f"has values that do not match {column.pattern}"))
+        rules.append(("content", invalid, f"contains other values than {column.pattern}"))
     return rules
 
 
