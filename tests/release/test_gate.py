@@ -317,7 +317,7 @@ def test_sample_in_json_with_content(tmp_path: Path) -> None:
         ({"mood": "x"}, "undescribed: {}: column mood is not described in schemas/"),
         (
             {"post_id": "somebody wrote this"},
-            "content: {}: column post_id has text that is not an id",
+            "content: {}: column post_id contains text that is not an id",
         ),
         ({"type": "poem"}, "content: {}: column type contains other values than "),
         ({"score": "many"}, "undescribed: {}: column score contains other values than int64"),

@@ -78,8 +78,8 @@ def _licence(run: Run, folder: ReleaseFolder) -> list[GateProblem]:
     foreign = [name for name in named if name not in KNOWN]
     if foreign:
         what = (
-            f"the pages name {', '.join(foreign[:3])}, which is not a licence that a release can use"
-            f" (known: {', '.join(sorted(KNOWN))}); release the other folders with --only"
+            f"the pages name {', '.join(foreign[:3])}, which is not a licence that a release can"
+            f" use (known: {', '.join(sorted(KNOWN))}); release the other folders with --only"
         )
         return [GateProblem("licence", where, what)]
     problems = []

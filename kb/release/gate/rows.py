@@ -12,7 +12,7 @@ import duckdb
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from kb.artifacts import linked, manifest
+from kb.artifacts import manifest, texts
 from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.core import clock
 from kb.core.context import Run
@@ -36,7 +36,7 @@ def check(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) -> lis
             what = "are older than clean/{}, and may name dropped rows; run `kb links`"
             problems += [
                 GateProblem("rows", "links", what.format(one))
-                for one in linked.older_than(run.root)
+                for one in texts.changed(run.root, "links")
             ]
         problems += _unscored(run, folder, readable)
     exported = {part.table.name for part in folder.parts}
