@@ -20,16 +20,12 @@ import msgspec
 
 from kb.artifacts.catalog import Catalog
 from kb.core.errors import DamagedData
+from kb.core.sources import SPECS
 from kb.store import notes, parquet
 from kb.store.atomic import followed, write_bytes
 from kb.store.digests import digest
 from kb.store.layout import Layout
 
-TABLES = {
-    "youtube": ("videos", "transcripts"),
-    "wiki": ("pages", "elements", "cells", "images"),
-    "reddit": ("posts", "comments"),
-}
 NAME = "note.json"
 CHANGED = "can't be read: its bytes are not those that were written"
 FOREIGN = "no command has written it"
@@ -68,7 +64,7 @@ def files(root: Path, source: str) -> dict[str, Path]:
     held = Catalog(root.absolute())
     return {
         f"{table}/{path.name}": path
-        for table in TABLES[source]
+        for table in SPECS[source].indexed
         for path in held.texts(f"{source}/{table}")
     }
 

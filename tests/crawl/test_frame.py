@@ -35,8 +35,8 @@ from kb.store import rawlog
 from kb.store.frontier import Frontier, Item
 from kb.store.rawlog import Envelope
 from tests import processes
-from tests.crawl.feed import NOTES, PAGES, Feed
-from tests.crawl.service import Service, serving
+from tests.fourth.feed.connector import NOTES, PAGES, Feed
+from tests.fourth.service import Service, serving
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -66,7 +66,7 @@ def summary(session: CrawlSession, loop: Loop) -> Summary:
 
 def crawl(run: Run, service: Service) -> Summary:
     """One run of the feed's crawl."""
-    return work(run, Feed(run.settings, service.root), summary)
+    return work(run, Feed(run, service.root), summary)
 
 
 def texts(root: Path) -> list[str]:
@@ -295,7 +295,7 @@ def test_a_lane_waits_for_one_that_sleeps(
         service.fault = lambda path: None
 
     monkeypatch.setattr(clock, "sleep_until", wake_up)
-    feed = Feed(run.settings, service.root)
+    feed = Feed(run, service.root)
     feed.phases = (PAGES, replace(NOTES, lane="notes"))
     done = work(replace(run, wait=True), feed, summary)
     assert done == {"notes": 10, "failed": 0, "left": 0}
@@ -311,7 +311,7 @@ def wait_until(what: Callable[[], bool], seconds: float = 1.0) -> None:
 def test_one_writer_and_one_feed_a_root(run: Run, service: Service) -> None:
     crawl(run, service)
     with (
-        open_session(run, Feed(run.settings, service.root)),
+        open_session(run, Feed(run, service.root)),
         pytest.raises(WriterLocked, match="pid"),
     ):
         crawl(run, service)
