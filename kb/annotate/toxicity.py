@@ -173,7 +173,7 @@ class ToxicityScorer:
                 signals.stop.check()
         if chunks.limited:
             raise LimitReached(
-                f"--limit: {scored} texts scored", hint="run the same command again to go on"
+                f"--limit: {scored} texts scored", hint="run the same command to resume"
             )
         return AnnotationCounts(chunks.texts, scored, chunks.texts - scored, again)
 

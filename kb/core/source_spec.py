@@ -133,7 +133,7 @@ class SourceSpec:
     """One source of Lorecrawl. Names of code are "module:attribute", relative to `package` when
     they begin with a dot.
 
-    name            the folders raw/<name>, clean/<name> … and the commands `kb <name> …`
+    name            the folders raw/<name>, clean/<name> … and its commands
     package         the package of its modules
     help            one line for `kb --help`
     tables          tables that a filter sorts → what their keys begin with in rejected, failed
@@ -162,8 +162,8 @@ class SourceSpec:
     files           folders below raw/<name> with captured files
     agent           what `kb mcp` reads
     restored        tables that `kb restore` brings back
-    annotate_help   help of `kb annotate <name>`
-    purge_help      help of `kb purge <name>`
+    annotate_help   help of `kb annotate <source>`
+    purge_help      help of `kb purge <source>`
     """
 
     name: str

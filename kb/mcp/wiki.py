@@ -7,29 +7,30 @@ from typing import Any
 from urllib.parse import SplitResult, urlunsplit
 
 from kb.core.errors import UsageError
-from kb.mcp.around import Piece, Whole, first_row, outward
-from kb.mcp.found import revision
-from kb.mcp.places import SourceLocation, anchor
-from kb.reader.opened import OpenTables
+from kb.mcp.read_tool import AgentDocument, DocumentPart, first_row, outward
+from kb.mcp.references import SourceLocation, anchor
+from kb.mcp.search_tool import revision
+from kb.reader.open_tables import OpenTables
 from kb.search.passage import plain
 from kb.search.wiki_passages import grid, link, sections
 
 
-def of_link(url: SplitResult, query: Mapping[str, list[str]]) -> SourceLocation | None:
-    """The page, and the section, that a URL names; its revision is left out."""
+def from_link(url: SplitResult, query: Mapping[str, list[str]]) -> SourceLocation | None:
+    """The page and section that a URL names, without its revision."""
     kept = "&".join(one for one in url.query.split("&") if not one.startswith("oldid="))
     page = urlunsplit(url._replace(query=kept, fragment=""))
     return SourceLocation("wiki", page, url.fragment)
 
 
-def around(opened: OpenTables, place: SourceLocation) -> Whole:
+def document(opened: OpenTables, place: SourceLocation) -> AgentDocument:
+    """The page of a place. Raises UsageError if the page or section is unknown."""
     by_key = place.key.isdecimal() and len(place.key) < 19
     if by_key:
         row = first_row(opened, "wiki_pages", "page_id = ?", [int(place.key)])
     else:
         row = first_row(opened, "wiki_pages", "url = ? OR title = ?", [place.key] * 2)
     if row is None:
-        raise UsageError(f"no page {place.key[:200]!r} here", hint="`search` gives refs")
+        raise UsageError(f"unknown page {place.key[:200]!r}", hint="`search` returns refs")
     key = row["page_id"]
 
     def rows(short: str, order: str) -> list[dict[str, Any]]:
@@ -40,7 +41,7 @@ def around(opened: OpenTables, place: SourceLocation) -> Whole:
 
     tables = grid(rows("cells", "table_id, row_index, column_index"))
     alts = {one["element_id"]: plain(one["alt_text"]).strip() for one in rows("images", "ALL")}
-    pieces: list[Piece] = []
+    parts: list[DocumentPart] = []
     centre = -1
     for section in sections(rows("elements", "reading_order"), tables, alts):
         lines = [
@@ -53,18 +54,18 @@ def around(opened: OpenTables, place: SourceLocation) -> Whole:
         url = link(row["url"], row["revision_id"], section.anchor)
         at = url.partition("#")[2]
         if centre < 0 and anchor(at) == anchor(place.at):
-            centre = len(pieces)
+            centre = len(parts)
         text = "\n\n".join([*([section.path] if section.path else []), *lines])
         label = "section" if section.anchor else "top of the page"
-        pieces.append(Piece(SourceLocation("wiki", str(key), at), label, url, text))
+        parts.append(DocumentPart(SourceLocation("wiki", str(key), at), label, url, text))
     if centre < 0 and place.at:
         raise UsageError(
             f"the page {key} has no section {anchor(place.at)[:200]!r}",
-            hint=f"read wiki:{key} for its beginning; it may have been another revision's",
+            hint=f"read wiki:{key}; the section may belong to another revision",
         )
     url = link(row["url"], row["revision_id"], "")
     facts = (
         f"wiki page · {row['revision_timestamp'].date()} · {revision(url)} ·"
         f" licence {row.get('license') or 'none given'} · {url}"
     )
-    return Whole(facts, plain(row["title"]), pieces, outward(max(centre, 0), len(pieces)))
+    return AgentDocument(facts, plain(row["title"]), parts, outward(max(centre, 0), len(parts)))

@@ -67,8 +67,8 @@ SPEC = SourceSpec(
     ),
     agent=AgentSpec(
         time=("created_utc", "written"),
-        reader="kb.mcp.reddit:around",
-        link="kb.mcp.reddit:of_link",
+        reader="kb.mcp.reddit:document",
+        link="kb.mcp.reddit:from_link",
         ref="reddit:POST/COMMENT",
         between="/",
         hosts=(".reddit.com",),
@@ -83,7 +83,7 @@ SPEC = SourceSpec(
         ),
     ),
     purge_help=CommandHelp(
-        "Remove posts and comments that were deleted or removed, or are named, and remember them.",
+        "Remove posts and comments that were deleted or are named, and never collect them again.",
         ("kb purge reddit", "kb purge reddit --ids requests.txt"),
     ),
 )

@@ -67,8 +67,8 @@ SPEC = SourceSpec(
     ),
     agent=AgentSpec(
         time=("revision_timestamp", "last edited"),
-        reader="kb.mcp.wiki:around",
-        link="kb.mcp.wiki:of_link",
+        reader="kb.mcp.wiki:document",
+        link="kb.mcp.wiki:from_link",
         ref="wiki:PAGE#Section",
         between="#",
     ),
@@ -77,10 +77,10 @@ SPEC = SourceSpec(
         ("kb annotate wiki                        each page's visible text",),
     ),
     purge_help=CommandHelp(
-        """Remove pages that the wiki deleted, or that are named, everywhere, and remember them.
+        """Remove pages that the wiki deleted or that are named, and never collect them again.
 
-    The file names pages by id, title or address, a line each, or is MineDojo's JSON. Names that
-    nothing here bears are counted as unknown, and kept away from later crawls.
+    The file names pages by id, title or URL, one per line, or is MineDojo's JSON. Names that match
+    nothing are counted as unknown, and are skipped by later crawls.
     """,
         ("kb purge wiki --ids pages.txt",),
     ),

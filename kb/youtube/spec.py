@@ -14,7 +14,7 @@ from kb.core.source_spec import (
 SPEC = SourceSpec(
     name="youtube",
     package=__package__,
-    help="Channels, videos and transcripts: crawl, filter, export.",
+    help="Videos and transcripts: crawl, import, filter, export.",
     tables={"videos": ""},
     nouns={
         "searches": "searches",  # pages of channel searches
@@ -76,8 +76,8 @@ SPEC = SourceSpec(
     ),
     agent=AgentSpec(
         time=("published_at", "published"),
-        reader="kb.mcp.youtube:around",
-        link="kb.mcp.youtube:of_link",
+        reader="kb.mcp.youtube:document",
+        link="kb.mcp.youtube:from_link",
         ref="youtube:VIDEO@61",
         between="@",
         hosts=(".youtube.com",),
@@ -87,7 +87,7 @@ SPEC = SourceSpec(
         ("kb annotate youtube                     titles and descriptions",),
     ),
     purge_help=CommandHelp(
-        "Remove videos that vanished from YouTube, or are named, everywhere, and remember them.",
+        "Remove videos that are gone from YouTube or are named, and never collect them again.",
         (
             "kb purge youtube",
             "kb purge youtube --ids gone.txt",

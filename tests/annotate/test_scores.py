@@ -10,11 +10,11 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from kb.store.purge import drop_annotations
 
 from kb.annotate.scores import Scores, text_hashes
 from kb.annotate.toxicity import ToxicityScorer
 from kb.core.errors import DamagedData
-from kb.store.purge import drop_annotations
 
 TEXT = st.text(st.characters(exclude_categories=("Cs",)), max_size=60)
 TEXTS = ["How to build a house", "you are a stupid idiot", "a", "damn good tutorial", "x " * 300]

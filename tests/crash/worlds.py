@@ -203,7 +203,7 @@ class Worlds:
             ("profile", "new", "ferns", "--out=data/ferns"),
             ("empty",),
             ("ferns",),
-            finished="is there already",
+            finished="already exists",
         )
 
     def _with_workers(self) -> Iterator[Case]:

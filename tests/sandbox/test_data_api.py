@@ -10,12 +10,11 @@ import pytest
 from googleapiclient.errors import HttpError
 
 from kb.sandbox.server import Sandbox
-from kb.sandbox.youtube import errors
+from kb.sandbox.youtube import resources as errors
 from tests.sandbox.conftest import make_client
 from tests.sandbox.domains import of_case
 
 PARTS = {
-    "channels": "snippet,contentDetails,statistics,brandingSettings",
     "playlistItems": "snippet",
     "videos": "snippet,contentDetails,status,statistics",
 }
@@ -254,12 +253,6 @@ GONE = {
             "search",
             {"q": "Minecraft", "type": "channel", "part": "snippet", "maxResults": 3},
         ),
-        ("channels/info_multiple.json", "channels", {"part": PARTS["channels"]}),
-        (
-            "playlists/playlist_api_response.json",
-            "playlists",
-            {"part": "snippet,status,contentDetails"},
-        ),
         (
             "playlist_items/playlist_items_paged_1.json",
             "playlistItems",
@@ -274,8 +267,6 @@ def test_answers_have_the_recorded_form(
 ) -> None:
     channel = services.world.youtube.channels[0]
     more = {
-        "channels": {"id": channel.id},
-        "playlists": {"channelId": channel.id},
         "playlistItems": {"playlistId": channel.uploads},
     }
     one = of_case(services.world.youtube, "manual")[0]

@@ -151,12 +151,12 @@ def _import(run: Run, jobs: list[ImportJob]) -> None:
             if run.limit and fresh >= run.limit:
                 raise LimitReached(
                     f"imported {run.limit} posts and comments (--limit {run.limit})",
-                    hint="run the same command to continue",
+                    hint="run the same command to resume",
                 )
         if len(done) < len(jobs) or not all(cursor.done for cursor in done):
             raise Interrupted(
                 f"stopped by {signals.stop.name or 'a signal'}",
-                hint="run the same command to continue",
+                hint="run the same command to resume",
             )
 
 

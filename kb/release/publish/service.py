@@ -27,7 +27,7 @@ TRIES = 5
 TIMEOUT_S = (10.0, 300.0)  # seconds to connect, and between two bytes of an answer
 LONGEST_WAIT = 120  # seconds that a limit may ask for before the run stops instead
 LONGEST_LIMIT = 366 * 86_400  # seconds: what asks for more is no time to come back at
-_GO_ON = "the same command goes on where it stopped"
+_GO_ON = "the same command resumes"
 _SCOPES = "it needs the scopes deposit:write and deposit:actions; the sandbox has tokens of its own"
 
 

@@ -156,7 +156,7 @@ def refresh(run: Run, older_than: int | None = None) -> Summary:
     videos are gone.
 
     With `older_than` also the counts that are older than so many days (0: all of them). What it
-    found due is kept until it is read, so the same command goes on where it stopped. One unit for
+    found due is kept until it is read, so the same command resumes. One unit for
     50 videos. Raises Stopped with `summary` when something is left.
     """
     source = YouTubeRefresh(run, older_than)

@@ -105,7 +105,7 @@ class _Import:
                     if self._run.limit and self.counts["imported_files"] >= self._run.limit:
                         raise LimitReached(
                             f"--limit {self._run.limit} reached",
-                            hint="run the same command to go on",
+                            hint="run the same command to resume",
                         )
             finally:
                 self._flush(at_least=1)
