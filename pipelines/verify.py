@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from kb.artifacts.build import clear_finished
 from kb.artifacts.purge import connector
 from kb.core.context import Run
 from kb.core.errors import DamagedData
@@ -20,7 +21,7 @@ from kb.crawl.job import crawl_source
 from kb.crawl.session import open_session
 from kb.export import layouts
 from kb.filters.clean import run_clean
-from kb.pairs.build import build, clear_finished
+from kb.pairs.build import build
 from kb.release.build import release
 from kb.search.build import follow
 from kb.store import mending
@@ -48,7 +49,7 @@ def steps(run: Run) -> Iterator[Step]:
         clean = partial(run_clean, run, source)
         yield Make("clean", f"kb {source} filter", clean, (at.clean(source),), after=source)
     yield Make("pairs", "kb pairs --again", partial(build, again), (at.pairs,))
-    clear_finished(run.root)
+    clear_finished(run.root, "pairs")
     links = partial(load(str(locate("links"))).tables, again)
     yield Make("links", "kb links --again", links, (at.links,))
     for source in SOURCES:
