@@ -91,7 +91,7 @@ def path(root: Path, name: str) -> Path:
 def read(root: Path, name: str) -> Manifest | None:
     """The manifest of an artifact; None where it was never made. Raises DamagedData."""
     artifact, place = ARTIFACTS[name], path(root, name)
-    found: Manifest | None = notes.read(place, Manifest, mend=artifact.hint)
+    found: Manifest | None = notes.read(place, Manifest, fix=artifact.hint)
     return _from_older_notes(root, artifact) if found is None else found
 
 
@@ -343,13 +343,13 @@ def _from_older_notes(root: Path, artifact: Artifact) -> Manifest | None:
     figures: dict[str, Any] = {}
     if kind == "clean":
         named: dict[str, list[str]] | None
-        named = notes.read(folder / "files.json", dict[str, list[str]], mend=artifact.hint)
+        named = notes.read(folder / "files.json", dict[str, list[str]], fix=artifact.hint)
         if named is None and not (folder / "summary.json").is_file():
             return None
         for table, names in (named or {}).items():
             files.update({f"{table}/{one}": FileEntry() for one in names})
         with contextlib.suppress(DamagedData):
-            noted = notes.read(folder / "inputs.json", dict[str, str], mend="") or {}
+            noted = notes.read(folder / "inputs.json", dict[str, str], fix="") or {}
             inputs[f"raw/{source}"] = noted.get("raw", "")
     elif kind == "release":
         place = Layout(root).state_folder() / f"release-{source}.exported"
@@ -357,7 +357,7 @@ def _from_older_notes(root: Path, artifact: Artifact) -> Manifest | None:
             return None
         inputs = {artifact.inputs[0]: place.read_text(encoding="utf-8", errors="replace")}
     elif artifact.name in ("pairs", "links"):
-        summary = notes.read(folder / SUMMARY, dict[str, Any], mend=artifact.hint)
+        summary = notes.read(folder / SUMMARY, dict[str, Any], fix=artifact.hint)
         if summary is None:
             return None
         figures = summary

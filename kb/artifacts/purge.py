@@ -199,7 +199,7 @@ def connector(source: str) -> Any:
 def unfinished(root: Path, source: str) -> dict[str, str]:
     """The list of an interrupted purge (key → reason), {} if there is none."""
     hint = f"delete it, then run `kb purge {source}` again"
-    return notes.read(Layout(root).purge(source), dict[str, str], mend=hint) or {}
+    return notes.read(Layout(root).purge(source), dict[str, str], fix=hint) or {}
 
 
 def finish(root: Path, source: str) -> None:

@@ -166,14 +166,14 @@ class FileVerifier:
         what = tables.problem(path, self._look.advance)
         self._look.judged(kind, path, what, advice(path))
 
-    def _json(self, kind: str, path: Path, mend: str) -> None:
+    def _json(self, kind: str, path: Path, fix: str) -> None:
         self._look.advance(path.stat().st_size)
         try:
             json.loads(path.read_bytes())
             what = ""
         except (ValueError, RecursionError) as error:
             what = f"can't be read: {error}"
-        self._look.judged(kind, path, what, mend)
+        self._look.judged(kind, path, what, fix)
 
     def _strange(self, kind: str, path: Path) -> None:
         self._look.foreign(kind, path, "no command has written it", "move it away")
