@@ -18,7 +18,8 @@ from kb.core.profile import Profile
 from kb.core.source_spec import ReportSpec, load_name
 from kb.core.sources import SOURCES, SPECS
 from kb.core.verdict import Summary
-from kb.report.data import ReportData, funnel
+from kb.report.data import ReportData
+from kb.report.figures import funnel
 from kb.report.page import ReportSection, page
 from kb.report.style import Figure, applied
 from kb.schema import table
