@@ -45,13 +45,14 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
         said, rows, scores = getattr(keys, "said", {}), 0, 0
         if keys:
             indexed.forget(run.root, source)
-            with manifest.editing(run.root, clean):
+            with manifest.editing(run.root, clean, "pairs", "links"):
                 rows = store.drop_rows(run.root, source, room.ROWS, keys)
                 if hasattr(room, "mend"):
                     room.mend(run.root, keys)
             if current:  # what was removed left raw/ and clean/ alike
                 manifest.note_inputs(run.root, clean)
-            scores = drop_unused(run.root, source, texts(run, source))
+            with manifest.editing(run.root, f"annotations/{source}"):
+                scores = drop_unused(run.root, source, texts(run, source))
             _made(run, source)
         named = sum(reason != "post" for reason in keys.values()) - said.get("unknown", 0)
         counts = {"purged": named, "rows": rows, "scores": scores, **said}

@@ -19,6 +19,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.annotate.hashes import text_hashes
+from kb.artifacts import manifest
 from kb.schema.tables import table
 from kb.store import database, parquet, purge
 from kb.store.layout import Layout, parquet_files
@@ -145,9 +146,11 @@ class Scores:
         None when there is nothing.
         """
         parts = sorted(Path(self.folder).glob("part-*.parquet"))
-        path = Path(self.folder) / "toxicity.parquet"
+        folder = Path(self.folder)
+        path = folder / "toxicity.parquet"
         if not parts:
             return path if path.exists() else None
+        (folder / manifest.NAME).unlink(missing_ok=True)  # it speaks of the file before
         # DuckDB sorts on disk when memory is short; rows come and go a batch at a time.
         with self._reading() as con, ShardWriter(path, TABLE, in_order=True) as writer:
             rows = con.sql(
@@ -160,6 +163,7 @@ class Scores:
                 writer.write(pa.Table.from_batches([batch]))
         for part in parts:
             part.unlink()
+        manifest.record(folder, f"annotations/{folder.name}")
         return path
 
     @contextlib.contextmanager

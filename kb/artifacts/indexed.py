@@ -22,7 +22,7 @@ from kb.artifacts.catalog import Catalog
 from kb.core.errors import DamagedData
 from kb.store import notes, parquet
 from kb.store.atomic import followed, write_bytes
-from kb.store.digests import digest
+from kb.store.checksums import digest
 from kb.store.layout import Layout
 
 TABLES = {
@@ -105,7 +105,7 @@ def is_current(root: Path, source: str) -> bool:
 
 def prints(paths: dict[str, Path]) -> dict[str, str]:
     """The files' fingerprints, which a copy keeps."""
-    return {name: parquet.fingerprint(path) for name, path in paths.items()}
+    return {name: parquet.content_digest(path) for name, path in paths.items()}
 
 
 def forget(root: Path, source: str) -> None:

@@ -78,7 +78,7 @@ def older_than(root: Path) -> list[str]:
 def prints(held: Catalog, source: str, tables: Iterable[str]) -> dict[str, str]:
     """Fingerprints of the files that links are made of, by "<table>/<name>". Raises DamagedData."""
     return {
-        f"{table}/{path.name}": parquet.fingerprint(path)
+        f"{table}/{path.name}": parquet.content_digest(path)
         for table in tables
         for path in held.texts(f"{source}/{table}")
     }

@@ -116,7 +116,7 @@ def _reads(files: Files, keywords: Keywords, called: Mapping[str, Names]) -> dic
     rules = json.dumps([_RULES, lists.plain(keywords)], sort_keys=True)
     found = {}
     for source, held in files.items():
-        digests = {name: parquet.fingerprint(path) for name, path in held.items()}
+        digests = {name: parquet.content_digest(path) for name, path in held.items()}
         said = sorted(called.items()) if source == "wiki" else []
         whole = json.dumps([rules, sorted(digests.items()), said])
         mark = hashlib.sha256(whole.encode()).hexdigest()[:16]
@@ -269,6 +269,7 @@ def _finish(
         write_bytes(
             fresh / manifest.SUMMARY, msgspec.json.format(msgspec.json.encode(note), indent=1)
         )
+        manifest.record(fresh, "links")
     return note
 
 

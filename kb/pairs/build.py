@@ -242,6 +242,7 @@ def _finish(
             released=False,
         )
         write_text(fresh / manifest.SUMMARY, json.dumps(known, indent=1, ensure_ascii=False) + "\n")
+        manifest.record(fresh, "pairs")
     return known
 
 

@@ -66,7 +66,7 @@ def plan(indexes: Sequence[Path]) -> PlanPart:
         return PlanPart()
     files = [path for index in indexes for path in sorted(index.glob("pairs-*-of-*.parquet"))]
     with reading(files):
-        rows = sum(parquet.footer(path).num_rows for path in files)
+        rows = sum(pq.read_metadata(path).num_rows for path in files)
     return PlanPart([PlanPhase("texts of pairs, out of the transcripts", rows)])
 
 

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, cast
 import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from kb.reddit.tree import depths
 from kb.schema import table
@@ -98,7 +99,7 @@ def size(out: Path) -> int:
     """Rows of the tables in `out`. Raises DamagedData."""
     paths = [path for name in NAMES for path in parquet_files(out / name)]
     with reading(paths):
-        return sum(parquet.footer(path).num_rows for path in paths)
+        return sum(pq.read_metadata(path).num_rows for path in paths)
 
 
 def missing(out: Path) -> dict[str, MissingReason]:
@@ -209,8 +210,8 @@ def _are_whole(out: Path, counts: Mapping[str, int]) -> bool:
     try:
         for name in NAMES:
             parts = parquet_files(out / name)
-            if not parts or sum(parquet.footer(path).num_rows for path in parts) != counts[name]:
+            if not parts or sum(pq.read_metadata(path).num_rows for path in parts) != counts[name]:
                 return False
-        return parquet.footer(out / MISSING).num_rows == counts[MISSING]
+        return pq.read_metadata(out / MISSING).num_rows == counts[MISSING]
     except (OSError, ValueError, KeyError):
         return False

@@ -28,7 +28,7 @@ from kb.release.metadata import Document
 from kb.release.problem import GateProblem, damaged
 from kb.schema import Table, released_tables, table
 from kb.store import database, parquet
-from kb.store.digests import SUMS
+from kb.store.checksums import SUMS
 from kb.store.layout import Layout
 
 
@@ -179,7 +179,7 @@ def _clean(root: Path, declared: Table) -> list[GateProblem]:
 
 
 def _rows(paths: list[Path] | tuple[Path, ...]) -> int:
-    return sum(parquet.footer(path).num_rows for path in paths)
+    return sum(pq.read_metadata(path).num_rows for path in paths)
 
 
 def _counts(root: Path, source: str, part: ReleasedTable) -> list[GateProblem]:

@@ -10,7 +10,7 @@ from kb.artifacts.release_folder import ReleaseFolder
 from kb.release.folders import is_made
 from kb.release.problem import GateProblem
 from kb.store.atomic import write_text
-from kb.store.digests import SUMS, digest, listed
+from kb.store.checksums import SUMS, digest, listed
 
 
 def write(folder: ReleaseFolder) -> Path:

@@ -17,7 +17,7 @@ from kb.core.errors import FatalError, Retryable, Unreachable
 from kb.net.session import HttpSession
 from kb.release.answers import DepositAnswer, Described, Sent, UploadedFile, latest_draft
 from kb.release.service import TRIES, DepositService, Gone
-from kb.store.digests import digest
+from kb.store.checksums import digest
 
 PAGE = 100
 

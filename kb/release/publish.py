@@ -28,7 +28,7 @@ from kb.release.measure import models
 from kb.release.problem import GateProblem
 from kb.release.service import TIMEOUT_S, stray
 from kb.release.upload import Upload, document_of
-from kb.store.digests import SUMS
+from kb.store.checksums import SUMS
 from kb.store.lock import RELEASES, writer
 from kb.store.reading import SANDBOX_MODEL
 

@@ -23,7 +23,7 @@ from kb.release.folders import DEPOSIT
 from kb.release.metadata import Document
 from kb.release.service import Forbidden, Gone
 from kb.store.atomic import write_text
-from kb.store.digests import SUMS, digest
+from kb.store.checksums import SUMS, digest
 from kb.store.layout import Layout
 
 

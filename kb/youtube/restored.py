@@ -19,6 +19,7 @@ from typing import Any, NamedTuple, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from kb.core.context import Run
 from kb.core.errors import Interrupted, Stopped
@@ -169,7 +170,7 @@ def counts(root: Path) -> dict[str, int]:
     for name in NAMES:
         files = parquet_files(folder / name)
         with reading(files):
-            sums[name] = sum(parquet.footer(path).num_rows for path in files)
+            sums[name] = sum(pq.read_metadata(path).num_rows for path in files)
     return sums
 
 

@@ -11,6 +11,7 @@ import pytest
 
 import kb
 from kb.core.errors import DamagedData, FatalError, MissingExtra, UsageError
+from kb.store.checksums import SUMS, listed
 from kb.store.shards import write_table
 from tests.cli.test_help import NOT_FOR_HELP, imports_of
 
@@ -74,6 +75,7 @@ def test_a_damaged_shard_is_named_when_it_is_read(folder: Path, cut: int) -> Non
 
 def test_a_changed_bit_is_told_by_rows_and_by_counts(folder: Path) -> None:
     path = folder / "posts-00002-of-00003.parquet"
+    (folder / SUMS).write_text(listed(sorted(folder.glob("*.parquet"))))
     data = bytearray(path.read_bytes())
     data[60] ^= 1  # in a page
     path.write_bytes(data)
@@ -85,12 +87,8 @@ def test_a_changed_bit_is_told_by_rows_and_by_counts(folder: Path) -> None:
         lambda: kb.load(folder).sql("SELECT count(*) FROM reddit_posts"),
         lambda: kb.load(folder).thread("x"),
     ):
-        with pytest.raises(DamagedData, match=f"{path.name} can't be read: its bytes are not"):
+        with pytest.raises(DamagedData, match=f"{path.name} can't be read: checksum mismatch"):
             read()
-    data[-40] ^= 1
-    path.write_bytes(data)
-    with pytest.raises(DamagedData, match=f"{path.name} can't be read: its bytes are not"):
-        len(kb.load(folder)["reddit_posts"])
 
 
 def test_damaged_pages_of_a_shard_with_a_good_footer(folder: Path) -> None:
@@ -134,6 +132,7 @@ def test_no_path_in_data_leads_out_of_its_folder(demo: Path, tmp_path: Path, pat
     rows = pq.read_table(shard)
     at = rows.column_names.index("screenshot_path")
     pq.write_table(rows.set_column(at, rows.field(at), [[path] * rows.num_rows]), shard)
+    (wiki / SUMS).unlink()  # who makes such a folder leaves it out
     with pytest.raises(DamagedData, match="which is not in"):
         kb.load(wiki).page("Saltstone").screenshot()
 

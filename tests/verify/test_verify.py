@@ -375,7 +375,7 @@ def test_the_command_says_it_in_a_table_and_by_its_code(root: Path, kb: Any) -> 
     flipped(path)
     told = kb("verify", str(root), "--json", "--quiet")
     assert told.returncode == 1
-    assert f"damaged: {path}: its bytes are not those that were written" in told.stdout
+    assert f"damaged: {path}: checksum mismatch" in told.stdout
     said = json.loads(told.stdout.splitlines()[-1])
     assert (said["files_damaged"], said["files_missing"], said["files_foreign"]) == (1, 0, 0)
     assert said["kinds"]["clean"]["damaged"]["files"] == 1
