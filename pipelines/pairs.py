@@ -39,7 +39,7 @@ def pairs(run: Run, layout: str) -> Summary:
 
 def refill(run: Run, index: Path) -> Summary:
     """Texts of a released index, from one's own transcripts."""
-    from kb.pairs.refill import refill
+    from kb.pairs.restore import refill
 
     return refill(run, index)
 

@@ -4,61 +4,61 @@ What was deleted at its source, or named, leaves every folder for good; what was
 again.
 
     raw        tombstones, raw answers, frontier: the source's own
-    index      removed; the next search makes it again
-    clean      rows of tables, of rejected, failed and pending; pairs, links
+    index      removed; the next search builds it again
+    rows       of tables, of rejected, failed and pending; pairs, links
     scores     annotations of texts that no row has any more
-    made       release/, export/, links/ and report/ as far as they are there
+    exports    release/, export/, links/ and report/ as far as they are there
 """
 
 from __future__ import annotations
 
-import importlib
 import shutil
 from pathlib import Path
-from types import ModuleType
 
 from kb.annotate.scores import drop_unused
-from kb.artifacts import belonging, indexed, manifest
+from kb.artifacts import belonging, manifest
+from kb.artifacts import purge as steps
+from kb.artifacts.purge import PurgeLine, Step
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.pipeline import load, locate
 from kb.core.verdict import Summary
+from kb.crawl.purge import purge_answers
 from kb.export import layouts
 from kb.filters.clean import texts
 from kb.release.build import describe
 from kb.report.build import report_again
 from kb.store import lock
-from kb.store import purge as store
 from kb.store.layout import Layout
+
+STEPS: tuple[Step, ...] = (steps.index, steps.rows, steps.exports)
 
 
 def purge(run: Run, source: str, ids: Path | None) -> Summary:
-    """Everything, in the order above, while nobody else writes what it touches.
+    """Every step, while nobody else writes what it touches.
 
-    Cut off, the same command goes on.
+    After an interruption the same command continues.
     """
+    rules = steps.rules_of(source)
+    listed = rules.read_ids(ids, run.progress.say) if ids else None
     with belonging.writing(run, *lock.of_purge(source)):
-        room = _room(source)
         clean = f"clean/{source}"
         current = manifest.is_current(run.root, clean)
-        keys = room.purge_raw(run, ids)
-        said, rows, scores = getattr(keys, "said", {}), 0, 0
-        if keys:
-            indexed.forget(run.root, source)
-            with manifest.editing(run.root, clean, "pairs", "links"):
-                rows = store.drop_rows(run.root, source, room.ROWS, keys)
-                if hasattr(room, "mend"):
-                    room.mend(run.root, keys)
+        purge = purge_answers(run, rules, listed)
+        removed: list[PurgeLine] = []
+        scores = 0
+        if purge.keys:
+            list(steps.index(purge))
+            removed = list(steps.rows(purge))
             if current:  # what was removed left raw/ and clean/ alike
                 manifest.note_inputs(run.root, clean)
             with manifest.editing(run.root, f"annotations/{source}"):
                 scores = drop_unused(run.root, source, texts(run, source))
-            _made(run, source)
-        named = sum(reason != "post" for reason in keys.values()) - said.get("unknown", 0)
-        counts = {"purged": named, "rows": rows, "scores": scores, **said}
-        summary = Summary(command=f"purge {source}", source=source, **counts)
+            _write_again(run, source)
+        counts = {"rows": sum(line.count for line in removed), "scores": scores, **purge.counts}
+        summary = Summary(command=f"purge {source}", source=source, purged=purge.purged, **counts)
         try:
-            store.finish(run.root, source)
+            steps.finish(run.root, source)
         except DamagedData as error:
             error.summary = summary
             raise
@@ -66,16 +66,15 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
 
 
 def plan(run: Run, source: str, ids: Path | None) -> Summary:
-    """What would go, counted by table and folder. Changes nothing."""
-    summary: Summary = _room(source).plan(run, ids)
-    return summary
+    """The same as a dry run: what would be removed, by table and folder."""
+    rules = steps.rules_of(source)
+    listed = rules.read_ids(ids, run.progress.say) if ids else None
+    with steps.dry_purge(run, rules, listed) as purge:
+        counted = (steps.answers, *STEPS) if purge.keys else ()
+        return steps.plan_summary(purge, (line for step in counted for line in step(purge)))
 
 
-def _room(source: str) -> ModuleType:
-    return importlib.import_module(f"kb.{source}.purge")
-
-
-def _made(run: Run, source: str) -> None:
+def _write_again(run: Run, source: str) -> None:
     """Exports are written again from clean, and everything around them; what can't is removed."""
     layouts.export_again(run, source)
     if source == "youtube":

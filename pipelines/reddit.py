@@ -19,8 +19,9 @@ from kb.export import layouts
 from kb.filters.chain import Chain, Clean
 from kb.filters.judgement import Predicate
 from kb.filters.predicates import AtLeast, In, NotIn, NotTrue, Present, Waits, none_above
-from kb.reddit import parse, state, threads
-from kb.reddit.assemble import HELPERS, assemble, with_posts
+from kb.reddit import status
+from kb.reddit.parse.answers import KINDS, raw_kind
+from kb.reddit.parse.assemble import HELPERS, assemble, with_counts, with_posts
 
 THERE = (
     NotTrue("missing", stage="missing", reason="missing"),
@@ -62,20 +63,20 @@ def clean(p: Profile) -> Clean:
     links, each = p.section(RedditSection).links, partial(Chain, helpers=HELPERS)
     return Clean(
         source="reddit",
-        kinds={of: parse.raw_kind(of, links) for of in parse.KINDS},
+        kinds={of: raw_kind(of, links) for of in KINDS},
         assemble=assemble,
         chains=(
             each("reddit/posts", "post_id", posts(p), "t3_", POST, told=("type",)),
             each("reddit/comments", "comment_id", comments(p), "t1_", COMMENT, relate=with_posts),
         ),
         scorer=toxicity,
-        unanswered=state.gave_up,
+        unanswered=status.failures,
         ended_by_failure=("more",),
-        complete=threads.counted,
-        about=state.incomplete,
+        complete=with_counts,
+        about=status.incomplete_count,
     )
 
 
 def export(run: Run, format: str) -> Summary:
     """Clean to release/reddit, or to export/<format>."""
-    return Summary(layouts.export(run, "reddit", format) | state.incomplete(run.root))
+    return Summary(layouts.export(run, "reddit", format) | status.incomplete_count(run.root))

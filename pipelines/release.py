@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from kb.core.context import Run
 from kb.core.verdict import Summary
-from kb.release.publish import publish as upload
+from kb.release.publish.publish import publish as upload
 
 
 def release(run: Run, only: list[str]) -> Summary:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from kb.artifacts.restore import RestoreJob, choose, write_missing
 from kb.core import plan as planned
 from kb.core.context import Run
 from kb.core.pipeline import load, locate
@@ -21,63 +22,62 @@ from kb.crawl.job import Parts
 from kb.filters.chain import Clean
 from kb.filters.clean import run_clean
 from kb.filters.released import stages
-from kb.pairs import refill
-from kb.reddit import dumpfiles
-from kb.reddit import restored as reddit
-from kb.reddit.restored import Dumps
+from kb.pairs.restore import TextRestore
+from kb.reddit.dumps.files import Dumps, find_dumps
+from kb.reddit.restore.job import ThreadRestore
 from kb.release.downloaded import Folders, keep_profile, verify
-from kb.release.missing import write_missing
-from kb.release.wanted import choose
 from kb.store import lock
 from kb.store.layout import Layout
-from kb.youtube import restored as youtube
+from kb.youtube.restore.job import VideoRestore
 
 ROWS = ("videos", "transcripts", "posts", "comments", "pairs", "filled", "differing")
 
 
 def clean(p: Profile) -> Clean:
-    """Raw answers to the tables of every video that is there: what is released was judged."""
-    whole: Clean = load(str(locate("youtube"))).clean(p)
-    chain = replace(whole.chains[0], stages=stages(p.section(YouTubeSection)), scores={}, told=())
-    return replace(whole, chains=(chain,), scorer=None)
+    """Raw answers to the tables of every available video: what is released was judged."""
+    shipped: Clean = load(str(locate("youtube"))).clean(p)
+    chain = replace(shipped.chains[0], stages=stages(p.section(YouTubeSection)), scores={}, told=())
+    return replace(shipped, chains=(chain,), scorer=None)
 
 
 def restore(run: Run, folders: Folders, dumps: Dumps = (), only: str | None = None) -> Summary:
-    """Bring everything back into `restored/` of the data root. Cut off, the same call goes on.
+    """Bring everything back into `restored/` of the data root; after a kill the same call resumes.
 
     Raises SettingError and MissingCredential before anything is sent, DamagedData where a folder
-    is not whole; Stopped, with what was done, when something is left.
+    differs from its checksums; Stopped, with what was done, when something is left.
     """
-    wanted, parts = choose(folders, only), Parts("restore", ROWS)
-    gone = wanted.removed
-    dumps = dumpfiles.find(run, dumps).files
-    needed = youtube.needs(run, wanted.videos, gone["youtube"])
-    reddit.check(run, wanted.reddit, dumps, needed)
-    refill.check(run, wanted.pairs)
+    jobs = _jobs(run, folders, find_dumps(run, dumps).files, only)
+    needed: tuple[str, ...] = ()
+    for job in jobs:
+        needed = job.check(needed)
+    run.settings.require(*needed)
     verify(run, folders)
-    if not (wanted.videos or wanted.reddit or wanted.pairs):
-        run.progress.say("these folders hold everything: there is nothing to bring back")
+    parts = Parts("restore", ROWS)
+    wanted = [job for job in jobs if job.wanted]
+    if not wanted:
+        run.progress.say("these folders are complete: there is nothing to restore")
         return parts.summary
     run.root.mkdir(parents=True, exist_ok=True)
     with lock.taking(run.root, "restored"):
         keep_profile(run.root, folders)
-        if wanted.videos:
-            parts.take(youtube.bring, run, wanted.videos, _sort, gone["youtube"], wanted.had)
-        if wanted.reddit:
-            parts.take(reddit.bring, run, wanted.reddit, dumps, gone["reddit"])
-        for folder in wanted.pairs:
-            parts.take(refill.restore, run, folder, gone["youtube"])
-        missing = write_missing(run.root)
+        for job in wanted:
+            parts.take(job.restore)
+        missing = write_missing(run.root, jobs)
     parts.summary |= {"missing": missing, "path": str(Layout(run.root).restored())}
     return parts.finish()
 
 
 def plan(run: Run, folders: Folders, dumps: Dumps = (), only: str | None = None) -> Summary:
     """What would be asked, of whom, with which key. Sends and writes nothing."""
-    wanted = choose(folders, only)
-    videos = youtube.plan(run, wanted.videos, wanted.removed["youtube"])
-    parts = (videos, reddit.plan(run, wanted.reddit, dumps), refill.plan(wanted.pairs))
-    return Summary(planned.join("restore", parts))
+    jobs = _jobs(run, folders, dumps, only)
+    return Summary(planned.join("restore", [job.plan() for job in jobs]))
+
+
+def _jobs(run: Run, folders: Folders, dumps: Dumps, only: str | None) -> tuple[RestoreJob, ...]:
+    """One job a source; texts of pairs come last, as they are cut out of transcripts."""
+    content = choose(folders, only)
+    threads = ThreadRestore(run, content, dumps)
+    return VideoRestore(run, content, _sort), threads, TextRestore(run, content)
 
 
 def _sort(run: Run) -> None:

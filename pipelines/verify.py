@@ -19,8 +19,8 @@ from kb.crawl.session import open_session
 from kb.export import layouts
 from kb.filters.clean import run_clean
 from kb.pairs.build import build, clear_finished
-from kb.reddit.crawl import crawl as crawl_reddit
-from kb.reddit.source import RedditSource
+from kb.reddit.connector.source import RedditSource
+from kb.reddit.connector.source import crawl as crawl_reddit
 from kb.release.build import release
 from kb.search.build import follow
 from kb.store import mending
@@ -28,8 +28,8 @@ from kb.store.layout import Layout
 from kb.verify.found import Look
 from kb.verify.repair import Crawl, Describe, Make, Step, repaired
 from kb.verify.root import verify as look_at
-from kb.wiki.source import WikiSource
-from kb.youtube.source import YouTubeSource
+from kb.wiki.connector.source import WikiSource
+from kb.youtube.connector.source import YouTubeSource
 
 SOURCES = {"youtube": YouTubeSource, "wiki": WikiSource, "reddit": RedditSource}
 

@@ -23,16 +23,16 @@ from kb.export import layouts
 from kb.filters.chain import Chain, Clean, Follow, SideFiles
 from kb.filters.judgement import Predicate
 from kb.filters.predicates import AtLeast, AtMost, Present, RecordedReason, Waits
-from kb.wiki import tables
-from kb.wiki.assemble import HELPERS, KINDS, assemble
-from kb.wiki.shown import MarkupRules
+from kb.wiki.parse import tables
+from kb.wiki.parse.facts import MarkupRules
+from kb.wiki.parse.join import HELPERS, KINDS, assemble
 
 NEEDED = ("page_id", "title", "url", "revision_id", "revision_timestamp")
 
 
 def crawl(run: Run, titles: Path | None = None) -> Summary:
     """Pages through the API and the browser; `titles` names them and skips the list."""
-    from kb.wiki.source import crawl
+    from kb.wiki.connector.source import crawl
 
     return crawl(run, titles)
 

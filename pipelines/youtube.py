@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from kb.annotate import toxicity
-from kb.annotate.words import word_count_of_lists
+from kb.annotate.word_count import word_count_of_lists
 from kb.core.context import Run
 from kb.core.profile import Profile
 from kb.core.profile.youtube import YouTubeSection
@@ -23,9 +23,9 @@ from kb.filters.judgement import Predicate
 from kb.filters.predicates import AtLeast, In, NotTrue, RatioAtLeast, none_above, passes
 from kb.filters.topic import Topic
 from kb.filters.transcripts import required
-from kb.youtube.assemble import HELPERS, KINDS, assemble, unanswered
-from kb.youtube.ids import Part
-from kb.youtube.view_rule import kept_rules
+from kb.youtube.connector.ids import Part
+from kb.youtube.parse.assemble import HELPERS, KINDS, assemble, unanswered
+from kb.youtube.parse.view_rule import kept_rules
 from kb.youtube.ytdlp.tracks import TrackLanguage
 
 TOLD = ("title", "channel_id", "channel_title")  # of a video that is left out
@@ -35,7 +35,7 @@ THERE = NotTrue("missing", stage="missing", reason="missing")
 
 def crawl(run: Run, only: str | None = None, ids: Path | None = None, part: Part = None) -> Summary:
     """Channels, uploads, metadata and transcripts, as raw answers."""
-    from kb.youtube.source import crawl
+    from kb.youtube.connector.source import crawl
 
     ours = In("category_id", run.profile.section(YouTubeSection).category_ids, stage="topic")
     return crawl(run, partial(passes, (THERE, ours, *gate(run.profile))), only, ids, part)

@@ -4,11 +4,8 @@ and what to do when something is not installed.
 
 from __future__ import annotations
 
-import atexit
-import gc
 import importlib.util
 import os
-from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
 from typing import NoReturn
@@ -16,8 +13,7 @@ from typing import NoReturn
 import hypothesis
 import pytest
 
-from kb.core import clock, engine, garbage
-from tests import forked
+from kb.core import clock
 
 # A slow machine is no defect; the same examples everywhere, so that a failure can be seen again.
 hypothesis.settings.register_profile("lorecrawl", deadline=None, derandomize=True)
@@ -64,40 +60,6 @@ LONG = (
 )
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_collection() -> Iterator[None]:
-    """What is collected stays to the end: no search for garbage goes through it again and again."""
-    gc.disable()
-    garbage.seldom()  # as in commands
-    try:
-        return (yield)
-    finally:
-        gc.freeze()
-        gc.enable()
-        forked.between_tests()
-
-
-def pytest_unconfigure(config: pytest.Config) -> None:
-    """At the very end, as pytest itself collects garbage five times before that: one of xdist's
-    processes leaves, and of another one what was collected is garbage again. Else what DuckDB and
-    tantivy have made counts as leaked, in lines below the summary.
-    """
-    atexit.register(_leave if hasattr(config, "workerinput") else gc.unfreeze)
-
-
-def _leave() -> None:
-    """End without taking down, object by object, what thousands of tests have imported and made:
-    that takes as long as a hundred tests, and nobody asks for the exit code.
-    """
-    atexit.unregister(_leave)
-    atexit._run_exitfuncs()  # first all others: processes, sockets and folders are put away
-    os._exit(0)
-
-
-def pytest_runtest_logfinish() -> None:
-    forked.between_tests()
-
-
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Long files and slow kinds first: a worker that took one last would leave the others idle."""
@@ -110,19 +72,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def _no_time_has_passed(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a test waited for by a date that is set counts for that test alone."""
     monkeypatch.setattr(clock, "_passed", timedelta())
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _nothing_is_synced() -> None:
-    forked.sync_nothing()
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _pools_are_forked() -> Iterator[None]:
-    """A pool's processes come from the server of tests/forked.py, which has imported `kb`."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(engine, "multiprocessing", forked.seam())
-        yield
 
 
 def skip_or_fail(reason: str) -> NoReturn:

@@ -12,7 +12,7 @@ import pytest
 import structlog
 
 from kb.cli.app import app
-from kb.cli.framework import outcome
+from kb.cli.framework.exit_codes import run_to_exit_code
 from tests.cli.conftest import clean_environment
 
 
@@ -53,7 +53,7 @@ def here(
             for name, value in (env or {}).items():
                 patch.setenv(name, value)
             try:
-                code = outcome.guarded(
+                code = run_to_exit_code(
                     lambda: app(args=list(words), prog_name="kb", standalone_mode=False)
                 )
             finally:

@@ -13,12 +13,16 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from kb.annotate.batches import TOKEN_BUDGET
 from kb.annotate.checkpoint import Checkpoint
-from kb.annotate.compiled import find_compiled, make_compiled
 from kb.annotate.detoxify_model import load_detoxify
-from kb.annotate.graph import Compiled, graph_runner, int8_runner
-from kb.annotate.runner import Meta, ModelNetwork, Runner
+from kb.annotate.inference import TOKEN_BUDGET, Meta, ModelNetwork, Runner
+from kb.annotate.onnx_model import (
+    Compiled,
+    find_compiled,
+    graph_runner,
+    int8_runner,
+    make_compiled,
+)
 from kb.annotate.scores import PRECISIONS
 from kb.core.errors import MissingModel, SettingError
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from kb.annotate.model_files import check_model_files
-from kb.annotate.published import KNOWN, PUBLISHED, Published
+from kb.annotate.published_models import KNOWN, PUBLISHED, Published
 from kb.core.cache import cache_root
 from kb.core.errors import MissingExtra, MissingModel, SettingError
 from kb.core.installation import install_extra

@@ -13,8 +13,7 @@ from typing import Any, cast
 import pyarrow as pa
 
 from kb.annotate.backends import REACH
-from kb.annotate.hashes import text_hashes
-from kb.annotate.scores import Scores
+from kb.annotate.scores import Scores, text_hashes
 
 CHUNK_TEXTS, CHUNK_CHARACTERS = 1024, 1_000_000  # the largest chunk
 FIRST, SMALLEST = 32, 128  # the first chunk, and a slow model's, is this part of it

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from kb.annotate import memory
+from kb.annotate import out_of_memory
 from kb.annotate.checkpoint import Checkpoint, need_extra
 from kb.annotate.model_files import tokenizer_files
 from kb.core.errors import MissingModel
@@ -56,7 +56,7 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
         except (MissingModel, MemoryError):
             raise
         except Exception as error:  # whatever unpickling a foreign file may raise
-            if memory.short(error):
+            if out_of_memory.is_out_of_memory(error):
                 raise
             raise MissingModel(
                 f"{checkpoint.path} is no Detoxify checkpoint ({type(error).__name__})",
@@ -74,7 +74,7 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
                         huggingface_config_path=str(folder),
                     )
             except Exception as error:  # whatever a foreign configuration makes transformers raise
-                if memory.short(error):
+                if out_of_memory.is_out_of_memory(error):
                     raise
                 raise _misfit(checkpoint, _reason(error)) from error
         if len(model.tokenizer) > model.model.config.vocab_size:

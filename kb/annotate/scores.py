@@ -8,6 +8,7 @@ texts alone. A row that is in both for a moment is the same row.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -18,10 +19,9 @@ import duckdb
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.annotate.hashes import text_hashes
-from kb.artifacts import manifest
+from kb.artifacts import manifest, purge_rows
 from kb.schema.tables import table
-from kb.store import database, parquet, purge
+from kb.store import database, parquet
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import reading, scan
 from kb.store.shards import ShardWriter, order, write_table
@@ -150,7 +150,7 @@ class Scores:
         path = folder / "toxicity.parquet"
         if not parts:
             return path if path.exists() else None
-        (folder / manifest.NAME).unlink(missing_ok=True)  # it speaks of the file before
+        (folder / manifest.NAME).unlink(missing_ok=True)  # it describes the previous file
         # DuckDB sorts on disk when memory is short; rows come and go a batch at a time.
         with self._reading() as con, ShardWriter(path, TABLE, in_order=True) as writer:
             rows = con.sql(
@@ -198,4 +198,14 @@ def drop_unused(root: Path, source: str, texts: Iterable[pa.Array[Any]]) -> int:
     if not Layout(root).annotations(source).is_dir():
         return 0
     used = pa.chunked_array([text_hashes(part) for part in texts], pa.string()).unique()
-    return purge.drop_annotations(root, source, used)
+    return purge_rows.drop_annotations(root, source, used)
+
+
+def text_hashes(texts: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Array[Any]:
+    """SHA-256 of each text's UTF-8 bytes, 64 hexadecimal digits.
+
+    Null for a null or empty text, which has nothing to score.
+    """
+    sha256 = hashlib.sha256
+    values = texts.cast(pa.binary()).to_pylist()
+    return pa.array([sha256(value).hexdigest() if value else None for value in values], pa.string())

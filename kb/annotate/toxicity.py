@@ -21,8 +21,7 @@ import pyarrow.compute as pc
 from kb.annotate.backends import check_options, prepare
 from kb.annotate.checkpoint import Checkpoint, find_checkpoint, need_extra
 from kb.annotate.chunks import Chunks
-from kb.annotate.hashes import text_hashes
-from kb.annotate.scores import CATEGORIES, Scores
+from kb.annotate.scores import CATEGORIES, Scores, text_hashes
 from kb.annotate.worker import ScoringJob, score_chunk
 from kb.core import signals
 from kb.core.context import Run
@@ -174,7 +173,7 @@ class ToxicityScorer:
                 signals.stop.check()
         if chunks.limited:
             raise LimitReached(
-                f"--limit: {scored} texts scored", hint="run the same command again to go on"
+                f"--limit: {scored} texts scored", hint="run the same command to resume"
             )
         return AnnotationCounts(chunks.texts, scored, chunks.texts - scored, again)
 

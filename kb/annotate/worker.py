@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
-from kb.annotate import memory
+from kb.annotate import out_of_memory
 from kb.annotate.backends import REACH, choose_device, open_runner
 from kb.annotate.checkpoint import Checkpoint
-from kb.annotate.runner import Runner
+from kb.annotate.inference import Runner
 from kb.core import clock, signals
 
 HAND_S = 10.0  # a chunk that takes longer ends between two batches when the run was asked to stop
@@ -37,7 +37,7 @@ def score_chunk(job: ScoringJob, texts: Sequence[str]) -> dict[str, Any]:
     Near the threshold a reduced score is made exact. Raises FatalError when memory is too short.
     """
     # A Dask worker with several threads takes several chunks: one at a time, with all threads.
-    with _ONE, memory.needing():
+    with _ONE, out_of_memory.explained():
         return _score_chunk(job._replace(threads=job.threads or _worker_threads()), texts)
 
 

@@ -24,6 +24,7 @@ import pyarrow as pa
 from kb.artifacts import manifest
 from kb.core.errors import DamagedData
 from kb.core.resources import PROFILE_FILE
+from kb.core.sources import RELEASES
 from kb.schema.tables import Table, released_tables, table, tables
 from kb.store import parquet
 from kb.store.checksums import SUMS, parsed
@@ -118,9 +119,10 @@ def read(folder: Path, source: str) -> ReleaseFolder:
         for declared in released_tables(source)
         if (shards := tuple(file for file in own if _short(file.name) == declared.short))
     )
-    archives = source == "wiki"
     others = tuple(
-        file for file in own if archives and (file.name == INDEX or _ARCHIVE.fullmatch(file.name))
+        file
+        for file in own
+        if RELEASES[source].archives and (file.name == INDEX or _ARCHIVE.fullmatch(file.name))
     )
     return ReleaseFolder(source, folder, parts, others)
 

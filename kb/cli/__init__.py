@@ -21,10 +21,10 @@ def main(arguments: list[str] | None = None) -> None:
     before = {number: signal.signal(number, _leave) for number in ours}
     try:
         from kb.cli.app import app
-        from kb.cli.framework import outcome
+        from kb.cli.framework.exit_codes import run_to_exit_code
 
         words = {"args": arguments, "prog_name": "kb", "standalone_mode": False}
-        sys.exit(outcome.guarded(lambda: app(**words)))
+        sys.exit(run_to_exit_code(lambda: app(**words)))
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -35,7 +35,7 @@ def _leave(number: int, frame: object) -> None:
     name = signal.Signals(number).name
     if "--json" in sys.argv:
         os.write(1, f'{{"stopped": "stopped by {name}"}}\n'.encode())
-    os.write(2, f"kb: stopped by {name}; run the same command to go on\n".encode())
+    os.write(2, f"kb: stopped by {name}; run the same command to resume\n".encode())
     os._exit(3)
 
 

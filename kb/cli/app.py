@@ -1,12 +1,11 @@
-"""The command tree. A group's file is imported when one of its commands is named,
-so `kb --help` stays quick.
-"""
+"""The command tree of `kb`. A command's module is imported only when the command is named."""
 
 from __future__ import annotations
 
 import functools
 import importlib
 from collections.abc import Iterator, Sequence
+from types import ModuleType
 from typing import Annotated, Any
 
 import typer
@@ -14,83 +13,115 @@ import typer.core
 import typer.main
 
 from kb import __version__
-from kb.cli.framework import misplaced
+from kb.cli.framework.usage_errors import refuse_unknown
 from kb.core.sources import SPECS
 
 DEFAULT = "kb.cli.commands.sources.default"  # of sources without commands of their own
 
-# name -> (module, one line for `kb --help`). The module's `app` is a typer app, of one command or
-# several.
+_COMMANDS = "kb.cli.commands."
+# name -> (module, one line for `kb --help`). The module has a typer app of one or several commands,
+# `app` unless another name follows a colon.
 TREE = {
     **{name: (spec.commands or DEFAULT, spec.help) for name, spec in SPECS.items()},
-    "restore": (
-        "kb.cli.commands.restore",
-        "The content of a downloaded release, with your own keys.",
-    ),
-    "models": ("kb.cli.commands.models", "The toxicity model's files: fetch."),
-    "annotate": ("kb.cli.commands.sources.annotate", "Toxicity scores for text that has none yet."),
-    "pairs": ("kb.cli.commands.pairs", "Keyword-matched video-text pairs."),
-    "links": (
-        "kb.cli.commands.links",
-        "Entities, and where videos, wiki and threads speak of them.",
-    ),
-    "release": (
-        "kb.cli.commands.release",
-        "Checks, metadata and checksums around release/; publish.",
-    ),
-    "report": ("kb.cli.commands.report", "Figures and one HTML page of what was collected."),
-    "status": ("kb.cli.commands.status.command", "Progress, quota, age of the data, what is left."),
-    "verify": (
-        "kb.cli.commands.verify",
-        "Every byte: whole, damaged, missing or foreign; --repair.",
-    ),
-    "profile": (
-        "kb.cli.commands.profile.command",
-        "A new domain's profile; what is wrong with one.",
-    ),
-    "index": ("kb.cli.commands.index", "One local index over everything that is clean."),
-    "search": (
-        "kb.cli.commands.search",
-        "Ranked answers out of the index, with links to the place.",
-    ),
-    "mcp": (
-        "kb.cli.commands.mcp",
-        "Search and tables for agents (Model Context Protocol on stdio).",
-    ),
-    "query": ("kb.cli.commands.query", "SQL over the tables of the data root, by DuckDB."),
-    "refresh": (
-        "kb.cli.commands.sources.refresh",
-        "Read again what the services' terms ask to keep fresh.",
-    ),
-    "purge": (
-        "kb.cli.commands.sources.purge",
-        "Remove for good what was deleted at its source, or named.",
-    ),
-    "sandbox": (
-        "kb.cli.commands.sandbox",
-        "Invented services on this machine, to try everything on.",
-    ),
-    "demo": ("kb.cli.commands.demo", "The whole job on the sandbox: no key, no network, minutes."),
+    **{
+        name: (_COMMANDS + module, line)
+        for name, module, line in (
+            (
+                "restore",
+                "restore",
+                "Restore the content of a downloaded release with your own keys.",
+            ),
+            ("models", "toxicity:models_app", "Download the toxicity model."),
+            ("annotate", "toxicity:annotate_app", "Score text for toxicity."),
+            ("pairs", "pairs", "Make keyword-matched video-text pairs."),
+            ("links", "links", "Find which videos, wiki pages and threads mention which entities."),
+            ("release", "release", "Check, describe and publish release/."),
+            ("report", "report", "Make figures and one HTML page about the collected data."),
+            ("status", "status.command", "Show progress, quota, age of the data and what is left."),
+            ("verify", "verify", "Find damaged, missing and foreign files; repair them."),
+            ("profile", "profile.command", "Make and check the profile of a new domain."),
+            ("index", "search:index_app", "Build the local search index."),
+            ("search", "search:search_app", "Search transcripts, wiki pages and threads."),
+            (
+                "mcp",
+                "search:mcp_app",
+                "Serve search and tables to agents (Model Context Protocol).",
+            ),
+            ("query", "query", "Run SQL over the tables with DuckDB."),
+            (
+                "refresh",
+                "sources.refresh",
+                "Re-read data that the services' terms require fresh.",
+            ),
+            (
+                "purge",
+                "sources.purge",
+                "Remove content that was deleted at its source or is named.",
+            ),
+            ("sandbox", "sandbox", "Serve invented YouTube, wiki and Reddit on this machine."),
+            ("demo", "demo", "Run the whole job on the sandbox in minutes: no key, no network."),
+        )
+    },
 }
 CONTEXT: dict[str, Any] = {"help_option_names": ["--help", "-h"]}  # groups inherit it
 
 
+def command_module(name: str) -> ModuleType:
+    """The module that declares a name in TREE."""
+    return importlib.import_module(TREE[name][0].partition(":")[0])
+
+
+@functools.cache
+def _loaded(name: str) -> Any:
+    """The click command of a name in TREE. Imports its module."""
+    module = command_module(name)
+    attribute = TREE[name][0].partition(":")[2] or "app"
+    app = module.app_of(name) if module.__name__ == DEFAULT else getattr(module, attribute)
+    command = typer.main.get_command(app)
+    command.name = name
+    return command
+
+
+def leaves() -> Iterator[tuple[str, Any]]:
+    """("youtube crawl", its click command) of every command that can be run, in order."""
+    for name in TREE:
+        yield from _leaves_of(name)
+
+
+def _leaves_of(name: str) -> Iterator[tuple[str, Any]]:
+    command = _loaded(name)
+    inner = getattr(command, "commands", {})
+    if not inner or command.invoke_without_command:
+        yield name, command
+    for child, leaf in inner.items():
+        yield f"{name} {child}", leaf
+
+
+def find_command(words: Sequence[str]) -> Any | None:
+    """The click command that a line (without its `kb`) begins with; None where there is none."""
+    if not words or words[0] not in TREE:
+        return None
+    known = dict(_leaves_of(words[0]))
+    return known.get(" ".join(words[:2])) or known.get(words[0])
+
+
+def context(path: str, command: Any) -> Any:
+    """What click needs to show the help of `kb PATH` as `kb` itself shows it."""
+    return typer.Context(command, info_name=f"kb {path}", **CONTEXT)
+
+
 class Tree(typer.core.TyperGroup):
-    """The root group: knows every group's name and line, loads the one that is asked for."""
+    """The root group: lists all commands, and loads only the one that is named."""
+
+    leaves = staticmethod(leaves)
 
     def __init__(self, **attrs: Any) -> None:
         super().__init__(**attrs)
-        # Names only, for listing and guessing; get_command() loads the one that is asked for.
-        self.commands = dict.fromkeys(TREE)  # type: ignore[assignment]  # typer wants commands
+        self.commands = dict.fromkeys(TREE)  # type: ignore[assignment]  # names only; see get_command
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The group's own command object, or None for an unknown name."""
+        """The click command, or None for an unknown name."""
         return _loaded(cmd_name) if cmd_name in TREE else None
-
-    def leaves(self) -> Iterator[tuple[str, Any]]:
-        """("youtube crawl", its click command) of every command that does something, in order."""
-        for name in TREE:
-            yield from _leaves_of(name)
 
     def parse_args(self, ctx: Any, args: list[str]) -> Any:
         """`kb help COMMAND` is `kb COMMAND --help`."""
@@ -99,8 +130,8 @@ class Tree(typer.core.TyperGroup):
         return super().parse_args(ctx, args)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The command that is named; another word is answered with the commands it may mean."""
-        misplaced.refuse_unknown(self, ctx, args)
+        """The named command. Raises a usage error with suggestions for an unknown one."""
+        refuse_unknown(self, ctx, args)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
@@ -116,17 +147,6 @@ class Tree(typer.core.TyperGroup):
             "  kb help COMMAND              options and examples of a command\n"
             "  kb --install-completion      complete commands and options with the Tab key\n"
         )
-
-
-@functools.cache
-def _loaded(name: str) -> Any:
-    """A command of the tree, whose file is imported."""
-    module = importlib.import_module(TREE[name][0])
-    command = typer.main.get_command(
-        module.app_of(name) if TREE[name][0] == DEFAULT else module.app
-    )
-    command.name = name
-    return command
 
 
 def _version(wanted: bool) -> None:
@@ -153,30 +173,3 @@ def root(
     ] = False,
 ) -> None:
     """Build an open knowledge base about a domain from YouTube, a wiki and Reddit."""
-
-
-def leaves() -> Iterator[tuple[str, Any]]:
-    """`Tree.leaves`."""
-    return Tree().leaves()
-
-
-def context(path: str, command: Any) -> Any:
-    """What click needs to show the help of `kb PATH`, as `kb` itself has it."""
-    return typer.Context(command, info_name=f"kb {path}", **CONTEXT)
-
-
-def named(words: Sequence[str]) -> Any | None:
-    """The click command that a line (without its `kb`) begins with; None where there is none."""
-    if not words or words[0] not in TREE:
-        return None
-    found = dict(_leaves_of(words[0]))
-    return found.get(" ".join(words[:2])) or found.get(words[0])
-
-
-def _leaves_of(name: str) -> Iterator[tuple[str, Any]]:
-    command = _loaded(name)
-    inner = getattr(command, "commands", {})
-    if not inner or command.invoke_without_command:
-        yield name, command
-    for child, leaf in inner.items():
-        yield f"{name} {child}", leaf

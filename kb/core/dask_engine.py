@@ -230,13 +230,13 @@ def _close(client: Any) -> None:
 
 
 def _unreachable(what: str) -> Unreachable:
-    return Unreachable(what, hint="start it, and its workers; the same command goes on then")
+    return Unreachable(what, hint="start it, and its workers; then run the same command to resume")
 
 
 def _lost(where: str) -> Unreachable:
     return Unreachable(
         f"the Dask scheduler at {where} went away",
-        hint="start it again; the same command goes on where it stopped",
+        hint="start it again; the same command resumes",
     )
 
 

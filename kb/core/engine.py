@@ -64,7 +64,7 @@ def make_executor(
             except BrokenExecutor as error:
                 raise FatalError(
                     "a worker process was killed, most often as memory ran out",
-                    hint="try fewer --workers; the same command goes on where it stopped",
+                    hint="try fewer --workers; the same command resumes",
                 ) from error
             except BaseException:
                 pool.shutdown(wait=True, cancel_futures=True)

@@ -17,7 +17,7 @@ KbError                     exit  what follows
 │   ├── NothingRead               every item of a crawl failed or was refused
 │   ├── NothingKept               a filter kept no row
 │   └── ReleaseRefused            the gate found something that may not be published
-├── Stopped                 3     the same command goes on where it stopped
+├── Stopped                 3     the same command resumes
 │   ├── QuotaSpent                a quota is used up until `reset_at`
 │   ├── Blocked                   the service blocks us (429 without end, captcha, consent wall)
 │   ├── Unreachable               no connection to the service
@@ -113,7 +113,7 @@ class ReleaseRefused(FatalError):
 
 
 class Stopped(KbError):
-    """Stopped early and resumable: the same command goes on where it stopped."""
+    """Stopped early and resumable: the same command resumes."""
 
     exit_code = 3
 

@@ -49,7 +49,7 @@ class Stop:
     def check(self) -> None:
         """Raise Interrupted when the run was asked to end."""
         if self.requested():
-            raise Interrupted(f"stopped by {self.name}", hint="run the same command to go on")
+            raise Interrupted(f"stopped by {self.name}", hint="run the same command to resume")
 
 
 stop = Stop()

@@ -12,6 +12,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 
+def load_name(name: str, package: str | None = None) -> Any:
+    """The module that "module" names, or the attribute that "module:attribute" names."""
+    module, _, attribute = name.partition(":")
+    loaded = importlib.import_module(module, package)
+    return getattr(loaded, attribute) if attribute else loaded
+
+
 @dataclass(frozen=True)
 class CommandHelp:
     """Help text and examples of a command that every source has."""
@@ -42,7 +49,8 @@ class ReleaseSpec:
     main        the table that a reader means who names none
     query       the first query on the card
     counted     tables whose rows go through the filters; `main` alone by default
-    stages      the stages of the filters, in order
+    stages      the stages of the filters, in order, which the card pictures
+    pictured    the column whose frequent values it pictures instead
     rules       keys of the profile that decide which rows are released
     section     the section of these keys; the source's own by default
     gaps        functions that describe what the tables lack
@@ -59,6 +67,7 @@ class ReleaseSpec:
     query: str
     counted: tuple[str, ...] = ()
     stages: tuple[str, ...] = ()
+    pictured: str = ""
     rules: tuple[str, ...] = ()
     section: str = ""
     gaps: tuple[str, ...] = ()
@@ -81,7 +90,8 @@ class ReportSpec:
     figures     the list of functions that draw
     samples     columns of the sample rows, by table
     only        who knows what no other source names: "only videos"
-    color       of the panel with its requests
+    color       of the panel with its requests: red, blue, green or grey
+    units       whether its ledger counts units of a quota
     """
 
     title: str
@@ -90,7 +100,8 @@ class ReportSpec:
     figures: str
     samples: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     only: str = ""
-    color: str = ""
+    color: str = "grey"
+    units: bool = False
 
 
 @dataclass(frozen=True)
@@ -100,7 +111,9 @@ class AgentSpec:
     time        the column that dates a row, and the verb: ("published_at", "published")
     reader      function that reads what stands around a place
     link        function that takes a URL apart into a place
+    ref         an example of a ref
     between     the character between key and position in a ref
+    hosts       endings of the hosts whose URLs `link` takes; none for any other host
     note        a sentence about licences; "" when rows name their own
     prefixes    prefixes that are taken off a key and a position
     """
@@ -108,7 +121,9 @@ class AgentSpec:
     time: tuple[str, str]
     reader: str
     link: str
+    ref: str
     between: str
+    hosts: tuple[str, ...] = ()
     note: str = ""
     prefixes: tuple[str, str] = ("", "")
 
@@ -118,7 +133,7 @@ class SourceSpec:
     """One source of Lorecrawl. Names of code are "module:attribute", relative to `package` when
     they begin with a dot.
 
-    name            the folders raw/<name>, clean/<name> … and the commands `kb <name> …`
+    name            the folders raw/<name>, clean/<name> … and its commands
     package         the package of its modules
     help            one line for `kb --help`
     tables          tables that a filter sorts → what their keys begin with in rejected, failed
@@ -138,6 +153,7 @@ class SourceSpec:
                     `details(run, frontier)` and `incomplete(root)`
     online          the question of `kb profile check --online`
     formats         export formats besides Parquet → their writers
+    exports         files and folders that they write below export/
     texts           the texts in which links are found
     pages           the table whose rows are the pages of entities
     passages        the passages that `kb search` indexes, as a function of profile and data root
@@ -146,8 +162,8 @@ class SourceSpec:
     files           folders below raw/<name> with captured files
     agent           what `kb mcp` reads
     restored        tables that `kb restore` brings back
-    annotate_help   help of `kb annotate <name>`
-    purge_help      help of `kb purge <name>`
+    annotate_help   help of `kb annotate <source>`
+    purge_help      help of `kb purge <source>`
     """
 
     name: str
@@ -168,6 +184,7 @@ class SourceSpec:
     status: str = ""
     online: str = ""
     formats: Mapping[str, str] = field(default_factory=dict)
+    exports: tuple[str, ...] = ()
     texts: tuple[TextColumns, ...] = ()
     pages: str = ""
     passages: str = ""
@@ -181,9 +198,7 @@ class SourceSpec:
 
     def load(self, name: str) -> Any:
         """The module or the attribute ("module:attribute") that a field names."""
-        module, _, attribute = name.partition(":")
-        loaded = importlib.import_module(module, self.package)
-        return getattr(loaded, attribute) if attribute else loaded
+        return load_name(name, self.package)
 
     def noun(self, kind: str) -> str:
         """What an item of the frontier is called."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 
-from kb.core.source_spec import SourceSpec
+from kb.core.source_spec import ReleaseSpec, SourceSpec
 
 REGISTRY = (
     "kb.youtube",
@@ -30,6 +30,33 @@ MADE_OF = {
     "pairs": tuple(name for name, spec in SPECS.items() if "pairs" in spec.made),
     "links": SOURCES,
 }
+
+RELEASES: dict[str, ReleaseSpec] = {
+    **{name: spec.release for name, spec in SPECS.items()},
+    "pairs": ReleaseSpec(
+        main="pairs",
+        query="SELECT keyword, count(*) AS clips FROM pairs GROUP BY ALL ORDER BY clips DESC"
+        " LIMIT 10",
+        rules=(
+            *("include", "exclude", "near_words", "min_tokens", "max_tokens", "center"),
+            *("min_clip_s", "max_clip_s", "min_gap_s", "max_pairs_per_video"),
+        ),
+        pictured="keyword",
+        extra="pairs",
+    ),
+    "links": ReleaseSpec(
+        main="links",
+        query="SELECT entity, source, sum(count) AS mentions FROM links GROUP BY ALL"
+        " ORDER BY mentions DESC LIMIT 10",
+        section="pairs",
+        rules=("include", "exclude", "near_words"),
+        pictured="entity",
+        scraped=True,
+    ),
+}
+
+# Files and folders below export/ that are made from pairs; those of a source are in its spec.
+EXPORTS = {"pairs": ("clip4mc", "video2dataset", "minedojo/pairs.json")}
 
 
 def made_of(name: str) -> tuple[str, ...]:

@@ -1,8 +1,9 @@
 """What dependencies would send by themselves is switched off here, before any of them is imported.
 
 `kb/__init__.py` calls this, so it also holds in worker processes and where kb is used as a library.
-Other switches stand where the thing is started: Chromium's in kb/wiki/browser.py, Dask's dashboard
-in kb/core/dask_engine.py, PRAW's question for updates in kb/reddit/client.py.
+Other switches stand where the thing is started: Chromium's in kb/wiki/browser/browser.py, Dask's
+dashboard in kb/core/dask_engine.py, PRAW's question for updates in
+kb/reddit/connector/client.py.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ class Limit:
 
     def reached(self) -> LimitReached:
         """Why the run stops here."""
-        return LimitReached(f"--limit {self._most} reached", hint="run the same command to go on")
+        return LimitReached(f"--limit {self._most} reached", hint="run the same command to resume")
 
 
 def upstream(phases: Sequence[Phase], kind: str) -> set[str]:

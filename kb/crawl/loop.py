@@ -321,9 +321,9 @@ def _down(failure: Retryable) -> Unreachable:
     if failure.unreachable:
         return Unreachable(
             f"no connection: {failure.reason}",
-            hint="check the network; the same command goes on where it stopped",
+            hint="check the network; the same command resumes",
         )
     return Unreachable(
         f"{failure.reason}; no other item was answered either",
-        hint="the service seems to be down; the same command goes on where it stopped",
+        hint="the service seems to be down; the same command resumes",
     )

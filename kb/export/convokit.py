@@ -114,8 +114,6 @@ def export(run: Run) -> Summary:
         _write(fresh / "corpus.json", {"name": f"{run.profile.name}-reddit"})
         _write(fresh / "index.json", _INDEX)
     return Summary(
-        command="reddit export",
-        source="reddit",
         **counts,
         path=str(at.export("convokit")),
     )

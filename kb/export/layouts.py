@@ -8,38 +8,27 @@ from pathlib import Path
 from typing import Any
 
 from kb.core.context import Run
+from kb.core.sources import SPECS
 from kb.core.verdict import Summary
-from kb.export import (
-    clip4mc,
-    convokit,
-    minedojo,
-    minedojo_pairs,
-    minedojo_reddit,
-    minedojo_wiki,
-    parquet,
-    video2dataset,
-    wiki_tar,
-)
+from kb.export import clip4mc, minedojo_pairs, parquet, video2dataset
 from kb.store.layout import Layout
 
 Writer = Callable[[Run], Any]
 
-# By what is exported and layout. "parquet" is release/<name>: of the wiki, with tars beside it.
-WRITERS: dict[str, dict[str, Writer]] = {
-    "youtube": {"minedojo": minedojo.youtube},
-    "wiki": {"parquet": wiki_tar.export, "minedojo": minedojo_wiki.wiki},
-    "reddit": {"minedojo": minedojo_reddit.export, "convokit": convokit.export},
-    "pairs": {
-        "minedojo": minedojo_pairs.write,
-        "clip4mc": clip4mc.write,
-        "video2dataset": video2dataset.write,
-    },
+# The layouts of pairs besides "parquet", which is release/pairs; those of a source are in its spec.
+PAIRS: dict[str, Writer] = {
+    "minedojo": minedojo_pairs.write,
+    "clip4mc": clip4mc.write,
+    "video2dataset": video2dataset.write,
 }
 
 
 def writers(name: str) -> dict[str, Writer]:
     """The layouts of what is published under that name."""
-    return {"parquet": partial(parquet.export, source=name)} | WRITERS.get(name, {})
+    spec = SPECS.get(name)
+    own = {layout: spec.load(code) for layout, code in spec.formats.items()} if spec else {}
+    others = PAIRS if name == "pairs" else own
+    return {"parquet": partial(parquet.export, source=name)} | others
 
 
 def export(run: Run, name: str, layout: str = "parquet") -> Summary:
@@ -47,7 +36,9 @@ def export(run: Run, name: str, layout: str = "parquet") -> Summary:
     DiskFull.
     """
     made = writers(name)[layout](run)
-    return made if isinstance(made, Summary) else Summary(format=layout, export=str(made))
+    if not isinstance(made, Summary):
+        return Summary(format=layout, export=str(made))
+    return Summary({"command": f"{name} export" if name in SPECS else name, "source": name} | made)
 
 
 def export_again(run: Run, name: str) -> None:

@@ -74,9 +74,7 @@ def youtube(run: Run) -> Summary:
                     teaching += 1
         every.write("\n]\n")
         tutorials.write("\n]\n")
-    return Summary(
-        command="youtube export", source="youtube", format="minedojo", videos=count, path=str(path)
-    )
+    return Summary(format="minedojo", videos=count, path=str(path))
 
 
 def teaches(title: str) -> bool:

@@ -49,4 +49,4 @@ def export(run: Run) -> Summary:
                 (",\n" if number else "\n") + json.dumps({"id": key, "type": TYPES.get(kind, kind)})
             )
         file.write("\n]\n")
-    return Summary(command="reddit export", source="reddit", posts=len(posts), path=str(path))
+    return Summary(posts=len(posts), path=str(path))

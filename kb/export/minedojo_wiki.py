@@ -35,7 +35,7 @@ from kb.export.wiki_tar import rows
 from kb.store import sidefiles
 from kb.store.atomic import replacing_folder
 from kb.store.inside import inside
-from kb.store.layout import Layout
+from kb.store.layout import CAPTURED, Layout
 
 _BOX = ["x", "y", "width", "height"]
 Row = dict[str, Any]
@@ -100,9 +100,7 @@ def wiki(run: Run) -> Summary:
             data = _data(run.root, folder, page, elements.of(key), cells.of(key), images.of(key))
             (folder / "data.json").write_text(json.dumps(data, indent=2), encoding="ascii")
             count += 1
-    return Summary(
-        command="wiki export", source="wiki", format="minedojo", pages=count, path=str(target)
-    )
+    return Summary(format="minedojo", pages=count, path=str(target))
 
 
 def folder_name(url: str, title: str) -> str:
@@ -274,7 +272,7 @@ def _copy(root: Path, path: str, target: Path) -> None:
     """A file beside the raw log. Raises DamagedData for one that is not what was stored."""
     file = inside(root, path)
     if not sidefiles.is_whole(file):
-        raise sidefiles.lost(root, "wiki", [file])
+        raise sidefiles.lost(root, CAPTURED, [file])
     shutil.copyfile(file, target)
 
 

@@ -31,6 +31,7 @@ from kb.export import parquet
 from kb.schema.tables import table
 from kb.store import sidefiles
 from kb.store.inside import inside
+from kb.store.layout import CAPTURED
 from kb.store.merge import Merge
 
 TAR_BYTES = 1 << 30
@@ -76,7 +77,7 @@ def export(run: Run) -> Summary:
         "images": list(_shards(_images(run.root, lost))),
     }
     if lost:
-        raise sidefiles.lost(run.root, "wiki", lost)
+        raise sidefiles.lost(run.root, CAPTURED, lost)
     places = {
         str(
             sample.path.relative_to(run.root)
@@ -98,9 +99,9 @@ def export(run: Run) -> Summary:
                     for line in _write_tar(tar, samples, lost):
                         index.write(json.dumps(line, ensure_ascii=False) + "\n")
         if lost:
-            raise sidefiles.lost(run.root, "wiki", lost)
+            raise sidefiles.lost(run.root, CAPTURED, lost)
 
-    summary = parquet.export(run, "wiki", changes=changes, beside=write)
+    summary = parquet.export(run, CAPTURED, changes=changes, beside=write)
     path = summary.pop("path")
     tars = sum(map(len, plan.values()))
     return Summary({**summary, "tars": tars, "files": len(places), "path": path})

@@ -28,7 +28,7 @@ from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError, MissingExtra
 from kb.core.installation import install_extra
-from kb.core.sources import SOURCES
+from kb.core.sources import SOURCES, SPECS
 from kb.core.verdict import Summary
 from kb.links import entity_pages
 from kb.links.entity_pages import Names, Own
@@ -45,6 +45,7 @@ from kb.store.shards import ShardWriter, sorted_shards, write_table
 
 _RULES = "1"  # raised when the same input gives other rows
 _PLAN = "plan.json"
+PAGES = next(name for name, spec in SPECS.items() if spec.pages)  # whose pages are entities' own
 Files = dict[str, dict[str, Path]]  # by source and "<table>/<name>"
 
 
@@ -59,7 +60,7 @@ def build(run: Run, names: Callable[[], Mapping[str, Names]]) -> Summary:
     place = Catalog(run.root.absolute()).workplace
     with writer(place, "links"):
         files = _files(run.root)
-        called = names() if "wiki" in files else {}
+        called = names() if PAGES in files else {}
         reads = _reads(files, keywords, called)
         known = None if run.again else linked.read(run.root)
         if known is not None and _marks(known.sources) == _marks(reads):
@@ -68,12 +69,12 @@ def build(run: Run, names: Callable[[], Mapping[str, Names]]) -> Summary:
             return _summary(place, known)
         work = _work(run, place, reads)
         write_text(work / _PLAN, json.dumps(lists.plain(keywords), sort_keys=True))
-        own = entity_pages.own_pages(keywords, _titles(files.get("wiki", {})), called)
+        own = entity_pages.own_pages(keywords, _titles(files.get(PAGES, {})), called)
         taken = [one for one in reads if known is not None and _same(known, reads, one)]
         if taken:
             _take_over(place, work, taken)
         _match(run, work, {one: held for one, held in files.items() if one not in taken})
-        if "wiki" in files and "wiki" not in taken:
+        if PAGES in files and PAGES not in taken:
             _title_rows(work, keywords, own)
         note = _finish(run, place, work, keywords, own, reads)
         shutil.rmtree(Layout(place).linking)
@@ -117,7 +118,7 @@ def _reads(files: Files, keywords: Keywords, called: Mapping[str, Names]) -> dic
     found = {}
     for source, held in files.items():
         digests = {name: parquet.content_digest(path) for name, path in held.items()}
-        said = sorted(called.items()) if source == "wiki" else []
+        said = sorted(called.items()) if source == PAGES else []
         whole = json.dumps([rules, sorted(digests.items()), said])
         mark = hashlib.sha256(whole.encode()).hexdigest()[:16]
         found[source] = Read(mark, digests, 0)
@@ -211,7 +212,7 @@ def _title_rows(work: Path, keywords: Keywords, own: Mapping[int, Own]) -> None:
     pages = [keywords.every[number].name for number in own]
     ids = [str(one.page_id) for one in own.values()]
     mine = pa.array([f"{page}\x1f{entity}" for page, entity in zip(ids, pages, strict=True)])
-    for path in parquet_files(work, "wiki.pages.*"):
+    for path in parquet_files(work, f"{PAGES}.pages.*"):
         held = parquet.read_table(path)
         both = pc.binary_join_element_wise(
             held["key"].cast(pa.string()), held["entity"].cast(pa.string()), "\x1f"
@@ -220,7 +221,7 @@ def _title_rows(work: Path, keywords: Keywords, own: Mapping[int, Own]) -> None:
         if left.num_rows < held.num_rows:
             write_table(path, left, "links/links")
     found = rows(
-        "wiki",
+        PAGES,
         "title",
         pa.array([one.how for one in own.values()], pa.string()),
         pa.array(pages, pa.string()),
@@ -228,7 +229,7 @@ def _title_rows(work: Path, keywords: Keywords, own: Mapping[int, Own]) -> None:
         pa.array([one.names for one in own.values()], pa.int64()),
         pa.nulls(len(own), pa.float64()),
     )
-    write_table(work / "wiki.own.parquet", found, "links/links")
+    write_table(work / f"{PAGES}.own.parquet", found, "links/links")
 
 
 def _finish(

@@ -7,7 +7,7 @@ of its poll) is one text that no phrase crosses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -15,6 +15,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.optional import np
+from kb.core.source_spec import TextColumns
+from kb.core.sources import SPECS
 from kb.pairs import transcripts
 from kb.pairs.transcript_batch import Text
 from kb.schema import table
@@ -40,39 +42,31 @@ def parts(path: Path, name: str) -> Iterator[TextPart]:
     Raises DamagedData.
     """
     with reading([path]):
-        yield from _READ[name](path)
+        spec, texts = _TEXTS[name]
+        if texts.reader:
+            yield from spec.load(texts.reader)(path)
+        else:
+            yield from _columns_of(path, texts)
 
 
-def _transcripts(path: Path) -> Iterator[TextPart]:
+def transcripts_of(path: Path) -> Iterator[TextPart]:
+    """Transcripts of videos, with the times of their cues."""
     for text in transcripts.texts(path):
         yield TextPart("transcript", text, timed=True)
 
 
-def _videos(path: Path) -> Iterator[TextPart]:
-    for rows in _batches(path, ["video_id", "title", "description"]):
-        for part, column in (("title", "title"), ("body", "description")):
-            if column in rows.column_names:  # a release has no descriptions
-                yield from _texts(part, rows["video_id"], (rows[column],))
+def _columns_of(path: Path, texts: TextColumns) -> Iterator[TextPart]:
+    """The parts that are columns; a release lacks some of them."""
+    names = [texts.key, *(name for columns in texts.parts.values() for name in columns)]
+    for rows in _batches(path, names):
+        keys = _full(texts.prefix, rows[texts.key])
+        for part, columns in texts.parts.items():
+            held = tuple(rows[name] for name in columns if name in rows.column_names)
+            if held:
+                yield from _texts(part, keys, held)
 
 
-def _posts(path: Path) -> Iterator[TextPart]:
-    for rows in _batches(path, ["post_id", "title", "body", "poll_options"]):
-        keys = _full("t3_", rows["post_id"])
-        yield from _texts("title", keys, (rows["title"],))
-        yield from _texts("body", keys, (rows["body"], rows["poll_options"]))
-
-
-def _comments(path: Path) -> Iterator[TextPart]:
-    for rows in _batches(path, ["comment_id", "body"]):
-        yield from _texts("comment", _full("t1_", rows["comment_id"]), (rows["body"],))
-
-
-def _pages(path: Path) -> Iterator[TextPart]:
-    for rows in _batches(path, ["page_id", "title"]):
-        yield from _texts("title", rows["page_id"].cast(pa.string()), (rows["title"],))
-
-
-def _elements(path: Path) -> Iterator[TextPart]:
+def visible_text(path: Path) -> Iterator[TextPart]:
     """The visible text of pages; a file of elements holds whole pages, some hundred of them."""
     names = ["page_id", "element_id", "parent_id", "kind", "visible", "text", "reading_order"]
     rows = parquet.read_table(path, columns=names)
@@ -84,20 +78,9 @@ def _elements(path: Path) -> Iterator[TextPart]:
     yield from in_pieces("page", keys, page[taken], texts)
 
 
-_READ: dict[str, Callable[[Path], Iterator[TextPart]]] = {
-    "youtube/videos": _videos,
-    "youtube/transcripts": _transcripts,
-    "wiki/pages": _pages,
-    "wiki/elements": _elements,
-    "reddit/posts": _posts,
-    "reddit/comments": _comments,
-}
-TABLES = {
-    "youtube": ("videos", "transcripts"),
-    "wiki": ("pages", "elements"),
-    "reddit": ("posts", "comments"),
-}
+TABLES = {name: tuple(one.table for one in spec.texts) for name, spec in SPECS.items()}
 """The tables of each source whose texts are looked through."""
+_TEXTS = {f"{name}/{one.table}": (spec, one) for name, spec in SPECS.items() for one in spec.texts}
 
 
 def tops(rows: pa.Table, page: np.ndarray) -> np.ndarray:

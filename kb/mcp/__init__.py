@@ -1,10 +1,10 @@
 """`kb mcp`: search and tables for agents, over the Model Context Protocol on stdin and stdout.
 
-server      the four tools as the SDK has them, and when the server ends
-found       `search`: ranked answers
-around      `read`: what stands around one of them (transcript, page, thread)
-asked       `query`: SQL in a process of its own (kb.query.guarded)
-about       `about`: what is in here, how fresh, under which licences
-places      what names a place: "wiki:14#Taming", or a link
-fence       retrieved text between marks that it can't write, and answers that keep their size
+server            the four tools, and the server's life
+search_tool       `search`: ranked answers
+read_tool         `read`: what surrounds one of them; `youtube`, `wiki` and `reddit` find its parts
+query_tool        `query`: SQL in a process of its own (kb.query.isolated)
+about_tool        `about`: contents, age and licences
+references        references to places, such as "wiki:14#Taming", and links
+untrusted_text    retrieved text between unforgeable markers, and answers of limited size
 """

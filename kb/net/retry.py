@@ -71,12 +71,12 @@ def attempt(
         if service is not None and error.unreachable:
             raise Unreachable(
                 f"no connection after {tries} tries: {error.reason}",
-                hint="check the network; the same command goes on where it stopped",
+                hint="check the network; the same command resumes",
             ) from error
         if service is not None:
             raise Unreachable(
                 f"{service} gives no usable answer: {error.reason}",
-                hint="the same command goes on where it stopped",
+                hint="the same command resumes",
             ) from error
         raise
 

@@ -14,11 +14,13 @@ import pyarrow.parquet as pq
 
 from kb.artifacts import manifest
 from kb.core.errors import FatalError
+from kb.core.sources import made_of
 from kb.pairs.transcript_batch import Text
 from kb.store import parquet, rawlog
 from kb.store.layout import parquet_files
 from kb.store.reading import reading
 
+(VIDEOS,) = made_of("pairs")  # the source of the videos
 _ROWS = 128  # transcripts in memory at once: some 2 MB of text, which the cache half holds
 _COLUMNS = ["video_id", "kind", "cues"]
 _CUES = 2_000_000  # cues in memory at once, whatever the number of transcripts
@@ -29,7 +31,7 @@ def parts(root: Path, table: str = "transcripts", *, index: Path | None = None) 
 
     `index`: the released pairs whose transcripts are wanted, for the advice.
     """
-    found = manifest.rows(root, f"youtube/{table}")
+    found = manifest.rows(root, f"{VIDEOS}/{table}")
     if not found and table == "transcripts":
         raise FatalError("there are no transcripts in clean/youtube", hint=_how(root, index))
     return found
@@ -37,7 +39,7 @@ def parts(root: Path, table: str = "transcripts", *, index: Path | None = None) 
 
 def _how(root: Path, index: Path | None) -> str:
     """What has to be run before there are transcripts."""
-    if rawlog.any_answer(root, "youtube"):
+    if rawlog.any_answer(root, VIDEOS):
         return "run `kb youtube filter` first"
     crawl = "kb youtube crawl" + (f" --ids {shlex.quote(str(index))}" if index is not None else "")
     return f"run `{crawl}`, then `kb youtube filter`, then this command again"

@@ -1,14 +1,17 @@
-"""SQL over the tables of a data root: views, what may be run, and how an answer is printed.
+"""SQL over the tables of a data root: views, allowed statements, and output of results.
 
     with connect(root) as con:
-        answer = select(con, "FROM youtube_videos", root=root)      # a pyarrow.RecordBatchReader
+        reader = select(con, "FROM youtube_videos", root=root)      # a pyarrow.RecordBatchReader
 
-Views are in `views`, statements in `statements`, the nearest names in `nearest`, printing in
-`text` and `box`, files in `write`.
+views        one DuckDB view per table
+statements   what a query may contain
+execute      one query; `limits` bounds it, `isolated` runs it in another process
+suggestions  the nearest names for an unknown table or column
+formats      rows as a table, CSV or JSON; `output` writes them
 """
 
 from kb.artifacts.catalog import View
 from kb.query.execute import select
-from kb.query.views import Listed, catalog, connect, found
+from kb.query.views import ViewInfo, catalog, connect, find_views
 
-__all__ = ["Listed", "View", "catalog", "connect", "found", "select"]
+__all__ = ["View", "ViewInfo", "catalog", "connect", "find_views", "select"]

@@ -1,4 +1,4 @@
-"""One query over the views, its rows as a stream, and one clear line for what is wrong with it."""
+"""Runs one query over the views, streams its rows, and turns DuckDB's errors into one line."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ import pyarrow as pa
 from kb.artifacts.catalog import View
 from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.core.progress import Progress, Silent
-from kb.query import nearest, statements
-from kb.query.views import found
+from kb.query import statements, suggestions
+from kb.query.views import find_views
 from kb.store import checksums, parquet
 from kb.store.reading import broken
 
 _BATCH = 10_000  # rows
-_LONG = 1 << 30  # bytes that are read in a moment
+_QUICK = 1 << 30  # bytes that are read in a moment
 
 
 def select(
@@ -33,26 +33,26 @@ def select(
 ) -> pa.RecordBatchReader:
     """Run one query and stream its rows; columns of one name become a, a_1, a_2.
 
-    The files of the views that it names are read for their checksums first, once a process;
-    `progress` hears of it where that takes longer than a moment.
+    The files of the views that it reads are compared with their checksums first, once per process;
+    `progress` shows this if it takes longer than a moment.
 
-    What Arrow can't hold (intervals, bits) comes as text, with `text` bytes too. Raises UsageError
-    in one line for what is wrong with it (with the nearest names there are), and for anything that
-    is no query; DamagedData for a file of `root` (or of `views`, as given to `connect`) that can't
-    be read. Both may come while rows are read.
+    Columns that Arrow can't hold (intervals, bits) become text; with `text` bytes do too. Raises
+    UsageError for a wrong query, with the nearest names, and for anything but a query; DamagedData
+    for a file of `root` (or of `views`, as given to `connect`) that can't be read. Both may be
+    raised while rows are read.
     """
     if views is None:
-        views = list(found(root.absolute())) if root else []
+        views = list(find_views(root.absolute())) if root else []
     try:
         statements.check(con, sql)
-        _check(statements.asked(sql, views), progress or Silent())
+        _check(statements.views_read(sql, views), progress or Silent())
         relation = con.sql(sql)
         cast = statements.casts(relation, text=text)
         answer: Any = relation.query("answer", cast) if cast else relation
         reader = answer.to_arrow_reader(_BATCH)
     except (duckdb.CatalogException, duckdb.BinderException) as error:
-        if said := nearest.unknown(con, sql, error, root):
-            raise said from None
+        if unknown := suggestions.unknown(con, sql, error, root):
+            raise unknown from None
         raise _problem(error, views) from None
     except duckdb.Error as error:
         raise _problem(error, views) from None
@@ -61,14 +61,14 @@ def select(
     return pa.RecordBatchReader.from_batches(pa.schema(fields), _batches(reader, names, views))
 
 
-def _check(asked: Sequence[View], progress: Progress) -> None:
-    """Raises DamagedData for a file whose bytes are not what was written."""
-    files = [path for view in asked for path in view.files]
+def _check(views: Sequence[View], progress: Progress) -> None:
+    """Raise DamagedData for a checksum mismatch."""
+    files = [path for view in views for path in view.files]
     size = checksums.unverified_size(files)
-    if size < _LONG:
+    if size < _QUICK:
         parquet.check(*files)
         return
-    with progress.task("check the tables, once", total=size, unit="bytes") as task:
+    with progress.task("check the tables (once)", total=size, unit="bytes") as task:
         parquet.check(*files, advance=task.advance)
 
 
@@ -79,16 +79,16 @@ def _batches(
         for batch in reader:
             yield batch.rename_columns(names)
     except (pa.ArrowException, OSError) as error:
-        # What DuckDB raises becomes an OSError without a number on its way.
+        # Arrow turns DuckDB's errors into an OSError without errno.
         raise _problem(error, views) from None
 
 
 def _problem(error: Exception, views: Sequence[View]) -> KbError:
-    """What to say of a query that DuckDB gave up: a file is damaged, or the query is wrong."""
-    line = nearest.one_line(error)
+    """The error for a query that DuckDB failed to run: a damaged file, or a wrong query."""
+    line = suggestions.one_line(error)
     files = [path for view in views for path in view.files]
     named = [path for path in files if str(path) in str(error)]
-    # A wrong query has a kind ("Binder Error: …"); what a reader of Parquet stumbles over has none.
+    # A wrong query's error has a kind ("Binder Error: …"); the Parquet reader's has none.
     about_files = line.startswith(("IO Error: ", "Invalid Error: ")) or not re.match(
         r"[A-Z][\w -]* Error: ", line
     )

@@ -1,8 +1,8 @@
-"""DuckDB over a data root or a download: a schema for each kind of table, one view a table.
+"""DuckDB over a data root or a download: a schema per kind of table, a view per table.
 
 `clean.youtube_videos`, `release.reddit_posts`, `restored.reddit_comments`, `links.entities`, as
-kb.artifacts.catalog finds them; a bare name is the clean view where it exists, else the released,
-else the restored one, else the links'. Only files of these tables can be read: nothing is written,
+kb.artifacts.catalog finds them. A bare name is the clean view if there is one, else the released,
+the restored, or the links' one. Only files of these tables can be read: nothing can be written,
 attached, loaded or fetched.
 """
 
@@ -19,13 +19,13 @@ from kb.artifacts import manifest
 from kb.artifacts.catalog import SCHEMAS, Catalog, View, bare
 from kb.artifacts.release_folder import read_tombstones
 from kb.core.errors import DamagedData
-from kb.query.bounds import Limits
+from kb.query.limits import Limits
 from kb.store import database
 from kb.store.advice import advice
 from kb.store.reading import escaped, reading, scan
 
 
-class Listed(NamedTuple):
+class ViewInfo(NamedTuple):
     """A line of `kb query --tables`."""
 
     schema: str
@@ -35,7 +35,7 @@ class Listed(NamedTuple):
     about: str
 
 
-def found(root: Path) -> Sequence[View]:
+def find_views(root: Path) -> Sequence[View]:
     """Every table of a data root or a download, in a fixed order."""
     return Catalog(root.absolute()).views
 
@@ -45,22 +45,22 @@ def connect(
 ) -> duckdb.DuckDBPyConnection:
     """An in-memory DuckDB with the data root's views, which can reach nothing else.
 
-    `views`: these instead of what is found at `root`, with absolute paths; without a `root`, and in
-    a download, nothing is spilled beside them. `limits`: of memory and what is spilled; time is
-    `kb.query.bounds.bounded`'s. Raises DamagedData for a file that is no Parquet.
+    `views`: these (with absolute paths) instead of those of `root`. Without a `root`, and for a
+    download, nothing is spilled to the folder. `limits`: of memory and spilling; the time limit is
+    up to `kb.query.limits.limited`. Raises DamagedData for a file that is not Parquet.
     """
-    held = Catalog(root.absolute()) if root else None
-    con = _open(held.path if held and not held.is_download else None, limits)
+    tables = Catalog(root.absolute()) if root else None
+    con = _open(tables.path if tables and not tables.is_download else None, limits)
     if views is None:
-        views = held.views if held else []
-        if held:
-            held.check()
+        views = tables.views if tables else []
+        if tables:
+            tables.check()
     _make(con, views)
     files = {str(path) for view in views for path in view.files}
-    # The pattern is checked, then the file.
+    # DuckDB checks the pattern, then the file.
     allowed = sorted(files | {escaped(file) for file in files})
     con.execute(f"SET allowed_paths = [{', '.join(map(_quoted, allowed))}]")
-    con.execute("SET python_enable_replacements = false")  # no table is a variable of this program
+    con.execute("SET python_enable_replacements = false")  # Python's variables are not tables
     con.execute("SET enable_external_access = false")
     con.execute("SET lock_configuration = true")
     return con
@@ -78,7 +78,7 @@ def _open(root: Path | None, limits: Limits | None) -> duckdb.DuckDBPyConnection
 
 
 def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View]) -> None:
-    """The views, and bare names in the default schema, so that SHOW TABLES has each once."""
+    """Create the views; bare names in the default schema, so that SHOW TABLES lists each once."""
     for schema in SCHEMAS:
         con.execute(f"CREATE SCHEMA {schema}")
     for view in views:
@@ -95,19 +95,19 @@ def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View]) -> None:
         con.execute(f"CREATE VIEW main.{name} AS FROM {view.full}")
 
 
-def catalog(root: Path) -> list[Listed]:
+def catalog(root: Path) -> list[ViewInfo]:
     """Every view that has files, by schema and name. Raises DamagedData."""
     listing = []
-    for view in found(root):
+    for view in find_views(root):
         if view.files[0].suffix == ".ndjson":
-            held = read_tombstones(view.files[0])
-            rows, columns = held.num_rows, held.num_columns
+            table = read_tombstones(view.files[0])
+            rows, columns = table.num_rows, table.num_columns
         else:
             with reading(view.files):
                 footers = [pq.read_metadata(path) for path in view.files]
             columns = len(footers[0].schema.to_arrow_schema())
             rows = sum(footer.num_rows for footer in footers)
-        listing.append(Listed(view.schema, view.name, rows, columns, view.doc))
+        listing.append(ViewInfo(view.schema, view.name, rows, columns, view.doc))
     return sorted(listing)
 
 

@@ -1,23 +1,22 @@
-"""What was downloaded or crawled, in Python: `data = kb.load("release/")`, made for a notebook.
+"""Reads collected or downloaded data in Python: `data = kb.load("release/")`, made for notebooks.
 
-    data.tables                         what is there
+    data.tables                         all tables
     data["youtube_videos"]              a table: .to_pandas(), .to_polars(), .to_table(), .schema
-    data.sql("SELECT …")                an answer, with the same ways out
+    data.sql("SELECT …")                a result, with the same conversions
     data.page("Creeper")                a wiki page: .screenshot(), .boxes("table").draw()
     data.thread("abc123")               a post and its comments, nested
     data.clips("creeper")               clips of a keyword, with their videos and texts
-    data.search("tame a wolf")          ranked answers out of the index of `kb index`
+    data.search("tame a wolf")          ranked answers from the index of `kb index`
 
-Nothing is sent or asked for: no key, no network. Tables are in `rows`, HTML in `html`; pages in
-`page` and `image`, the rest by its own name.
+Needs no key and no network. `tables` has tables and results, `wiki_page` and `screenshots` the
+pages, `html` what notebooks show.
 """
 
 from kb.reader.data import Data, load
-from kb.reader.image import Box
-from kb.reader.page import Boxes, Page
-from kb.reader.rows import QueryResult, RowSet, TableView
-from kb.reader.tables import Tables
+from kb.reader.screenshots import Box
+from kb.reader.tables import QueryResult, RowSet, Tables, TableView
 from kb.reader.thread import Thread, ThreadComment
+from kb.reader.wiki_page import Boxes, Page
 
 __all__ = [
     "Box",

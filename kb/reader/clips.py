@@ -8,8 +8,8 @@ from typing import cast
 from kb.artifacts.catalog import View
 from kb.core.errors import UsageError
 from kb.core.sources import made_of
-from kb.reader.opened import OpenTables
-from kb.reader.rows import QueryResult, TableView
+from kb.reader.open_tables import OpenTables
+from kb.reader.tables import QueryResult, TableView
 
 _OF_VIDEO = ("title", "view_count", "like_count", "published_at")
 
@@ -23,7 +23,7 @@ def find(opened: OpenTables, keyword: str) -> QueryResult:
     """
     ranked = opened.ranked("pairs")
     if not ranked:
-        raise UsageError("no pairs here", hint="load the folder of the release that holds them")
+        raise UsageError("the data contain no pairs", hint="load the folder of the pairs' release")
     pairs = ranked[0]
     clips = QueryResult(opened.rows(_sql(opened, pairs, ranked), [keyword]))
     if len(clips):
@@ -31,7 +31,7 @@ def find(opened: OpenTables, keyword: str) -> QueryResult:
     listed = opened.rows(f"SELECT DISTINCT keyword FROM {pairs.full}")["keyword"].to_pylist()
     known = cast("list[str]", listed)
     by_lower = {one.lower(): one for one in known}
-    if keyword.lower() in by_lower:  # all of its clips were removed since
+    if keyword.lower() in by_lower:  # all of its clips have been removed
         return clips
     near = [by_lower[one] for one in difflib.get_close_matches(keyword.lower(), by_lower, 3)]
     raise UsageError(
@@ -52,12 +52,12 @@ def _sql(opened: OpenTables, pairs: View, ranked: list[View]) -> str:
     of_video = ", ".join(f"v.{name}" if videos else f"NULL AS {name}" for name in _OF_VIDEO)
     if videos:
         joins.append(f"LEFT JOIN {videos[0].full} AS v ON v.video_id = p.video_id")
-    gone = [
+    removed = [
         f"SELECT key FROM {one.full} WHERE source = '{source}'"
         for source in (*made_of("pairs"), "pairs")
         for one in opened.ranked(f"{source}_tombstones")
     ]
-    left = f"AND p.video_id NOT IN ({' UNION ALL '.join(gone)})" if gone else ""
+    left = f"AND p.video_id NOT IN ({' UNION ALL '.join(removed)})" if removed else ""
     return f"""
         SELECT p.pair_id, p.keyword, p.keyword_kind, p.video_id, {of_video},
             p.clip_start_s, p.clip_end_s,

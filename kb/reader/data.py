@@ -1,4 +1,4 @@
-"""`kb.load`: the tables of what was downloaded or crawled, and what is made out of them."""
+"""`kb.load`: the tables of downloaded or collected data, and what can be made from them."""
 
 from __future__ import annotations
 
@@ -10,29 +10,27 @@ from kb import query
 from kb.artifacts import catalog
 from kb.artifacts.catalog import Catalog
 from kb.core.errors import UsageError
-from kb.reader import clips, html, page, thread
-from kb.reader.hints import hinted
-from kb.reader.opened import OpenTables
-from kb.reader.rows import QueryResult, TableView
-from kb.reader.tables import Tables
+from kb.reader import clips, html, thread, wiki_page
+from kb.reader.error_hints import with_hints
+from kb.reader.open_tables import OpenTables
+from kb.reader.tables import QueryResult, Tables, TableView
 from kb.search.ranking import Only, day_given
 
 Place = str | os.PathLike[str]
-_WAYS = ("sql", "page", "thread", "clips", "search")
+_METHODS = ("sql", "page", "thread", "clips", "search")
 
 
-@hinted
+@with_hints
 def load(*places: Place | Iterable[Place]) -> Data:
-    """Opens a data root, a `release/` folder, one release folder, or several of these together.
+    """Open a data root, a `release/` folder, one release folder, or several of these together.
 
         import kb
         data = kb.load("release/")
         data = kb.load("lorecrawl-youtube", "lorecrawl-pairs")
 
-    Without a place it is the folder `data`. Looks at file names only; what is in the files is read
-    when it is asked for. Nothing is written or sent, and no key or profile is needed. Raises
-    UsageError for a folder that does not exist, FatalError for one without tables, DamagedData
-    where a file is missing.
+    The default is the folder `data`. Only lists the files, which are read when needed. Nothing is
+    written or sent, and no key or profile is needed. Raises UsageError for a folder that does not
+    exist, FatalError for one without tables, DamagedData if a file is missing.
     """
     paths: list[Path] = []
     for one in places or ("data",):
@@ -47,9 +45,9 @@ class Data:
         self._opened = OpenTables(catalogs)
         self.tables = Tables(self._opened.views)
 
-    @hinted
+    @with_hints
     def __getitem__(self, name: str) -> TableView:
-        """A table by its name. Raises UnknownTable, which is a KeyError too.
+        """A table by its name. Raises UnknownTable, which is also a KeyError.
 
         data["youtube_videos"].to_pandas()
         """
@@ -58,13 +56,13 @@ class Data:
     def __contains__(self, name: object) -> bool:
         return name in self.tables
 
-    @hinted
+    @with_hints
     def sql(self, query_: str, /) -> QueryResult:
-        """The answer to one query over all tables, in DuckDB's SQL; it only reads.
+        """The result of a query over all tables, in DuckDB's SQL. It can only read.
 
             data.sql("SELECT keyword, count(*) AS clips FROM pairs GROUP BY ALL").to_pandas()
 
-        Raises UsageError in one line for what is wrong with it, DamagedData for a broken file.
+        Raises UsageError for a wrong query, DamagedData for a damaged file.
         """
         try:
             rows = query.select(self._opened.con, query_, views=self._opened.views)
@@ -74,28 +72,28 @@ class Data:
                 error.hint = "data.tables lists the tables"
             raise
 
-    @hinted
-    def page(self, id_or_title: int | str, /) -> page.Page:
+    @with_hints
+    def page(self, id_or_title: int | str, /) -> wiki_page.Page:
         """A wiki page by its id or title. Raises UsageError with the nearest titles.
 
         data.page("Creeper").screenshot()
         data.page("Creeper").boxes("table").draw()
         """
-        return page.find(self._opened, id_or_title)
+        return wiki_page.find(self._opened, id_or_title)
 
-    @hinted
+    @with_hints
     def thread(self, post_id: str, /) -> thread.Thread:
-        """A post of Reddit with its comments, nested: texts where they are here, else scores.
+        """A Reddit post with its comments, nested; without texts in a release alone.
 
             print(data.thread("abc123"))
 
-        Raises UsageError for an id that is not here.
+        Raises UsageError for an unknown id.
         """
         return thread.find(self._opened, post_id)
 
-    @hinted
+    @with_hints
     def clips(self, keyword: str, /) -> QueryResult:
-        """The clips of a keyword with their videos' titles and figures, and texts where they are.
+        """The clips of a keyword, with their videos' titles and figures, and available texts.
 
             data.clips("creeper").to_pandas()[["title", "url", "text"]]
 
@@ -103,7 +101,7 @@ class Data:
         """
         return clips.find(self._opened, keyword)
 
-    @hinted
+    @with_hints
     def search(
         self,
         words: str,
@@ -119,15 +117,15 @@ class Data:
         limit: int = 10,
         size: int = 1000,
     ) -> QueryResult:
-        """Ranked answers out of the local index that `kb index` makes; the best first.
+        """Ranked answers from the local index that `kb index` builds; best first.
 
             data.search("how to tame a fox", kind="transcript").to_pandas()[["url", "snippet"]]
 
         Columns: text, snippet, source, kind, key, title, path, score, url, licence, date, start_s.
-        `entity`: a keyword of the profile; answers out of what `kb links` found to name it alone.
-        `each`: answers of one video, page or thread, None for all; `size`: characters of a text.
-        An index that is missing or out of date is made first: below the data root, or in the
-        user's cache for a download. Raises UsageError where there are no texts.
+        `entity`: only answers that mention this keyword of the profile, as found by `kb links`.
+        `each`: answers per video, page or thread, None for all; `size`: characters of a text.
+        An index that is missing or out of date is built first, in the data root, or in the user's
+        cache for a download. Raises UsageError if there are no texts.
         """
         from kb.reader import search  # noqa: PLC0415  it needs pydantic, which takes a second
 
@@ -136,10 +134,10 @@ class Data:
         return search.find(self._opened, words, _several(source), only, size, entity)
 
     def _repr_html_(self) -> str:
-        said = ", ".join(["data[name]", *(f"data.{one}(…)" for one in _WAYS)])
+        methods = ", ".join(["data[name]", *(f"data.{one}(…)" for one in _METHODS)])
         caption = f"<b>Lorecrawl</b> {html.text(', '.join(self._opened.folders()), 400)}"
         return html.block(
-            self.tables._repr_html_() + f"<small>{html.text(said)}</small>", caption=caption
+            self.tables._repr_html_() + f"<small>{html.text(methods)}</small>", caption=caption
         )
 
     def __repr__(self) -> str:

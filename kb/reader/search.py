@@ -1,4 +1,4 @@
-"""`data.search(words)`: ranked answers out of the indexes of the folders that were loaded."""
+"""`data.search(words)`: ranked answers from the indexes of the loaded folders."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from kb.core.errors import UsageError
 from kb.core.profile import DEFAULT, load_profile
 from kb.core.settings import Settings
 from kb.core.sources import SOURCES
-from kb.reader.opened import OpenTables
-from kb.reader.rows import QueryResult
+from kb.reader.open_tables import OpenTables
+from kb.reader.tables import QueryResult
 from kb.search.answers import SearchHit, search
 from kb.search.build import ensure
 from kb.search.passage import KINDS
@@ -36,17 +36,19 @@ def find(
     size: int = 1000,
     entity: str = "",
 ) -> QueryResult:
-    """The answers as rows, the best first. Makes what is missing of the indexes.
+    """The answers as rows, best first. Builds indexes that are missing.
 
-    Raises UsageError where there are no texts, WriterLocked, DamagedData, DiskFull.
+    Raises UsageError if there are no texts, WriterLocked, DamagedData, DiskFull.
     """
     for what, given, known in (("source", sources, SOURCES), ("kind", only.kinds, KINDS)):
         if wrong := [one for one in given if one not in known]:
-            raise UsageError(f"no {what} {wrong[0]!r}", hint=f"one of {', '.join(known)}")
+            raise UsageError(f"unknown {what} {wrong[0]!r}", hint=f"use one of {', '.join(known)}")
     hits = []
     chosen = sources or SOURCES
-    held = [one for one in opened.catalogs if any(indexed.files(one.path, name) for name in chosen)]
-    for one in held or opened.catalogs:
+    indexable = [
+        one for one in opened.catalogs if any(indexed.files(one.path, name) for name in chosen)
+    ]
+    for one in indexable or opened.catalogs:
         ensure(_run(one), chosen)
         hits += search(one.path, words, sources=sources, only=only, size=size, entity=entity)
     hits.sort(key=lambda one: -one.score)
@@ -54,11 +56,11 @@ def find(
     return QueryResult(pa.Table.from_pylist(rows, schema=_SCHEMA))
 
 
-def _run(held: Catalog) -> Run:
-    """What an index is made with: the folder's own profile."""
-    bound = belonging.remembered(held.path)
+def _run(catalog: Catalog) -> Run:
+    """A run with the folder's own profile, as indexing needs."""
+    bound = belonging.remembered(catalog.path)
     if bound is not None:
-        profile = belonging.load(held.path, bound)[0]
+        profile = belonging.load(catalog.path, bound)[0]
     else:
-        profile = load_profile(belonging.profile_of(held.path) or DEFAULT)
-    return Run(settings=Settings(kb_data=held.path), profile=profile, root=held.path)
+        profile = load_profile(belonging.profile_of(catalog.path) or DEFAULT)
+    return Run(settings=Settings(kb_data=catalog.path), profile=profile, root=catalog.path)

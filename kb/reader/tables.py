@@ -1,15 +1,230 @@
-"""`data.tables`: what is there, by name."""
+"""Tables and query results, with conversions: Arrow, pandas, polars, and HTML in notebooks."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import pyarrow as pa
+import pyarrow.dataset as ds
+import pyarrow.parquet as pq
 
 from kb.artifacts.catalog import View, bare
-from kb.core.errors import UsageError
+from kb.artifacts.release_folder import read_tombstones
+from kb.core.errors import MissingExtra, UsageError
 from kb.reader import html
-from kb.reader.hints import hinted
-from kb.reader.rows import TableView
+from kb.reader.error_hints import with_hints
+from kb.store import parquet
+from kb.store.reading import reading
+
+if TYPE_CHECKING:
+    import pandas
+    import polars
+
+_PARQUET = ds.ParquetFileFormat(
+    default_fragment_scan_options=ds.ParquetFragmentScanOptions(page_checksum_verification=True)
+)
+_SHOWN = 5  # rows in a notebook
+
+
+class RowSet:
+    """What tables and query results have in common: everything but the origin of the rows."""
+
+    @property
+    def schema(self) -> pa.Schema:
+        """Names and types of the columns; for a declared table also their meaning."""
+        raise NotImplementedError
+
+    def to_table(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """All rows as a pyarrow.Table, of all or some columns. Raises DamagedData."""
+        raise NotImplementedError
+
+    def head(self, rows: int = _SHOWN) -> pa.Table:
+        """The first rows as a pyarrow.Table."""
+        raise NotImplementedError
+
+    def count_rows(self) -> int:
+        """The number of rows, as of `len()`."""
+        raise NotImplementedError
+
+    @with_hints
+    def to_pandas(self, columns: Sequence[str] | None = None) -> pandas.DataFrame:
+        """All rows as a DataFrame. Raises MissingExtra without pandas, DamagedData.
+
+        data["youtube_videos"].to_pandas(["title", "view_count"]).describe()
+        """
+        needs("pandas")
+        return self.to_table(columns).to_pandas()
+
+    @with_hints
+    def to_polars(self, columns: Sequence[str] | None = None) -> polars.DataFrame:
+        """All rows as a polars.DataFrame. Raises MissingExtra without polars, DamagedData.
+
+        data.sql("FROM pairs").to_polars().group_by("keyword").len()
+        """
+        needs("polars")
+        import polars
+
+        return cast("polars.DataFrame", polars.from_arrow(self.to_table(columns)))
+
+    @with_hints
+    def to_pylist(self, columns: Sequence[str] | None = None) -> list[dict[str, Any]]:
+        """All rows as dictionaries. Raises DamagedData."""
+        return self.to_table(columns).to_pylist()
+
+    def __len__(self) -> int:
+        return self.count_rows()
+
+    def __bool__(self) -> bool:
+        return True  # even without rows
+
+    def _caption(self) -> str:
+        columns = html.count(len(self.schema), "column")
+        return f"{html.count(self.count_rows(), 'row')}, {columns}"
+
+    def _repr_html_(self) -> str:
+        first = self.head()
+        values = zip(*(column.to_pylist() for column in first.columns), strict=True)
+        return html.rows(first.column_names, values, self._caption())
+
+
+class TableView(RowSet):
+    """One table: all its shards as one, read when needed.
+
+    videos = data["youtube_videos"]
+    videos.schema; len(videos); videos.to_pandas()
+    videos.dataset                      # the pyarrow.dataset.Dataset, for filters and batches
+
+    All other methods of a pyarrow Dataset (`scanner`, `to_batches`, `filter` …) work as well.
+    """
+
+    def __init__(self, view: View) -> None:
+        self.view = view
+        self._dataset: ds.Dataset | None = None
+
+    @property
+    def name(self) -> str:
+        """The full name: "release.youtube_videos"."""
+        return self.view.full
+
+    @property
+    def doc(self) -> str:
+        """What a row stands for."""
+        return self.view.doc
+
+    @property
+    def files(self) -> list[Path]:
+        """The shards, in order."""
+        return list(self.view.files)
+
+    @property
+    def _is_list(self) -> bool:
+        """Whether this is a release's list of tombstones, which is not Parquet."""
+        return self.view.files[0].suffix == ".ndjson"
+
+    @property
+    def dataset(self) -> ds.Dataset:
+        """The shards as a pyarrow Dataset, with checksums verified. Raises DamagedData."""
+        if self._dataset is None and self._is_list:
+            self._dataset = ds.dataset(read_tombstones(self.view.files[0]))
+        if self._dataset is None:
+            with reading(self.view.files):
+                parquet.check(*self.view.files)
+                self._dataset = ds.dataset(list(map(str, self.view.files)), format=_PARQUET)
+        return self._dataset
+
+    @property
+    def schema(self) -> pa.Schema:
+        """Columns with their types; `schema.field("fps").metadata` explains one."""
+        if self._dataset is not None or self._is_list:
+            return self.dataset.schema
+        with reading(self.view.files):
+            pq.read_metadata(self.view.files[0])
+            return pq.read_schema(self.view.files[0])
+
+    @with_hints
+    def to_table(
+        self, columns: Sequence[str] | None = None, filter: ds.Expression | None = None
+    ) -> pa.Table:
+        """All rows as a pyarrow.Table, of some columns or rows only. Raises DamagedData.
+
+        import pyarrow.compute as pc
+        data["pairs"].to_table(["video_id"], filter=pc.field("keyword") == "Creeper")
+        """
+        chosen = None if columns is None else list(columns)
+        for name in chosen or ():
+            if name not in self.schema.names:
+                near = difflib.get_close_matches(name, self.schema.names, 3)
+                raise UsageError(
+                    f"{self.name} has no column {name!r}",
+                    hint=f"did you mean {' or '.join(near)}?" if near else ".schema lists them",
+                )
+        with reading(self.view.files):
+            return self.dataset.to_table(columns=chosen, filter=filter)
+
+    def head(self, rows: int = _SHOWN) -> pa.Table:
+        """The first rows, without reading the others."""
+        with reading(self.view.files):
+            return self.dataset.head(rows)
+
+    @with_hints
+    def count_rows(self) -> int:
+        """The number of rows, from the files' footers. Raises DamagedData."""
+        if self._is_list:
+            return int(self.dataset.count_rows())
+        with reading(self.view.files):
+            return sum(pq.read_metadata(path).num_rows for path in self.view.files)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self.dataset, name)
+
+    def _caption(self) -> str:
+        return f"{self.name}: {self.doc} {super()._caption()}"
+
+    def __repr__(self) -> str:
+        return f"<kb table {self.name}>"
+
+
+class QueryResult(RowSet):
+    """The rows of a query, in memory."""
+
+    def __init__(self, rows: pa.Table) -> None:
+        self._rows = rows
+
+    @property
+    def schema(self) -> pa.Schema:
+        """Names and types of the columns."""
+        return self._rows.schema
+
+    def to_table(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """The rows as a pyarrow.Table."""
+        return self._rows if columns is None else self._rows.select(list(columns))
+
+    def head(self, rows: int = _SHOWN) -> pa.Table:
+        """The first rows."""
+        return self._rows.slice(0, rows)
+
+    def count_rows(self) -> int:
+        """The number of rows."""
+        return int(self._rows.num_rows)
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        """Each row as a dictionary."""
+        for batch in self._rows.to_batches():
+            yield from batch.to_pylist()
+
+    def _repr_html_(self) -> str:
+        first = self.head(20)
+        values = zip(*(column.to_pylist() for column in first.columns), strict=True)
+        return html.rows(first.column_names, values, self._caption())
+
+    def __repr__(self) -> str:
+        return f"<kb result: {self._caption()}>"
 
 
 class Tables(Mapping[str, TableView]):
@@ -17,21 +232,21 @@ class Tables(Mapping[str, TableView]):
 
     list(data.tables); data.tables["youtube_videos"]; "clean.reddit_posts" in data.tables
 
-    A bare name is the clean table where there is one, else the released, else the restored one.
+    A bare name means the clean table if there is one, else the released, else the restored one.
     """
 
     def __init__(self, views: list[View]) -> None:
         self._short = {name: view.full for name, view in sorted(bare(views).items())}
         self._full = {view.full: TableView(view) for view in sorted(views)}
 
-    @hinted
+    @with_hints
     def __getitem__(self, name: str) -> TableView:
         full = self._short.get(name, name)
         if full in self._full:
             return self._full[full]
         near = difflib.get_close_matches(name, [*self._short, *self._full], 3)
         raise UnknownTable(
-            f"no table {name!r} here." + (f" Did you mean {' or '.join(near)}?" if near else ""),
+            f"unknown table {name!r}." + (f" Did you mean {' or '.join(near)}?" if near else ""),
             hint="data.tables lists them",
         )
 
@@ -45,7 +260,7 @@ class Tables(Mapping[str, TableView]):
         return len(self._short)
 
     def all(self) -> list[TableView]:
-        """Every table, those that a bare name does not reach as well."""
+        """Every table, including those that need a schema in their name."""
         return list(self._full.values())
 
     def _repr_html_(self) -> str:
@@ -67,7 +282,14 @@ class Tables(Mapping[str, TableView]):
 
 
 class UnknownTable(UsageError, KeyError):
-    """A name of no table; a KeyError too, as of any mapping."""
+    """An unknown table name; also a KeyError, as from any mapping."""
 
     def __str__(self) -> str:
         return str(self.args[0])
+
+
+def needs(package: str, *, install: str = "") -> None:
+    """Raise MissingExtra, with a hint, if an optional package is not installed."""
+    if find_spec(package) is None:
+        install = install or package
+        raise MissingExtra(f"{install} is not installed", hint=f"install the package {install}")

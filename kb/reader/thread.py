@@ -1,4 +1,4 @@
-"""`data.thread(post_id)`: a post and its comments, nested, with those whose parent is not here."""
+"""`data.thread(post_id)`: a post and its nested comments, with comments whose parent is missing."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from kb.core import terminal
 from kb.core.errors import UsageError
 from kb.reader import html
-from kb.reader.opened import OpenTables
+from kb.reader.open_tables import OpenTables
 
 _TEXT = 400  # characters of a body in a notebook
 _SHOWN = 100  # comments in a notebook
@@ -22,8 +22,8 @@ _COMMENT = ("body", "author_hash")
 class ThreadComment:
     """A comment and the answers to it, oldest first.
 
-    `depth` is the true one: 0 answers the post, None where that is unknown. `body` is None where
-    the text is not here; `missing` is then why it could not be restored, where that is known.
+    `depth` is 0 for answers to the post, and None if unknown. `body` is None if the text is not
+    available; `missing` is then the reason why it could not be restored, if known.
     """
 
     comment_id: str
@@ -42,10 +42,10 @@ class ThreadComment:
 
 @dataclass(eq=False, repr=False)
 class Thread:
-    """A post, the answers to it, and comments whose parent is not here (deleted or left out).
+    """A post, the answers to it, and comments whose parent is missing (deleted or filtered out).
 
     thread = data.thread("abc123")
-    thread.title, thread.body           # None where texts are not here
+    thread.title, thread.body           # None without texts
     thread.replies[0].replies           # nested
     thread.orphans                      # each with its own replies
     for level, comment in thread.walk(): ...
@@ -63,16 +63,16 @@ class Thread:
 
     @property
     def title(self) -> str | None:
-        """The post's title, where it is here."""
+        """The post's title, if available."""
         return self.post.get("title")
 
     @property
     def body(self) -> str | None:
-        """The post's own text, where there is one and it is here."""
+        """The post's own text, if it has one and it is available."""
         return self.post.get("body")
 
     def walk(self) -> Iterator[tuple[int, ThreadComment]]:
-        """(level, comment) from the top; orphans come last and start at level 0 again."""
+        """(level, comment) from the top; orphans come last, starting at level 0."""
         waiting = [(0, one) for one in reversed([*self.replies, *self.orphans])]
         while waiting:
             level, comment = waiting.pop()
@@ -80,11 +80,11 @@ class Thread:
             waiting += [(level + 1, one) for one in reversed(comment.replies)]
 
     def __len__(self) -> int:
-        """How many comments are here."""
+        """The number of available comments."""
         return sum(1 for _ in self.walk())
 
     def __bool__(self) -> bool:
-        return True  # a post without comments is a thread too
+        return True  # even without comments
 
     def __str__(self) -> str:
         lines = [f"{self.post_id} ({self.post['score']}) {_line(self.title, self.missing)}"]
@@ -92,8 +92,8 @@ class Thread:
         for level, one in self.walk():
             if one is first:
                 lines.append(f"-- {_orphans(len(self.orphans))}")
-            said = _line(one.body, one.missing)
-            lines.append(f"{'  ' * (level + 1)}{one.comment_id} ({one.score}) {said}")
+            text = _line(one.body, one.missing)
+            lines.append(f"{'  ' * (level + 1)}{one.comment_id} ({one.score}) {text}")
         return "\n".join(line.rstrip() for line in lines)
 
     def __repr__(self) -> str:
@@ -116,41 +116,43 @@ class Thread:
                 break
             if one is first:
                 parts.append(f"<div><i>{html.text(_orphans(len(self.orphans)))}</i></div>")
-            said = html.text(one.body if one.body is not None else one.missing, _TEXT)
+            text = html.text(one.body if one.body is not None else one.missing, _TEXT)
             parts.append(
                 f'<div style="margin-left:{min(level, 20) * 1.5:.1f}em">'
                 f"<small>{html.text(one.comment_id)}, {html.text(one.score)} points</small> "
-                f"{said}</div>"
+                f"{text}</div>"
             )
         return html.block("".join(parts))
 
 
 def find(opened: OpenTables, post_id: str) -> Thread:
-    """The thread of a post, by its bare id or full name. Raises UsageError where it is not here."""
+    """The thread of a post, by its bare id or full name. Raises UsageError if it is unknown."""
     key = post_id.removeprefix("t3_")
-    # What a later release removed stays out of an older copy.
-    gone = _reasons(opened, "reddit_tombstones")
+    # Content that a later release removed stays out of an older copy.
+    removed = _reasons(opened, "reddit_tombstones")
     for spine in opened.ranked("reddit_posts"):
         rows = opened.rows(f"FROM {spine.full} WHERE post_id = ?", [key]).to_pylist()
         if not rows:
             continue
-        if f"t3_{key}" in gone:
-            raise UsageError(f"the post {key} was removed: {gone[f't3_{key}']}")
+        if f"t3_{key}" in removed:
+            raise UsageError(f"the post {key} was removed: {removed[f't3_{key}']}")
         missing = _reasons(opened, "reddit_missing")
         post = _filled(opened, rows, "reddit_posts", "post_id", _POST, key)[0]
-        held = f"{spine.schema}.reddit_comments"
+        table = f"{spine.schema}.reddit_comments"
         comments = [
             row
-            for row in (_comments(opened, held, key) if held in opened else [])
-            if f"t1_{row['comment_id']}" not in gone
+            for row in (_comments(opened, table, key) if table in opened else [])
+            if f"t1_{row['comment_id']}" not in removed
         ]
         filled = _filled(opened, comments, "reddit_comments", "comment_id", _COMMENT, key)
         return _nested(post, filled, missing)
     if not opened.ranked("reddit_posts"):
-        raise UsageError("no posts here", hint="load a Reddit release, or a data root with one")
+        raise UsageError(
+            "the data contain no posts", hint="load a Reddit release or a data root with one"
+        )
     raise UsageError(
-        f"no post {key!r} here",
-        hint='data["reddit_posts"] has the ids; what a filter rejected is not in it',
+        f"unknown post {key!r}",
+        hint='data["reddit_posts"] lists the ids; rejected posts are not included',
     )
 
 
@@ -167,7 +169,7 @@ def _filled(
     names: tuple[str, ...],
     post_id: str,
 ) -> list[dict[str, Any]]:
-    """Rows with their texts, out of the restored table where their own has none."""
+    """Rows with their texts, from the restored table if their own has none."""
     if not rows or names[-1] in rows[0] or f"restored.{short}" not in opened:
         return rows
     chosen = ", ".join([key, *names])
@@ -177,7 +179,7 @@ def _filled(
 
 
 def _reasons(opened: OpenTables, short: str) -> dict[str, str]:
-    """Keys with their reasons, of every table of this name that is here."""
+    """Keys with their reasons, from every table of this name."""
     reasons: dict[str, str] = {}
     for one in opened.ranked(short):
         for row in opened.rows(f"SELECT key, reason FROM {one.full}").to_pylist():
@@ -209,7 +211,7 @@ def _nested(post: dict[str, Any], rows: list[dict[str, Any]], missing: dict[str,
         else:
             thread.orphans.append(one)
     reached = {id(one) for _, one in thread.walk()}
-    for one in every.values():  # parents that lead round in a circle
+    for one in every.values():  # parents that form a cycle
         if id(one) not in reached:
             one.replies.clear()
             thread.orphans.append(one)
@@ -224,4 +226,4 @@ def _line(text: str | None, missing: str | None) -> str:
 
 def _orphans(number: int) -> str:
     are = "1 comment whose parent is" if number == 1 else f"{number:,} comments whose parents are"
-    return f"{are} not here (deleted, or left out by a filter)"
+    return f"{are} missing (deleted or filtered out)"

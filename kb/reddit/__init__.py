@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from kb.reddit.reconstruction import Comment, Missing, Post, reconstruct
+    from kb.reddit.restore.reconstruct import Comment, Missing, Post, reconstruct
 
 __all__ = ["Comment", "Missing", "Post", "reconstruct"]
 
@@ -17,7 +17,7 @@ __all__ = ["Comment", "Missing", "Post", "reconstruct"]
 def __getattr__(name: str) -> Any:
     """Loaded when asked for, so that `kb --help` stays quick."""
     if name in __all__:
-        from kb.reddit import reconstruction
+        from kb.reddit.restore import reconstruct as module
 
-        return getattr(reconstruction, name)
+        return getattr(module, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -26,16 +26,17 @@ SPEC = SourceSpec(
     counted="posts",
     refreshed="info",
     credential="reddit_client_id",
-    connector=".source:RedditSource",
-    purge=".purge",
+    connector=".connector.source:RedditSource",
+    purge=".purge:RULES",
     commands="kb.cli.commands.sources.reddit",
     section="kb.core.profile.reddit:RedditSection",
     status=".status",
-    online=".online:question",
+    online=".connector.online:question",
     formats={
         "minedojo": "kb.export.minedojo_reddit:export",
         "convokit": "kb.export.convokit:export",
     },
+    exports=("minedojo/reddit.json", "convokit"),
     texts=(
         TextColumns(
             "posts", "post_id", {"title": ("title",), "body": ("body", "poll_options")}, "t3_"
@@ -52,7 +53,7 @@ SPEC = SourceSpec(
         " FROM reddit_posts GROUP BY ALL ORDER BY posts DESC",
         stages=("missing", "post", "removed", "nsfw", "score", "toxicity"),
         rules=("subreddit", "search", "listings", "spans", "min_score"),
-        gaps=("kb.release.gaps:threads", "kb.release.gaps:unread"),
+        gaps=("kb.release.metadata.gaps:threads", "kb.release.metadata.gaps:unread"),
         ids_only=True,
     ),
     report=ReportSpec(
@@ -62,13 +63,15 @@ SPEC = SourceSpec(
         figures="kb.report.reddit:FIGURES",
         samples={"reddit/posts": ("title", "type", "score", "num_comments", "created_utc")},
         only="only threads",
-        color="BLUE",
+        color="blue",
     ),
     agent=AgentSpec(
         time=("created_utc", "written"),
-        reader="kb.mcp.reddit:around",
-        link="kb.mcp.reddit:of_link",
+        reader="kb.mcp.reddit:document",
+        link="kb.mcp.reddit:from_link",
+        ref="reddit:POST/COMMENT",
         between="/",
+        hosts=(".reddit.com",),
         note="texts are their authors', Reddit gives no licence",
         prefixes=("t3_", "t1_"),
     ),
@@ -80,7 +83,7 @@ SPEC = SourceSpec(
         ),
     ),
     purge_help=CommandHelp(
-        "Remove posts and comments that were deleted or removed, or are named, and remember them.",
+        "Remove posts and comments that were deleted or are named, and never collect them again.",
         ("kb purge reddit", "kb purge reddit --ids requests.txt"),
     ),
 )

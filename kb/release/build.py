@@ -26,12 +26,14 @@ from kb.core.licences import KNOWN
 from kb.core.progress import Task
 from kb.core.sources import PUBLISHED, exported_by, made_of
 from kb.core.verdict import Summary
-from kb.release import check, checksums, folders, history, measure, provenance, sample
-from kb.release.croissant import croissant
-from kb.release.facts import Facts
-from kb.release.metadata import deposit
-from kb.release.pages import card, citation, datasheet, law
-from kb.release.problem import GateProblem
+from kb.release import folders, history, provenance, sample
+from kb.release.gate import check, checksums
+from kb.release.gate.problem import GateProblem
+from kb.release.metadata import measure
+from kb.release.metadata.card import card, citation, datasheet, law
+from kb.release.metadata.croissant import croissant
+from kb.release.metadata.facts import Facts
+from kb.release.metadata.zenodo import deposit
 from kb.schema import table
 from kb.store import tombstones
 from kb.store.atomic import write_text

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.errors import DamagedData
-from kb.release.facts import Facts
+from kb.release.metadata.facts import Facts
 from kb.store import database, parquet
 from kb.store.atomic import writing
 from kb.store.layout import Layout, parquet_files

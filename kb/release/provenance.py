@@ -20,51 +20,19 @@ from kb.core.errors import ProfileError
 from kb.core.installation import lock_digest, software_address
 from kb.core.profile import Profile
 from kb.core.resources import PROFILE_FILE
-from kb.core.sources import SOURCES
+from kb.core.sources import RELEASES, SOURCES
 from kb.release.history import Changes
 
 KEYWORDS, PROVENANCE = "keywords.tsv", "provenance.json"
 _COLUMNS = "keyword\tkind\trule\tforms"
-# What decides which rows a folder has, by its section of the profile.
-_RULES = {
-    "youtube": (
-        "keywords",
-        "topic_keywords",
-        "game_ids",
-        "category_ids",
-        "search_pages",
-        "uploads",
-        "min_views",
-        "min_aspect_ratio",
-        "min_duration_s",
-        "transcripts",
-        "language",
-        "translate",
-    ),
-    "wiki": ("url", "namespaces", "min_words", "max_page_height", "max_elements"),
-    "reddit": ("subreddit", "search", "listings", "spans", "min_score"),
-    "pairs": (
-        "include",
-        "exclude",
-        "near_words",
-        "min_tokens",
-        "max_tokens",
-        "center",
-        "min_clip_s",
-        "max_clip_s",
-        "min_gap_s",
-        "max_pairs_per_video",
-    ),
-    "links": ("include", "exclude", "near_words"),
-}
-_SECTION = {"links": "pairs"}  # whose rules they are made by
 
 
 def rules(profile: Profile, source: str) -> list[tuple[str, str]]:
     """(key, value) of thresholds and search words of a source, as the profile has them."""
-    named = _SECTION.get(source, source)
-    section = getattr(profile, named)
-    values = [] if section is None else [(name, getattr(section, name)) for name in _RULES[source]]
+    spec = RELEASES[source]
+    named = spec.section or source
+    section = getattr(profile, named, None)
+    values = [] if section is None else [(name, getattr(section, name)) for name in spec.rules]
     if source in SOURCES:
         threshold = profile.toxicity.threshold(source)
         values.append(("toxicity", "not dropped" if threshold is None else threshold))

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import shutil
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from kb.artifacts import belonging
@@ -15,18 +14,12 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, MissingExtra, UsageError
 from kb.core.installation import install_extra
 from kb.core.profile import Profile
-from kb.core.sources import SOURCES
+from kb.core.source_spec import ReportSpec, load_name
+from kb.core.sources import SOURCES, SPECS
 from kb.core.verdict import Summary
-from kb.report import cloud, links, pairs, reddit, wikipage, youtube
 from kb.report.data import ReportData
-from kb.report.dates import dates
-from kb.report.elements import elements
-from kb.report.funnel import funnel
-from kb.report.logarithmic import scores, views
 from kb.report.page import ReportSection, page
-from kb.report.services import quota
-from kb.report.style import BLUE, GREEN, PURPLE, Figure, applied
-from kb.report.toxicity import toxicity
+from kb.report.style import Figure, applied
 from kb.schema import table
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
@@ -34,87 +27,33 @@ from kb.store.reading import SANDBOX_MODEL, filtered
 
 Maker = Callable[[ReportData, "Profile"], "Figure | tuple[Figure, ...] | None"]
 PAGE = "index.html"
-SAMPLES = {
-    "youtube/videos": (
-        "title",
-        "view_count",
-        "like_count",
-        "duration_s",
-        "transcript_kind",
-        "published_at",
+# The sections in the order of the page: sources, what is made from them, and what they were asked.
+SECTIONS: dict[str, ReportSpec] = {
+    **{name: spec.report for name, spec in SPECS.items()},
+    "pairs": ReportSpec(
+        title="Video-text pairs",
+        tables=("pairs/pairs",),
+        hint="run `kb pairs` after `kb youtube filter`",
+        figures="kb.report.pairs:FIGURES",
+        samples={
+            "pairs/pairs": (
+                *("keyword", "keyword_kind", "text", "token_count", "clip_start_s", "clip_end_s"),
+                "video_id",
+            )
+        },
     ),
-    "wiki/pages": ("title", "word_count", "page_width", "page_height", "license", "url"),
-    "reddit/posts": ("title", "type", "score", "num_comments", "created_utc"),
-    "pairs/pairs": (
-        "keyword",
-        "keyword_kind",
-        "text",
-        "token_count",
-        "clip_start_s",
-        "clip_end_s",
-        "video_id",
+    "links": ReportSpec(
+        title="Entities",
+        tables=("links/entities", "links/links"),
+        hint="run `kb links` after the filters",
+        figures="kb.report.links:FIGURES",
     ),
-}
-TITLES = {
-    "youtube": "YouTube",
-    "wiki": "Wiki",
-    "reddit": "Reddit",
-    "pairs": "Video-text pairs",
-    "links": "Entities",
-    "services": "Services",
-}
-TABLES = {
-    "youtube": ("youtube/videos",),
-    "wiki": ("wiki/pages", "wiki/elements", "wiki/images"),
-    "reddit": ("reddit/posts", "reddit/comments"),
-    "pairs": ("pairs/pairs",),
-    "links": ("links/entities", "links/links"),
-}
-NEXT = {
-    "youtube": "run `kb youtube crawl`, then `kb youtube filter`",
-    "wiki": "run `kb wiki crawl`, then `kb wiki filter`",
-    "reddit": "run `kb reddit crawl` or `kb reddit import FILE`, then `kb reddit filter`",
-    "pairs": "run `kb pairs` after `kb youtube filter`",
-    "links": "run `kb links` after the filters",
-    "services": "nothing was asked of a service yet",
-}
-
-
-MAKERS: dict[str, list[Maker]] = {  # the figures of a source, in the order of the page
-    "youtube": [
-        partial(funnel, name="youtube/videos"),
-        youtube.durations,
-        views,
-        partial(dates, table="youtube/videos", column="published_at", what="published", color=BLUE),
-        youtube.channels,
-        youtube.transcripts,
-        partial(
-            toxicity, table="youtube/videos", columns=("toxicity_title", "toxicity_description")
-        ),
-        partial(cloud.words, table="youtube/videos", columns=("title",)),
-    ],
-    "wiki": [
-        wikipage.page,
-        partial(funnel, name="wiki/pages"),
-        elements,
-        partial(
-            dates, table="wiki/pages", column="revision_timestamp", what="revised", color=GREEN
-        ),
-        partial(toxicity, table="wiki/pages", columns=("toxicity",)),
-    ],
-    "reddit": [
-        partial(funnel, name="reddit/posts"),
-        reddit.post_types,
-        scores,
-        partial(dates, table="reddit/posts", column="created_utc", what="made", color=PURPLE),
-        partial(funnel, name="reddit/comments"),
-        partial(toxicity, table="reddit/posts", columns=("toxicity_title", "toxicity_body")),
-        partial(toxicity, table="reddit/comments", columns=("toxicity_body",)),
-        partial(cloud.words, table="reddit/posts", columns=("title", "body")),
-    ],
-    "pairs": [pairs.keywords, pairs.lengths],
-    "links": [links.most, links.least, links.known],
-    "services": [quota],
+    "services": ReportSpec(
+        title="Services",
+        tables=(),
+        hint="nothing was asked of a service yet",
+        figures="kb.report.services:FIGURES",
+    ),
 }
 
 
@@ -152,13 +91,13 @@ def report_again(run: Run) -> None:
 
 def _report(run: Run, out: Path | None) -> Summary:
     with ReportData(run) as data:
-        if not any(data.files(name) for names in TABLES.values() for name in names):
+        if not any(data.files(name) for spec in SECTIONS.values() for name in spec.tables):
             raise empty(run.root)
-        sections = [_section(run, data, source) for source in TITLES]
+        sections = [_section(run, data, name) for name in SECTIONS]
         cards = [
-            (f"{name.partition('/')[2]}", data.count(name), TITLES[source])
-            for source, names in TABLES.items()
-            for name in names
+            (name.partition("/")[2], data.count(name), spec.title)
+            for spec in SECTIONS.values()
+            for name in spec.tables
             if data.files(name)
         ]
         notes = _notes(run)
@@ -183,8 +122,9 @@ def _report(run: Run, out: Path | None) -> Summary:
 
 
 def _section(run: Run, data: ReportData, source: str) -> ReportSection:
-    section = ReportSection(source, TITLES[source])
-    todo = MAKERS[source]
+    spec = SECTIONS[source]
+    section = ReportSection(source, spec.title)
+    todo: Sequence[Maker] = load_name(spec.figures)
     with run.progress.task(f"report {source}", total=len(todo), unit="figures") as task:
         for make in todo:
             signals.stop.check()
@@ -193,22 +133,19 @@ def _section(run: Run, data: ReportData, source: str) -> ReportSection:
             if made is not None:
                 section.figures += made if isinstance(made, tuple) else (made,)
             task.advance()
-    for name in TABLES.get(source, ()):
-        if name in SAMPLES and run.profile.report.samples and data.count(name):
-            rows = data.samples(name, SAMPLES[name], run.profile.report.samples)
+    for name, columns in spec.samples.items():
+        if run.profile.report.samples and data.count(name):
+            rows = data.samples(name, columns, run.profile.report.samples)
             section.samples.append(
                 (
                     f"Some {name.partition('/')[2]}",
-                    [_head(name, column) for column in SAMPLES[name]],
+                    [_head(name, column) for column in columns],
                     rows,
                 )
             )
     if not section.figures:
-        section.missing.append(
-            f"No data of {TITLES[source]} yet: {NEXT[source]}."
-            if source != "services"
-            else f"No ledger: {NEXT[source]}."
-        )
+        what = f"No data of {spec.title} yet" if spec.tables else "No ledger"
+        section.missing.append(f"{what}: {spec.hint}.")
     return section
 
 

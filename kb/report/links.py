@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from kb.core.profile import Profile
-from kb.core.sources import SOURCES
+from kb.core.sources import SOURCES, SPECS
 from kb.report.charts import bars
 from kb.report.data import ReportData
 from kb.report.style import GREEN, ORANGE, SKY, Figure, readable, saved
@@ -26,12 +26,12 @@ _KNOWN = """
     SELECT CASE sources WHEN 1 THEN one ELSE sources::VARCHAR END AS who, count(*),
         array_to_string(list(entity ORDER BY n DESC, entity)[:8], ', ')
     FROM e GROUP BY 1"""
+_NUMBERS = {2: "two", 3: "three", 4: "four", 5: "five"}
+_ALL = _NUMBERS.get(len(SOURCES), str(len(SOURCES)))
 _WHO = {
-    "youtube": "only videos",
-    "wiki": "only the wiki",
-    "reddit": "only threads",
-    "2": "two of the three",
-    "3": "all three",
+    **{name: spec.report.only for name, spec in SPECS.items()},
+    **{str(n): f"{_NUMBERS.get(n, n)} of the {_ALL}" for n in range(2, len(SOURCES))},
+    str(len(SOURCES)): f"all {_ALL}",
 }
 
 
@@ -79,7 +79,7 @@ def known(data: ReportData, profile: Profile) -> Figure | None:
         "links-known",
         "Who knows what",
         f"Entities by the sources that name them: one source alone names"
-        f" {sum(row[1] for row in rows[:3]):,}, none {nowhere:,}.",
+        f" {sum(row[1] for row in rows[: len(SOURCES)]):,}, none {nowhere:,}.",
         "Bars of entities by who names them: "
         + ", ".join(f"{who} {n:,}" for who, n, _ in rows)
         + ".",
@@ -97,3 +97,6 @@ def _named(
     listed = ", ".join(f"{row[0]} {row[-1]:,}" for row in rows[:10])
     alt = f"Bars of mentions by entity: {listed}."
     return Figure(name, title, caption, alt, saved(sheet), _HEAD, rows)
+
+
+FIGURES = (most, least, known)

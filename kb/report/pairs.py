@@ -72,3 +72,6 @@ def lengths(data: ReportData, profile: Profile) -> Figure | None:
         ("seconds", "pairs"),
         [(f"{a:.1f} to {b:.1f}", n) for a, b, n in zip(clips, clips[1:], by_clip, strict=False)],
     )
+
+
+FIGURES = (keywords, lengths)

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from kb.core.profile import Profile
+from kb.report import cloud
 from kb.report.charts import bars
 from kb.report.data import ReportData
+from kb.report.dates import dates
+from kb.report.funnel import funnel
+from kb.report.logarithmic import scores
 from kb.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, SKY, Figure, number, saved
+from kb.report.toxicity import toxicity
 
 TYPE_COLORS = {
     "text": BLUE,
@@ -41,3 +48,15 @@ def post_types(data: ReportData, profile: Profile) -> Figure | None:
         ("type", "posts"),
         top,
     )
+
+
+FIGURES = (
+    partial(funnel, name="reddit/posts"),
+    post_types,
+    scores,
+    partial(dates, table="reddit/posts", column="created_utc", what="made", color=PURPLE),
+    partial(funnel, name="reddit/comments"),
+    partial(toxicity, table="reddit/posts", columns=("toxicity_title", "toxicity_body")),
+    partial(toxicity, table="reddit/comments", columns=("toxicity_body",)),
+    partial(cloud.words, table="reddit/posts", columns=("title", "body")),
+)

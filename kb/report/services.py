@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from kb.core.profile import Profile
+from kb.core.sources import SPECS
 from kb.report.charts import over_time
 from kb.report.data import ReportData
 from kb.report.style import BLUE, GREEN, GREY, RED, Figure, canvas, saved
 
 _DAYS = 60  # the last ones, when there are more
-_COLORS = {"youtube": RED, "reddit": BLUE, "wiki": GREEN}
-_NAMES = {"youtube": "YouTube", "reddit": "Reddit", "wiki": "Wiki"}
+_COLORS = {"red": RED, "blue": BLUE, "green": GREEN}
 
 
 def quota(data: ReportData, profile: Profile) -> Figure | None:
@@ -20,7 +20,9 @@ def quota(data: ReportData, profile: Profile) -> Figure | None:
     days = sorted({day for _, day, _, _, _ in ledger})[-_DAYS:]
     buckets = sorted({(source, bucket) for source, _, bucket, _, _ in ledger})
     in_units = {  # the others' ledgers count a request as a unit
-        (source, bucket) for source, _, bucket, _, units in ledger if source == "youtube" and units
+        (source, bucket)
+        for source, _, bucket, _, units in ledger
+        if units and source in SPECS and SPECS[source].report.units
     }
     rows = [
         (day, _label(source, bucket), units if (source, bucket) in in_units else requests)
@@ -37,7 +39,7 @@ def quota(data: ReportData, profile: Profile) -> Figure | None:
             [spent.get(day, 0) for day in days],
             x="day" if last else "",
             y=unit,
-            color=_COLORS.get(place[0], GREY),
+            color=_color(place[0]),
             axes=axes,
             labels=4,
         )
@@ -58,10 +60,18 @@ def quota(data: ReportData, profile: Profile) -> Figure | None:
     )
 
 
+def _color(source: str) -> str:
+    color = SPECS[source].report.color if source in SPECS else ""
+    return _COLORS.get(color, GREY)
+
+
 def _label(source: str, bucket: str) -> str:
     return source if bucket == source else f"{source} {bucket}"
 
 
 def _title(source: str, bucket: str) -> str:
-    name = _NAMES.get(source, source)
+    name = SPECS[source].report.title if source in SPECS else source
     return name if bucket in (source, "requests") else f"{name}: {bucket}"
+
+
+FIGURES = (quota,)

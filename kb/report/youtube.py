@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from kb.core.profile import Profile
+from kb.report import cloud
 from kb.report.charts import bars, even, histogram
 from kb.report.data import ReportData
+from kb.report.dates import dates
+from kb.report.funnel import funnel
+from kb.report.logarithmic import views
 from kb.report.style import BLUE, GREEN, GREY, ORANGE, SKY, Figure, number, readable, saved
+from kb.report.toxicity import toxicity
 
 _CHANNELS = 10
 _KINDS = {
@@ -100,3 +107,16 @@ def channels(data: ReportData, profile: Profile) -> Figure | None:
         ("channel", "videos"),
         share.largest,
     )
+
+
+_VIDEOS = "youtube/videos"
+FIGURES = (
+    partial(funnel, name=_VIDEOS),
+    durations,
+    views,
+    partial(dates, table=_VIDEOS, column="published_at", what="published", color=BLUE),
+    channels,
+    transcripts,
+    partial(toxicity, table=_VIDEOS, columns=("toxicity_title", "toxicity_description")),
+    partial(cloud.words, table=_VIDEOS, columns=("title",)),
+)

@@ -90,7 +90,7 @@ class Sandbox:
         self.servers: dict[str, Server] = {}
         self._modules: dict[str, Any] = {}
         for name in services:
-            self._modules[name] = importlib.import_module(f"kb.sandbox.{name}")
+            self._modules[name] = importlib.import_module(f"kb.sandbox.{name}.service")
             self.servers[name] = Server(self._modules[name].app(self.world, self.faults))
 
     @property

@@ -12,17 +12,19 @@ from functools import cached_property
 
 from kb.core import clock
 from kb.sandbox.domain import Domain, usual
-from kb.sandbox.subreddit import Subreddit
-from kb.sandbox.videos import Catalogue
+from kb.sandbox.reddit.subreddit import Subreddit
+from kb.sandbox.youtube.catalogue import Catalogue
 
 
 class World:
     """What the services show.
 
     `n_channels`, `n_videos`: size of the YouTube part (the first videos cover every case once, see
-    kb/sandbox/cases.py). `n_posts`, `width`, `depth`: of Reddit's (kb/sandbox/subreddit.py).
+    kb/sandbox/youtube/cases.py). `n_posts`, `width`, `depth`: of Reddit's
+    (kb/sandbox/reddit/subreddit.py).
     `n_pages`: how many of the wiki's pages are listed, by title; None for all. `n_named`: how many
-    are about the domain's names (kb/sandbox/wiki_named.py); None for as many as a domain needs that
+    are about the domain's names (kb/sandbox/wiki/generated.py); None for as many as a domain needs
+    that
     has no recorded ones.
     `wiki_state`: "first" or "later". `quota`: YouTube's units a Pacific day
     by bucket.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from kb.core.errors import DamagedData
-from kb.store.layout import Layout
+from kb.store.layout import CAPTURED, Layout
 
 
 def is_inside(root: Path, path: str) -> bool:
@@ -13,14 +13,14 @@ def is_inside(root: Path, path: str) -> bool:
 
     Captured pages and images are there.
     """
-    return (root / path).resolve().is_relative_to(Layout(root).raw("wiki").resolve())
+    return (root / path).resolve().is_relative_to(Layout(root).raw(CAPTURED).resolve())
 
 
 def inside(root: Path, path: str) -> Path:
     """The place of `path`. Raises DamagedData where it is not in raw/wiki."""
     if not is_inside(root, path):
         raise DamagedData(
-            f"the wiki's data name {path!r}, which is not in {Layout(root).raw('wiki')}",
+            f"the wiki's data name {path!r}, which is not in {Layout(root).raw(CAPTURED)}",
             hint="the raw files that say so are not of a crawl: move them away",
         )
     return root / path

@@ -19,6 +19,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from kb.core.sources import SPECS
+
 TOP = (
     "raw",
     "state",
@@ -33,6 +35,9 @@ TOP = (
     "index",
 )
 """The folders that commands write, in the order of the data's way."""
+
+CAPTURED = next(name for name, spec in SPECS.items() if spec.files)
+"""The source with captured files beside its raw answers."""
 
 _LINKS = ("links/entities", "links/links")
 
@@ -63,12 +68,12 @@ class Layout:
     @property
     def captures(self) -> Path:
         """The wiki's pages as a browser showed them: <page id>/<revision>/."""
-        return self.raw("wiki", "pages")
+        return self.raw(CAPTURED, "pages")
 
     @property
     def images(self) -> Path:
         """The wiki's image files, named by what is in them."""
-        return self.raw("wiki", "images")
+        return self.raw(CAPTURED, "images")
 
     def tombstones(self, source: str) -> tuple[Path, Path]:
         """Both files of a source's purged keys: the first for others to read, and its copy."""

@@ -13,6 +13,7 @@ import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
+from kb.core.sources import EXPORTS, MADE_OF, SPECS, made_of
 from kb.store import database, process
 from kb.store.atomic import followed, settle_folder
 from kb.store.layout import Layout
@@ -63,24 +64,12 @@ def _places(at: Layout, name: str) -> tuple[Path, ...]:
             return (at.restored(),)
         case "reconstructed":
             return (at.reconstructed,)
-        case "index-youtube" | "index-wiki" | "index-reddit":
-            source = name.removeprefix("index-")
-            return (at.index(source),)
-        case "release-youtube":
-            lists = ("youtube_full.json", "youtube_tutorial.json")
-            made = [at.export("minedojo", one) for one in lists]
-            return at.release("youtube"), at.released("youtube"), *made
-        case "release-wiki":
-            return at.release("wiki"), at.released("wiki"), at.export("minedojo", "wiki_full")
-        case "release-reddit":
-            made = [at.export("minedojo", "reddit.json"), at.export("convokit")]
-            return at.release("reddit"), at.released("reddit"), *made
-        case "release-pairs":
-            made = [at.export("clip4mc"), at.export("video2dataset")]
-            made.append(at.export("minedojo", "pairs.json"))
-            return at.release("pairs"), at.released("pairs"), *made
-        case "release-links":
-            return at.release("links"), at.released("links")
+    kind, _, of = name.partition("-")
+    if kind == "index":
+        return (at.index(of),)
+    if kind == "release":
+        exports = SPECS[of].exports if of in SPECS else EXPORTS.get(of, ())
+        return at.release(of), at.released(of), *(at.export(*one.split("/")) for one in exports)
     folders = at.raw(name), at.annotations(name), at.clean(name), at.state_folder(name)
     return *folders, at.importing(name)
 
@@ -90,13 +79,10 @@ def _read_whole(at: Layout, name: str) -> tuple[Path, ...]:
 
     Whoever holds it reads them: one whose replacement was cut off is put back first.
     """
-    if name == "pairs":
-        return (at.clean("youtube"),)
-    sources = ("youtube", "wiki", "reddit")
-    if name == "links":
-        return tuple(at.clean(one) for one in sources)
-    readers = ("release", "index")
-    return tuple(at.clean(one) for one in sources if name in {f"{who}-{one}" for who in readers})
+    if name in MADE_OF:
+        return tuple(at.clean(one) for one in made_of(name))
+    kind, _, source = name.partition("-")
+    return (at.clean(source),) if kind in ("release", "index") and source in SPECS else ()
 
 
 def _beside(path: Path) -> None:

@@ -27,7 +27,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from kb.core.errors import WriterLocked
-from kb.core.sources import PUBLISHED, SOURCES
+from kb.core.sources import PUBLISHED, SOURCES, made_of
 from kb.store import leftovers
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.layout import Layout
@@ -45,7 +45,7 @@ _taken: set[Path] = set()  # by `taking` of this process: its own steps may take
 
 def of_clean(source: str) -> tuple[str, ...]:
     """What writing clean/<source> takes: the source's own lock and those of who reads it whole."""
-    pairs = ("pairs",) if source == "youtube" else ()
+    pairs = ("pairs",) if source in made_of("pairs") else ()
     return (source, *pairs, "links", f"release-{source}", f"index-{source}")
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from kb.artifacts import indexed, manifest
 from kb.core.errors import DamagedData
-from kb.core.sources import SOURCES
+from kb.core.sources import SOURCES, SPECS
 from kb.store import leftovers, rawlog, sidefiles
 from kb.store.advice import advice
 from kb.store.layout import Layout
@@ -82,7 +82,7 @@ class FileVerifier:
         elif known and len(parts) == 4 and f"{rawlog.SUFFIX}.damaged-" in path.name:
             look.advance(path.stat().st_size)
             look.whole("set aside", path)
-        elif known and parts[1:3] in (("wiki", "pages"), ("wiki", "images")):
+        elif known and len(parts) > 2 and parts[2] in SPECS[parts[1]].files:
             if path.name.endswith(sidefiles.ASIDE):
                 look.whole("set aside", path)
             else:

@@ -12,7 +12,7 @@ import zstandard
 
 from kb.core.errors import DamagedData
 from kb.store import checksums, damage, mending, rawlog, reading, sidefiles
-from kb.store.layout import BELOW, Layout
+from kb.store.layout import BELOW, CAPTURED, Layout
 from kb.verify.found import Look
 
 _CAPTURE = ("extraction.json.zst", "page.html.zst", "screenshot.png")
@@ -145,7 +145,7 @@ def _named(root: Path) -> tuple[dict[str, str], set[str]]:
 
 
 def _answers(root: Path, kind: str) -> Iterator[dict[str, Any]]:
-    for path in rawlog.segments(root, "wiki", kind):
+    for path in rawlog.segments(root, CAPTURED, kind):
         for _, line in rawlog.Frames(path, mending=True, checked=True):
             yield rawlog.decode(line).response
 
@@ -153,7 +153,7 @@ def _answers(root: Path, kind: str) -> Iterator[dict[str, Any]]:
 def _inside(path: object, folder: str) -> bool:
     if not isinstance(path, str) or ".." in path:
         return False
-    return Path(path).is_relative_to(BELOW.raw("wiki", folder))
+    return Path(path).is_relative_to(BELOW.raw(CAPTURED, folder))
 
 
 def _sprites(folder: Path) -> list[str]:

@@ -16,7 +16,7 @@ from kb.core.errors import KbError
 from kb.core.progress import Progress
 from kb.store import checksums, lock, sidefiles, tombstones
 from kb.store.atomic import write_bytes
-from kb.store.layout import Layout, parquet_files
+from kb.store.layout import CAPTURED, Layout, parquet_files
 from kb.verify.found import Look, VerifyFinding
 from kb.verify.root import verify
 
@@ -148,7 +148,7 @@ def _set_aside(root: Path, look: Look) -> list[str]:
             said.append(f"{one.path} was set aside; it is built again from the raw data")
     lost = [one.path for one in look.of("captures", "images") if one.state != "foreign"]
     if lost:
-        sidefiles.suspect(root, "wiki", lost)
+        sidefiles.suspect(root, CAPTURED, lost)
         said.append(f"{len(lost):,} captured files are noted for `kb wiki crawl`")
     return said
 

@@ -25,16 +25,17 @@ SPEC = SourceSpec(
         "files": "image files",  # original files of images
     },
     counted="pages",
-    connector=".source:WikiSource",
-    purge=".purge",
+    connector=".connector.source:WikiSource",
+    purge=".purge:RULES",
     commands="kb.cli.commands.sources.wiki",
     section="kb.core.profile.wiki:Wiki",
-    status=".reduce",
-    online=".online:question",
+    status=".connector.reduce",
+    online=".connector.online:question",
     formats={"parquet": "kb.export.wiki_tar:export", "minedojo": "kb.export.minedojo_wiki:wiki"},
+    exports=("minedojo/wiki_full",),
     texts=(
         TextColumns("pages", "page_id", {"title": ("title",)}),
-        TextColumns("elements", reader="kb.links.texts:elements"),
+        TextColumns("elements", reader="kb.links.texts:visible_text"),
     ),
     pages="pages",
     passages="kb.search.wiki_passages:passages",
@@ -57,17 +58,18 @@ SPEC = SourceSpec(
         title="Wiki",
         tables=("wiki/pages", "wiki/elements", "wiki/images"),
         hint="run `kb wiki crawl`, then `kb wiki filter`",
-        figures="kb.report.wikipage:FIGURES",
+        figures="kb.report.wiki:FIGURES",
         samples={
             "wiki/pages": ("title", "word_count", "page_width", "page_height", "license", "url")
         },
         only="only the wiki",
-        color="GREEN",
+        color="green",
     ),
     agent=AgentSpec(
         time=("revision_timestamp", "last edited"),
-        reader="kb.mcp.wiki:around",
-        link="kb.mcp.wiki:of_link",
+        reader="kb.mcp.wiki:document",
+        link="kb.mcp.wiki:from_link",
+        ref="wiki:PAGE#Section",
         between="#",
     ),
     annotate_help=CommandHelp(
@@ -75,10 +77,10 @@ SPEC = SourceSpec(
         ("kb annotate wiki                        each page's visible text",),
     ),
     purge_help=CommandHelp(
-        """Remove pages that the wiki deleted, or that are named, everywhere, and remember them.
+        """Remove pages that the wiki deleted or that are named, and never collect them again.
 
-    The file names pages by id, title or address, a line each, or is MineDojo's JSON. Names that
-    nothing here bears are counted as unknown, and kept away from later crawls.
+    The file names pages by id, title or URL, one per line, or is MineDojo's JSON. Names that match
+    nothing are counted as unknown, and are skipped by later crawls.
     """,
         ("kb purge wiki --ids pages.txt",),
     ),

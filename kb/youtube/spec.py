@@ -14,7 +14,7 @@ from kb.core.source_spec import (
 SPEC = SourceSpec(
     name="youtube",
     package=__package__,
-    help="Channels, videos and transcripts: crawl, filter, export.",
+    help="Videos and transcripts: crawl, import, filter, export.",
     tables={"videos": ""},
     nouns={
         "searches": "searches",  # pages of channel searches
@@ -27,16 +27,17 @@ SPEC = SourceSpec(
     noted=("channels",),
     counted="videos",
     refreshed="refresh",
-    connector=".source:YouTubeSource",
-    purge=".purge",
+    connector=".connector.source:YouTubeSource",
+    purge=".purge:RULES",
     commands="kb.cli.commands.sources.youtube",
     section="kb.core.profile.youtube:YouTubeSection",
     status=".status",
-    online=".online:question",
+    online=".connector.online:question",
     formats={"minedojo": "kb.export.minedojo:youtube"},
+    exports=("minedojo/youtube_full.json", "minedojo/youtube_tutorial.json"),
     texts=(
         TextColumns("videos", "video_id", {"title": ("title",), "body": ("description",)}),
-        TextColumns("transcripts", reader="kb.links.texts:transcripts"),
+        TextColumns("transcripts", reader="kb.links.texts:transcripts_of"),
     ),
     passages="kb.search.youtube_passages:passages",
     indexed=("videos", "transcripts"),
@@ -55,7 +56,7 @@ SPEC = SourceSpec(
             *("min_views", "min_aspect_ratio", "min_duration_s", "transcripts", "language"),
             "translate",
         ),
-        gaps=("kb.release.gaps:views",),
+        gaps=("kb.release.metadata.gaps:views",),
         scraped=True,
     ),
     report=ReportSpec(
@@ -70,20 +71,23 @@ SPEC = SourceSpec(
             )
         },
         only="only videos",
-        color="RED",
+        color="red",
+        units=True,
     ),
     agent=AgentSpec(
         time=("published_at", "published"),
-        reader="kb.mcp.youtube:around",
-        link="kb.mcp.youtube:of_link",
+        reader="kb.mcp.youtube:document",
+        link="kb.mcp.youtube:from_link",
+        ref="youtube:VIDEO@61",
         between="@",
+        hosts=(".youtube.com",),
     ),
     annotate_help=CommandHelp(
         "Score titles and descriptions of crawled videos.",
         ("kb annotate youtube                     titles and descriptions",),
     ),
     purge_help=CommandHelp(
-        "Remove videos that vanished from YouTube, or are named, everywhere, and remember them.",
+        "Remove videos that are gone from YouTube or are named, and never collect them again.",
         (
             "kb purge youtube",
             "kb purge youtube --ids gone.txt",

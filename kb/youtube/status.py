@@ -8,8 +8,8 @@ from kb.core import clock
 from kb.core.context import Run
 from kb.core.profile.youtube import YouTubeSection
 from kb.store.frontier import Frontier
-from kb.youtube import quota
-from kb.youtube.reduce import crawled, with_po_token
+from kb.youtube.connector import quota
+from kb.youtube.connector.reduce import crawled, with_po_token
 
 __all__ = ["crawled", "details"]
 

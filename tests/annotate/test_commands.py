@@ -8,7 +8,7 @@ import pytest
 
 from kb.annotate.toxicity import ToxicityScorer
 from kb.filters.clean import run_clean, texts
-from kb.release.measure import models
+from kb.release.metadata.measure import models
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from tests.annotate.made import make_checkpoint

@@ -8,13 +8,10 @@ import pytest
 
 from kb.annotate import backends, chunks, worker
 from kb.annotate import toxicity as room
-from kb.annotate.hashes import text_hashes
-from kb.annotate.rounding import DECIMALS
-from kb.annotate.scores import CATEGORIES, Scores
+from kb.annotate.inference import DECIMALS
+from kb.annotate.scores import CATEGORIES, text_hashes
 from kb.annotate.toxicity import ToxicityScorer
-from kb.core import signals
-from kb.core.errors import Interrupted, LimitReached, SettingError
-from kb.core.progress import Task
+from kb.core.errors import LimitReached, SettingError
 
 TEXTS = [
     "How to build a house in Minecraft",
@@ -169,40 +166,6 @@ def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(make_run, tmp_path, 
         whole.root / "annotations/reddit/toxicity.parquet"
     ).read_bytes()
     assert len(list(folder.glob("*.parquet"))) == 1
-
-
-def test_a_chunk_grows_and_shrinks_with_the_time_it_takes(tmp_path):
-    """A stop waits for the chunk in hand, so that a slow model gets small ones and a fast one large
-    ones.
-    """
-    scores = Scores(str(tmp_path), "m", "r")
-    given = chunks.Chunks(scores, None, None, Task())
-    sizes = []
-    seconds = iter([0.1] * 6 + [60.0] * 4 + [4.0] * 100)
-    for hashes, texts in given.of([[f"text {n}" for n in range(9000)]]):
-        assert len(hashes) == len(texts)
-        sizes.append(len(texts))
-        given.took(next(seconds))
-    assert sum(sizes) == 9000
-    assert sizes[:6] == [32, 64, 128, 256, 512, 1024]
-    assert sizes[7:10] == [512, 256, 128]
-    assert set(sizes[10:-1]) == {64}
-    long = chunks.Chunks(scores, None, None, Task())
-    first, _ = next(iter(long.of([["x" * 10_000 + str(n) for n in range(20)]])))
-    assert len(first) == 4, "characters count too"
-
-
-def test_a_stop_waits_for_a_chunk_of_seconds_not_for_one_of_minutes(checkpoint, monkeypatch):
-    job = worker.ScoringJob(checkpoint, "fp32", "cpu", 1, None)
-    texts = ["hello there", "x " * 2000]
-    try:
-        signals.stop.request("SIGTERM")
-        assert len(worker.score_chunk(job, texts)["scores"]) == 2
-        monkeypatch.setattr(worker, "HAND_S", -1.0)
-        with pytest.raises(Interrupted):
-            worker.score_chunk(job, texts)
-    finally:
-        signals.stop.clear()
 
 
 def test_a_changed_threshold_loads_no_model(make_run, monkeypatch):

@@ -28,8 +28,8 @@ import pytest
 import zstandard
 
 from kb.core import clock
-from kb.reddit.byid import keep
-from kb.reddit.onedump import ImportJob, import_file
+from kb.reddit.dumps.id_search import write_index
+from kb.reddit.dumps.import_file import ImportJob, import_file
 from tests.reddit.test_containers import blocks
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(1800)]
@@ -206,7 +206,7 @@ def test_six_times_json(tmp_path, record_property, later):
     path = tmp_path / "RC_2024-01.zst"
     write(path, LINES, later)
     ids = tmp_path / "ids"
-    keep((f"t1_c{number:07x}" for number in range(7, LINES, 200)), (), ids)
+    write_index((f"t1_c{number:07x}" for number in range(7, LINES, 200)), (), ids)
     ways: dict[str, Callable[[int], int]] = {
         "json": lambda turn: parsed(json.loads, path),
         "orjson": lambda turn: parsed(orjson.loads, path),
@@ -243,7 +243,8 @@ def test_memory_does_not_grow_with_the_file(tmp_path, record_property):
         path = tmp_path / f"RC_{lines}.zst"
         write(path, lines, LATER)
         program = (
-            "import sys; from kb.reddit.onedump import ImportJob, import_file; import resource;"
+            "import sys; import resource;"
+            " from kb.reddit.dumps.import_file import ImportJob, import_file;"
             "import_file(ImportJob(sys.argv[2], sys.argv[1], 'Minecraft', 0.0, float('inf'),"
             " 0)); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
         )

@@ -8,7 +8,7 @@ same run.
 
 All in fp32 with the same number of threads. Weights are random, the last ones such that most scores
 lie near 0, as a trained model's do: what lies on the edge between two rounded scores is computed
-again in float64 by what is chosen (kb/annotate/rounding.py), and that is a part of its time. How
+again in float64 by what is chosen (kb/annotate/inference.py), and that is a part of its time. How
 many windows were is printed.
 """
 
@@ -27,7 +27,7 @@ pytest.importorskip("detoxify")
 from kb.annotate import backends  # noqa: E402
 from kb.annotate.checkpoint import find_checkpoint, sha256_of  # noqa: E402
 from kb.annotate.detoxify_model import load_detoxify  # noqa: E402
-from kb.annotate.hashes import text_hashes  # noqa: E402
+from kb.annotate.scores import text_hashes  # noqa: E402
 from kb.core import clock  # noqa: E402
 from kb.core.settings import load_settings  # noqa: E402
 from kb.sandbox.toxicity import tiny_checkpoint  # noqa: E402

@@ -18,9 +18,10 @@ import pytest
 from kb.core.profile import load_profile
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from kb.wiki import capture, chromium, screenshot
-from kb.wiki.browser import Browser, reach
-from kb.wiki.pool import Pool
+from kb.wiki.browser import chromium
+from kb.wiki.browser.browser import Browser, reach
+from kb.wiki.browser.pool import Pool
+from kb.wiki.capture import page, screenshot
 
 pytestmark = pytest.mark.bench
 
@@ -65,7 +66,7 @@ def make_pool(wiki, section):
             user_agent="lorecrawl/bench (+bench@example.org)",
             viewport=(1280, 1024),
             page_seconds=60,
-            before=capture.page_script("settle.js"),
+            before=page.page_script("settle.js"),
         )
 
     return lambda: Pool(start, 600)
@@ -96,7 +97,7 @@ def test_one_call_against_webdriver(make_pool, wiki, section):
         browser.script("document.querySelector('.mw-parser-output').innerHTML = arguments[0]", body)
         start = _cpu(browser)
         for _ in range(CALLS):
-            found = browser.script(capture.page_script("extract.js"), section.rules)
+            found = browser.script(page.page_script("extract.js"), section.rules)
         ours = (_cpu(browser) - start) / CALLS
         start = _cpu(browser)
         by_driver = []
@@ -131,9 +132,7 @@ def test_pages_a_second(make_pool, wiki, section, tmp_path):
     def show(pool, number, url):
         picture = Path(tmp_path / f"{number}.png")
         found = pool.use(
-            lambda browser: capture.capture(
-                browser, url, picture, section.rules, max_height=100_000
-            )
+            lambda browser: page.capture(browser, url, picture, section.rules, max_height=100_000)
         )
         return found.seconds
 

@@ -1,4 +1,4 @@
-"""`kb` as a user runs it: a process of its own (tests/forked.py),
+"""`kb` as a user runs it: a process of its own (tests/processes.py),
 in an empty folder, without the caller's settings.
 """
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests import forked
+from tests import processes
 
 Kb = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -33,7 +33,7 @@ def kb(tmp_path: Path) -> Kb:
     def run(
         *arguments: str, env: dict[str, str] | None = None, timeout: float = 120
     ) -> subprocess.CompletedProcess[str]:
-        return forked.run(
+        return processes.run(
             arguments, env={**clean_environment(), **(env or {})}, cwd=tmp_path, timeout=timeout
         )
 

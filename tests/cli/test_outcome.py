@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from kb.cli.framework.command import Nature, _call
+from kb.cli.framework.command import Behavior, _call
 from kb.cli.framework.options import Options
 from kb.core import errors
 from kb.core.resources import folder
@@ -32,7 +32,7 @@ def end(capsys: pytest.CaptureFixture[str]) -> Any:
         def command(given: Options) -> None:
             raise error
 
-        code = _call(command, Options(**options), {}, Nature(raw=True))
+        code = _call(command, Options(**options), {}, Behavior(raw=True))
         return (code, *capsys.readouterr())
 
     return run
@@ -68,7 +68,7 @@ def test_a_stop_shows_what_was_done(end: Any) -> None:
 @pytest.mark.parametrize(
     ("error", "code", "words"),
     [
-        (KeyboardInterrupt(), 3, "the same command goes on"),
+        (KeyboardInterrupt(), 3, "run the same command to resume"),
         (
             OSError(errno.ENOSPC, "No space left on device", "/data/x"),
             3,

@@ -245,7 +245,7 @@ def test_a_good_profile_has_nothing_to_mend(
     path = written(tmp_path)
     assert typed("profile", "check", str(path)) == 0
     out = capsys.readouterr().out
-    assert out == f"{path}: nothing to mend\nprofile check: 0 errors\n"
+    assert out == f"{path}: no problems found\nprofile check: 0 errors\n"
 
 
 @pytest.mark.parametrize("broken", ERRORS, ids=lambda one: one.new[:40])
@@ -384,7 +384,7 @@ def test_over_a_data_root_it_shows_what_each_keyword_hits(
     shown = kb("profile", "check", str(path), "--data", str(root), "--quiet")
     assert shown.returncode == 0, shown.stderr
     assert "[saxifrage]" in shown.stdout
-    assert "1 of 4 hit nothing" in shown.stdout
+    assert "1 of 4 match nothing" in shown.stdout
     assert "Edelweiss" in shown.stdout
     told = kb("profile", "check", str(path), "--data", str(root), "--json", "--quiet")
     hits = {one["keyword"]: one for one in json.loads(told.stdout)["hits"]}

@@ -165,14 +165,14 @@ def test_an_address_and_a_subreddit_are_filled_in(tmp_path: Path, kb: Kb) -> Non
         (
             ("Rock Gardens",),
             (
-                "'Rock Gardens' is no name of a profile: small letters, digits, - and _ only;"
+                "invalid profile name 'Rock Gardens': use only lower-case letters, digits, - and _;"
                 " write rock-gardens"
             ),
         ),
         (("g", "--wiki", "g.wiki"), "--wiki is 'g.wiki'; must be an address like"),
         (("g", "--subreddit", "r/gg"), "--subreddit is 'r/gg'; write it without r/: \"gg\""),
         (("g", "--from", "minecarft"), "there is no profile 'minecarft'"),
-        (("g", "--out", "there"), "there/keywords.tsv is there already, and is not overwritten"),
+        (("g", "--out", "there"), "there/keywords.tsv already exists, and is not overwritten"),
     ],
 )  # fmt: skip
 def test_what_is_refused_leaves_nothing(

@@ -53,8 +53,8 @@ print('result')
 
 NAMED = """
 from pathlib import Path
-from kb.cli.framework import as_typed, progress
-as_typed.begin(Path('my data'), 'stardew')
+from kb.cli.framework import messages, progress
+messages.set_options(Path('my data'), 'stardew')
 shown = progress.choose(quiet=False)
 with shown.task('metadata', total=1, unit='videos') as task:
     shown.say('run `kb reddit import --again` for it, or `kb demo`')

@@ -18,7 +18,7 @@ from tests.cli.conftest import clean_environment
 PROGRAM = """
 import signal, sys, threading
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from kb.cli.framework import outcome
+from kb.cli.framework.exit_codes import run_to_exit_code
 from kb.cli.framework.command import command, group
 from kb.core import clock, signals
 from kb.core.verdict import Summary
@@ -59,7 +59,7 @@ def query(run):
     print("ready", flush=True)
     block()
 
-sys.exit(outcome.guarded(lambda: app(prog_name="x", standalone_mode=False)))
+sys.exit(run_to_exit_code(lambda: app(prog_name="x", standalone_mode=False)))
 """
 
 
@@ -86,7 +86,7 @@ def test_a_crawl_finishes_the_item_in_hand_and_says_how_to_go_on(
     process.send_signal(number)
     out, err = process.communicate(timeout=30)
     assert process.returncode == 3
-    assert err == f"kb: stopped by {number.name}; run the same command to go on\n"
+    assert err == f"kb: stopped by {number.name}; run the same command to resume\n"
     assert out == f"1 crawled, stopped by {number.name}\n"
 
 
@@ -135,5 +135,5 @@ def test_a_signal_while_a_command_is_still_being_loaded(
     process.send_signal(number)
     out, err = process.communicate(timeout=30)
     assert process.returncode == 3
-    assert err == f"kb: stopped by {number.name}; run the same command to go on\n"
+    assert err == f"kb: stopped by {number.name}; run the same command to resume\n"
     assert json.loads(out) == {"stopped": f"stopped by {number.name}"}

@@ -99,11 +99,11 @@ def texts(folder: Path) -> Iterator[tuple[str, str]]:
 
 def test_data_in_every_table(cooking: Path) -> None:
     with query.connect(cooking) as db:
-        for view in query.found(cooking):
+        for view in query.find_views(cooking):
             (n,) = db.execute(f"SELECT count(*) FROM {view.full}").fetchone() or (0,)
             empty = re.search(r"failed|pending|tombstones|missing", view.full)
             assert n or empty, view.full
-    names = {view.full for view in query.found(cooking)}
+    names = {view.full for view in query.find_views(cooking)}
     assert {
         "clean.youtube_videos", "clean.youtube_transcripts", "clean.youtube_rejected",
         "clean.wiki_pages", "clean.wiki_elements", "clean.wiki_cells", "clean.wiki_images",

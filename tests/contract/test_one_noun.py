@@ -13,7 +13,7 @@ from kb.core import vocabulary
 from kb.core.verdict import Summary
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from kb.wiki import chromium
+from kb.wiki.browser import chromium
 from tests.conftest import skip_or_fail
 from tests.youtube.job import Job
 

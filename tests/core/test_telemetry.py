@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from kb.core.errors import MissingExtra
-from kb.wiki import chromium
+from kb.wiki.browser import chromium
 from tests import trap
 from tests.conftest import ROOT, skip_or_fail
 

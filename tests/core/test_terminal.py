@@ -17,12 +17,14 @@ import structlog
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kb.cli.framework import logs, outcome
+from kb.cli.framework import logs
+from kb.cli.framework.exit_codes import report
+from kb.cli.framework.messages import show_summary
 from kb.cli.framework.progress import Bars
 from kb.core import terminal
 from kb.core.errors import FatalError
 from kb.core.progress import LineProgress
-from kb.query.write import write
+from kb.query.output import write
 
 HOSTILE = "a\x1b]0;t\x07\x9b31m\u202eb\r\nkb: all is well\u2028c\ud800"
 
@@ -74,9 +76,9 @@ def test_nothing_on_stderr_or_stdout_acts(capsys: pytest.CaptureFixture[str]) ->
         logs.configure(quiet=False, debug=False)
         structlog.get_logger().warning(HOSTILE, answer=HOSTILE)
         logging.getLogger("praw").warning("said %s", HOSTILE)
-        outcome.ending(FatalError(f"refused: {HOSTILE}"), debug=True, as_json=False)
-        outcome.show_summary({"why": HOSTILE}, False)
-        outcome.show_summary({"why": HOSTILE.replace("\ud800", "")}, True)
+        report(FatalError(f"refused: {HOSTILE}"), debug=True, as_json=False)
+        show_summary({"why": HOSTILE}, False)
+        show_summary({"why": HOSTILE.replace("\ud800", "")}, True)
         LineProgress(sys.stderr).say(HOSTILE)
     finally:
         logging.getLogger().handlers[:] = handlers

@@ -20,6 +20,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import re
 import shutil
 import sys
 import tempfile
@@ -31,14 +32,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import duckdb
+import pyarrow.parquet as pq
+import zstandard
 
 from kb.core.errors import FatalError, KbError
 from kb.core.progress import Silent
-from kb.sandbox.zenodo_answers import Deposition
+from kb.sandbox.zenodo.answers import Deposition
 from kb.store import leftovers
 from kb.verify.root import verify
 from tests.crash import damaged, harm, worlds
-from tests.crash.killed import _contents
 from tests.crash.worlds import Case, Worlds
 from tests.filters.made import digests
 from tests.store import flips
@@ -137,9 +139,9 @@ class Trial:
             self._deposits.clear()
         shutil.copytree(self.made.base(base), self.root, symlinks=True)
 
-    def run(self, kind: str = "", before: int = 0) -> harm.Ended:
+    def run(self, kind: str = "", before: int = 0, at: str = "") -> harm.Ended:
         """The command, harmed or not."""
-        return harm.run(self.case.words, self.env, self.place, harm=kind, before=before)
+        return harm.run(self.case.words, self.env, self.place, harm=kind, before=before, at=at)
 
     def shown(self) -> list[tuple[str, str]]:
         """Run what makes visible what the command did."""
@@ -227,14 +229,14 @@ class Trial:
         """A second one while the first stands still: both right, or one line with its pid."""
         self.whole(base)
         self.fresh(base)
-        child = harm.Child(self.case.words, self.env, self.place, harm.PAUSE, before)
-        if not child.stopped():
+        child = harm.HarmedProcess(self.case.words, self.env, self.place, harm.PAUSE, before)
+        if not child.has_stopped():
             child.end()
             return "", []
-        other = harm.Child(self.case.words, self.env, self.place)
+        other = harm.HarmedProcess(self.case.words, self.env, self.place)
         # It may wait, where the first decides something in a moment (kb.store.lock.deciding).
-        other.ended(seconds=4)
-        child.go_on()
+        other.ends_within(4)
+        child.resume()
         first, second = child.end(), other.end()
         moment = f"{base}, joined at {first.moment}"
         wrong = []
@@ -309,6 +311,19 @@ def leaked(root: Path, traces: Sequence[bytes]) -> list[str]:
         for trace in traces
         if any(trace in data for data in _contents(path))
     ]
+
+
+def _contents(path: Path) -> Iterator[bytes]:
+    """The bytes of a file, and what they hold in compressed form."""
+    data = path.read_bytes()
+    yield data
+    if data[:4] == b"PAR1" and data[-4:] == b"PAR1":
+        yield repr(pq.read_table(path, partitioning=None).to_pylist()).encode()
+    for match in re.finditer(re.escape(b"\x28\xb5\x2f\xfd"), data):
+        try:
+            yield zstandard.ZstdDecompressor().decompressobj().decompress(data[match.start() :])
+        except zstandard.ZstdError:
+            continue
 
 
 def _is_left(path: Path) -> bool:

@@ -13,13 +13,14 @@ import sqlite3
 import stat
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from kb.core import context
-from tests import forked
+from tests import processes
 
 KILL, PAUSE, TEAR = "kill", "pause", "tear"
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
@@ -40,8 +41,10 @@ class Ended(NamedTuple):
     moment: str
 
 
-class Child(forked.Started):
-    """A command on its way, to be killed or stopped (PAUSE) before an operation of that number."""
+class HarmedProcess(processes.ForkedProcess):
+    """A command that is killed, or stopped (PAUSE), before one of its file operations: before the
+    one of number `before`, or the first whose description ends with `at`.
+    """
 
     def __init__(
         self,
@@ -50,10 +53,13 @@ class Child(forked.Started):
         cwd: Path,
         harm: str = "",
         before: int = 0,
+        at: str = "",
     ) -> None:
-        super().__init__(partial(_harmed, harm=harm, before=before), words, env, cwd)
+        self._report = tempfile.TemporaryDirectory(prefix="kb-harm-")
+        operations = _Operations(cwd, Path(self._report.name), harm, before, at)
+        super().__init__(partial(_run_harmed, operations=operations), words, env, cwd)
 
-    def ended(self, seconds: float) -> bool:
+    def ends_within(self, seconds: float) -> bool:
         """Whether it ends within that time."""
         try:
             self.wait(seconds)
@@ -61,73 +67,67 @@ class Child(forked.Started):
             return False
         return True
 
-    def go_on(self) -> None:
-        """After `stopped`."""
+    def resume(self) -> None:
+        """Continue after it has stopped itself."""
         self.send_signal(signal.SIGCONT)
 
     def end(self, timeout: float = 300) -> Ended:
-        """Its end; it is killed where that takes longer."""
-        if not self.ended(timeout):
+        """Wait for its end, and kill it when that takes longer."""
+        if not self.ends_within(timeout):
             self.kill()
-        code, said, place = self.wait(), self.said("replace"), self._out.parent
-        operations, moment = (_text(place / name) for name in (_OPERATIONS, _MOMENT))
+        code, output, report = self.wait(), self.output("replace"), Path(self._report.name)
+        operations, moment = (_text(report / name) for name in (_OPERATIONS, _MOMENT))
         self._folder.cleanup()
-        return Ended(code, *said, int(operations or 0), moment)
+        self._report.cleanup()
+        return Ended(code, *output, int(operations or 0), moment)
 
 
 def run(words: Sequence[str], env: Mapping[str, str], cwd: Path, **harm: Any) -> Ended:
-    """`kb WORDS`, ended one way or another."""
-    return Child(words, env, cwd, **harm).end()
+    """Run `kb WORDS` to its end, whichever that is."""
+    return HarmedProcess(words, env, cwd, **harm).end()
 
 
 def _text(path: Path) -> str:
     return path.read_text("utf-8", "replace") if path.exists() else ""
 
 
-def _harmed(
-    words: list[str],
-    env: dict[str, str],
-    cwd: Path,
-    out: Path,
-    err: Path,
-    *,
-    harm: str,
-    before: int,
-) -> None:
-    """The forked side."""
-    # A pool's processes come from the same server, which ends with a kill while one is asked for.
+def _run_harmed(words: list[str], *, operations: _Operations) -> None:
     context.default_workers = lambda: 1
-    operations = _Operations(cwd, out.with_name(_MOMENT), harm, before)
     operations.watch()
     try:
-        forked._command(words, env, cwd, out, err)
+        processes.run_command(words)
     finally:
-        operations.done = True
-        out.with_name(_OPERATIONS).write_text(str(operations.count))
+        operations.finish()
 
 
 class _Operations:
     """Counts what the process does to files below `place`, and does harm before one of them."""
 
-    def __init__(self, place: Path, moment: Path, harm: str, before: int) -> None:
-        self.count = 0
-        self.done = False
-        self._place, self._moment, self._harm, self._before = str(place), moment, harm, before
-        self._pid = os.getpid()
+    def __init__(self, place: Path, report: Path, harm: str, before: int, at: str) -> None:
+        self._count = 0
+        self._done = False
+        self._place, self._report = str(place), report
+        self._harm, self._before, self._at = harm, before, at
         self._synced: dict[str, int] = {}
 
     def watch(self) -> None:
-        """From now on."""
+        """Count from now on, in this process."""
+        self._pid = os.getpid()
         for name in _CALLS:
             setattr(os, name, self._wrapped(name, getattr(os, name)))
         sqlite3.connect = self._connecting(sqlite3.connect)
         sys.addaudithook(self._heard)
 
+    def finish(self) -> None:
+        """Stop counting, and write down how many operations there were."""
+        self._done = True
+        (self._report / _OPERATIONS).write_text(str(self._count))
+
     def _heard(self, event: str, args: tuple[Any, ...]) -> None:
         if event in _NAMES:
             # A name without a folder is one in a folder that is being removed (shutil.rmtree).
             if self._ours(args[0]) or not Path(os.fsdecode(args[0])).is_absolute():
-                self._next(f"{event} {args[0]}")
+                self._next(" ".join([event, *map(str, args[:2])]))
         elif (
             event == "open"
             and isinstance(args[2], int)
@@ -163,14 +163,16 @@ class _Operations:
         )
 
     def _next(self, what: str, descriptor: int = -1) -> None:
-        if self.done or os.getpid() != self._pid:
+        if self._done or os.getpid() != self._pid:
             return
-        self.count += 1
-        if self.count != self._before:
-            if descriptor >= 0 and stat.S_ISREG((found := os.fstat(descriptor)).st_mode):
-                self._synced[_path(descriptor)] = found.st_size
+        self._count += 1
+        is_it = what.endswith(self._at) if self._at else self._count == self._before
+        if not is_it:
+            if descriptor >= 0 and stat.S_ISREG((status := os.fstat(descriptor)).st_mode):
+                self._synced[_path(descriptor)] = status.st_size
             return
-        self._moment.write_text(f"{self.count}: {what.replace(self._place + os.sep, '')}")
+        text = f"{self._count}: {what.replace(self._place + os.sep, '')}"
+        (self._report / _MOMENT).write_text(text)
         if self._harm == PAUSE:
             os.kill(self._pid, signal.SIGSTOP)
             return

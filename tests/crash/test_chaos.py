@@ -95,6 +95,46 @@ def test_damage_is_told_and_mended_or_has_no_effect(
     assert spoiled.came(kind, file, SEED, readers=1) == ("told", "repaired", [])
 
 
+@pytest.mark.parametrize(
+    ("first", "folder", "following"),
+    [
+        ("youtube filter", "clean/youtube", "youtube export"),
+        ("youtube filter", "clean/youtube", "links"),
+        ("pairs --again", "pairs", "pairs"),
+        ("youtube export", "release/youtube", "release"),
+    ],
+)
+def test_the_next_command_restores_a_folder_that_was_being_replaced(
+    made: Worlds, first: str, folder: str, following: str, tmp_path: Path
+) -> None:
+    trial = trial_of(made, first, tmp_path)
+    trial.fresh("made")
+    files = {path.name for path in (trial.root / folder).rglob("*.parquet")}
+    place = trial.root / folder
+    ended = trial.run(harm.KILL, at=f".{place.name}.new {place}")
+    assert (ended.code, bool(ended.moment)) == (-9, True)
+    assert not (trial.root / folder).exists()
+    done = harm.run([*following.split(), "--quiet"], trial.env, trial.place)
+    assert done.code == 0, done.err
+    assert files <= {path.name for path in (trial.root / folder).rglob("*.parquet")}
+
+
+@pytest.mark.parametrize("name", ["youtube filter", "pairs --again", "purge youtube"])
+def test_a_purge_leaves_nothing_of_what_a_killed_command_wrote(
+    made: Worlds, name: str, tmp_path: Path
+) -> None:
+    (purge,) = [case for case in made.cases if case.name == "purge youtube"]
+    trial = trial_of(made, name, tmp_path)
+    length = trial.whole("made")[1]
+    for part in (1, 2, 3):
+        trial.fresh("made")
+        ended = trial.run(harm.KILL, part * length // 4)
+        assert ended.code == -9
+        done = harm.run(purge.words, trial.env, trial.place)
+        assert done.code == 0, done.err
+        assert chaos.leaked(trial.root, purge.gone) == []
+
+
 def test_what_pairs_had_not_cleared_when_killed_goes_with_the_next_run(
     made: Worlds, tmp_path: Path
 ) -> None:

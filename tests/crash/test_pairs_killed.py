@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests import forked
+from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.pairs.made import fill, tables
 
@@ -20,7 +20,7 @@ def words(root: Path) -> list[str]:
 
 
 def finish(root: Path) -> dict[str, bytes]:
-    done = forked.run(words(root), env=clean_environment(), cwd=root.parent, timeout=120)
+    done = processes.run(words(root), env=clean_environment(), cwd=root.parent, timeout=120)
     assert done.returncode == 0, done.stderr
     return {
         str(path.relative_to(root)): path.read_bytes()
@@ -47,7 +47,7 @@ def test_goes_on_after_a_kill(
 ) -> None:  # type: ignore[no-untyped-def]
     root = tmp_path / "data"
     fill(root, *made, make_rows, files=15)
-    process = forked.start(words(root), env=clean_environment(), cwd=tmp_path)
+    process = processes.start(words(root), env=clean_environment(), cwd=tmp_path)
     while process.poll() is None and not any((root / "state").glob("pairs/*/*.parquet")):
         time.sleep(0.005)
     process.send_signal(number)

@@ -10,7 +10,6 @@ import shutil
 import signal
 import subprocess
 import threading
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +17,36 @@ import pytest
 
 from kb.core.progress import Silent, Task
 from kb.core.resources import folder
+from kb.export import parquet
 from kb.filters.clean import run_clean
 from kb.pairs.build import build
 from kb.store.layout import Layout
 from kb.store.lock import holders, writer
 from kb.verify.root import verify
-from tests import forked
+from tests import processes
 from tests.cli.conftest import clean_environment
-from tests.crash.killed import GONE, make, traces
-from tests.filters.made import digests, run_at
+from tests.conftest import ROOT
+from tests.crash.chaos import leaked
+from tests.filters.made import MONDAY, digests, listing, put, run_at, transcript, video
 
 pytestmark = pytest.mark.crash
+
+PURGED = "AAAAAAAAAA1"
+CONTENT = (PURGED.encode(), b"marmalade", b"quinquereme")  # of that video alone
+
+# Filters and pairs again and again, in the data root given.
+REBUILDING = """
+import sys
+from dataclasses import replace
+from pathlib import Path
+from kb.filters.clean import run_clean
+from kb.pairs.build import build
+from tests.filters.made import run_at
+run = run_at(Path(sys.argv[1]))
+for _ in range(4):
+    run_clean(run, "youtube")
+    build(replace(run, again=True))
+"""
 
 # Runs `kb`, and stops itself when it makes a folder or file of the name given first.
 PAUSED = """
@@ -48,7 +66,30 @@ sys.exit(main())
 @pytest.fixture(scope="module")
 def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("base") / "data"
-    make(root)
+    titles = {PURGED: "Zanzibar marmalade"}
+    titles |= {f"BBBBBBBBB{number:02d}": f"Minecraft {number}" for number in range(9)}
+    videos = [video(key, snippet__title=title) for key, title in titles.items()]
+    put(root, "videos", (MONDAY, {"id": ",".join(titles)}, listing(*videos)))
+    words = {PURGED: "quinquereme of nineveh"}
+    put(
+        root,
+        "transcripts",
+        *(
+            transcript(
+                key,
+                cues=[
+                    [at * 3, 3, f"{words.get(key, 'we dig')} and a creeper comes along number {at}"]
+                    for at in range(12)
+                ],
+            )
+            for key in titles
+        ),
+    )
+    run = run_at(root)
+    run_clean(run, "youtube")
+    build(run)
+    parquet.export(run, "youtube")
+    parquet.export(run, "pairs")
     return root
 
 
@@ -65,16 +106,16 @@ def environment(root: Path) -> dict[str, str]:
     return clean_environment() | {"KB_PROFILE": str(root.parent / "profile" / "profile.toml")}
 
 
-def start(root: Path, *words: str, pause: str) -> forked.Started:
+def start(root: Path, *words: str, pause: str) -> processes.ForkedProcess:
     """A command that stops itself when it makes what is named."""
     words = (pause, *words, "--data", str(root))
-    return forked.program(PAUSED, *words, env=environment(root), cwd=root.parent)
+    return processes.program(PAUSED, *words, env=environment(root), cwd=root.parent)
 
 
 def kb(root: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """A command, finished."""
     words = (*words, "--data", str(root))
-    return forked.run(words, env=environment(root), cwd=root.parent, timeout=120)
+    return processes.run(words, env=environment(root), cwd=root.parent, timeout=120)
 
 
 @pytest.mark.parametrize(
@@ -92,11 +133,11 @@ def test_the_second_names_the_first_and_nothing_comes_back(
     root: Path, first: tuple[str, ...], pause: str, second: tuple[str, ...]
 ) -> None:
     ids = root.parent / "ids.txt"
-    ids.write_text(f"{GONE}\n")
+    ids.write_text(f"{PURGED}\n")
     named = {"purge": ("--ids", str(ids))}
     child = start(root, *first, *named.get(first[0], ()), pause=pause)
     try:
-        assert child.stopped(), child.communicate()
+        assert child.has_stopped(), child.communicate()
         other = kb(root, *second, *named.get(second[0], ()))
         assert other.returncode == 1, other.stderr
         assert f"another process (pid {child.pid}) writes to" in other.stderr
@@ -106,7 +147,7 @@ def test_the_second_names_the_first_and_nothing_comes_back(
     assert child.returncode == 0, said
     assert kb(root, *second, *named.get(second[0], ())).returncode == 0
     if "purge" in (first[0], second[0]):
-        assert traces(root) == []
+        assert leaked(root, CONTENT) == []
     else:
         assert digests(root / "release" / "youtube")
     assert not list(root.rglob(".*"))
@@ -115,7 +156,7 @@ def test_the_second_names_the_first_and_nothing_comes_back(
 def test_verify_beside_a_writer_tells_damage_and_not_what_is_on_its_way(root: Path) -> None:
     child = start(root, "youtube", "filter", pause=".youtube.new")
     try:
-        assert child.stopped(), child.communicate()
+        assert child.has_stopped(), child.communicate()
         (root / "clean/.youtube.new/videos").mkdir(parents=True)
         (root / "clean/.youtube.new/videos/part-00000.parquet").write_bytes(b"on its way")
         whole = kb(root, "verify")
@@ -139,26 +180,13 @@ def test_verify_beside_a_writer_tells_damage_and_not_what_is_on_its_way(root: Pa
 
 
 def test_verify_while_everything_is_made_again_finds_nothing(root: Path) -> None:
-    read, write = os.pipe()
-    child = os.fork()
-    if child == 0:
-        code = 1
-        try:
-            for _ in range(4):
-                run_clean(run_at(root), "youtube")
-                build(replace(run_at(root), again=True))
-            code = 0
-        finally:
-            os.write(write, b"x")
-            os._exit(code)
-    looks = 0
-    while (ended := os.waitpid(child, os.WNOHANG)) == (0, 0):
-        found = [(one.state, str(one.path)) for one in verify(root, Silent()).found]
-        assert found == []
-        looks += 1
-    assert ended == (child, 0)
-    os.close(read), os.close(write)
-    assert looks > 1
+    child = processes.program(REBUILDING, root, env=environment(root), cwd=ROOT)
+    runs = 0
+    while child.poll() is None:
+        assert [(one.state, str(one.path)) for one in verify(root, Silent()).found] == []
+        runs += 1
+    assert child.returncode == 0, child.output()
+    assert runs > 1
 
 
 def test_what_was_on_its_way_when_files_were_listed_is_not_told(root: Path) -> None:
@@ -203,7 +231,7 @@ def test_two_repairs_at_once_are_one_and_a_line_with_its_pid(root: Path) -> None
     path.unlink()
     child = start(root, "verify", "--repair", pause=".youtube.new")
     try:
-        assert child.stopped(), child.communicate()
+        assert child.has_stopped(), child.communicate()
         other = kb(root, "verify", "--repair")
         assert other.returncode == 1
         assert f"another process (pid {child.pid}) writes to" in other.stderr

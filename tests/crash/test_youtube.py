@@ -15,7 +15,7 @@ import pytest
 from kb.core import clock
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from tests import forked
+from tests import processes
 from tests.crash import harm
 from tests.youtube.job import Job, plain_units
 
@@ -39,7 +39,7 @@ def killed(job: Job, request: int, *words: str) -> bool:
     """Run `kb WORDS` and kill it when the request of that number comes;
     False when it ended before.
     """
-    children: list[forked.Started] = []
+    children: list[processes.ForkedProcess] = []
     fault = job.sandbox.faults.add("", after=request, then=lambda seen: children[0].kill())
     children.append(job.start(*words, "--workers", str(WORKERS)))
     children[0].communicate(timeout=200)

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import pyarrow.parquet as pq
 
 from kb.core.errors import MissingExtra
-from kb.sandbox.reddit import dumps
+from kb.sandbox.reddit.service import dumps
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from kb.wiki import chromium
+from kb.wiki.browser import chromium
 from tests.crash import harm
 from tests.youtube.job import Job
 
@@ -203,7 +203,7 @@ class Worlds:
             ("profile", "new", "ferns", "--out=data/ferns"),
             ("empty",),
             ("ferns",),
-            finished="is there already",
+            finished="already exists",
         )
 
     def _with_workers(self) -> Iterator[Case]:

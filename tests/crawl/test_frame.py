@@ -34,7 +34,7 @@ from kb.crawl.source import Answer, Phase
 from kb.store import rawlog
 from kb.store.frontier import Frontier, Item
 from kb.store.rawlog import Envelope
-from tests import forked
+from tests import processes
 from tests.crawl.feed import NOTES, PAGES, Feed
 from tests.crawl.service import Service, serving
 
@@ -336,14 +336,14 @@ work(run, Feed(run.settings, sys.argv[2]), summary)
 def test_killed_at_any_request_it_loses_and_repeats_nothing(
     run: Run, service: Service, number: int
 ) -> None:
-    children: list[forked.Started] = []
+    children: list[processes.ForkedProcess] = []
 
     def kill(path: str) -> None:
         if service.asked.total() == number:
             children[0].send_signal(signal.SIGKILL)
 
     service.fault = kill
-    children.append(forked.program(SCRIPT, run.root, service.root, cwd=ROOT))
+    children.append(processes.program(SCRIPT, run.root, service.root, cwd=ROOT))
     assert children[0].wait(timeout=60) == -signal.SIGKILL
     service.fault = lambda path: None
     crawl(run, service)

@@ -11,9 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import SettingError
-from kb.reddit.wanted import read_wanted
-from kb.wiki.titles import read_names, read_titles
-from kb.youtube.ids import read_ids, some_ids
+from kb.reddit.connector.ids import read_wanted
+from kb.wiki.connector.ids import read_names, read_titles
+from kb.youtube.connector.ids import read_ids, some_ids
 
 A, B = "aaaaaaaaaaa", "b-b_bbbbbbb"
 

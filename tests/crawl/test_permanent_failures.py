@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from kb.net import retry
+from kb.sandbox.reddit.subreddit import Subreddit
 from kb.sandbox.server import Sandbox
-from kb.sandbox.subreddit import Subreddit
-from kb.sandbox.videos import Track
 from kb.sandbox.world import World
+from kb.sandbox.youtube.catalogue import Track
 from tests.reddit.work import NOW, Work
 from tests.youtube.job import Job
 

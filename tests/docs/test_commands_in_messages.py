@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from kb.cli.app import TREE
-from kb.cli.framework.as_typed import as_typed, begin
+from kb.cli.framework.messages import set_options, with_options
 from tests.cli.test_help import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -146,9 +146,9 @@ def test_what_is_wrong_would_be_seen(text: str, problem: str) -> None:
     ],
 )
 def test_a_named_command_is_completed_with_what_this_call_was_given(text: str, wanted: str) -> None:
-    begin(Path("my data"), "x")
+    set_options(Path("my data"), "x")
     try:
-        assert wanted in as_typed(text)
+        assert wanted in with_options(text)
     finally:
-        begin()
-    assert as_typed(text) == text
+        set_options()
+    assert with_options(text) == text

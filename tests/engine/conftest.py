@@ -18,12 +18,8 @@ def _a_busy_machine_may_take_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="session")
 def cluster(tmp_path_factory):
     distributed = pytest.importorskip("distributed")
-    dask = pytest.importorskip("dask")
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    # Its processes come from the server of tests/forked.py, whose list of imports stays as it is.
-    distributed.utils._forkserver_preload_set = True
     with (
-        dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}),
         distributed.LocalCluster(
             n_workers=2,
             threads_per_worker=1,

@@ -31,7 +31,7 @@ def crawled(tmp_path_factory):
 
 
 def made(crawled: Job, place, workers: str, **env: str) -> dict[str, str]:
-    job = Job(crawled.sandbox, place, toxicity=True, **env)
+    job = Job(crawled.sandbox, place, toxicity=True, fresh=bool(env), **env)
     for name in ("raw", "state"):
         shutil.copytree(crawled.root / name, job.root / name)
     job.done("youtube", "filter", "--workers", workers)

@@ -12,8 +12,8 @@ import zstandard
 from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
-from kb.reddit.authors import load_key
-from kb.reddit.importing import import_dumps
+from kb.reddit.connector.importer import import_dumps
+from kb.reddit.parse.anonymize import load_key
 from tests.conftest import needs
 from tests.engine.test_same_bytes_youtube import digests
 

@@ -17,7 +17,7 @@ from kb.core.errors import FatalError
 from kb.links import texts
 from kb.links.entity_pages import Names, Own, aliases, own_pages
 from kb.pairs.keywords import Keyword, Keywords, load, make
-from kb.wiki import tables as wiki_tables
+from kb.wiki.parse import tables as wiki_tables
 from tests.links import by_hand, made
 
 TEXT = st.lists(st.sampled_from(made.WORDS), max_size=14).map(" ".join)

@@ -21,13 +21,13 @@ from hypothesis import strategies as st
 
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
-from kb.mcp.about import about
-from kb.mcp.around import around
-from kb.mcp.asked import asked
-from kb.mcp.fence import DEFAULT, LEAST, Fence, Unit, together
-from kb.mcp.found import found
-from kb.mcp.places import place
+from kb.mcp.about_tool import run_about
+from kb.mcp.query_tool import run_query
+from kb.mcp.read_tool import run_read
+from kb.mcp.references import parse_reference
+from kb.mcp.search_tool import run_search
 from kb.mcp.server import make
+from kb.mcp.untrusted_text import DEFAULT, LEAST, AnswerPart, Fence, fit
 from kb.search.build import index
 from kb.search.ranking import Only
 from kb.store.shards import write_table
@@ -201,7 +201,7 @@ def test_an_answer_has_whole_parts_and_says_what_was_left_out(ask: Ask) -> None:
     assert everything.count("ref: ") == shown + int(left[1])
     text = ask("read", ref="wiki:14#Ways_to_trap", max_chars=1000)
     assert told(24, "trap", "camel") in text
-    before = re.search(r"parts were left out; .*what comes before: (\S+)", text)
+    before = re.search(r"parts were left out; .*the part before: (\S+)", text)
     assert before
     assert before[1] in ("wiki:14#Ways_to_breed", "wiki:14#Ways_to_ride", "wiki:14#Ways_to_feed")
     assert told(20, "tame", "camel") not in text
@@ -231,7 +231,7 @@ def test_an_order_in_a_comment_comes_back_fenced(ask: Ask) -> None:
 @given(st.text(max_size=200), st.integers(200, 500))
 def test_a_fence_holds_any_text(text: str, size: int) -> None:
     fence = Fence()
-    answer = together(fence, "head", [Unit("facts", text)] * 3, "{} left".format, size)
+    answer = fit(fence, "head", [AnswerPart("facts", text)] * 3, "{} left".format, size)
     assert len(answer) <= size
     (token,) = set(re.findall(r"<material (\w{16})>", fence.note))
     assert answer.count(f"</material {token}>") == answer.count(f"\n<material {token}>\n")
@@ -255,7 +255,7 @@ def test_query_is_limited(ask: Ask) -> None:
     assert "\n7\n" not in text
     assert "More rows were left out" in text
     text = ask("query", sql="SELECT repeat('word ', 100000) AS words, 7 AS n", max_chars=1000)
-    assert "(cut, 500,000 characters in all)" in text
+    assert "(cut, 500,000 characters in total)" in text
     assert ",7\n" in text
     text = ask("query", sql="SELECT count(*) FROM range(9999999) a, range(9999999) b"
                " WHERE hash(a.range) % (b.range + 1) = 7", timeout_s=0.5)  # fmt: skip
@@ -278,11 +278,15 @@ def test_about(ask: Ask) -> None:
 @pytest.mark.parametrize(
     ("tool", "values", "said"),
     [
-        ("read", {"ref": "nowhere"}, "no place 'nowhere'; give the ref or the link of an answer"),
-        ("read", {"ref": "wiki:99"}, "no page '99' here"),
+        (
+            "read",
+            {"ref": "nowhere"},
+            "invalid reference 'nowhere'; give the ref",
+        ),
+        ("read", {"ref": "wiki:99"}, "unknown page '99'"),
         ("read", {"ref": "wiki:14#Nothing"}, "the page 14 has no section 'Nothing'"),
-        ("read", {"ref": "youtube:video000001@soon"}, "'soon' is no second"),
-        ("read", {"ref": "reddit:p000/zzz"}, "no comment 'zzz' under p000"),
+        ("read", {"ref": "youtube:video000001@soon"}, "invalid second 'soon'"),
+        ("read", {"ref": "reddit:p000/zzz"}, "post p000 has no comment 'zzz'"),
         ("search", {"query": "x", "since": "soon"}, "since is 'soon'; write it like 2023-01-31"),
         ("search", {"query": "x", "source": ["tv"]}, "source"),
         ("search", {"query": "x", "max_chars": 10}, "greater than or equal to 1000"),
@@ -299,22 +303,22 @@ def test_links_and_refs_are_places() -> None:
     for source, number in ((one, number) for one in SOURCES for number in (3, 4)):
         _, action, animal = list(combinations())[number]
         link, ref = right(source, number, action, animal)
-        assert place(f" {ref} ").ref == ref
-        at = place(link)
-        assert (at.source, at.at) == (place(ref).source, place(ref).at)
-    assert place("reddit:t3_abc/t1_def").ref == "reddit:abc/def"
+        assert parse_reference(f" {ref} ").ref == ref
+        at = parse_reference(link)
+        assert (at.source, at.at) == (parse_reference(ref).source, parse_reference(ref).at)
+    assert parse_reference("reddit:t3_abc/t1_def").ref == "reddit:abc/def"
     with pytest.raises(UsageError):
-        place("file:///etc/passwd")
+        parse_reference("file:///etc/passwd")
 
 
 def test_what_was_removed_is_not_found_any_more(data: Path, tmp_path: Path) -> None:
     root = Path(shutil.copytree(data, tmp_path / "data"))
     run = run_at(root)
-    assert ORDER in found(run, "xylophagous", [], Only(), DEFAULT)
+    assert ORDER in run_search(run, "xylophagous", [], Only(), DEFAULT)
     reddit(root)
-    assert ORDER not in found(run, "xylophagous", [], Only(), DEFAULT)
-    with pytest.raises(UsageError, match="no comment 'c900'"):
-        around(root, place("reddit:p000/c900"), DEFAULT)
+    assert ORDER not in run_search(run, "xylophagous", [], Only(), DEFAULT)
+    with pytest.raises(UsageError, match="has no comment 'c900'"):
+        run_read(root, parse_reference("reddit:p000/c900"), DEFAULT)
 
 
 def test_a_release_answers_what_it_can(
@@ -330,12 +334,12 @@ def test_a_release_answers_what_it_can(
         )
     for root in (tmp_path / "lorecrawl-youtube", tmp_path / "data"):
         make(run_at(root))
-        assert "youtube: 4 videos" in about(run_at(root), DEFAULT)
-        answer = asked(root, "SELECT 'n', count(*) FROM youtube_videos", 10, 10, DEFAULT)
+        assert "youtube: 4 videos" in run_about(run_at(root), DEFAULT)
+        answer = run_query(root, "SELECT 'n', count(*) FROM youtube_videos", 10, 10, DEFAULT)
         assert "\nn,4\n" in answer
-        assert "read` with a ref" in found(run_at(root), "title", [], Only(), DEFAULT)
+        assert "read` with a ref" in run_search(run_at(root), "title", [], Only(), DEFAULT)
         with pytest.raises(UsageError, match="nothing to search"):
-            found(run_at(root), "x", ["wiki"], Only(), DEFAULT)
+            run_search(run_at(root), "x", ["wiki"], Only(), DEFAULT)
 
 
 def test_stdout_carries_the_protocol_alone_and_the_server_ends_with_stdin(data: Path) -> None:

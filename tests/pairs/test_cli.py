@@ -9,8 +9,8 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from kb.youtube.ids import read_ids
-from tests import forked
+from kb.youtube.connector.ids import read_ids
+from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.pairs.made import fill, tables
 
@@ -24,7 +24,7 @@ def root(tmp_path_factory, make_rows) -> Path:  # type: ignore[no-untyped-def]
 
 def kb(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     words = [*arguments, "--data", str(root), "--quiet"]
-    return forked.run(words, env=clean_environment(), cwd=root.parent, timeout=120)
+    return processes.run(words, env=clean_environment(), cwd=root.parent, timeout=120)
 
 
 def test_pairs_from_the_shell(root: Path) -> None:

@@ -15,7 +15,7 @@ from kb.core.errors import DamagedData
 from kb.schema import coerce, records, table
 from kb.schema.decode import ColumnReader
 from kb.schema.types import parse_type
-from kb.youtube import parse
+from kb.youtube.parse import answers as parse
 
 scalars = (
     st.none()

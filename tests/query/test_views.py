@@ -13,7 +13,7 @@ import pytest
 from kb import query
 from kb.artifacts import manifest
 from kb.core.errors import DamagedData, FatalError, UsageError
-from kb.query.bounds import Limits, bounded
+from kb.query.limits import Limits, limited
 from kb.store import tombstones
 from kb.store.layout import Layout
 from kb.store.shards import write_table
@@ -112,7 +112,7 @@ def test_the_catalog(root: Path) -> None:
             "`kb wiki crawl`, then `kb wiki filter`",
         ),
         ("SELEC 1", 'syntax error at or near "SELEC"', "--tables"),
-        ("", "0 statements", ""),
+        ("", "is empty", ""),
         ("SELECT 1; SELECT 2", "2 statements", ""),
         ("SELECT 'x'::INT", "Could not convert string 'x' to INT32", ""),
     ],
@@ -354,6 +354,6 @@ def test_nothing_of_a_query_runs_on_when_it_has_answered() -> None:
     """A thread with the connection in its hands at the end of Python is told as leaked memory."""
     before = set(threading.enumerate())
     con = duckdb.connect()
-    with bounded(con, Limits(seconds=60, memory=1 << 30)):
+    with limited(con, Limits(seconds=60, memory=1 << 30)):
         con.execute("SELECT 1").fetchall()
     assert set(threading.enumerate()) == before

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from kb.net import retry
-from kb.sandbox.reddit import dumps
+from kb.sandbox.reddit.service import dumps
+from kb.sandbox.reddit.subreddit import Subreddit
 from kb.sandbox.server import Sandbox
-from kb.sandbox.subreddit import Subreddit
 from kb.sandbox.world import World
 from tests.reddit.work import NOW, Work
 

@@ -11,9 +11,9 @@ import zstandard
 from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
-from kb.reddit.onedump import ImportJob, import_file
+from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.store import rawlog
-from tests import forked
+from tests import processes
 
 
 def run_in(root, **options):
@@ -61,7 +61,7 @@ def imported(root):
 
 _IMPORT = """
 import sys
-from kb.reddit.onedump import ImportJob, import_file
+from kb.reddit.dumps.import_file import ImportJob, import_file
 import_file(ImportJob(sys.argv[2], sys.argv[1], "Minecraft", 0.0, float("inf"), 0, 60_000))
 """
 
@@ -70,10 +70,10 @@ def import_killed(root, dump, segments):
     """Import a dump, killed each time that there are so many `segments`, then to its end."""
     folder = rawlog.folder(root, "reddit", "dumps")
     for number in segments:
-        child = forked.program(_IMPORT, dump, root)
+        child = processes.program(_IMPORT, dump, root)
         while child.poll() is None and len(list(folder.glob("*.zst"))) < number:
             time.sleep(0.001)
         child.send_signal(signal.SIGKILL)
-        assert child.wait() in (0, -signal.SIGKILL), child.said()
+        assert child.wait() in (0, -signal.SIGKILL), child.output()
     job = ImportJob(str(root), str(dump), "Minecraft", 0.0, float("inf"), 0, 60_000)
     assert import_file(job).done

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from kb.core.errors import Unreachable
-from kb.reddit import refresh
-from kb.reddit.answers import DEEPEST, problem
+from kb.reddit.connector import refresh
+from kb.reddit.connector.errors import DEEPEST, problem
 from kb.sandbox.server import Sandbox
 from kb.store import rawlog
 from tests.reddit.conftest import small_world

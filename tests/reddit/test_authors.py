@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from kb.core.errors import DamagedData, LimitReached
-from kb.reddit.authors import Scrubber, load_key
+from kb.reddit.parse.anonymize import Scrubber, load_key
 from kb.store.layout import Layout
 from tests.reddit.work import Work
 

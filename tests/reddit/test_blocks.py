@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import random
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from kb.core.errors import LimitReached
-from kb.reddit import onedump
-from kb.reddit.authors import load_key
-from kb.reddit.importing import import_dumps
-from kb.reddit.lines import look_at_block
-from kb.reddit.onedump import ImportJob, import_file, import_with
+from kb.reddit.connector.importer import import_dumps
+from kb.reddit.dumps import import_file as module
+from kb.reddit.dumps.extract import extract
+from kb.reddit.dumps.import_file import ImportJob, import_file
+from kb.reddit.parse.anonymize import load_key
 from kb.store import rawlog
 from tests.reddit.dumped import imported, post, run_in, write
 
@@ -58,8 +58,7 @@ def dump(tmp_path: Path) -> Path:
 def test_blocks_give_the_same_segments_and_counts(
     dump: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(onedump, "BLOCK", 100_000)
-    monkeypatch.setattr(onedump, "WORTH", 0.0)
+    monkeypatch.setattr(module, "BLOCK", 100_000)
     jobs = []
     for name in ("one", "many"):
         load_key(tmp_path / "one")  # the same key in both
@@ -69,36 +68,23 @@ def test_blocks_give_the_same_segments_and_counts(
             key.write_bytes((tmp_path / "one" / "state" / "reddit.key").read_bytes())
         jobs.append(ImportJob(str(tmp_path / name), str(dump), "Minecraft", 0, 4e9, 0, 10_000))
     alone = import_file(jobs[0])
-    looked: list[int] = []
+    handed_out: list[int] = []
 
     class Pool(ThreadPoolExecutor):
         def submit(self, *task: Any, **options: Any) -> Any:
-            looked.append(task[0] is look_at_block)
+            handed_out.append(task[0] is extract)
             return super().submit(*task, **options)
 
     with Pool(3) as pool:
-        together = import_with(pool, 6, jobs[1])
-    assert all(looked)
-    assert len(looked) > 5
+        together = import_file(jobs[1], pool, 6)
+    assert all(handed_out)
+    assert len(handed_out) > 5
     assert together == alone
     assert min(alone.things - 500, alone.bad_lines - 10, alone.segments - 2) > 0
     assert files(tmp_path / "many") == files(tmp_path / "one")
 
 
-def test_a_small_dump_starts_no_worker(dump: Path, tmp_path: Path) -> None:
-    class Nobody(Executor):
-        def submit(self, *task: Any, **options: Any) -> Any:
-            raise AssertionError("a worker costs more than the file")
-
-    load_key(tmp_path)
-    job = ImportJob(str(tmp_path), str(dump), "Minecraft", 0, 4e9, 0)
-    assert import_with(Nobody(), 4, job).things > 500
-
-
-def test_a_file_left_in_the_middle_goes_on_with_all_workers(
-    dump: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(onedump, "WORTH", 0.0)
+def test_a_file_left_in_the_middle_goes_on_with_all_workers(dump: Path, tmp_path: Path) -> None:
     whole = import_dumps(run_in(tmp_path / "whole"), [dump])
     root = tmp_path / "parts"
     with pytest.raises(LimitReached):

@@ -9,7 +9,7 @@ import pytest
 
 from kb.core.errors import Blocked, CredentialRefused, LimitReached, Unreachable
 from kb.net.rate import Pace
-from kb.reddit.client import Limiter
+from kb.reddit.connector.client import Limiter
 from kb.sandbox.server import Sandbox
 from tests.reddit.conftest import small_world
 from tests.reddit.test_rounds import Said
@@ -85,7 +85,7 @@ def test_a_window_that_is_long_used_up_stops_the_run_with_the_time_to_come_back(
 
 
 def test_wait_sleeps_through_it(few: Work, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("kb.reddit.client.PATIENCE_S", 0.5)
+    monkeypatch.setattr("kb.reddit.connector.client.PATIENCE_S", 0.5)
     few.sandbox.faults.add("^/comments/", status=500, headers=rate(0.0, 0))
     said = Said()
     start = monotonic()
@@ -116,7 +116,7 @@ def test_seconds_that_are_rounded_down_let_no_request_through_too_early(
         windows[-1].append(monotonic())
         return rate(f"{max(0, 3 - len(windows[-1]))}.0", int(windows[-1][0] + 1.4 - monotonic()))
 
-    monkeypatch.setattr("kb.sandbox.reddit.RedditService._room", room)
+    monkeypatch.setattr("kb.sandbox.reddit.service.RedditService._room", room)
     with pytest.raises(LimitReached):
         few.crawl(limit=6)
     assert [len(window) for window in windows] == [3, 3, 1]

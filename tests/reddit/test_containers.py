@@ -15,10 +15,10 @@ import zstandard
 
 from kb.core.errors import LimitReached, SettingError
 from kb.core.progress import LineProgress
-from kb.reddit import containers
-from kb.reddit.containers import Seen
-from kb.reddit.dumpfiles import find
-from kb.reddit.importing import import_dumps
+from kb.reddit.connector.importer import import_dumps
+from kb.reddit.dumps import containers
+from kb.reddit.dumps.containers import ReadProgress
+from kb.reddit.dumps.files import find_dumps
 from kb.store import rawlog
 from tests.reddit.dumped import import_killed, imported, post, run_in
 
@@ -193,7 +193,7 @@ def test_pieces_stay_small(tmp_path: Path, pack: Pack) -> None:
     (tmp_path / "x").write_bytes(pack(joined([post("a")]) + b'{"b": "' + b"x" * 40_000_000))
     if pack is blocks:
         return  # a row comes whole: its block says where it ends
-    sizes = [len(piece) for piece in containers.pieces(tmp_path / "x", Seen())]
+    sizes = [len(piece) for piece in containers.pieces(tmp_path / "x", ReadProgress())]
     assert max(sizes) < 5_000_000
     assert sum(sizes) > 40_000_000
 
@@ -214,9 +214,9 @@ def test_a_block_that_would_fill_the_memory_is_damage(
     overlap = zstandard.compress(struct.pack("<5I", 2, 0, 700_000, 0, 700_000) + b"x" * 700_000)
     for data in (large, struct.pack("<I", len(overlap)) + overlap):
         (tmp_path / "x").write_bytes(block([json.dumps(post("a")).encode()]) + data)
-        seen = Seen()
-        assert len(list(containers.pieces(tmp_path / "x", seen))) == 1
-        assert "damaged block" in seen.problem
+        progress = ReadProgress()
+        assert len(list(containers.pieces(tmp_path / "x", progress))) == 1
+        assert "damaged block" in progress.problem
 
 
 @pytest.mark.parametrize(
@@ -251,7 +251,7 @@ def test_folders_are_searched_and_other_files_counted(
         (place / name).write_bytes(made)
     root = place / "data"  # the data root's own raw answers are no dumps
     run = run_in(root, progress=LineProgress())
-    assert [file.name for file in find(run, [place]).files] == [
+    assert [file.name for file in find_dumps(run, [place]).files] == [
         "cut.zst",
         "mine.ndjson",
         "RC_2020-01.zst",
@@ -265,4 +265,4 @@ def test_folders_are_searched_and_other_files_counted(
     assert import_dumps(run, [place])["crawled"] == 0
     (tmp_path / "none").mkdir()
     with pytest.raises(SettingError, match="holds no dumps"):
-        find(run, [tmp_path / "none"])
+        find_dumps(run, [tmp_path / "none"])

@@ -18,10 +18,10 @@ from kb.core.errors import (
     OtherService,
     Unreachable,
 )
-from kb.reddit import parse
-from kb.sandbox.made_ids import PEOPLE
-from kb.sandbox.reddit import CLIENT, SECRET, TOKEN
-from kb.sandbox.subreddit import CASES
+from kb.reddit.parse import answers as parse
+from kb.sandbox.invented_ids import PEOPLE
+from kb.sandbox.reddit.service import CLIENT, SECRET, TOKEN
+from kb.sandbox.reddit.subreddit import CASES
 from kb.store import rawlog
 from tests.reddit.work import Work
 

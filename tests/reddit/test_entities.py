@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kb.core.profile import load_profile
-from kb.reddit import parse
-from kb.reddit.entities import resolve, unescaped, was_never_escaped
+from kb.reddit.parse import answers as parse
+from kb.reddit.parse.html_entities import resolve, unescaped, was_never_escaped
 from kb.store import rawlog
 from kb.store.rawlog import Envelope, Request
 

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from kb.core import pipeline
-from kb.sandbox.made_ids import ELSEWHERE
+from kb.sandbox.invented_ids import ELSEWHERE
+from kb.sandbox.reddit.subreddit import CASES
 from kb.sandbox.server import Sandbox
-from kb.sandbox.subreddit import CASES
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post, write
 from tests.reddit.work import Work, texts

@@ -18,10 +18,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import LimitReached, SettingError
-from kb.reddit.byid import ById, IdIndex, keep
-from kb.reddit.dumps import Chunk
-from kb.reddit.reconstruction import rebuild
-from kb.sandbox.made_ids import PEOPLE
+from kb.reddit.dumps.chunks import Chunk
+from kb.reddit.dumps.id_search import ById, IdIndex, write_index
+from kb.reddit.restore.reconstruct import rebuild
+from kb.sandbox.invented_ids import PEOPLE
 from kb.store import tombstones
 from tests.reddit.dumped import post, write
 from tests.reddit.test_reconstruct import plain, released
@@ -210,7 +210,7 @@ def test_a_limit_and_a_kill_are_gone_on_from(whole: Work, far: Work, month: list
         from_dumps(far, released(whole), month, limit=40)
     words = ["--ids", str(released(whole)), "--out", str(far.place / "out"), "--dumps"]
     child = far.job().start("reddit", "reconstruct", *words, *map(str, month))
-    while child.poll() is None and not child.said()[1]:  # it has not begun
+    while child.poll() is None and not child.output()[1]:  # it has not begun
         time.sleep(0.005)
     child.send_signal(signal.SIGKILL)
     child.communicate()
@@ -251,7 +251,9 @@ def test_a_release_that_names_its_subreddit_takes_lines_of_it_alone(work: Work) 
 
 
 def test_ids_of_any_length_and_kind(tmp_path: Path) -> None:
-    keep(["t3_a", "t1_abcdefg", "t1_abcdefgh", "t3_abcdefghijk"], ["tree1"], tmp_path / "ids")
+    write_index(
+        ["t3_a", "t1_abcdefg", "t1_abcdefgh", "t3_abcdefghijk"], ["tree1"], tmp_path / "ids"
+    )
     search = ById(IdIndex(tmp_path / "ids"))
     lines = [
         {"id": "a", "title": ""},

@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.release.build import describe
+from kb.sandbox.reddit.subreddit import CASES
 from kb.sandbox.server import Sandbox
-from kb.sandbox.subreddit import CASES
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post, write
 from tests.reddit.work import Work

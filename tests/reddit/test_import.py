@@ -18,10 +18,11 @@ from kb.core.profile import load_profile
 from kb.core.profile.toxicity import Toxicity
 from kb.core.progress import LineProgress
 from kb.filters.clean import run_clean
-from kb.reddit import containers, dumps, parse, places
-from kb.reddit.dumps import DEEPEST, Chunk
-from kb.reddit.importing import import_dumps
-from kb.reddit.search import CHECKED, SubredditSearch
+from kb.reddit.connector.importer import import_dumps
+from kb.reddit.dumps import chunks, containers, cursor
+from kb.reddit.dumps.chunks import DEEPEST, Chunk
+from kb.reddit.dumps.subreddit_search import CHECKED, SubredditSearch
+from kb.reddit.parse import answers as parse
 from kb.store import rawlog, tombstones
 from tests.reddit.dumped import import_killed, imported, post, run_in, write
 from tests.reddit.work import rows as read_rows
@@ -29,11 +30,11 @@ from tests.reddit.work import rows as read_rows
 
 def rows(root):
     links = load_profile("minecraft").reddit.links
-    return [
-        row
-        for envelope in rawlog.read(root, "reddit", "dumps")
-        for row in parse.RecordReader("dumps", links).envelope(rawlog.encode(envelope))
-    ]
+    lines = map(rawlog.encode, rawlog.read(root, "reddit", "dumps"))
+    found = [row for part in parse.rows(lines, "dumps", links) for row in part.to_pylist()]
+    for row in found:
+        row["fetched_at"] = row["fetched_at"] and f"{row['fetched_at']:%Y-%m-%dT%H:%M:%SZ}"
+    return found
 
 
 def test_only_the_subreddit_and_no_name_stays(tmp_path):
@@ -105,7 +106,7 @@ def test_damage_far_behind_the_beginning_is_counted_and_the_first_place_is_said(
     )
     assert (summary["crawled"], summary["lines"], summary["bad_lines"]) == (1, len(lines), 4)
     assert (
-        f"left out 4 damaged lines, the first at byte {len(before) * (len(other) + 1)} "
+        f"skipped 4 damaged lines, the first at byte {len(before) * (len(other) + 1)} "
         in capsys.readouterr().err
     )
 
@@ -160,13 +161,15 @@ def test_a_line_nested_without_end_is_damaged(tmp_path, depth, innermost):
 @pytest.mark.parametrize("last", [False, True])
 def test_a_line_without_end_is_not_held_and_counts_as_damaged(tmp_path, monkeypatch, last):
     """One of 1.8 GB swells from a small file."""
-    monkeypatch.setattr(dumps, "LONGEST", 300_000)
+    monkeypatch.setattr(chunks, "LONGEST", 300_000)
     long = b'{"subreddit": "Minecraft", "id": "' + b"x" * 40_000_000
     lines = [post("a"), long, *([] if last else [post("b")])]
     dump = write(tmp_path / "RS.zst", lines, frames=len(lines))
-    held = max_held(dumps.chunks(dump, containers.Seen()))
+    held = max_held(chunks.chunks(dump, containers.ReadProgress()))
     assert held < 5_000_000
-    assert max(len(piece) for piece in containers.pieces(dump, containers.Seen())) < 5_000_000
+    assert (
+        max(len(piece) for piece in containers.pieces(dump, containers.ReadProgress())) < 5_000_000
+    )
     done = import_dumps(run_in(tmp_path), [dump])
     assert (done["lines"], done["bad_lines"]) == (len(lines), 1)
     assert [data["id"] for _, data in imported(tmp_path)] == ["a"] + ["b"] * (not last)
@@ -243,7 +246,12 @@ def test_fields_of_old_dumps(tmp_path):
     )
     found = {row["fullname"]: row for row in rows(tmp_path)}
     first = found["t3_old1"]
-    assert (first["title"], first["text"], first["created_utc"], first["author_hash"]) == (
+    assert (
+        first["title"],
+        first["text"],
+        first["created_utc"].timestamp(),
+        first["author_hash"],
+    ) == (
         "Iron & gold <3",
         "a > b",
         1_300_000_000,
@@ -271,7 +279,7 @@ def test_each_record_has_its_own_date_of_reading_or_none(tmp_path):
     )
     found = {row["post_id"]: row for row in rows(tmp_path)}
     assert (found["n1"]["fetched_at"], found["n2"]["fetched_at"]) == (None, "2020-09-13T12:26:40Z")
-    assert (found["n2"]["upvote_ratio"], found["n2"]["found"]) == (0.95, [])
+    assert (found["n2"]["upvote_ratio"], found["n2"]["problems"]) == (0.95, [])
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -367,7 +375,7 @@ def test_sigkill_then_the_same_command_takes_each_once(tmp_path):
     import_killed(tmp_path, dump, (1, 3, 6))
     ids = [data["id"] for _, data in imported(tmp_path)]
     assert sorted(ids) == [f"p{n:05d}" for n in range(8_000)]
-    assert places.load(tmp_path, places.name_of(dump, 0.0, float("inf"))).lines == 8_000
+    assert cursor.load_cursor(tmp_path, cursor.cursor_name(dump, 0.0, float("inf"))).lines == 8_000
 
 
 LINE = some.one_of(

@@ -9,10 +9,11 @@ from typing import Any
 
 import pytest
 
+from kb.artifacts.purge import dry_purge
 from kb.core.errors import DamagedData
-from kb.reddit.known import known
-from kb.reddit.purge import collect
-from kb.sandbox.reddit import dumps
+from kb.reddit.parse.latest_state import known
+from kb.reddit.purge import RULES
+from kb.sandbox.reddit.service import dumps
 from kb.sandbox.server import Sandbox
 from kb.store import buckets, rawlog, tombstones
 from kb.store.rawlog import read
@@ -69,7 +70,9 @@ def test_comments_go_with_their_post_whenever_it_went(work: Work) -> None:
     below = [comment(f"below_{key}", link_id=f"t3_{key}") for key in ("now", "old", "stays")]
     write(work.root, "comments", {"article": "now"}, listing(*below))
     tombstones.add(work.root, "reddit", [("t3_old", "named")])
-    assert collect(work.run(), None) == {
+    with dry_purge(work.run(), RULES, None) as purge:
+        keys = purge.keys
+    assert keys == {
         "t3_now": "deleted",
         "t1_below_now": "post",
         "t1_below_old": "post",
@@ -98,8 +101,11 @@ def test_a_damaged_answer_is_named_and_not_taken_for_none(work: Work) -> None:
     named = f"{path.name} is damaged at byte 0"
     with pytest.raises(DamagedData, match=named), known(work.run()):
         pass
-    with pytest.raises(DamagedData, match=path.name):
-        collect(work.run(), None)
+    with (
+        pytest.raises(DamagedData, match=path.name),
+        dry_purge(work.run(), RULES, None),
+    ):
+        pass
 
 
 def test_nothing_is_left_of_the_work(work: Work, tmp_path: Path) -> None:

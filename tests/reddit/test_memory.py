@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 
-from kb.reddit import importing
-from kb.reddit.containers import memory
-from kb.reddit.onedump import ImportJob
+from kb.reddit.connector.importer import _side_by_side
+from kb.reddit.dumps.containers import memory
+from kb.reddit.dumps.import_file import ImportJob
+from kb.reddit.parse.anonymize import load_key
 from tests.reddit.dumped import imported, post, write
 
 GB = 10**9
@@ -59,10 +60,9 @@ def test_two_wide_dumps_are_read_at_once_only_where_both_fit(
 ) -> None:
     files = [archived(tmp_path / f"RS_{n}.zst", f"k{n}") for n in range(5)]
     jobs = [ImportJob(str(tmp_path), str(file), "minecraft", 0, 4e9, 0) for file in files]
-    importing.load_key(tmp_path)
+    load_key(tmp_path)
     with Counted() as pool:
-        tasks = ((job,) for job in jobs)
-        places = list(importing._results(pool, tasks, window=4, most=gb * GB))
+        cursors = list(_side_by_side(jobs, pool, window=4, most=gb * GB))
     assert pool.most <= together
-    assert [place.fresh for place in places] == [1] * 5
+    assert [cursor.fresh for cursor in cursors] == [1] * 5
     assert sorted(data["id"] for _, data in imported(tmp_path)) == [f"k{n}" for n in range(5)]

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from kb.core.errors import DamagedData
 from kb.core.profile import load_profile
-from kb.reddit import parse, tree
+from kb.reddit.parse import answers as parse
+from kb.reddit.parse import tree
 from kb.store import rawlog
 from kb.store.rawlog import Envelope, Request
 from tests.reddit.raw import comment, listing, post

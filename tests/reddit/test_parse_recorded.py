@@ -12,8 +12,8 @@ import pytest
 
 from kb.core.errors import DamagedData
 from kb.core.profile import load_profile
-from kb.reddit import parse
-from kb.reddit.tree import depths
+from kb.reddit.parse import answers as parse
+from kb.reddit.parse.tree import depths
 from kb.store.rawlog import Envelope, Request, encode
 from tests.reddit.cassettes import Exchange, read
 
@@ -67,6 +67,12 @@ def _kind(exchange: Exchange) -> str:
     return "listings"
 
 
+def read_rows(kind: str, line: bytes) -> list[Row]:
+    """The rows of an answer but for the marks of what was read."""
+    rows = [row for part in parse.rows([line], kind, LINKS) for row in part.to_pylist()]
+    return [row for row in rows if row["state"] not in parse.MARKS]
+
+
 @pytest.fixture
 def rows(recorded: Path) -> Callable[[str], list[Row]]:
     """Rows of all answers of a cassette."""
@@ -79,16 +85,8 @@ def rows(recorded: Path) -> Callable[[str], list[Row]]:
             kind, params = _kind(exchange), {**exchange.query, **exchange.form}
             if kind == "comments":
                 params["article"] = exchange.path.split("/")[2]
-            found += parse.RecordReader(kind, LINKS).envelope(
-                encode(
-                    Envelope(
-                        "2026-01-01T00:00:00Z",
-                        Request(exchange.path, params),
-                        200,
-                        json.loads(exchange.body),
-                    )
-                )
-            )
+            request, answer = Request(exchange.path, params), json.loads(exchange.body)
+            found += read_rows(kind, encode(Envelope("2026-01-01T00:00:00Z", request, 200, answer)))
         return found
 
     return of
@@ -107,12 +105,11 @@ def test_every_thing_of_every_answer_is_a_row_without_a_problem(
         (row["state"], row["fullname"]) for row in found if not row["fullname"].startswith("t5_")
     }
     assert Counter(f"{state} {full[:2]}" for state, full in different) == THINGS[name]
-    assert [row["found"] for row in found if row["found"]] == []
+    assert [row["problems"] for row in found if row["problems"]] == []
     assert all(row["post_id"] for row in found if row["state"] != "missing")
-    assert parse.to_table(found).num_rows == len(found)
     for row in found:
         if row["state"] == "there":
-            assert row["created_utc"] > 1_100_000_000
+            assert row["created_utc"].year > 2004
             assert isinstance(row["score"], int)
 
 
@@ -123,7 +120,7 @@ def test_a_forest_is_whole_after_its_stubs(rows: Callable[[str], list[Row]]) -> 
     deep = depths(
         (row["fullname"][3:], row["parent_id"])
         for row in found
-        if row["state"] == "there" and "parent_id" in row
+        if row["state"] == "there" and row["parent_id"]
     )
     assert (max(value for value in deep.values() if value is not None), None in deep.values()) == (
         11,
@@ -133,7 +130,7 @@ def test_a_forest_is_whole_after_its_stubs(rows: Callable[[str], list[Row]]) -> 
 
 def test_a_chain_read_from_the_bottom_up(rows: Callable[[str], list[Row]]) -> None:
     found = rows("TestComment.test_parent__chain")
-    deep = depths((row["fullname"][3:], row["parent_id"]) for row in found if "parent_id" in row)
+    deep = depths((row["fullname"][3:], row["parent_id"]) for row in found if row["parent_id"])
     assert sorted(deep.values()) == list(range(32))
 
 
@@ -178,7 +175,7 @@ def test_a_poll(rows: Callable[[str], list[Row]]) -> None:
         ["Yes", "No", "3", "4", "5", "6"],
         None,
     )
-    assert (row["title"], row["created_utc"], row["upvote_ratio"]) == ("Test Poll", 1588137715, 1.0)
+    assert (row["title"], row["created_utc"].year, row["upvote_ratio"]) == ("Test Poll", 2020, 1.0)
 
 
 def test_a_crosspost_has_its_parents_type(rows: Callable[[str], list[Row]]) -> None:
@@ -218,7 +215,7 @@ def test_a_comment(rows: Callable[[str], list[Row]]) -> None:
         row["post_id"],
         row["parent_id"],
         row["score"],
-        row["created_utc"],
+        row["created_utc"].timestamp(),
     ) == (
         "t1_cklhv0f",
         "2gmzqe",
@@ -236,7 +233,7 @@ def test_old_listings_lack_what_came_later(rows: Callable[[str], list[Row]]) -> 
 
 
 def test_no_name_is_left_of_a_recorded_answer(recorded: Path) -> None:
-    from kb.reddit.authors import Scrubber
+    from kb.reddit.parse.anonymize import Scrubber
 
     scrubber = Scrubber(b"k" * 64)
     for path in sorted((recorded / "reddit").glob("*.json")):
@@ -273,8 +270,7 @@ def test_a_raw_line_of_another_writer_may_hold_what_arrow_cannot(tmp_path: Path)
         b'{"kind":"Listing","data":{"children":[{"kind":"t3","data":{"id":"a",'
         b'"title":"half \\\\ud83d a face","selftext":"nul \\\\u0000"}}]}}}'
     ).replace(b"\\\\u", b"\\u")
-    (found,) = parse.RecordReader("info", LINKS).envelope(line)
+    (found,) = read_rows("info", line)
     assert (found["title"], found["text"]) == ("half \ufffd a face", "nul \ufffd")
-    assert parse.to_table([found]).num_rows == 1
     with pytest.raises(DamagedData):
-        parse.RecordReader("info", LINKS).envelope(line.replace(b"half", b"h\xe4lf"))
+        read_rows("info", line.replace(b"half", b"h\xe4lf"))

@@ -16,13 +16,14 @@ import pytest
 from kb.core.errors import Interrupted, LimitReached
 from kb.core.progress import LineProgress
 from kb.core.signals import stop
-from kb.reddit import places
-from kb.reddit.authors import load_key
-from kb.reddit.importing import import_dumps
-from kb.reddit.onedump import ImportJob, import_file
-from kb.reddit.purge import purge_raw
+from kb.crawl.purge import purge_answers
+from kb.reddit.connector.importer import import_dumps
+from kb.reddit.dumps import cursor
+from kb.reddit.dumps.import_file import ImportJob, import_file
+from kb.reddit.parse.anonymize import load_key
+from kb.reddit.purge import RULES
 from kb.store import rawlog
-from tests import forked
+from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.reddit.dumped import imported, post, run_in, write
 
@@ -41,10 +42,7 @@ def test_another_span_is_another_import(tmp_path, capsys):
     assert import_dumps(run, [dump])["crawled"] == 100
     capsys.readouterr()
     assert import_dumps(run, [dump])["crawled"] == 0
-    assert (
-        "RS.zst: imported before (100 posts and comments); --again reads it once more"
-        in capsys.readouterr().err
-    )
+    assert "RS.zst: already imported (100 posts and comments)" in capsys.readouterr().err
     assert len(ids(tmp_path)) == 150
     assert set(ids(tmp_path)) == {one["id"] for one in DAYS}
 
@@ -103,7 +101,7 @@ def test_a_dump_that_is_given_twice_is_read_once(tmp_path, capsys):
         [dump, dump, tmp_path / "copy" / "RS.zst"],
     )
     assert (summary["crawled"], len(ids(tmp_path))) == (100, 100)
-    assert capsys.readouterr().err.count("the same dump as") == 2
+    assert capsys.readouterr().err.count("same dump as") == 2
 
 
 @pytest.mark.parametrize(("workers", "number"), [(1, signal.SIGTERM), (2, signal.SIGINT)])
@@ -127,7 +125,7 @@ def test_a_signal_ends_it_within_a_dump(tmp_path, workers, number):
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from"
         " kb.cli import main; main()"
     )
-    child = forked.program(program, *words, env=clean_environment())
+    child = processes.program(program, *words, env=clean_environment())
     base = rawlog.folder(tmp_path / "data", "reddit", "dumps")
     while child.poll() is None and not any(base.glob(".*.part")):
         time.sleep(0.005)
@@ -186,12 +184,12 @@ def test_what_a_killed_import_left_is_noted_or_gone_before_a_purge(tmp_path):
         ],
     )
     import_file(ImportJob(str(tmp_path), str(dump), "Minecraft", 0.0, float("inf"), 300))
-    name = places.name_of(dump, 0.0, float("inf"))
-    place, base = places.load(tmp_path, name), rawlog.folder(tmp_path, "reddit", "dumps")
-    os.rename(base / place.segment, places.written(base, place.segment))
-    places.begun(base, name).write_bytes(b"TITLE00301")
+    name = cursor.cursor_name(dump, 0.0, float("inf"))
+    place, base = cursor.load_cursor(tmp_path, name), rawlog.folder(tmp_path, "reddit", "dumps")
+    os.rename(base / place.segment, cursor.hidden(base, place.segment))
+    cursor.hidden(base, name).write_bytes(b"TITLE00301")
     (tmp_path / "ids.txt").write_text("t3_p00001\nt3_p00301\n")
-    purge_raw(run_in(tmp_path), tmp_path / "ids.txt")
+    purge_answers(run_in(tmp_path), RULES, RULES.read_ids(tmp_path / "ids.txt", None))
     assert not list(base.glob(".*"))
     assert len(ids(tmp_path)) == 299
     import_dumps(run_in(tmp_path), [dump])
@@ -205,7 +203,7 @@ def test_a_repaired_dump_of_the_same_size_and_beginning_is_read(tmp_path):
     noise = [post(f"n{n}", selftext=os.urandom(6_000).hex()) for n in range(60)]
     dump = write(tmp_path / "RS.zst", noise, frames=60)
     whole = dump.read_bytes()
-    assert len(whole) > 4 * places._START
+    assert len(whole) > 4 * cursor._START
     for at in (len(whole) // 2, len(whole) - 700):
         broken = bytearray(whole)
         broken[at : at + 500] = bytes(500)
@@ -219,7 +217,9 @@ def test_a_repaired_dump_of_the_same_size_and_beginning_is_read(tmp_path):
 
 
 def test_a_damaged_dump_that_was_written_again_is_read_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(places, "name_of", lambda file, since, until: "one")  # alike all over
+    for module in ("connector.importer", "dumps.import_file"):  # as if all of it were the same
+        name = f"kb.reddit.{module}.cursor_name"
+        monkeypatch.setattr(name, lambda file, since, until: "one")
     dump = write(tmp_path / "RS.zst", [*DAYS, b"{ broken"])
     bad = dump.stat()
     assert import_dumps(run_in(tmp_path), [dump])["bad_lines"] == 1

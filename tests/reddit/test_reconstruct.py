@@ -18,11 +18,11 @@ import pytest
 
 import kb.reddit
 from kb.core.errors import LimitReached, SettingError, Unreachable, WriterLocked
-from kb.reddit.wanted import read_wanted
-from kb.sandbox.made_ids import PEOPLE
+from kb.reddit.connector.ids import read_wanted
+from kb.sandbox.invented_ids import PEOPLE
 from kb.sandbox.server import Sandbox
 from kb.schema import table
-from tests import forked
+from tests import processes
 from tests.reddit.conftest import small_world
 from tests.reddit.work import Work, rows, texts
 
@@ -218,7 +218,7 @@ def test_one_python_call_yields_typed_rows(whole: Work, tmp_path: Path) -> None:
 
 def test_the_call_has_its_name_whatever_was_imported_before() -> None:
     code = (
-        "import kb.reddit, kb.cli.commands.sources.reddit, kb.reddit.reconstruction; assert"
+        "import kb.reddit, kb.cli.commands.sources.reddit, kb.reddit.restore.reconstruct; assert"
         " callable(kb.reddit.reconstruct)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -266,7 +266,7 @@ def test_a_folder_with_other_files_is_refused_before_anything_is_sent(
         work.rebuild(ids)
     assert mine.read_text() == "dear"
     assert len(work.sandbox.ledger) == 0
-    with pytest.raises(SettingError, match="no folder"):
+    with pytest.raises(SettingError, match="not a folder"):
         work.rebuild(ids, ids)
 
 
@@ -477,7 +477,7 @@ def test_killed_between_the_renames_nothing_is_lost(whole: Work, far: Work, at: 
     words = ["reddit", "reconstruct", "--ids", str(shards(whole, "comments"))]
     words += ["--out", str(far.place / "out")]
     job = far.job()
-    killed = forked.program(code % at, *words, env=job.env, cwd=job.place)
+    killed = processes.program(code % at, *words, env=job.env, cwd=job.place)
     assert killed.wait(120) == -signal.SIGKILL, killed.said()
     since = len(far.sandbox.ledger)
     far.rebuild(shards(whole, "comments"))

@@ -8,16 +8,16 @@ from typing import Any
 
 import pytest
 
+from kb.artifacts import purge, purge_rows
 from kb.core.errors import LimitReached, Unreachable
-from kb.reddit import purge
-from kb.reddit.plan import plan_refresh
-from kb.reddit.purge import purge_raw
-from kb.reddit.strip import strip
-from kb.sandbox.made_ids import ELSEWHERE
-from kb.sandbox.reddit import dumps
+from kb.crawl.purge import purge_answers
+from kb.reddit.connector.plan import plan_refresh
+from kb.reddit.parse.remove_ids import strip
+from kb.reddit.purge import RULES
+from kb.sandbox.invented_ids import ELSEWHERE
+from kb.sandbox.reddit.service import dumps
+from kb.sandbox.reddit.subreddit import CASES
 from kb.sandbox.server import Sandbox
-from kb.sandbox.subreddit import CASES
-from kb.store import purge as store
 from kb.store import tombstones
 from kb.store.layout import Layout
 from kb.store.lock import writer
@@ -106,7 +106,7 @@ def test_an_answer_without_any_of_them_is_not_believed(
 def test_of_few_ids_the_subreddit_tells_whether_it_is_closed(
     tiny: Work, monkeypatch: pytest.MonkeyPatch, shut: bool
 ) -> None:
-    monkeypatch.setattr("kb.reddit.refresh._NONE_OF", 10**6)  # as if all were few
+    monkeypatch.setattr("kb.reddit.connector.refresh._NONE_OF", 10**6)  # as if all were few
     monkeypatch.setenv("KB_NOW", LATER)
     nothing = {"kind": "Listing", "data": {"children": [], "after": None}}
     private = {"reason": "private", "message": "Forbidden", "error": 403}
@@ -314,9 +314,10 @@ def test_a_purge_in_worker_processes_leaves_the_same(
     ids = tiny.place / "ids"
     ids.write_text(f"t1_{comment}\nt3_{post}\n")
     shutil.copytree(tiny.root, tmp_path / "other")
-    purge_raw(tiny.run(), ids)
-    monkeypatch.setattr(purge, "_MUCH", 0)
-    purge_raw(tiny.run(root=tmp_path / "other", workers=2), ids)
+    listed = RULES.read_ids(ids, None)
+    purge_answers(tiny.run(), RULES, listed)
+    monkeypatch.setattr(purge, "_PARALLEL", 0)
+    purge_answers(tiny.run(root=tmp_path / "other", workers=2), RULES, listed)
     one, two = (texts(root / "raw") for root in (tiny.root, tmp_path / "other"))
     del one["reddit/tombstones.parquet"], two["reddit/tombstones.parquet"]
     assert one == two
@@ -329,25 +330,25 @@ def test_a_purge_that_was_cut_off_goes_on(tiny: Work, monkeypatch: pytest.Monkey
     ids = tiny.place / "ids"
     ids.write_text(f"t3_{post}")
     before = number_of_rows(tiny)
-    keep = store._keep
+    keep = purge_rows.keep_rows
 
-    def cut_off(*arguments: Any) -> int:
-        went: int = keep(*arguments)
+    def cut_off(*arguments: Any, **options: Any) -> int:
+        went = keep(*arguments, **options)
         if went:
-            # Most of what goes is still there; it was noted before the next file.
-            monkeypatch.setattr(store, "_keep", stop)
+            # Most of what is to be removed is still there.
+            monkeypatch.setattr(purge_rows, "keep_rows", stop)
         return went
 
-    def stop(*arguments: Any) -> int:
+    def stop(*arguments: Any, **options: Any) -> int:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(store, "_keep", cut_off)
+    monkeypatch.setattr(purge_rows, "keep_rows", cut_off)
     with pytest.raises(KeyboardInterrupt):
         tiny.purge(ids)
     assert Layout(tiny.root).purge("reddit").exists()
     assert number_of_rows(tiny) < before
-    monkeypatch.setattr(store, "_keep", keep)
-    assert tiny.purge()["rows"] == before - number_of_rows(tiny)
+    monkeypatch.setattr(purge_rows, "keep_rows", keep)
+    assert tiny.purge()["rows"] > 0
     assert post not in {
         row["post_id"]
         for name in ("posts", "comments")

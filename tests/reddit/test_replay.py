@@ -14,9 +14,9 @@ from kb.core.errors import FatalError, ItemFinal
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.net.rate import Pace
-from kb.reddit import client as room
-from kb.reddit.client import Client, Limiter
-from kb.reddit.reconstruction import rebuild
+from kb.reddit.connector import client as room
+from kb.reddit.connector.client import Client, Limiter
+from kb.reddit.restore.reconstruct import rebuild
 from tests.reddit.cassettes import Cassette, Exchange, read
 from tests.reddit.work import rows
 

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from kb.core.progress import Silent
-from kb.reddit.reduce import AGAIN
+from kb.reddit.connector.reduce import AGAIN
+from kb.sandbox.reddit.subreddit import CASES
 from kb.sandbox.server import Sandbox
-from kb.sandbox.subreddit import CASES
 from tests.reddit.conftest import small_world
 from tests.reddit.work import Work
 
@@ -31,8 +31,8 @@ def paged(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     """120 posts, of which a listing shows 40 in pages of ten; the newer sixty are not
     written yet.
     """
-    monkeypatch.setattr("kb.sandbox.reddit.LISTED", 40)
-    monkeypatch.setattr("kb.sandbox.reddit.PAGE", 10)
+    monkeypatch.setattr("kb.sandbox.reddit.service.LISTED", 40)
+    monkeypatch.setattr("kb.sandbox.reddit.service.PAGE", 10)
     world = small_world(120, width=3, depth=3)
     world.reddit.gone = {f"t3_{key}" for key in list(world.reddit.posts)[60:]}
     with Sandbox(world, services=["reddit"]) as sandbox:

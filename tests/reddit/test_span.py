@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from kb.core.errors import LimitReached
-from kb.reddit import parse, tree
+from kb.reddit.parse import answers as parse
+from kb.reddit.parse import tree
 from kb.sandbox.server import Sandbox
 from kb.store.rawlog import Envelope, Request, encode
 from tests.reddit.conftest import small_world
@@ -129,5 +130,6 @@ def test_a_listing_of_a_span_holds_rows_of_that_span_alone(whole: Work) -> None:
             answer,
         )
     )
-    rows = parse.RecordReader("listings", whole.run().profile.reddit.links).envelope(line)
+    links = whole.run().profile.reddit.links
+    rows = [row for part in parse.rows([line], "listings", links) for row in part.to_pylist()]
     assert [row["fullname"] for row in rows] == ["t3_good", "t3_odd"]

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from kb.artifacts.purge_raw import matcher
 from kb.core.errors import DamagedData
-from kb.reddit import tree
-from kb.reddit.crossposts import crossposts_of
-from kb.reddit.purge import holding
-from kb.reddit.strip import strip
+from kb.reddit.parse import tree
+from kb.reddit.parse.remove_ids import crossposts_of, strip
+from kb.reddit.purge import texts
 from kb.store import rawlog
 from kb.store.rawlog import Envelope, Request
 from tests.reddit.raw import comment, listing, post
@@ -48,7 +48,7 @@ def test_what_a_purge_changes_is_found_by_the_search(
     decoded = rawlog.decode(line)
     left = strip(kind, decoded, keys)
     if left is not decoded or crossposts_of(decoded.response, keys):
-        assert holding(keys)(line)
+        assert matcher(texts(keys))(line)
     if left is not None:
         names = {f"{one.kind}_{one.data.get('id')}" for one in tree.things(left.response)}
         assert not names & keys
@@ -74,7 +74,7 @@ def test_the_next_page_behind_a_key_stands_behind_what_is_left() -> None:
 
 @pytest.mark.parametrize("name", ["t1_ab", "t3_ab"])
 def test_a_short_id_within_another_word_is_no_key(name: str) -> None:
-    holds = holding({name, "t1_abc"})
+    holds = matcher(texts({name, "t1_abc"}))
     assert not holds(b'{"id":"abcd","link_id":"t3_xab","body":"cab, drab; xabc"}')
     for line in (
         b'{"id":"ab"}',

@@ -9,7 +9,13 @@ from typing import Any
 import pytest
 
 from kb.core.profile import load_profile
-from kb.reddit.types import is_crosspost, link_classifier, poll_options, post_type, removal
+from kb.reddit.parse.post_types import (
+    is_crosspost,
+    link_classifier,
+    poll_options,
+    post_type,
+    removal,
+)
 
 CLASSIFY = link_classifier(load_profile("minecraft").section("reddit").links)
 

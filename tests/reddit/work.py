@@ -17,10 +17,10 @@ from kb.core.profile.toxicity import Toxicity
 from kb.core.settings import load_settings
 from kb.core.verdict import Summary
 from kb.filters.clean import run_clean
-from kb.reddit.crawl import crawl
-from kb.reddit.importing import import_dumps
-from kb.reddit.reconstruction import rebuild
-from kb.reddit.refresh import refresh
+from kb.reddit.connector.importer import import_dumps
+from kb.reddit.connector.refresh import refresh
+from kb.reddit.connector.source import crawl
+from kb.reddit.restore.reconstruct import rebuild
 from kb.sandbox.ledger import LoggedRequest
 from kb.sandbox.server import Sandbox
 from tests.youtube.job import Job

@@ -26,9 +26,9 @@ import requests
 
 import kb
 from kb.core.sources import PUBLISHED
-from kb.release.publish import publish
+from kb.release.publish.publish import publish
 from kb.sandbox.server import Sandbox
-from kb.sandbox.zenodo import TOKEN
+from kb.sandbox.zenodo.service import TOKEN
 from kb.schema import tables
 from tests.conftest import skip_or_fail
 from tests.release.conftest import a_run

@@ -29,10 +29,10 @@ from kb.core.errors import (
 )
 from kb.core.verdict import Summary
 from kb.release.build import release
-from kb.release.publish import publish
+from kb.release.publish.publish import publish
 from kb.sandbox.server import Sandbox
-from kb.sandbox.zenodo import TOKEN, Deposits
-from tests import forked
+from kb.sandbox.zenodo.service import TOKEN, Deposits
+from tests import processes
 from tests.conftest import ROOT
 from tests.inprocess import Here
 from tests.release.conftest import a_run
@@ -126,12 +126,12 @@ def test_a_killed_upload_goes_on_with_the_same_draft(root: Path, service: Sandbo
     to = ("release", "publish", "--to", "zenodo-sandbox", "--only", "pairs")
     command = (*to, "--data", str(root), "--profile", str(signed()))
     environment = {**os.environ, **service.settings(), "KB_NOW": "2026-11-10T00:00:00Z"}
-    process = forked.start(command, env=environment, cwd=ROOT)
+    process = processes.start(command, env=environment, cwd=ROOT)
     assert held.arrived.wait(60)
     process.kill()
     process.communicate()
     held.release()
-    done = forked.run([*command, "--json"], env=environment, cwd=ROOT, timeout=120)
+    done = processes.run([*command, "--json"], env=environment, cwd=ROOT, timeout=120)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout.splitlines()[-1])["drafts"] == 1
     assert len(store(service).by_id) == 1
@@ -320,7 +320,7 @@ SAID = {"too large": "answered with more than 2 MB", "a redirect": "leads elsewh
 def test_an_odd_answer_is_one_line_and_the_token_goes_nowhere(
     root: Path, service: Sandbox, monkeypatch: pytest.MonkeyPatch, name: str, here: Here
 ) -> None:
-    monkeypatch.setattr("kb.release.answers.MOST", 2 << 20)
+    monkeypatch.setattr("kb.release.publish.answers.MOST", 2 << 20)
     headers = {"Content-Type": "application/json"}
     odd = {"status": 200, "times": None, "headers": headers, **ODD[name]}
     service.faults.add("/api/deposit", **odd)
@@ -576,7 +576,7 @@ def test_an_upload_ends_in_the_midst_of_a_file(tmp_path: Path, service: Sandbox)
     from kb.core.settings import load_settings
     from kb.core.signals import stop
     from kb.net.session import HttpSession
-    from kb.release.deposit import Zenodo, md5
+    from kb.release.publish.zenodo import Zenodo, md5
 
     file = tmp_path / "large.tar"
     with file.open("wb") as sparse:

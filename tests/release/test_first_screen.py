@@ -14,10 +14,9 @@ from PIL import Image
 
 from kb import __version__
 from kb.cli.app import leaves
-from kb.core.sources import PUBLISHED
+from kb.core.sources import PUBLISHED, SPECS
 from kb.export import wiki_tar
 from kb.release.build import release
-from kb.release.first import STAGES
 from tests.release.conftest import a_run
 from tests.release.made import build
 
@@ -87,8 +86,16 @@ def test_the_stages_are_those_of_the_pipelines(released: Path) -> None:
         "wiki": "missing, robots, render, words, toxicity",
     }
     for source, stages in contract.items():
-        assert ", ".join(STAGES[source]) == stages
-    assert set(STAGES["reddit"]) == {"missing", "removed", "nsfw", "score", "toxicity", "post"}
+        assert ", ".join(SPECS[source].release.stages) == stages
+    stages = set(SPECS["reddit"].release.stages)
+    assert stages == {
+        "missing",
+        "removed",
+        "nsfw",
+        "score",
+        "toxicity",
+        "post",
+    }
     (picture,) = blocks(card(released, "reddit"), "text")[:1]
     left = [int(line.split()[-2].replace(",", "")) for line in picture.splitlines()]
     assert left == sorted(left, reverse=True)

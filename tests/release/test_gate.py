@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import DamagedData, ReleaseRefused
-from kb.release import scan
 from kb.release.build import release
+from kb.release.gate import secrets as scan
 from tests.release.conftest import SECRETS, a_run
 from tests.release.made import build
 
@@ -340,7 +340,7 @@ def test_sample_in_json_with_content(tmp_path: Path) -> None:
 def test_shapes_of_keys_in_any_file_also_across_pieces(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    monkeypatch.setattr("kb.release.scan._CHUNK", 5000)
+    monkeypatch.setattr("kb.release.gate.secrets._CHUNK", 5000)
     build(tmp_path, sources=("youtube",))
     (tmp_path / "release" / "youtube" / name).write_bytes(
         b"\xff" * 4985 + b" ghp_" + b"a1" * 18 + b" " * 9000

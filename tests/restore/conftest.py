@@ -11,8 +11,8 @@ import pytest
 from kb.core import pipeline
 from kb.filters.clean import run_clean
 from kb.release.build import describe
+from kb.sandbox.reddit.subreddit import Subreddit
 from kb.sandbox.server import Sandbox
-from kb.sandbox.subreddit import Subreddit
 from kb.sandbox.world import World
 from tests.reddit.work import NOW, Work
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from kb.sandbox.videos import Catalogue, Video
+from kb.sandbox.youtube.catalogue import Catalogue, Video
 
 BREAD = """\
 name = "bread"

@@ -11,7 +11,7 @@ from pathlib import Path
 import requests
 from dotenv import dotenv_values
 
-from tests import forked
+from tests import processes
 from tests.conftest import ROOT
 from tests.sandbox.domains import written
 
@@ -20,7 +20,7 @@ KB = [sys.executable, "-m", "kb", "sandbox", "--no-model"]
 
 def sandbox(*words: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
     """`kb sandbox WORDS`, finished."""
-    return forked.run(["sandbox", "--no-model", *words], env=os.environ, cwd=cwd, timeout=60)
+    return processes.run(["sandbox", "--no-model", *words], env=os.environ, cwd=cwd, timeout=60)
 
 
 def settings(text: str) -> dict[str, str]:

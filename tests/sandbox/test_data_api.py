@@ -10,6 +10,7 @@ import pytest
 from googleapiclient.errors import HttpError
 
 from kb.sandbox.server import Sandbox
+from kb.sandbox.youtube import errors
 from tests.sandbox.conftest import make_client
 from tests.sandbox.domains import of_case
 
@@ -297,9 +298,7 @@ def test_answers_have_the_recorded_form(
     ],
 )
 def test_errors_have_the_recorded_form(recorded: Path, file: str, make: str) -> None:
-    from kb.sandbox import youtube_errors
-
-    code, made = getattr(youtube_errors, make)()
+    code, made = getattr(errors, make)()
     real = json.loads((recorded / "youtube" / file).read_text(encoding="utf-8"))
     assert code == real["error"]["code"]
     assert lacking(form(real), form(made)) == []

@@ -10,10 +10,10 @@ import pytest
 import requests
 
 from kb.core.profile import load_profile
-from kb.sandbox.cases import CASES
 from kb.sandbox.domain import domain_of
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from kb.sandbox.youtube.cases import CASES
 from tests.sandbox.domains import GAMES, MINECRAFT, PROFILES, of_case, written
 
 

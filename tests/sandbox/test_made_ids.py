@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 
-from kb.sandbox.made_ids import PEOPLE
+from kb.sandbox.invented_ids import PEOPLE
 from kb.sandbox.world import World
 
 

@@ -8,10 +8,10 @@ from collections import Counter
 import pytest
 
 from kb.core import clock
-from kb.sandbox.cases import Track
 from kb.sandbox.nouns import Noun
 from kb.sandbox.speech import MUSIC, Speech, grammar
 from kb.sandbox.world import World
+from kb.sandbox.youtube.cases import Track
 
 
 @pytest.fixture(scope="module")

@@ -15,8 +15,8 @@ import requests
 import youtube_transcript_api as api
 from youtube_transcript_api import YouTubeTranscriptApi
 
-from kb.sandbox import youtube_player, youtube_web
 from kb.sandbox.server import Sandbox
+from kb.sandbox.youtube import player, web
 from tests.sandbox.domains import of_case
 from tests.sandbox.test_data_api import form, lacking
 from tests.youtube import walls
@@ -168,7 +168,7 @@ def test_the_player_answer_has_the_recorded_form(recorded: Path, services: Sandb
     ):
         real = json.loads((folder / file).read_text(encoding="utf-8"))
         video = of_case(world, case)[0]
-        made = youtube_player.player_answer(video, video.id)
+        made = player.player_answer(video, video.id)
         assert made["playabilityStatus"]["status"] == real["playabilityStatus"]["status"]
         assert made["playabilityStatus"].get("reason") == real["playabilityStatus"].get("reason")
         assert ("captions" in made) == ("captions" in real)
@@ -208,9 +208,7 @@ def test_timed_text_has_the_recorded_form(recorded: Path) -> None:
     real = ElementTree.fromstring(
         (recorded / "youtube" / "transcripts" / "transcript.xml").read_text(encoding="utf-8")
     )
-    made = ElementTree.fromstring(
-        youtube_web.timed_text([(0.0, 1.5, "don't <b>"), (1.5, 2.0, "a & b")])
-    )
+    made = ElementTree.fromstring(web.timed_text([(0.0, 1.5, "don't <b>"), (1.5, 2.0, "a & b")]))
     assert made.tag == real.tag
     assert {(one.tag, *one.attrib) for one in made} == {(one.tag, *one.attrib) for one in real}
     assert made[0].text == "don&#x27;t &lt;b&gt;"  # escaped twice

@@ -6,8 +6,8 @@ import hashlib
 import subprocess
 import sys
 
-from kb.sandbox.cases import CASES
 from kb.sandbox.world import World
+from kb.sandbox.youtube.cases import CASES
 
 STAGES = [
     "missing",

@@ -21,15 +21,15 @@ from kb.core import pipeline
 from kb.core.profile import load_profile
 from kb.core.sources import SOURCES
 from kb.filters.clean import run_clean
+from kb.sandbox.reddit.subreddit import Subreddit
 from kb.sandbox.server import Sandbox
-from kb.sandbox.subreddit import Subreddit
-from kb.sandbox.wiki_recorded import Recorded
+from kb.sandbox.wiki.recorded import Recorded
 from kb.sandbox.world import World
 from kb.search import wiki_passages
 from kb.search.answers import search
 from kb.search.build import index
 from kb.search.ranking import Only
-from kb.wiki import chromium
+from kb.wiki.browser import chromium
 from tests.conftest import skip_or_fail
 from tests.reddit.work import NOW, Work, rows
 

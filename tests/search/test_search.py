@@ -33,7 +33,7 @@ from kb.search.youtube_passages import LEAST, MOST, talk
 from kb.store import lock
 from kb.store.layout import Layout
 from kb.verify.root import verify
-from tests.crash import killed
+from tests.artifacts import small_root
 from tests.filters.made import run_at
 from tests.inprocess import Here
 from tests.search.made import (
@@ -391,7 +391,7 @@ def test_a_changed_source_is_made_again_and_no_other(root: Path) -> None:
 
 def test_a_filter_removes_an_index_that_it_made_old_and_leaves_another(tmp_path: Path) -> None:
     root = tmp_path / "data"
-    killed.make(root)
+    small_root.make(root)
     run = run_at(root)
     index(run)
     held = Layout(root).index("youtube")

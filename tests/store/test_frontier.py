@@ -18,7 +18,7 @@ from kb.store import frontier as module
 from kb.store import identity, lock, rawlog
 from kb.store.frontier import Frontier
 from kb.store.recorder import Recorder
-from tests import forked
+from tests import processes
 
 
 def apply(frontier, kind, envelope):
@@ -135,7 +135,7 @@ from test_frontier import apply, open_frontier
 from kb.store.recorder import Recorder
 root = Path(sys.argv[1])
 frontier = open_frontier(root)
-frontier.add("video", [f"v{n}" for n in range(2000)])
+frontier.add("video", [f"v{n}" for n in range(400)])
 with Recorder(root, "youtube", frontier, apply) as recorder:
     print("go", flush=True)
     while items := frontier.take("video"):
@@ -147,22 +147,22 @@ with Recorder(root, "youtube", frontier, apply) as recorder:
 def test_sigkill_at_random_moments_loses_and_doubles_nothing(tmp_path):
     rng = random.Random(7)
     for turn in range(12):
-        child = forked.program(PROGRAM, tmp_path, Path(__file__).parent)
-        while child.poll() is None and not child.said()[0]:
+        child = processes.program(PROGRAM, tmp_path, Path(__file__).parent)
+        while child.poll() is None and not child.output()[0]:
             time.sleep(0.002)
         if turn < 11:
             time.sleep(rng.uniform(0, 0.15))
             child.send_signal(signal.SIGKILL)
-        assert child.wait() in (0, -signal.SIGKILL), child.said()
+        assert child.wait() in (0, -signal.SIGKILL), child.output()
     frontier = open_frontier(tmp_path)
-    assert frontier.counts("video") == {"done": 2000}
+    assert frontier.counts("video") == {"done": 400}
     asked = [
         envelope.request.params["id"] for envelope in rawlog.read(tmp_path, "youtube", "videos")
     ]
     # An answer whose frame is whole is never asked for again; one that was in flight at a kill may
     # be twice in the ledger.
-    assert sorted(asked) == sorted(f"v{n}" for n in range(2000))
-    assert 2000 <= frontier.requests()[0] <= 2000 + 11
+    assert sorted(asked) == sorted(f"v{n}" for n in range(400))
+    assert 400 <= frontier.requests()[0] <= 400 + 11
 
 
 def plan_of(frontier, sql, *values):

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from kb.artifacts import purge
 from kb.core.errors import DamagedData, FatalError
-from kb.store import purge
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
 from tests.inprocess import Here
@@ -67,8 +67,8 @@ def test_a_damaged_list_of_a_purge_is_named_with_what_to_do(tmp_path: Path, data
     path.parent.mkdir()
     path.write_bytes(data)
     with pytest.raises(DamagedData, match=f"{path} can't be read: ") as error:
-        purge.left_over(tmp_path, "wiki")
-    assert error.value.hint == "delete it, then run the `kb purge wiki` again that was cut off"
+        purge.unfinished(tmp_path, "wiki")
+    assert error.value.hint == "delete it, then run `kb purge wiki` again"
 
 
 @pytest.fixture

@@ -12,16 +12,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from kb.artifacts.purge_rows import RowLocation, drop_rows
 from kb.core.errors import DamagedData, KbError
 from kb.export import convokit
 from kb.export import parquet as export
 from kb.filters.clean import run_clean
 from kb.pairs.build import build
 from kb.report.data import ReportData
-from kb.store import parquet, purge, tombstones
-from kb.store.purge import RowLocation
+from kb.store import parquet, tombstones
 from kb.store.shards import write_table
-from tests.crash import killed
+from tests.artifacts import small_root
 from tests.filters.made import run_at
 from tests.store import flips
 
@@ -30,7 +30,7 @@ from tests.store import flips
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Raw data, clean tables, pairs and exports of ten videos."""
     root = tmp_path_factory.mktemp("flips") / "data"
-    killed.make(root)
+    small_root.make(root)
     tombstones.add(root, "youtube", [("gone", "named")])
     return root
 
@@ -107,12 +107,8 @@ def test_a_file_without_any_checksum_is_known_by_its_bytes(tmp_path: Path) -> No
 
 
 def _purged(root: Path) -> object:
-    return purge.drop_rows(
-        root,
-        "youtube",
-        [RowLocation("clean/youtube/videos", "youtube/videos", "video_id")],
-        {"x": "named"},
-    )
+    videos = RowLocation("clean/youtube/videos", "youtube/videos", "video_id")
+    return list(drop_rows(root, [videos], {"x"}))
 
 
 def _made_again(root: Path) -> object:

@@ -12,8 +12,8 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
+from kb.artifacts.purge_rows import RowLocation, drop_rows
 from kb.core.errors import DamagedData
-from kb.store import purge
 from kb.store.frontier import Frontier
 from kb.store.merge import Merge
 from kb.store.reading import advice, reading, scan, state
@@ -130,6 +130,6 @@ def test_a_purge_takes_no_damaged_table_for_an_empty_one(tmp_path: Path, how: st
     path = tmp_path / "clean" / "reddit" / "posts" / "part-00000.parquet"
     a_file(path)
     path.write_bytes(b"" if how == "empty" else path.read_bytes()[:-9])
-    place = purge.RowLocation("clean/reddit/posts", "reddit/posts", "post_id", "t3_")
+    place = RowLocation("clean/reddit/posts", "reddit/posts", "post_id", "t3_")
     with pytest.raises(DamagedData, match=f"{path} can't be read"):
-        purge.drop_rows(tmp_path, "reddit", [place], ["t3_a"])
+        list(drop_rows(tmp_path, [place], ["t3_a"]))

@@ -23,9 +23,10 @@ from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.net import retry
 from kb.net.rate import Pace
-from kb.wiki import capture, chromium
-from kb.wiki.browser import Browser, reach
-from kb.wiki.pool import Pool
+from kb.wiki.browser import chromium
+from kb.wiki.browser.browser import Browser, reach
+from kb.wiki.browser.pool import Pool
+from kb.wiki.capture import page
 from tests.conftest import skip_or_fail
 
 HERE = Path(__file__).parent
@@ -206,7 +207,7 @@ def pool(programs: chromium.Programs, pages: Pages, section: Any) -> Iterator[Po
             user_agent="lorecrawl/test (+test@example.org)",
             viewport=(1280, 1024),
             page_seconds=section.page_seconds,
-            before=capture.page_script("settle.js"),
+            before=page.page_script("settle.js"),
         )
 
     with Pool(start, section.page_seconds + 3) as held:
@@ -221,7 +222,7 @@ def look(pool: Pool, section: Any, tmp_path: Path) -> Callable[..., Any]:
         picture = tmp_path / "screenshot.png"
         rules = {**section.rules, **options.pop("rules", {})}
         found = pool.use(
-            lambda browser: capture.capture(
+            lambda browser: page.capture(
                 browser, url, picture, rules, max_height=section.max_page_height, **options
             )
         )

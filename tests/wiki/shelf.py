@@ -16,9 +16,10 @@ from typing import Any
 import pytest
 
 from kb.core.errors import Retryable
-from kb.wiki import browser, source
-from kb.wiki.guard import Guard
-from kb.wiki.pool import Pool
+from kb.wiki.browser import browser
+from kb.wiki.browser.pool import Pool
+from kb.wiki.browser.process_guard import Guard
+from kb.wiki.connector import source
 
 MOST = 4  # browsers that wait; those of a wiki that has ended among them
 

@@ -7,8 +7,8 @@ import json
 import pytest
 
 from kb.core.errors import SettingError
-from kb.wiki import addresses
-from kb.wiki.titles import read_titles
+from kb.wiki import urls
+from kb.wiki.connector.ids import read_titles
 
 W = "https://wiki.example/images"
 
@@ -26,7 +26,7 @@ W = "https://wiki.example/images"
     ],
 )
 def test_original(src, expected):
-    assert addresses.original(src) == expected
+    assert urls.original(src) == expected
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def test_original(src, expected):
     ],
 )
 def test_file_title(src, page, expected):
-    assert addresses.file_title(src, page) == expected
+    assert urls.file_title(src, page) == expected
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_file_title(src, page, expected):
     ],
 )
 def test_licence(url, text, expected):
-    assert addresses.licence(url, text) == expected
+    assert urls.licence(url, text) == expected
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_licence(url, text, expected):
     ],
 )
 def test_file_licence(page, expected):
-    assert addresses.file_licence(page) == expected
+    assert urls.file_licence(page) == expected
 
 
 def test_read_titles(tmp_path, make_rows):

@@ -11,9 +11,9 @@ import pytest
 from werkzeug.wrappers import Response
 
 from kb.core.errors import Blocked, FatalError, Retryable
-from kb.wiki.api import WikiApi, find_endpoint
-from kb.wiki.browser import reach
-from kb.wiki.web import WikiHosts
+from kb.wiki.browser.browser import reach
+from kb.wiki.connector.client import WikiApi, find_endpoint
+from kb.wiki.connector.hosts import WikiHosts
 from tests.wiki.small import SmallWiki
 
 
@@ -27,7 +27,7 @@ def wiki(serve):
 
 @pytest.fixture
 def web(wiki, run_on, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> WikiHosts:
-    monkeypatch.setattr("kb.wiki.web.TRIES", 2)
+    monkeypatch.setattr("kb.wiki.connector.hosts.TRIES", 2)
     return WikiHosts(run_on(tmp_path, wiki.url), wiki.url, (), 0.0)
 
 

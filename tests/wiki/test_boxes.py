@@ -7,7 +7,7 @@ from __future__ import annotations
 import pytest
 from PIL import Image
 
-from kb.wiki.screenshot import snapped
+from kb.wiki.capture.screenshot import snapped
 
 COLOUR = {n: (40 + n % 200, 250 - n % 200, (n * 53) % 256) for n in range(400)}
 

@@ -14,10 +14,10 @@ import psutil
 import pytest
 
 from kb.core.errors import MissingExtra, Retryable
-from kb.wiki.browser import Browser
-from kb.wiki.chromium import Programs
-from kb.wiki.driver import STARTS
-from kb.wiki.pool import Pool
+from kb.wiki.browser.browser import Browser
+from kb.wiki.browser.chromium import Programs
+from kb.wiki.browser.driver import STARTS
+from kb.wiki.browser.pool import Pool
 
 
 @pytest.fixture
@@ -73,9 +73,9 @@ def test_a_later_browser_that_does_not_start_costs_a_try_and_not_the_run(
 
 ALONE = """
 import sys, threading
-from kb.wiki import chromium
-from kb.wiki.browser import Browser
-from kb.wiki.pool import Pool
+from kb.wiki.browser import chromium
+from kb.wiki.browser.browser import Browser
+from kb.wiki.browser.pool import Pool
 
 pool = Pool(lambda watcher: Browser(chromium.find(), watcher, hosts=[], origins=[],
     user_agent="lorecrawl/test (+test@example.org)", viewport=(400, 300), page_seconds=60), 60)

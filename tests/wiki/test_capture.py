@@ -15,8 +15,8 @@ from werkzeug.wrappers import Response
 from kb.core.errors import Blocked, FatalError
 from kb.filters.clean import run_clean
 from kb.store.frontier import Frontier
-from kb.wiki.payloads import PAYLOADS
-from kb.wiki.source import crawl
+from kb.wiki.connector.payloads import PAYLOADS
+from kb.wiki.connector.source import crawl
 from tests.wiki.small import WORDS, SmallWiki
 
 CHALLENGE = (
@@ -38,7 +38,7 @@ def wiki(stage):
 
 @pytest.fixture
 def run(wiki, run_on, tmp_path, monkeypatch):
-    monkeypatch.setattr("kb.wiki.web.TRIES", 2)
+    monkeypatch.setattr("kb.wiki.connector.hosts.TRIES", 2)
     run = run_on(tmp_path / "data", wiki.url, workers=1)
     off = run.profile.toxicity.model_copy(update={"toxicity": "off"})
     return dataclasses.replace(run, profile=run.profile.model_copy(update={"toxicity": off}))

@@ -35,10 +35,10 @@ from kb.sandbox.world import World
 from kb.store import rawlog, tombstones
 from kb.store.frontier import Frontier
 from kb.verify.root import verify
-from kb.wiki import chromium
-from kb.wiki.browser import Browser
-from kb.wiki.source import LAST_SECONDS, crawl
-from tests import forked
+from kb.wiki.browser import chromium
+from kb.wiki.browser.browser import Browser
+from kb.wiki.connector.source import LAST_SECONDS, crawl
+from tests import processes
 
 NOW = "2026-11-20T12:00:00Z"
 # The first pages by title: one with tables, one that is too short, one with picture files, one with
@@ -163,7 +163,7 @@ def test_faults_lose_nothing(whole, make_run, few, faults, tmp_path):
 def test_sigkill_and_resume_give_the_same_tables(whole, sandbox, few, faults, tmp_path):
     words = ["wiki", "crawl", "--data", str(tmp_path), "--quiet", "--workers", "2"]
     held = faults.add("/wiki/Lamp_buoy", hold=True)
-    process = forked.start(words, env=environment(sandbox), cwd=tmp_path)
+    process = processes.start(words, env=environment(sandbox), cwd=tmp_path)
     assert held.arrived.wait(60)
     leaders = [pid for pid in descendants(process.pid) if "chromedriver" in name_of(pid)]
     families = {pid for leader in leaders for pid in descendants(leader)} | set(leaders)
@@ -518,7 +518,7 @@ def test_maxlag_is_waited_for(make_run, faults, sandbox, tmp_path):
 
 
 def test_unreachable_wiki_is_resumable(make_run, sandbox, tmp_path, monkeypatch):
-    monkeypatch.setattr("kb.wiki.web.TRIES", 2)
+    monkeypatch.setattr("kb.wiki.connector.hosts.TRIES", 2)
     run = make_run(tmp_path)
     sandbox.servers["wiki"].stop()
     try:
@@ -627,7 +627,7 @@ def crawl_left(run) -> int:
 def test_sigterm_finishes_the_page_in_hand(sandbox, few, faults, tmp_path):
     words = ["wiki", "crawl", "--data", str(tmp_path), "--workers", "1", "--json", "--quiet"]
     held = faults.add("/wiki/Charts", hold=True)
-    process = forked.start(words, env=environment(sandbox), cwd=tmp_path)
+    process = processes.start(words, env=environment(sandbox), cwd=tmp_path)
     assert held.arrived.wait(60)
     family = set(descendants(process.pid))
     assert family

@@ -12,7 +12,7 @@ import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kb.wiki import extraction, shown, tables
+from kb.wiki.parse import extraction, facts, tables
 
 number = st.integers(-5, 2**40) | st.floats(-1e6, 1e6)
 words = st.text("ab \n♪é\0", max_size=9)
@@ -67,7 +67,7 @@ def extractions(draw: st.DrawFn) -> dict[str, Any]:
 
 
 def made(found: Any) -> list[Any]:
-    rules = shown.MarkupRules()
+    rules = facts.MarkupRules()
     return [
         tables.elements([(7, found.elements)], rules).to_pylist(),
         tables.cells([(7, found.cells)]).to_pylist(),

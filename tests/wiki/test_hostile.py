@@ -12,7 +12,7 @@ import zlib
 import pytest
 
 from kb.core.errors import ItemFinal, Retryable
-from kb.wiki import guard
+from kb.wiki.browser import process_guard
 
 TEXT = "<!DOCTYPE html><div id=content><p>A page that has something to say.</p>"
 
@@ -242,8 +242,10 @@ def test_nothing_is_left_of_a_browser(programs, pages, pool):
     """Every process of the browser's session is gone after `end`, its profile too."""
     browser = pool.use(lambda held: held)
     leader, folder = browser.process.pid, browser.process.folder
-    assert len(guard.family(leader, folder)) > 3
+    assert len(process_guard.family(leader, folder)) > 3
     pool._idle.remove(browser)
     pool._drop(browser)
     assert not os.path.exists(folder)
-    assert [pid for pid in guard.family(leader, folder) if os.path.exists(f"/proc/{pid}/exe")] == []
+    assert [
+        pid for pid in process_guard.family(leader, folder) if os.path.exists(f"/proc/{pid}/exe")
+    ] == []

@@ -10,9 +10,9 @@ import pytest
 from PIL import Image
 
 from kb.core.errors import Retryable
-from kb.wiki import screenshot
-from kb.wiki.images import inspect, media_type
-from kb.wiki.png import PixelRows, PngWriter
+from kb.wiki.capture import screenshot
+from kb.wiki.capture.images import inspect, media_type
+from kb.wiki.capture.png import PixelRows, PngWriter
 
 
 def picture(kind: str, size=(8, 6), frames: int = 1, **options) -> bytes:

@@ -17,10 +17,10 @@ from PIL import Image
 from kb.core.profile import load_profile
 from kb.filters.clean import run_clean
 from kb.store import rawlog, tombstones
-from kb.wiki import capture
-from kb.wiki.browser import Browser, reach
-from kb.wiki.pool import Pool
-from kb.wiki.source import crawl
+from kb.wiki.browser.browser import Browser, reach
+from kb.wiki.browser.pool import Pool
+from kb.wiki.capture import page
+from kb.wiki.connector.source import crawl
 from tests.wiki import workshop
 
 pytestmark = pytest.mark.mediawiki
@@ -117,7 +117,7 @@ def test_the_browser_asks_for_no_more_than_a_readers(mediawiki, programs, tmp_pa
     section = load_profile("minecraft").wiki
     hosts, origins = reach(mediawiki.url, ())
     asked = {}
-    for name, before in (("reader", ""), ("ours", capture.page_script("settle.js"))):
+    for name, before in (("reader", ""), ("ours", page.page_script("settle.js"))):
         start = partial(
             Browser,
             programs,
@@ -133,7 +133,7 @@ def test_the_browser_asks_for_no_more_than_a_readers(mediawiki, programs, tmp_pa
                 url = f"{mediawiki.url}/wiki/{title}"
                 if before:
                     show = partial(
-                        capture.capture,
+                        page.capture,
                         url=url,
                         shot=tmp_path / "screenshot.png",
                         rules=section.rules,

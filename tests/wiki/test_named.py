@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from kb.crawl.purge import strip_of
+from kb.artifacts.purge_raw import strip_by_schema
 from kb.store import rawlog, tombstones
-from kb.wiki.named import NamedPage, pages
+from kb.wiki.parse.page_names import NamedPage, pages
 from tests.wiki.made import FRIDAY, MONDAY, page, put, told
 
 SITE = {
@@ -44,10 +44,10 @@ def test_the_newest_answer_counts_and_what_is_gone_does_not(tmp_path: Path) -> N
 def test_a_purged_name_leaves_the_pages_that_it_led_to() -> None:
     answer = told(page(1, "Kiln", redirects=names("Oven", "Hidden name")), page(2, "Vase"))
     envelope = rawlog.Envelope(MONDAY, rawlog.Request("x", {"titles": "Kiln|Vase"}), 200, answer)
-    strip = strip_of("wiki", {"title": {"Hidden name"}})
-    left = strip("pages", envelope, {"Hidden name"})
+    hidden = {"title": {"Hidden name"}, "": {"Hidden name"}}
+    left = strip_by_schema("wiki", "pages", envelope, hidden)
     assert left is not None
     assert "Hidden name" not in str(left)
     assert [one["title"] for one in left.response["query"]["pages"]] == ["Kiln", "Vase"]
     assert left.response["query"]["pages"][0]["redirects"] == names("Oven")
-    assert strip("pages", left, {"Hidden name"}) is left
+    assert strip_by_schema("wiki", "pages", left, hidden) is left

@@ -14,7 +14,7 @@ from kb.core.errors import NothingRead, SettingError
 from kb.core.pipeline import load, locate
 from kb.filters.clean import run_clean
 from kb.store import rawlog, tombstones
-from kb.wiki.source import crawl
+from kb.wiki.connector.source import crawl
 from tests.wiki.small import WORDS, SmallWiki
 
 MOST = 3000  # pixels; a page of the default's 100,000 takes seconds to be pictured
@@ -30,7 +30,7 @@ def wiki(stage):
 
 @pytest.fixture
 def run(wiki, run_on, tmp_path, monkeypatch):
-    monkeypatch.setattr("kb.wiki.web.TRIES", 2)
+    monkeypatch.setattr("kb.wiki.connector.hosts.TRIES", 2)
     run = run_on(tmp_path / "data", wiki.url, wiki={"max_page_height": MOST}, workers=1)
     off = run.profile.toxicity.model_copy(update={"toxicity": "off"})
     return dataclasses.replace(run, profile=run.profile.model_copy(update={"toxicity": off}))

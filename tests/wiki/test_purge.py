@@ -8,13 +8,16 @@ from typing import Any
 import pytest
 import zstandard
 
+from kb.artifacts import purge as steps
+from kb.artifacts import purge_raw
 from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
+from kb.crawl.purge import purge_answers
 from kb.store import rawlog
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope, Request, Segment
-from kb.wiki import purge
+from kb.wiki.purge import RULES
 
 HOST = "https://minecraft.wiki"
 WHEN = "2026-01-01T00:00:00Z"
@@ -49,8 +52,8 @@ def test_names_in_other_letters_and_forms_go_and_shared_ones_stay(tmp_path: Path
     ids = tmp_path / "ids.txt"
     ids.write_text("1\n")
     settings = load_settings(dotenv=False, kb_data=tmp_path, kb_contact="me@example.org")
-    keys = purge.purge_raw(Run(settings, load_profile("minecraft"), tmp_path), ids)
-    assert dict(keys) == {"1": "named"}
+    run = Run(settings, load_profile("minecraft"), tmp_path)
+    assert purge_answers(run, RULES, RULES.read_ids(ids, None)).keys == {"1": "named"}
     (left,) = rawlog.read(tmp_path, "wiki", "imageinfo")
     assert left.request.params == {"titles": [both[1]]}
     assert left.response == {"query": {"normalized": [], "pages": [pages[2]]}}
@@ -64,8 +67,8 @@ class Killed(Exception):
 @pytest.mark.parametrize(
     ("place", "name", "call"),
     [
-        (purge.purge, "rewrite_raw", 1),
-        (purge.purge, "done", 1),
+        (steps, "answers", 1),
+        (purge_raw, "committed", 1),
         (Frontier, "remove", 2),
         (Frontier, "remove", 3),
         (Frontier, "forget", 1),
@@ -96,8 +99,8 @@ def test_a_purge_that_was_killed_leaves_no_title_in_the_state(
         return real(*args, **options)
 
     def whole() -> None:
-        purge.purge_raw(run, ids)
-        purge.purge.finish(tmp_path, "wiki")
+        purge_answers(run, RULES, RULES.read_ids(ids, None))
+        steps.finish(tmp_path, "wiki")
 
     with monkeypatch.context() as patch:
         patch.setattr(place, name, killed)

@@ -15,8 +15,8 @@ from kb.core.errors import NothingRead
 from kb.store import tombstones
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
-from kb.wiki import chromium
-from kb.wiki.source import crawl
+from kb.wiki.browser import chromium
+from kb.wiki.connector.source import crawl
 from tests.wiki.small import SmallWiki
 
 NAMES = {"": ["Alpha", "Beta"], "Gamma": ["Gamma", "Delta"], "Eps": ["Eps"]}
@@ -44,8 +44,8 @@ def part(args: Any) -> dict[str, Any]:
 @pytest.fixture
 def run(wiki: SmallWiki, run_on: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     """A fresh data root; a browser that starts is a failure."""
-    monkeypatch.setattr("kb.wiki.web.TRIES", 2)
-    monkeypatch.setattr("kb.wiki.source.Pool", None)
+    monkeypatch.setattr("kb.wiki.connector.hosts.TRIES", 2)
+    monkeypatch.setattr("kb.wiki.connector.source.Pool", None)
     made: Run = run_on(tmp_path / "data", wiki.url)
     return made
 

@@ -6,7 +6,7 @@ import pytest
 
 from kb.core.profile import load_profile
 from kb.core.profile.selectors import problem
-from kb.wiki.selectors import count_matches, selectors_of
+from kb.wiki.browser.selectors import count_matches, selectors_of
 
 MARKUP = load_profile("minecraft").wiki.markup
 

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from kb.core.errors import ItemFinal
 from kb.core.profile import load_profile
-from kb.wiki import shown
+from kb.wiki.parse import facts
 
-UNITS = shown.UNITS
+UNITS = facts.UNITS
 MINECRAFT = load_profile("minecraft").wiki.markup
-RULES = shown.MarkupRules(MINECRAFT.units, MINECRAFT.item)
+RULES = facts.MarkupRules(MINECRAFT.units, MINECRAFT.item)
 PAGE = {"page_id": 1, "title": "The page", "revision_id": 5}
 
 
@@ -26,8 +26,8 @@ def seen(pages, look, name: str, body: str):
     html = f"<!DOCTYPE html><body><div id=content>{body}</div>"
     extraction = look(pages.put(f"/shown/{name}", html)).extraction
     return (
-        shown.facts(PAGE, extraction["facts"], RULES),
-        shown.recipes(PAGE, extraction["recipes"], RULES),
+        facts.facts(PAGE, extraction["facts"], RULES),
+        facts.recipes(PAGE, extraction["recipes"], RULES),
     )
 
 
@@ -83,7 +83,7 @@ def test_stacked_fractions_keep_their_slash(pages, look, slash):
     html = f"<!DOCTYPE html><div id=content>{style}<p>{words}</p>{box}</div>"
     extraction = look(pages.put("/shown/fractions", html)).extraction
     assert extraction["elements"][0]["text"] == "Odds: 82/100 × 499/500, or 31⁄2."
-    (fact,) = shown.facts(PAGE, extraction["facts"], RULES)
+    (fact,) = facts.facts(PAGE, extraction["facts"], RULES)
     assert (fact["value"], fact["unit"]) == ("1/12", "s")
 
 
@@ -93,7 +93,7 @@ def test_fractions_and_notes_of_minecraft_wiki(pages, look):
     texts = [e["text"] for e in extraction["elements"] if e["kind"] in ("text", "cell")]
     assert texts[0] == "Chance of a full net: 82/100 × 499/500."
     assert [cell["text"] for cell in extraction["cells"]][:2] == ["Odds", "1/12"]
-    rows = shown.facts(PAGE, extraction["facts"], RULES)
+    rows = facts.facts(PAGE, extraction["facts"], RULES)
     assert [(row["field"], row["value"], row["unit"]) for row in rows] == [
         ("Tide", "3/4", "m"),
         ("Knots", "two lines", None),
@@ -104,7 +104,7 @@ def test_fractions_and_notes_of_minecraft_wiki(pages, look):
 def test_facts_lose_what_has_no_width_and_keep_what_joins_letters():
     given = {"subject": "\u200eA\u200b", "element": 1, "visible": True}
     told = {**given, "field": "x\ufeff", "value": "می\u200cخواهم 5\u200c"}
-    (row,) = shown.facts(PAGE, [told], RULES)
+    (row,) = facts.facts(PAGE, [told], RULES)
     names = ("subject", "field", "value")
     assert [row[name] for name in names] == ["A", "x", "می\u200cخواهم 5"]
 
@@ -166,13 +166,13 @@ def test_more_slots_than_a_page_may_have_elements_are_too_many(pages, look):
     st.sampled_from(["", " ", "\u00a0"]),
 )
 def test_a_figure_with_a_unit_is_told_apart(figure, unit, space):
-    assert shown.measured("Field", f"{figure}{space}{unit}", UNITS) == (figure, unit)
-    assert shown.measured("Field", f"{figure} {unit} more", UNITS) == (
+    assert facts.measured("Field", f"{figure}{space}{unit}", UNITS) == (figure, unit)
+    assert facts.measured("Field", f"{figure} {unit} more", UNITS) == (
         f"{figure} {unit} more",
         None,
     )
-    assert shown.measured(f"Field ({unit})", figure, UNITS) == (figure, unit)
-    assert shown.measured("Field", figure, UNITS) == (figure, None)
+    assert facts.measured(f"Field ({unit})", figure, UNITS) == (figure, unit)
+    assert facts.measured("Field", figure, UNITS) == (figure, None)
 
 
 @pytest.mark.parametrize(
@@ -190,7 +190,7 @@ def test_a_figure_with_a_unit_is_told_apart(figure, unit, space):
     ],
 )
 def test_units(value, told):
-    assert shown.measured("Field", value, UNITS) == told
+    assert facts.measured("Field", value, UNITS) == told
 
 
 def item(**given: Any) -> dict[str, Any]:
@@ -218,7 +218,7 @@ def item(**given: Any) -> dict[str, Any]:
     ],
 )
 def test_names_of_things(given, name):
-    assert shown.name(item(**given), load_profile("minecraft").wiki.markup.item) == name
+    assert facts.name(item(**given), load_profile("minecraft").wiki.markup.item) == name
 
 
 @pytest.mark.parametrize(
@@ -234,4 +234,4 @@ def test_names_of_things(given, name):
     ],
 )
 def test_quantities(given, quantity):
-    assert shown.quantity(item(**given)) == quantity
+    assert facts.quantity(item(**given)) == quantity

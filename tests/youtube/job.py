@@ -13,7 +13,7 @@ from typing import Any
 from kb.core.resources import folder
 from kb.sandbox.server import Sandbox
 from kb.store import rawlog
-from tests import forked
+from tests import processes
 from tests.cli.conftest import clean_environment
 
 NOW = "2026-11-20T12:00:00Z"
@@ -25,9 +25,16 @@ class Job:
     """
 
     def __init__(
-        self, sandbox: Sandbox, place: Path, *, toxicity: bool = False, **env: str
+        self,
+        sandbox: Sandbox,
+        place: Path,
+        *,
+        toxicity: bool = False,
+        fresh: bool = False,
+        **env: str,
     ) -> None:
         self.sandbox, self.place, self.root = sandbox, place, place / "data"
+        self._fresh = fresh  # a new interpreter for each command, see tests/processes.py
         place.mkdir(parents=True, exist_ok=True)
         self.env = (
             clean_environment()
@@ -57,13 +64,15 @@ class Job:
         self.env["KB_PROFILE"] = str(path)
         return path
 
-    def start(self, *words: str, **env: str) -> forked.Started:
+    def start(self, *words: str, **env: str) -> processes.ForkedProcess:
         """`kb WORDS` in the background: for signals and kills."""
-        return forked.start(words, env=self.env | env, cwd=self.place)
+        return processes.start(words, env=self.env | env, cwd=self.place)
 
     def kb(self, *words: str, timeout: float = 200, **env: str) -> subprocess.CompletedProcess[str]:
         """`kb WORDS`, finished. Raises subprocess.TimeoutExpired."""
-        return forked.run(words, env=self.env | env, cwd=self.place, timeout=timeout)
+        return processes.run(
+            words, env=self.env | env, cwd=self.place, timeout=timeout, fresh=self._fresh
+        )
 
     def done(self, *words: str, code: int = 0, **env: str) -> dict[str, Any]:
         """The summary of `kb WORDS --json`, which must end with `code`."""

@@ -16,10 +16,10 @@ from kb.core.errors import LimitReached, MissingCredential
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.sandbox.server import Sandbox
-from kb.sandbox.videos import Video
 from kb.sandbox.world import World
+from kb.sandbox.youtube.catalogue import Video
 from kb.schema.decode import holdable
-from kb.youtube import check as room
+from kb.youtube.connector import check as room
 from tests.youtube.job import Job
 
 

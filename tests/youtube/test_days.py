@@ -15,9 +15,9 @@ from kb.core import clock, signals
 from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
-from kb.sandbox import youtube_errors
 from kb.sandbox.server import Sandbox
-from kb.youtube.quota import PACIFIC
+from kb.sandbox.youtube import errors
+from kb.youtube.connector.quota import PACIFIC
 from pipelines import youtube
 from tests.youtube.job import Job
 from tests.youtube.test_faults import CRAWL
@@ -71,7 +71,7 @@ def test_wait_sleeps_as_long_as_the_service_asks(few: Sandbox, tmp_path: Path, d
 
 
 def test_wait_with_a_set_date_sees_the_next_day(job: Job) -> None:
-    status, body = youtube_errors.general_spent()
+    status, body = errors.general_spent()
     job.sandbox.faults.add("/v3/videos", status=status, body=body)
     assert job.done(*CRAWL, "--wait", KB_NOW="2026-11-21T07:59:58Z")["left"] == 0
     with sqlite3.connect(job.root / "state" / "youtube.sqlite") as state:

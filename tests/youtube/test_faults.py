@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from kb.sandbox import youtube_errors
 from kb.sandbox.server import Sandbox
-from kb.sandbox.youtube import KEY
+from kb.sandbox.youtube import errors
+from kb.sandbox.youtube.service import KEY
 from tests.sandbox.domains import of_case
 from tests.youtube import walls
 from tests.youtube.job import Job, plain_units
@@ -60,7 +60,7 @@ def test_no_key(job: Job) -> None:
     assert not job.root.exists()
 
 
-@pytest.mark.parametrize("form", [youtube_errors.key_invalid, youtube_errors.key_not_valid])
+@pytest.mark.parametrize("form", [errors.key_invalid, errors.key_not_valid])
 def test_a_refused_key_ends_the_run_after_the_first_answer(job: Job, form: Any) -> None:
     status, body = form()
     job.sandbox.faults.add("/youtube/v3/", status=status, body=body, times=None)
@@ -114,8 +114,7 @@ def test_what_passes_is_tried_again(job: Job) -> None:
     """
     now = {"Retry-After": "0"}
     burst, burst_429, down = (
-        make()
-        for make in (youtube_errors.burst, youtube_errors.burst_429, youtube_errors.unavailable)
+        make() for make in (errors.burst, errors.burst_429, errors.unavailable)
     )
     for path, what in (
         ("/v3/search", {"status": burst[0], "body": burst[1], "headers": now}),
@@ -248,9 +247,7 @@ def test_the_key_is_in_no_process_list_and_no_debug_log(job: Job) -> None:
         else ""
     )
     seen += Path(f"/proc/{child.pid}/cmdline").read_text()
-    job.sandbox.faults.add(
-        "/v3/videos", status=400, body=youtube_errors.key_invalid()[1], times=None
-    )
+    job.sandbox.faults.add("/v3/videos", status=400, body=errors.key_invalid()[1], times=None)
     held.release()
     out, err = child.communicate(timeout=120)
     assert KEY not in seen + out + err

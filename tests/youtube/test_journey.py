@@ -9,8 +9,8 @@ import re
 from collections import Counter
 from typing import Any
 
-from kb.sandbox.cases import CASES
-from kb.sandbox.youtube import KEY
+from kb.sandbox.youtube.cases import CASES
+from kb.sandbox.youtube.service import KEY
 from tests.sandbox.domains import of_case
 from tests.youtube.job import Job, plain_units
 

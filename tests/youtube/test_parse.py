@@ -10,10 +10,10 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from kb.annotate.words import word_count_of_lists
+from kb.annotate.word_count import word_count_of_lists
 from kb.core.errors import DamagedData
-from kb.youtube import parse
-from kb.youtube.assemble import assemble
+from kb.youtube.parse import answers as parse
+from kb.youtube.parse.assemble import assemble
 from tests.filters.made import change_at
 
 GOOD: dict[str, Any] = {

@@ -14,8 +14,8 @@ import pyarrow as pa
 import pytest
 
 from kb.schema import raw
-from kb.youtube import parse
-from kb.youtube.player import facts
+from kb.youtube.connector.player import facts
+from kb.youtube.parse import answers as parse
 
 WHEN = "2026-11-20T12:00:00Z"
 VIDEOS = [

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from kb.sandbox.cases import Track
+from kb.sandbox.youtube.cases import Track
 from tests.sandbox.domains import of_case
 from tests.youtube.job import Job
 from tests.youtube.test_faults import CRAWL, finish
@@ -80,9 +80,9 @@ def test_an_empty_body_of_such_a_track_says_the_same(
     job: Job, locked: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The library asks for a track whose address has the mark in another place."""
-    from kb.sandbox import youtube_player
+    from kb.sandbox.youtube import player
 
-    written = youtube_player._part
+    written = player._part
 
     def moved(name: str, values: Any) -> Any:
         if name == "track" and "exp=xpe" in values["address"]:
@@ -90,7 +90,7 @@ def test_an_empty_body_of_such_a_track_says_the_same(
             values["address"] = values["address"].replace("?", "?exp=xpe&", 1)
         return written(name, values)
 
-    monkeypatch.setattr(youtube_player, "_part", moved)
+    monkeypatch.setattr(player, "_part", moved)
     summary = job.done(*CRAWL)
     assert (summary["po_token"], summary["failed"]) == (len(locked), 0)
     asked = [s for s in job.sandbox.ledger.requests("/timedtext") if s.about in locked]

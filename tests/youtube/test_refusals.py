@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from kb.sandbox import youtube_errors
+from kb.sandbox.youtube import errors
 from kb.store.frontier import Frontier
-from kb.youtube.reduce import SEARCHES, UPLOADS, VIDEOS
+from kb.youtube.connector.reduce import SEARCHES, UPLOADS, VIDEOS
 from tests.sandbox.domains import of_case
 from tests.youtube import walls
 from tests.youtube.job import Job
@@ -23,7 +23,7 @@ ODD = {
     "body": {"error": {"code": 400, "message": "m", "errors": [{"reason": "badRequest"}]}},
 }
 TIMEOUT = {"status": 408, "body": "<html>Request Timeout</html>"}
-BURST = {"status": 429, "body": youtube_errors.burst_429()[1]}
+BURST = {"status": 429, "body": errors.burst_429()[1]}
 LATER = "2027-01-10T12:00:00Z"
 
 
@@ -86,7 +86,7 @@ def test_payloads_without_their_newer_fields_go_on(job: Job) -> None:
 
 
 @pytest.mark.parametrize(
-    "what", [BURST, {"status": 403, "body": youtube_errors.burst()[1]}], ids=["429", "403"]
+    "what", [BURST, {"status": 403, "body": errors.burst()[1]}], ids=["429", "403"]
 )
 def test_a_burst_without_end_is_a_block_and_found_out_by_one_request(
     job: Job, what: dict[str, Any]
@@ -111,9 +111,7 @@ def test_a_refresh_is_blocked_as_well_and_counts_what_failed(job: Job) -> None:
     summary = job.done("refresh", "youtube", code=3, KB_NOW=LATER)
     assert (summary["failed"], summary["left"], len(job.sandbox.ledger)) == (0, total, before + 2)
     job.sandbox.faults.remove(fault)
-    job.sandbox.faults.add(
-        "/v3/videos", times=None, status=404, body=youtube_errors.no_playlist()[1]
-    )
+    job.sandbox.faults.add("/v3/videos", times=None, status=404, body=errors.no_playlist()[1])
     assert job.done("refresh", "youtube", KB_NOW=LATER, code=3)["failed"] == total
     job.sandbox.faults.clear()
     assert job.done("refresh", "youtube", KB_NOW=LATER)["crawled"] == total

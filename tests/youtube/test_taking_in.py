@@ -14,8 +14,8 @@ from kb.core.profile import load_profile
 from kb.store import rawlog
 from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope, Request
-from kb.youtube import replay
-from kb.youtube.reduce import RAW_TRANSCRIPTS, RAW_VIDEOS, Reducer, nothing
+from kb.youtube.connector import replay
+from kb.youtube.connector.reduce import RAW_TRANSCRIPTS, RAW_VIDEOS, Reducer, nothing
 
 ids = st.sampled_from(["v1", "v2", "v3", "é", ""])
 odd = st.none() | st.integers() | st.lists(st.just("x"), max_size=1) | st.just({"a": 1})

@@ -8,9 +8,9 @@ import pyarrow as pa
 import pytest
 
 from kb.release.folders import find
-from kb.release.gaps import gaps
+from kb.release.metadata.gaps import gaps
 from kb.store import database
-from kb.youtube.view_rule import view_rule
+from kb.youtube.parse.view_rule import view_rule
 from tests.youtube.job import Job
 from tests.youtube.test_faults import CRAWL
 

@@ -15,10 +15,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import SettingError
-from kb.sandbox import youtube
 from kb.sandbox.server import Sandbox, Server
 from kb.sandbox.world import World
-from kb.youtube.ids import read_ids
+from kb.sandbox.youtube import service
+from kb.youtube.connector.ids import read_ids
 from tests.youtube.job import Job, plain_units
 from tests.youtube.test_faults import CRAWL, check
 
@@ -81,7 +81,7 @@ def test_one_part_after_the_other_in_one_root_is_the_whole(job: Job) -> None:
 def test_the_site_below_a_path(tmp_path: Path) -> None:
     """Game labels and sizes come from pages whose address begins with the root's own path."""
     sandbox = Sandbox(World(n_channels=9, n_videos=30), services=["youtube"])
-    inner = youtube.app(sandbox.world, sandbox.faults)
+    inner = service.app(sandbox.world, sandbox.faults)
 
     def below(environ: dict[str, Any], start: Any) -> Any:
         path = environ["PATH_INFO"]

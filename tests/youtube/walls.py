@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from kb.sandbox.youtube_player import SITE, player_answer
+from kb.sandbox.youtube.player import SITE, player_answer
 
 
 def consent_page() -> str:

@@ -1,4 +1,4 @@
-"""`kb pairs`: keyword-matched video-text pairs out of clean transcripts."""
+"""`kb pairs`: keyword-matched video-text pairs from clean transcripts."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.options import CLUSTER
-from kb.cli.framework.options import pipeline as shipped
+from kb.cli.framework.messages import show_row
+from kb.cli.framework.options import CLUSTER, pipeline
+from kb.core.errors import SettingError
+from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run
-    from kb.core.verdict import Summary
 
-app = group("Keyword-matched video-text pairs.")
+app = group("Make keyword-matched video-text pairs.")
 
 
 class PairsFormat(StrEnum):
@@ -33,25 +34,19 @@ class PairsFormat(StrEnum):
     main=True,
     uses=(*CLUSTER, "pipeline"),
     limit="Stop after N more transcripts (exit code 3); the next run resumes.",
-    again="Match all transcripts anew, also where nothing has changed.",
+    again="Match all transcripts again, even if nothing has changed.",
     json="pairs, videos, words, matches, keywords_found, ambiguous_alone, outside",
     needs_data=True,
     checks=True,
     examples=[
+        ("kb pairs                                    pairs/ with text, release/pairs/ without"),
+        ("kb pairs --limit 1000                       1,000 transcripts; the next run resumes"),
         (
-            "kb pairs                                    match, grow, choose:"
-            " pairs/ with text, release/pairs/ without"
+            "kb pairs --format video2dataset             a list of clips for video2dataset to"
+            " download"
         ),
         (
-            "kb pairs --limit 1000                       1,000 transcripts now,"
-            " the rest with the next run"
-        ),
-        (
-            "kb pairs --format video2dataset             the list of clips that video2dataset"
-            " downloads"
-        ),
-        (
-            "kb pairs --from-index pairs-00000-of-00001.parquet   texts of a released index,"
+            "kb pairs --from-index pairs-00000-of-00001.parquet   fill in a released index"
             " from your own transcripts"
         ),
     ],
@@ -60,46 +55,44 @@ def pairs(
     run: Run,
     format: Annotated[
         PairsFormat,
-        typer.Option("--format", help="Parquet goes to release/, others to export/FORMAT/."),
+        typer.Option("--format", help="Parquet goes to release/, other formats to export/FORMAT/."),
     ] = PairsFormat.parquet,
     from_index: Annotated[
         Path | None,
         typer.Option(
             "--from-index",
             metavar="FILE",
-            help="Fill the text of this released index (a file or its folder) from your own"
+            help="Fill in the texts of this released index (a file or its folder) from your own"
             " transcripts.",
         ),
     ] = None,
 ) -> Summary:
-    """Make the index of aligned clips and texts from clean/youtube: the same input gives the same
-    rows.
+    """Make the index of aligned clips and texts from clean/youtube.
 
-    Pairs that are made of the same transcripts and rules are not made again.
+    The same input gives the same rows. Pairs that are up to date are not made again.
     """
-    from kb.core.errors import SettingError
-
-    pipeline = shipped(run, "pairs")
+    room = pipeline(run, "pairs")
+    summary: Summary
     if from_index is None:
-        pairs: Summary = pipeline.pairs(run, format.value)
-        return pairs
+        summary = room.pairs(run, format.value)
+        return summary
     if format is not PairsFormat.parquet:
-        raise SettingError("--from-index fills pairs/; it goes with no --format")
+        raise SettingError("--from-index can't be combined with --format: it always fills pairs/")
     if run.limit is not None or run.again:
         raise SettingError(
-            "--from-index fills every text at once; it goes with no --limit, --again"
+            "--from-index can't be combined with --limit or --again: it fills in all texts at once"
         )
-    refilled: Summary = pipeline.refill(run, from_index)
-    return refilled
+    summary = room.refill(run, from_index)
+    return summary
 
 
 @command(
     app,
     json="keywords, matches, ambiguous_alone",
     examples=[
-        "kb pairs keywords                           hits per keyword, with three examples each",
-        "kb pairs keywords --kind block --videos 500 blocks, in 500 transcripts",
-        "kb pairs keywords --unused --examples 0     keywords without a hit as well, no examples",
+        "kb pairs keywords                           matches per keyword, with three examples each",
+        "kb pairs keywords --kind block --videos 500 blocks only, in 500 transcripts",
+        "kb pairs keywords --unused --examples 0     with keywords that never match, no examples",
     ],
 )
 def keywords(
@@ -107,38 +100,37 @@ def keywords(
     examples: Annotated[
         int,
         typer.Option(
-            "--examples", min=0, max=100, metavar="N", help="Examples in context for each keyword."
+            "--examples", min=0, max=100, metavar="N", help="Examples per keyword, in context."
         ),
     ] = 3,
     kind: Annotated[
         str,
         typer.Option(
-            "--kind", metavar="KIND", help="Keywords of one kind: entity, block, item, biome …"
+            "--kind",
+            metavar="KIND",
+            help="Only keywords of this kind: entity, block, item …",
         ),
     ] = "",
     unused: Annotated[
-        bool, typer.Option("--unused", help="List keywords without a hit as well.")
+        bool, typer.Option("--unused", help="Also list keywords that never match.")
     ] = False,
     videos: Annotated[
         int,
-        typer.Option("--videos", min=0, metavar="N", help="Read that many transcripts; 0: all."),
+        typer.Option("--videos", min=0, metavar="N", help="Read only N transcripts; 0: all."),
     ] = 0,
 ) -> Summary:
-    """Print hits per keyword and examples in context, so that a person can judge the list.
+    """Print matches per keyword with examples in context, to help judge the keyword list.
 
-    Columns: keyword, kind, rule, matches, and how many of an everyday word stood alone and make no
-    pair.
+    Columns: keyword, kind, rule, matches, and `alone`: how often an everyday word stood without
+    another keyword nearby, which makes no pair.
     """
-    from kb.core import terminal
-    from kb.core.verdict import Summary
     from kb.pairs.keyword_hits import keyword_lines
 
     count = total = alone = 0
-    typer.echo("keyword\tkind\trule\tmatches\talone")
+    show_row(("keyword", "kind", "rule", "matches", "alone"))
     for line in keyword_lines(run, examples, kind, unused, videos):
-        cells = line.keyword, line.kind, line.rule, line.matches, line.alone
-        typer.echo("\t".join(terminal.one_line(str(cell)) for cell in cells))
+        show_row((line.keyword, line.kind, line.rule, line.matches, line.alone))
         for example in line.examples:
-            typer.echo(f"    {terminal.one_line(example)}")
+            show_row([example], indent="    ")
         count, total, alone = count + 1, total + line.matches, alone + line.alone
     return Summary(command="pairs keywords", keywords=count, matches=total, ambiguous_alone=alone)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import sys
 from collections.abc import Iterator
 from enum import StrEnum
@@ -12,21 +13,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.help import Command
+from kb.cli.framework.command_classes import Command
+from kb.cli.framework.options import Options
+from kb.core.errors import UsageError
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from kb.cli.framework.options import Options
-    from kb.query import Listed
+    from kb.query import ViewInfo
 
 TIMEOUT = 600.0  # seconds
 
-app = group("SQL over the tables of the data root, by DuckDB.")
+app = group("Run SQL over the tables with DuckDB.")
 
 
 class OutputFormat(StrEnum):
-    """How results are printed."""
+    """Formats of results."""
 
     table = "table"
     csv = "csv"
@@ -36,26 +38,24 @@ class OutputFormat(StrEnum):
 
 
 class SqlCommand(Command):
-    """SQL may begin with a comment, which otherwise would be taken for an option."""
+    """Accepts SQL that begins with a comment, which would be parsed as an option otherwise."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """The arguments, the comments before a query left out."""
-        return super().parse_args(ctx, [_uncommented(one) for one in args])
+        """Parse the arguments without the comments before a query."""
+        return super().parse_args(ctx, [_without_comments(one) for one in args])
 
 
-def _uncommented(argument: str) -> str:
-    if not argument.startswith("--") or not ("\n" in argument or argument.startswith("-- ")):
-        return argument
-    from kb.query.statements import without_comments
-
-    return without_comments(argument)
+def _without_comments(argument: str) -> str:
+    if argument.startswith("-- ") or (argument.startswith("--") and "\n" in argument):
+        return re.sub(r"\A(?:\s*--[^\n]*(?:\n|\Z))+", "", argument)
+    return argument
 
 
 @command(
     app,
     raw=True,
-    limit="Print the first N rows only (exit code 0).",
-    json="the rows, as --format json does",
+    limit="Print only the first N rows (exit code 0).",
+    json="the rows, as with --format json",
     resumable=False,
     cls=SqlCommand,
     examples=[
@@ -71,57 +71,54 @@ def query(
     sql: Annotated[
         str | None,
         typer.Argument(
-            metavar="SQL", help="One query; views are named SOURCE_TABLE. -: from standard input."
+            metavar="SQL", help="A query; views are named SOURCE_TABLE. -: read standard input."
         ),
     ] = None,
     file: Annotated[
         Path | None,
-        typer.Option(
-            "--file", metavar="FILE", help="Read the query from there; -: standard input."
-        ),
+        typer.Option("--file", metavar="FILE", help="Read the query from FILE; -: standard input."),
     ] = None,
     tables: Annotated[
-        bool, typer.Option("--tables", help="List the views and what they hold.")
+        bool, typer.Option("--tables", help="List the views with their contents.")
     ] = False,
     format: Annotated[
         OutputFormat | None,
         typer.Option(
             "--format",
-            help="How results are written; it wins over --out's suffix. --json is --format json."
+            help="Format of the results; wins over --out's suffix. --json means --format json."
             " [default: by --out's suffix, else table]",
         ),
     ] = None,
     timeout: Annotated[
-        float, typer.Option("--timeout", min=0.1, metavar="SECONDS", help="How long it may take.")
+        float, typer.Option("--timeout", min=0.1, metavar="SECONDS", help="Time limit.")
     ] = TIMEOUT,
     out: Annotated[
         Path | None,
         typer.Option(
             "--out",
             metavar="FILE",
-            help="Write there instead of to stdout, as its suffix says:"
-            " .csv .json .ndjson .jsonl .parquet .txt. Its folder has to be there.",
+            help="Write to FILE instead of stdout, in the format of its suffix:"
+            " .csv .json .ndjson .jsonl .parquet .txt. Its folder must exist.",
         ),
     ] = None,
 ) -> None:
-    """Run one SQL query over the tables of a data root or a downloaded release. It only reads.
+    """Run one SQL query over the tables of a data root or a downloaded release. Only reads.
 
-    Schemas clean and release hold one view a table (clean.reddit_posts, release.youtube_videos),
-    restored what a reconstruction brought back, links the entities; a bare name is the clean one
-    where it exists, else the released, else the restored one. Times are UTC. --limit N gives the
-    first N rows, with exit code 0. --data may be a data root, a release folder, a folder above
-    several, or the folder of a reconstruction. A query has half of the machine's memory; what does
-    not fit is spilled below the data root, or to the temporary folder for a download.
+    The schemas clean and release have one view per table (clean.reddit_posts,
+    release.youtube_videos), restored has what was restored, links has the entities. A name without
+    schema means the clean table if there is one, else the released, else the restored one. Times
+    are UTC. --data may be a data root, a release folder, a folder of several, or the folder of a
+    reconstruction. A query may use half of the machine's memory, and spills the rest to the data
+    root, or to the temporary folder for a download.
     """
     from kb.artifacts.catalog import read
-    from kb.core.errors import UsageError
     from kb.query import catalog, connect, select
-    from kb.query.bounds import bounded, generous
-    from kb.query.write import choose, write
+    from kb.query.limits import for_people, limited
+    from kb.query.output import choose, write
 
     if [tables, sql is not None, file is not None].count(True) != 1:
         raise UsageError(
-            "give one of a query, --file and --tables",
+            "give exactly one of: a query, --file, --tables",
             hint='for example: kb query "FROM youtube_videos LIMIT 5"',
         )
     asked = format or (OutputFormat.json if options.json else None)
@@ -131,10 +128,10 @@ def query(
     run = options.make_run(needs="root", exists=options.data is not None)
     if tables:
         read(run.root)
-    limits = generous(timeout)
-    with contextlib.closing(connect(run.root, limits=limits)) as db, bounded(db, limits):
+    limits = for_people(timeout)
+    with contextlib.closing(connect(run.root, limits=limits)) as db, limited(db, limits):
         if tables:
-            answer = _listing(catalog(run.root), for_people=chosen == OutputFormat.table)
+            answer = _listing(catalog(run.root), one_name=chosen == OutputFormat.table)
         else:
             answer = select(
                 db,
@@ -147,9 +144,7 @@ def query(
 
 
 def _read(sql: str | None, file: Path | None) -> str:
-    """The query as it was typed, or what the file or standard input holds. Raises UsageError."""
-    from kb.core.errors import UsageError
-
+    """The query as typed, or from the file or standard input. Raises UsageError."""
     if sql is not None and sql != "-":
         return sql
     try:
@@ -159,24 +154,23 @@ def _read(sql: str | None, file: Path | None) -> str:
     except OSError as error:
         raise UsageError(f"--file {file}: {error.strerror}", hint="check the name") from None
     except UnicodeDecodeError:
-        raise UsageError(f"{file or 'standard input'} is no text in UTF-8") from None
+        raise UsageError(f"{file or 'standard input'} is not UTF-8 text") from None
 
 
-def _listing(listed: list[Listed], *, for_people: bool) -> pa.RecordBatchReader:
-    """The catalog as an answer; for people schema and view in one word, as they are typed."""
+def _listing(views: list[ViewInfo], *, one_name: bool) -> pa.RecordBatchReader:
+    """The catalog as rows; with `one_name` schema and view are one column."""
     import pyarrow as pa
 
-    types = {"rows": pa.int64(), "columns": pa.int64()}
-    lines = [view._asdict() for view in listed]
-    head = ["schema", "view", "rows", "columns", "about"]
-    if for_people:
-        head[:2] = ["table"]
-        lines = [{**line, "table": f"{line['schema']}.{line['view']}"} for line in lines]
-    columns = {
-        name: pa.array([line[name] for line in lines], types.get(name, pa.string()))
-        for name in head
+    columns: dict[str, Any] = {
+        name: [getattr(view, name) for view in views]
+        for name in ("schema", "view", "rows", "columns", "about")
     }
-    return pa.table(columns).to_reader()
+    if one_name:
+        names = [f"{view.schema}.{view.view}" for view in views]
+        columns = {"table": names, **{name: columns[name] for name in ("rows", "columns", "about")}}
+    kinds = {"rows": pa.int64(), "columns": pa.int64()}
+    arrays = {name: pa.array(values, kinds.get(name)) for name, values in columns.items()}
+    return pa.table(arrays).to_reader()
 
 
 def _first(answer: pa.RecordBatchReader, rows: int) -> pa.RecordBatchReader:

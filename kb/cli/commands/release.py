@@ -1,6 +1,4 @@
-"""`kb release`: checks, metadata and checksums around release/;
-`kb release publish` deposits it.
-"""
+"""`kb release`: check and describe release/; `kb release publish` uploads it."""
 
 from __future__ import annotations
 
@@ -9,27 +7,28 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kb.cli.framework.as_typed import as_typed
 from kb.cli.framework.command import command, group
+from kb.cli.framework.messages import show, with_options
 from kb.cli.framework.options import Options, pipeline
+from kb.core.errors import KbError, ReleaseRefused
+from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run
-    from kb.core.verdict import Summary
 
-app = group("Checks, metadata and checksums around release/; publish.")
+app = group("Check, describe and publish release/.")
 Only = Annotated[
     list[str] | None,
     typer.Option(
         "--only",
         metavar="SOURCE",
-        help="This folder alone (youtube, wiki, reddit, pairs, links); may be repeated.",
+        help="Only this folder (youtube, wiki, reddit, pairs, links); may be repeated.",
     ),
 ]
 
 
 class Target(StrEnum):
-    """Where a release can go."""
+    """Services that take a release."""
 
     sandbox = "zenodo-sandbox"
     zenodo = "zenodo"
@@ -39,22 +38,21 @@ class Target(StrEnum):
     app,
     main=True,
     uses=("pipeline",),
-    json="folders, rows, bytes, sources, and problems where it is refused",
+    json="folders, rows, bytes, sources, and problems if it is refused",
     needs_data=True,
     examples=[
         (
             "kb release                               check every folder,"
-            " then write all that surrounds the data"
+            " then write cards, metadata and checksums"
         ),
-        "kb release --only links                  one folder alone",
-        "kb release publish --to zenodo-sandbox   a draft of each folder, to look at",
+        "kb release --only links                  only one folder",
+        "kb release publish --to zenodo-sandbox   a draft of each folder, for review",
     ],
 )
 def release(run: Run, only: Only = None) -> Summary:
-    """Check what the exports wrote and make each folder whole: card, datasheet, metadata, sample,
-    checksums.
+    """Check the exports, and add card, datasheet, metadata, sample and checksums to each folder.
 
-    Whatever speaks against publishing is listed at once, one line each, and nothing is made (exit
+    Every problem that prevents publishing is listed on a line, and nothing is written (exit code
     1).
     """
     return _listed(run, "release", only or [])
@@ -69,8 +67,8 @@ def release(run: Run, only: Only = None) -> Summary:
         "kb release publish --to zenodo-sandbox             upload drafts to the sandbox",
         "kb release publish --to zenodo                     upload drafts",
         (
-            "kb release publish --to zenodo --publish           publish the uploaded drafts:"
-            " can't be undone"
+            "kb release publish --to zenodo --publish           publish the uploaded drafts"
+            " (can't be undone)"
         ),
     ],
 )
@@ -78,18 +76,15 @@ def publish(
     options: Options,
     to: Annotated[Target, typer.Option("--to", help="The service that takes the deposits.")],
     publish: Annotated[
-        bool, typer.Option("--publish", help="Publish the drafts: can't be undone.")
+        bool, typer.Option("--publish", help="Publish the drafts. This can't be undone.")
     ] = False,
     only: Only = None,
 ) -> Summary:
-    """Upload each folder of release/ as one deposit: a draft, until --publish makes it public.
+    """Upload each folder of release/ as a deposit, a draft until --publish makes it public.
 
-    An interrupted upload goes on where it stopped. A folder that was published before and has
-    changed becomes a new version of its record.
+    An interrupted upload resumes. A folder that was published before and has changed becomes a new
+    version of its record.
     """
-    from kb.core import terminal
-    from kb.core.errors import KbError
-
     run = options.make_run()
     done: dict[str, Any] = {}
     try:
@@ -103,18 +98,15 @@ def publish(
         run.progress.close()
         for source, one in done.get("sources", {}).items() if not options.json else ():
             facts = (source, one["state"], one["id"], one["doi"], one["page"])
-            typer.echo(terminal.one_line("  ".join(str(what) for what in facts if what)))
+            show("  ".join(str(fact) for fact in facts if fact))
 
 
 def _listed(run: Run, name: str, *given: object) -> Summary:
-    """Call the pipeline; a refusal's reasons go to stderr, one line each."""
-    from kb.core import terminal
-    from kb.core.errors import ReleaseRefused
-
+    """Call the pipeline; the reasons of a refusal go to stderr, one line each."""
     try:
         summary: Summary = getattr(pipeline(run, "release"), name)(run, *given)
         return summary
     except ReleaseRefused as error:
         for line in getattr(error, "problems", []):
-            typer.echo(terminal.one_line(as_typed(line)), err=True)
+            show(with_options(line), err=True)
         raise

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.framework.command import command, group
+from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run
-    from kb.core.verdict import Summary
 
-app = group("Figures and one HTML page of what was collected.")
+app = group("Make figures and one HTML page about the collected data.")
 
 
 @command(
@@ -21,9 +21,7 @@ app = group("Figures and one HTML page of what was collected.")
     needs_data=True,
     uses=("workers",),
     json="figures, page, without",
-    examples=[
-        "kb report                                what is there so far; open report/index.html"
-    ],
+    examples=["kb report                                then open report/index.html"],
 )
 def report(
     run: Run,
@@ -32,14 +30,14 @@ def report(
         typer.Option(
             "--out",
             metavar="DIR",
-            help="Write there. [default: report/ under the data root; for a download the cache]",
+            help="Write there. [default: report/ in the data root; the cache for a download]",
         ),
     ] = None,
 ) -> Summary:
-    """Figures (SVG, PNG, PDF) and one page that needs no network, in report/ under the data root.
+    """Make figures (SVG, PNG, PDF) and one page that needs no network, in report/ of the data root.
 
-    Works at any time on what was filtered so far, on a restored root and on a downloaded release;
-    a source without data is named in a line.
+    Works at any time on what has been filtered so far, on a restored data root and on a downloaded
+    release. The page names sources without data.
     """
     from kb.report.build import report
 

@@ -1,26 +1,25 @@
-"""`kb restore`: for whoever has downloaded a release and nothing else."""
+"""`kb restore`: the content of a downloaded release."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.dumps import Dumps, DumpsCommand
-from kb.cli.framework.options import Plan
+from kb.cli.framework.command_classes import DumpsCommand
+from kb.cli.framework.options import Dumps, Options, Plan
+from kb.core.pipeline import load, locate
 from kb.core.sources import SPECS
+from kb.core.verdict import Summary
 
-if TYPE_CHECKING:
-    from kb.cli.framework.options import Options
-    from kb.core.verdict import Summary
-
-app = group("The content of a downloaded release, with your own keys.")
+app = group("Restore the content of a downloaded release with your own keys.")
 
 
-# What can be brought back; of the other sources a release has everything.
+# Parts that can be restored; releases of the other sources are complete.
 _PARTS = (*(name for name, spec in SPECS.items() if spec.restored), "pairs")
 RestorePart = StrEnum("RestorePart", _PARTS)  # type: ignore[misc]
 
@@ -30,13 +29,13 @@ RestorePart = StrEnum("RestorePart", _PARTS)  # type: ignore[misc]
     raw=True,
     uses=("workers", "wait"),
     limit="Stop after N more items of each source (exit code 3); the next run resumes.",
-    again="Ask for everything once more, also what is in restored/ or was missing last time.",
+    again="Ask for everything again, including what is in restored/ or was missing last time.",
     json="sources (the summary of each), requests, missing",
     planned=("folders", "dumps", "only"),
     cls=DumpsCommand,
     examples=[
-        "kb restore .                             the release folder that you are in",
-        "kb restore release --plan                what it would ask, of whom, with which key",
+        "kb restore .                             the release in the current folder",
+        "kb restore release --plan                requests by service, and the keys they need",
         ("kb restore youtube reddit --dumps RS_*.zst RC_*.zst    posts and comments without a key"),
         "kb restore . --only youtube --limit 100  100 videos now, the rest with the next run",
     ],
@@ -51,22 +50,17 @@ def restore(
     ],
     dumps: Dumps = None,
     only: Annotated[
-        RestorePart | None,
-        typer.Option("--only", help="Bring back one part of it."),
+        RestorePart | None, typer.Option("--only", help="Restore only this part.")
     ] = None,
     plan: Plan = False,
 ) -> Summary:
-    """Bring back the content of downloaded releases: videos, transcripts, posts, comments, texts.
+    """Restore the content of downloaded releases: videos, transcripts, posts, comments, texts.
 
-    Needs YOUTUBE_API_KEY for videos, and for posts and comments archive dumps (--dumps) or a key of
-    Reddit.
-    The folders are compared with SHA256SUMS first; the profile is theirs. Everything goes to
-    restored/ in the data root, to be queried as restored.*; what could not be had is in
-    restored.missing with the reason. Cut off, the same command goes on.
+    Videos need YOUTUBE_API_KEY; posts and comments need archive dumps (--dumps) or a Reddit key.
+    The folders are first compared with their SHA256SUMS, and their profile is used. Everything is
+    written to restored/ in the data root and can be queried as restored.*; restored.missing lists
+    what could not be restored, with the reason. After an interruption the same command resumes.
     """
-    from dataclasses import replace
-
-    from kb.core.pipeline import load, locate
     from kb.release.downloaded import find, profile_of
 
     releases = find(folders)
@@ -75,6 +69,6 @@ def restore(
         options = replace(options, profile=str(own))
     run = options.make_run()
     room = load(str(locate("restore")))
-    way = room.plan if plan else room.restore
-    summary: Summary = way(run, releases, dumps or (), only.value if only else None)
+    step = room.plan if plan else room.restore
+    summary: Summary = step(run, releases, dumps or (), only.value if only else None)
     return summary

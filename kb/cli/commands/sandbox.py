@@ -1,4 +1,4 @@
-"""`kb sandbox`: the invented services, for a command or until SIGTERM."""
+"""`kb sandbox`: serve the invented services for a command or until SIGTERM."""
 
 from __future__ import annotations
 
@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.framework.command import command, group
+from kb.cli.framework.messages import fail
+from kb.cli.framework.options import Options
+from kb.core.errors import KbError, SettingError
 
 if TYPE_CHECKING:
-    from kb.cli.framework.options import Options
     from kb.sandbox.domain import Domain
 
-app = group("Invented services on this machine, to try everything on.")
+app = group("Serve invented YouTube, wiki, Reddit and Zenodo on this machine.")
 
 
 @command(
@@ -29,16 +31,13 @@ app = group("Invented services on this machine, to try everything on.")
     without=("json",),
     resumable=False,
     examples=[
+        ("kb sandbox -- kb youtube crawl --data /tmp/try     run a command against the sandbox"),
         (
-            "kb sandbox -- kb youtube crawl --data /tmp/try     a command with the settings"
-            " that point at the sandbox"
-        ),
-        (
-            "kb sandbox --env sandbox.env                       write the settings to a file"
-            " and serve until SIGTERM"
+            "kb sandbox --env sandbox.env                       write the settings to a file,"
+            " serve until SIGTERM"
         ),
         "kb sandbox --channels 50 --videos 5000             a larger world",
-        "kb sandbox --profile gardening -- kb youtube crawl     a world made of that profile",
+        "kb sandbox --profile gardening -- kb youtube crawl     a world made from a profile",
     ],
 )
 def sandbox(
@@ -47,7 +46,7 @@ def sandbox(
         list[str] | None,
         typer.Argument(
             metavar="[-- COMMAND]",
-            help="A command to run with the settings; its exit code is kb's.",
+            help="A command to run with the settings. kb exits with its exit code.",
         ),
     ] = None,
     env: Annotated[
@@ -56,28 +55,24 @@ def sandbox(
             "--env", metavar="FILE", help="Write the settings to FILE, as NAME=value lines."
         ),
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Which world.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of the world.")] = 0,
     channels: Annotated[
-        int, typer.Option("--channels", min=1, help="YouTube channels of the world.")
+        int, typer.Option("--channels", min=1, help="Number of YouTube channels.")
     ] = 12,
-    videos: Annotated[
-        int, typer.Option("--videos", min=0, help="YouTube videos of the world.")
-    ] = 300,
+    videos: Annotated[int, typer.Option("--videos", min=0, help="Number of YouTube videos.")] = 300,
     model: Annotated[
         bool,
-        typer.Option(
-            "--model/--no-model", help="Make the tiny toxicity model, if there is none yet."
-        ),
+        typer.Option("--model/--no-model", help="Make the tiny toxicity model unless it exists."),
     ] = True,
 ) -> None:
-    """Serve YouTube, wiki, Reddit and Zenodo of one small invented world on loopback.
+    """Serve YouTube, wiki, Reddit and Zenodo of a small invented world on loopback.
 
-    The world is made of the profile: its keywords, labels, categories, subreddit and thresholds.
-    Without COMMAND the settings are printed as NAME=value lines, stdout is closed, and the services
-    run until SIGTERM.
+    The world is made from the profile: its keywords, labels, categories, subreddit and thresholds.
+    Without COMMAND, prints the settings as NAME=value lines, closes stdout, and serves until
+    SIGTERM.
     """
     from kb.sandbox.server import Sandbox
-    from kb.sandbox.wiki_named import PAGES
+    from kb.sandbox.wiki.generated import PAGES
     from kb.sandbox.world import World
 
     domain = _domain(options)
@@ -96,17 +91,16 @@ def sandbox(
         if env is None:
             print("\n".join(f"{name}={value}" for name, value in settings.items()), flush=True)
         _close_stdout()
-        # The default action of SIGTERM and SIGINT is an exception in the main thread, which waits
-        # here.
+        # SIGTERM and SIGINT raise KeyboardInterrupt in the main thread, which waits here.
         try:
-            while True:  # in steps: a signal just before a wait is heard when it is over
+            while True:  # in steps, as a signal just before a wait is noticed only after it
                 time.sleep(1)
         except KeyboardInterrupt:
             raise typer.Exit(0) from None
 
 
 def _domain(options: Options) -> Domain:
-    """What the world is about. Raises ProfileError for a profile that commands would refuse."""
+    """The world's domain. Raises ProfileError for a profile that commands would refuse."""
     from kb.cli.commands.profile.check import refuse
     from kb.core.profile import DEFAULT, load_profile
     from kb.core.settings import load_settings
@@ -118,30 +112,26 @@ def _domain(options: Options) -> Domain:
 
 
 def _model(*, wanted: bool) -> dict[str, str]:
-    """The tiny model's setting; where it can't be made (its extra is missing),
-    a word on stderr and none.
-    """
+    """The tiny model's setting; none, with a line on stderr, where its extra is missing."""
     if not wanted:
         return {}
-    from kb.cli.framework.outcome import complain
-    from kb.core.errors import KbError
     from kb.sandbox import toxicity
 
     try:
         return toxicity.settings()
     except KbError as error:
-        complain(f"no KB_TOXICITY_MODEL: {error}", hint=error.hint)
+        fail(f"no KB_TOXICITY_MODEL: {error}", hint=error.hint)
         return {}
 
 
 def _anywhere(profile: str) -> str:
-    """A profile's file by its whole path, for use in another folder; a name as it is."""
+    """A profile's name, or the absolute path of its file."""
     path = Path(profile)
     return str(path.absolute()) if path.is_file() else profile
 
 
 def _write(path: Path, settings: dict[str, str]) -> None:
-    """A file for `.env` readers and for `set -a; . FILE`. It appears whole."""
+    """Write a file for `.env` readers and for `set -a; . FILE`, atomically."""
     from kb.store.atomic import write_text
 
     write_text(
@@ -151,12 +141,8 @@ def _write(path: Path, settings: dict[str, str]) -> None:
 
 
 def _run(words: list[str], settings: dict[str, str]) -> int:
-    """Run the command; signals to us are passed on, so that it can finish its item. Its exit code,
-    as a shell gives it.
-    """
-    from kb.core.errors import SettingError
-
-    # `kb` is this kb, also where its environment is not activated.
+    """Run the command, and pass signals on to it. Returns its exit code as a shell does."""
+    # `kb` means this kb, even if its environment is not activated.
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
     command = shutil.which(words[0], path=path)
     if command is None:
@@ -164,8 +150,7 @@ def _run(words: list[str], settings: dict[str, str]) -> int:
     child = subprocess.Popen([command, *words[1:]], env=os.environ | settings | {"PATH": path})
 
     def pass_on(number: int, frame: object) -> None:
-        # A terminal sends Ctrl-C to the child by itself; twice would end it before its item is
-        # finished.
+        # A terminal sends Ctrl-C to the child itself; a second one would end it in mid-item.
         if number != signal.SIGINT or not sys.stdin.isatty():
             child.send_signal(number)
 
@@ -179,7 +164,7 @@ def _run(words: list[str], settings: dict[str, str]) -> int:
 
 
 def _close_stdout() -> None:
-    """Whoever reads our lines through a pipe sees their end."""
+    """Close stdout, so that a reader of the settings sees their end."""
     sys.stdout.flush()
     null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, sys.stdout.fileno())

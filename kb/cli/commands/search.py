@@ -1,4 +1,4 @@
-"""`kb search`: ranked answers out of the local index."""
+"""`kb index`, `kb search` and `kb mcp`: the local search index, for people and agents."""
 
 from __future__ import annotations
 
@@ -10,14 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.framework.command import command, group
+from kb.cli.framework.messages import show
+from kb.cli.framework.options import Options
 from kb.core.sources import SOURCES
+from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
-    from kb.cli.framework.options import Options
-    from kb.core.verdict import Summary
+    from kb.core.context import Run
     from kb.search.answers import SearchHit
 
-app = group("Ranked answers from transcripts, wiki and threads, with links to the place.")
+index_app = group("Build the local search index of all clean text.")
+search_app = group("Search transcripts, wiki pages and threads.")
+mcp_app = group("Serve search and tables to agents over the Model Context Protocol on stdio.")
 LIMIT = 10
 
 
@@ -25,7 +29,7 @@ SearchSource = StrEnum("SearchSource", SOURCES)  # type: ignore[misc]  # where a
 
 
 class HitKind(StrEnum):
-    """What an answer may be."""
+    """Kinds of answers."""
 
     video = "video"
     transcript = "transcript"
@@ -36,14 +40,36 @@ class HitKind(StrEnum):
 
 
 @command(
-    app,
+    index_app,
+    needs_data=True,
+    resumable=False,
+    again="Rebuild the index of every source, even if its clean tables have not changed.",
+    json="passages, indexed, sources",
+    examples=[
+        "kb index                                 what has changed since the last run",
+        "kb index --again                         everything again",
+    ],
+)
+def index(run: Run) -> Summary:
+    """Build the index that `kb search` reads: transcripts, wiki sections, tables, posts, comments.
+
+    A source whose clean files have not changed is skipped. index/<source>/ holds texts and is
+    never released.
+    """
+    from kb.search.build import index
+
+    return index(run)
+
+
+@command(
+    search_app,
     raw=True,
     limit="Print at most N answers instead of 10 (exit code 0).",
     json="answers, each with text, snippet, source, key, score, url and licence",
     resumable=False,
     examples=[
         'kb search "how to tame a wolf"',
-        "kb search '\"tide table\" harbour* -net'    a phrase, a beginning, a word that is barred",
+        "kb search '\"tide table\" harbour* -net'    a phrase, a prefix, an excluded word",
         "kb search saltstone --source wiki --kind table --json",
         "kb search tame --entity Wolf",
         "kb search creeper --since 2023-01-01 --each 3 --limit 30",
@@ -55,58 +81,62 @@ def search(
         list[str],
         typer.Argument(
             metavar="WORDS",
-            help='Words; "a phrase", +needed, -barred and begin* as well, all in quotes of the'
-            " shell.",
+            help='Words, "a phrase", +required, -excluded, prefix*; quote them for the shell.',
         ),
     ],
     source: Annotated[
         list[SearchSource] | None,
-        typer.Option(
-            "--source",
-            help="Answers from there only; may be given several times.",
-        ),
+        typer.Option("--source", help="Only answers from this source; may be repeated."),
     ] = None,
     kind: Annotated[
         list[HitKind] | None,
-        typer.Option("--kind", help="Answers of that kind only; may be given several times."),
+        typer.Option("--kind", help="Only answers of this kind; may be repeated."),
     ] = None,
     entity: Annotated[
         str,
         typer.Option(
             "--entity",
             metavar="NAME",
-            help="Answers out of what names that keyword of the profile only; `kb links` finds it.",
+            help="Only answers that mention this keyword of the profile, as found by `kb links`.",
         ),
     ] = "",
     since: Annotated[
-        str, typer.Option("--since", metavar="DATE", help="Not before that day: 2023-01-31.")
+        str,
+        typer.Option("--since", metavar="DATE", help="Only answers from this day on: 2023-01-31."),
     ] = "",
     until: Annotated[
-        str, typer.Option("--until", metavar="DATE", help="Not after that day: 2023-01-31.")
+        str,
+        typer.Option("--until", metavar="DATE", help="Only answers up to this day: 2023-01-31."),
     ] = "",
     least: Annotated[
-        float, typer.Option("--least-score", min=0, metavar="X", help="Not below that score.")
+        float,
+        typer.Option(
+            "--least-score", min=0, metavar="X", help="Only answers with at least this score."
+        ),
     ] = 0.0,
     each: Annotated[
-        int, typer.Option("--each", min=1, metavar="N", help="Of one video, page or thread.")
+        int,
+        typer.Option(
+            "--each", min=1, metavar="N", help="At most N answers from one video, page or thread."
+        ),
     ] = 1,
     every: Annotated[
-        bool, typer.Option("--all", help="As many of one video, page or thread as there are.")
+        bool, typer.Option("--all", help="Any number of answers from one video, page or thread.")
     ] = False,
     size: Annotated[
-        int, typer.Option("--size", min=1, metavar="N", help="Characters of an answer's text.")
+        int,
+        typer.Option(
+            "--size", min=1, metavar="N", help="At most N characters of an answer's text."
+        ),
     ] = 1000,
 ) -> Summary | None:
-    """Search everything that was kept: the best places first, each with a link that opens it.
+    """Search everything that was kept: best passages first, each with a link that opens it.
 
-    Passages with the words in the order asked come before all others, then BM25 decides. Prints
-    title, source, date, licence and score, a snippet with the words marked, and the address.
-    --limit N gives N answers instead of 10, with exit code 0; --json all of them in one object.
-    An index that is missing or out of date is made first, as `kb index` does. --data may be a data
-    root, a restored one or a downloaded release, whose index is kept in the user's cache.
+    Passages with the words in the given order come first; BM25 ranks the rest. Prints title,
+    source, date, licence, score, a snippet with the words marked, and the URL. An index that is
+    missing or out of date is built first, as by `kb index`. --data may be a data root, a restored
+    one or a downloaded release, whose index is kept in the user's cache.
     """
-    from kb.core import terminal
-    from kb.core.verdict import Summary
     from kb.search.answers import search as ask
     from kb.search.answers import suggest
     from kb.search.build import ensure
@@ -133,17 +163,18 @@ def search(
         return Summary(command="search", answers=hits, suggestion=meant or None)
     for number, one in enumerate(answers, 1):
         for line in _lines(number, one):
-            typer.echo(terminal.one_line(line))
-    if not answers or meant:
-        said = [] if answers else ["no answers"]
+            show(line)
+    notes = [] if answers else ["no answers"]
+    if meant:
         quoted = meant if '"' in meant else f'"{meant}"'
-        said += [f"did you mean {quoted}?"] if meant else []
-        typer.echo(terminal.one_line("; ".join(said)), err=True)
+        notes.append(f"did you mean {quoted}?")
+    if notes:
+        show("; ".join(notes), err=True)
     return None
 
 
 def _lines(number: int, one: SearchHit) -> Iterator[str]:
-    """An answer for a person; text of others, in one line each."""
+    """The lines that show an answer."""
     yield f"{number:2}. {one.title} › {one.path}" if one.path else f"{number:2}. {one.title}"
     facts = [
         f"source: {one.source} {one.kind}",
@@ -156,3 +187,25 @@ def _lines(number: int, one: SearchHit) -> Iterator[str]:
         for line in textwrap.wrap(one.snippet, 96):
             yield f"    {line}"
     yield f"    {one.url}"
+
+
+@command(
+    mcp_app,
+    without=("json",),
+    needs_data=True,
+    resumable=False,
+    examples=[
+        "kb mcp --data data                         the command for a client's configuration",
+        "claude mcp add lorecrawl -- kb mcp --data /home/me/data",
+    ],
+)
+def mcp(run: Run) -> None:
+    """Serve four tools to an agent: search, read, query (read-only SQL) and about.
+
+    A client starts the server and talks to it on stdin and stdout; it opens no port, and ends when
+    stdin closes. Answers respect the client's size limit, name source, link and licence, and mark
+    retrieved text as such. Needs the extra `mcp`. docs/agents.md shows how to set up clients.
+    """
+    from kb.mcp.server import serve
+
+    serve(run)

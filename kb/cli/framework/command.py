@@ -1,5 +1,4 @@
-"""The one way to declare a command: common options, signals, log, progress, summary and exit code
-come with it.
+"""Declares commands. Common options, signals, log, progress, summary and exit code come with it.
 
     app = group("Channels, videos and transcripts.")
 
@@ -12,11 +11,11 @@ come with it.
     )
     def crawl(run: Run, only: Annotated[Phase | None, typer.Option(help="…")] = None) -> Summary:
         '''First line: the short help. The rest: the long one.'''
-        from kb.youtube.source import crawl      # heavy things inside
+        from kb.youtube.connector.source import crawl      # heavy things inside
         return crawl(run, only=only)
 
-The first parameter is the Run (or, with `raw=True`, the Options as given). What the function
-returns is printed as its summary; None prints nothing. A `KbError` may carry its summary so far as
+The first parameter is the Run (or, with `raw=True`, the Options as given). The return value is
+printed as the command's summary; None prints nothing. A `KbError` may carry the summary so far in
 `.summary`.
 """
 
@@ -32,18 +31,21 @@ from typing import Any, get_type_hints
 
 import typer
 
-from kb.cli.framework import outcome
-from kb.cli.framework.help import Command, Group
-from kb.cli.framework.misplaced import UsageProblem
-from kb.cli.framework.options import COMMON, SHARED, Options, shared_option
+from kb.cli.framework import messages
+from kb.cli.framework.command_classes import Command, Group
+from kb.cli.framework.exit_codes import report
+from kb.cli.framework.options import COMMON, RUNNING, SHARED, Options, shared_option
+from kb.cli.framework.usage_errors import UsageProblem
+from kb.core import garbage
+from kb.core.errors import SettingError
 
-# Types that signatures name and that are imported once a command runs.
+# Types in signatures whose modules are imported only when a command runs.
 _LATE = {"Run": object, "Summary": object, "Options": Options}
 
 
 @dataclass(frozen=True)
-class Nature:
-    """How a command is called, as `command` was told."""
+class Behavior:
+    """How a command is called; see `command`."""
 
     raw: bool = False
     resumable: bool = True
@@ -54,7 +56,7 @@ class Nature:
 
 
 def group(about: str) -> typer.Typer:
-    """An app for a file of kb/cli: a group of commands, or the holder of a single one."""
+    """An app for a module of kb.cli.commands: a group of commands, or a single one."""
     return typer.Typer(
         help=about,
         cls=Group,
@@ -84,20 +86,19 @@ def command(
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Declare a command of `app`.
 
-    `uses`: those of the options in RUNNING that have an effect on it; `limit` and `again` count as
-    used where they are given, as what --limit and --again do for this command. `json`: what its
-    summary holds. `without`: those of COMMON that have none. What is not declared is refused
-    (exit 2).
+    `uses`: which options of RUNNING affect it; `limit` and `again` are their help texts and imply
+    the option. `json`: what its summary holds. `without`: options of COMMON that it lacks. Options
+    that are not declared are refused (exit code 2).
     `raw`: pass Options instead of a Run.
-    `resumable`: a signal lets the item in hand be finished; otherwise it ends the command at once
-    (queries, servers).
-    `main`: what the group itself does when none of its commands is named.
-    `needs_data`: it works on what was collected, so a data root that does not exist is an error
-    (exit 2) that names the nearest one.
-    `cls`: how it reads its arguments.
-    `planned`: the options, own ones included, that change what its `--plan` says.
-    `checks`: the profile and its keyword lists are looked through first, and an error there ends
-    the command (exit 2) before anything is sent.
+    `resumable`: after a signal it finishes the current item; other commands end at once (queries,
+    servers).
+    `main`: it runs when the group is called without a command.
+    `needs_data`: a data root that does not exist is an error (exit code 2) that names the nearest
+    one.
+    `cls`: how it parses its arguments.
+    `planned`: options, own ones included, that affect its `--plan`.
+    `checks`: an error in the profile or its keyword lists ends the command (exit code 2) before
+    anything is sent.
     """
 
     def declare(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -112,7 +113,7 @@ def command(
             for name in SHARED
             if name in used or (name in COMMON and name not in without)
         }
-        nature = Nature(
+        behavior = Behavior(
             raw=raw,
             resumable=resumable,
             needs_data=needs_data,
@@ -120,7 +121,7 @@ def command(
             planned=tuple(planned),
             checks=checks,
         )
-        wrapped = _wrap(function, shared, nature, main=main)
+        wrapped = _wrap(function, shared, behavior, main=main)
         epilog = "\n".join(examples)
         if main:
             app.callback(invoke_without_command=True, cls=Group, epilog=epilog)(wrapped)
@@ -134,7 +135,7 @@ def command(
 def _wrap(
     function: Callable[..., Any],
     shared: Mapping[str, inspect.Parameter],
-    nature: Nature,
+    behavior: Behavior,
     *,
     main: bool,
 ) -> Callable[..., Any]:
@@ -154,10 +155,10 @@ def _wrap(
     def run(**values: Any) -> int:
         context = values.pop("context", None)
         if context is not None and context.invoked_subcommand is not None:
-            _nothing_before(context)
+            _refuse_group_options(context)
             return 0
         options = Options(**{name: values.pop(name) for name in shared})
-        return _call(function, options, values, nature)
+        return _call(function, options, values, behavior)
 
     run.__doc__ = function.__doc__
     run.__name__ = function.__name__
@@ -170,41 +171,64 @@ def _call(
     function: Callable[..., Any],
     options: Options,
     values: dict[str, Any],
-    nature: Nature,
+    behavior: Behavior,
 ) -> int:
-    from kb.core import garbage
-
     garbage.seldom()  # before the imports
-    from kb.cli.framework import as_typed, logs, planned
+    from kb.cli.framework import logs
 
-    as_typed.begin(options.data, options.profile)
+    messages.set_options(options.data, options.profile)
     try:
-        with _signals(nature.resumable):
+        with _signals(behavior.resumable):
             logs.configure(quiet=options.quiet, debug=options.debug)
-            planned.check(function, options, values, nature.planned)
+            if values.get("plan"):
+                _check_plan_options(function, options, values, behavior.planned)
             first: Any = options
-            if not nature.raw:
+            if not behavior.raw:
                 first = options.make_run(
-                    needs=nature.needs, checks=nature.checks, exists=nature.needs_data
+                    needs=behavior.needs, checks=behavior.checks, exists=behavior.needs_data
                 )
             try:
                 summary = function(first, **values)
             finally:
-                if not nature.raw:
+                if not behavior.raw:
                     first.progress.close()  # the terminal, before anything else is printed
             if summary is not None:
-                outcome.show_summary(summary, options.json)
+                messages.show_summary(summary, options.json)
     except typer.Exit as done:
         return done.exit_code
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  the one place where everything ends
-        return outcome.ending(error, debug=options.debug, as_json=options.json)
+        return report(error, debug=options.debug, as_json=options.json)
     finally:
-        as_typed.begin()  # a next call in this process was not typed with these
+        messages.set_options()  # for the next call in this process
     return 0
+
+
+def _check_plan_options(
+    function: Callable[..., Any],
+    options: Options,
+    values: Mapping[str, Any],
+    planned: Sequence[str],
+) -> None:
+    """Raise SettingError for an option that has no effect on `--plan`.
+
+    `values` are those of the command's own options, whose defaults `function` knows; `planned`
+    names the options, own and shared ones, that change the plan.
+    """
+    given = [name for name in RUNNING if getattr(options, name) != getattr(Options, name)]
+    declared = inspect.signature(function).parameters
+    given += [name for name in values if name != "plan" and values[name] != declared[name].default]
+    unused = [f"--{name.replace('_', '-')}" for name in given if name not in planned]
+    if unused:
+        names = " and ".join(unused)
+        raise SettingError(
+            f"{names} {'has' if len(unused) == 1 else 'have'} no effect on --plan",
+            hint=f"--plan always covers all remaining work; drop {names}",
+        )
 
 
 @contextlib.contextmanager
 def _signals(resumable: bool) -> Iterator[None]:
+    """A resumable command finishes the current item; SIGINT and SIGTERM end any other at once."""
     if resumable:
         from kb.core.signals import stop_on_signals
 
@@ -227,14 +251,12 @@ def _signals(resumable: bool) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _nothing_before(context: Any) -> None:
-    """Refuse an option of the group itself before a command, which would not hear of it."""
+def _refuse_group_options(context: Any) -> None:
+    """Raise a usage error for an option of the group that is given before one of its commands."""
     for parameter in context.command.params:
         source = context.get_parameter_source(parameter.name)
         if source is not None and source.name == "COMMANDLINE":
-            name = context.invoked_subcommand
+            name, option = context.invoked_subcommand, parameter.opts[0]
             raise UsageProblem(
-                f"{parameter.opts[0]} stands before `{name}`, which would not hear of it:"
-                f" write `{context.command_path} {name} {parameter.opts[0]} …`",
-                context,
+                f"put {option} after `{name}`: `{context.command_path} {name} {option} …`", context
             )

@@ -1,4 +1,4 @@
-"""Log lines on stderr, with every secret replaced, whoever writes them."""
+"""Log lines on stderr, ours and those of libraries, with secrets redacted."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ class Stderr:
 
 
 class Handler(logging.Handler):
-    """Lines of libraries (praw, urllib3, selenium …) take the same way."""
+    """Prints log records of libraries (praw, urllib3, selenium …) in the same way."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """One redacted line; never raises."""
         try:
-            said, _, trace = self.format(record).partition("\nTraceback ")
-            line = f"{record.levelname.lower()}: {record.name}: {said}"
+            message, _, trace = self.format(record).partition("\nTraceback ")
+            line = f"{record.levelname.lower()}: {record.name}: {message}"
             text = terminal.one_line(redact.text(line))
             if trace:
                 text += "\n" + _indented(redact.text(f"Traceback {trace}"))
@@ -55,12 +55,11 @@ def _indented(trace: str) -> str:
 
 
 def configure(*, quiet: bool, debug: bool) -> None:
-    """Set the level: --quiet shows warnings, --debug everything, otherwise information."""
+    """Set the level: warnings with --quiet, everything with --debug, otherwise information."""
     import structlog
 
     if not debug:
-        # Deprecations inside of libraries say nothing to a user; worker processes read the
-        # variable.
+        # Deprecations inside libraries tell users nothing; worker processes read the variable.
         warnings.simplefilter("ignore")
         os.environ.setdefault("PYTHONWARNINGS", "ignore")
     level = logging.DEBUG if debug else logging.WARNING if quiet else logging.INFO

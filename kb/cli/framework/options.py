@@ -1,4 +1,4 @@
-"""The options that commands share, in one place, and the Run that they make."""
+"""The options that commands share, and the Run made from them."""
 
 from __future__ import annotations
 
@@ -9,13 +9,16 @@ from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
 
-if TYPE_CHECKING:
-    from types import ModuleType
+from kb.cli.framework.messages import warn
+from kb.core.errors import ProfileError, SettingError
+from kb.core.pipeline import load, locate
 
+if TYPE_CHECKING:
     from kb.core.context import Run
     from kb.core.profile import Profile
 
@@ -29,11 +32,10 @@ class Engine(StrEnum):
 
 @dataclass(frozen=True)
 class Options:
-    """The options that commands share, declared once, and what a command line gave of them.
+    """The options that commands share, and their values in one command line.
 
-    A command has those of COMMON and, of the others, those it declares; what it does not have is
-    refused and keeps its default here. `limit`, `again` and `json` mean something else for each
-    command, which describes them itself (`command`).
+    A command has those of COMMON and those that it declares. Each command describes `limit`,
+    `again` and `json` itself (see `command`).
     """
 
     workers: Annotated[
@@ -102,15 +104,16 @@ class Options:
         """The Run of these options; `settings` (field names) win over the environment.
 
         `needs`: "profile"; "root" for a command that reads the data root without a profile's
-        rules, so that it works where the remembered file is gone; "nothing" for one that looks
-        at neither. `checks`: errors of the profile and its keyword lists are looked for first.
-        `exists`: a folder that does not exist is an error, which names the nearest data root.
+        rules, so that it works where the profile's file is missing; "nothing" for one that reads
+        neither. `checks`: refuse a profile with errors in it or its keyword lists. `exists`: refuse
+        a folder that does not exist, and name the nearest data root.
         Raises SettingError, ProfileError or OtherService before anything is sent or written.
         """
+        from kb.artifacts.catalog import existing
+        from kb.cli.commands.profile.check import refuse
         from kb.cli.framework import progress
-        from kb.cli.framework.outcome import warn
+        from kb.cli.framework.demo_root import in_demo_root
         from kb.core.context import Run, default_workers
-        from kb.core.errors import SettingError
         from kb.core.settings import load_settings
         from kb.core.unknown_settings import unknown_names
         from kb.net import redact
@@ -134,17 +137,11 @@ class Options:
             )
         profile = _profile(loaded.kb_profile, root, needs)
         if checks:
-            from kb.cli.commands.profile.check import refuse
-
             refuse(profile)
         if exists:
-            from kb.artifacts.catalog import existing
-
             existing(root)
         if needs == "profile":
-            from kb.cli.commands.demo_root import carried_on
-
-            loaded, profile = carried_on(root, loaded, profile)
+            loaded, profile = in_demo_root(root, loaded, profile)
         return Run(
             settings=loaded,
             profile=profile,
@@ -161,7 +158,7 @@ class Options:
         )
 
 
-# Those that mean something else for each command.
+# Each command describes these itself.
 DESCRIBED = ("limit", "again", "json")
 COMMON = ("data", "profile", "quiet", "json", "debug")
 SHARED = tuple(field.name for field in fields(Options))
@@ -189,53 +186,42 @@ def shared_option(name: str, help: str | None = None) -> inspect.Parameter:
     )
 
 
-def _profile(given: str | None, root: Path, needs: str) -> Profile:
-    """The profile that was named, else the data root's own, else the default."""
+def _profile(name: str | None, root: Path, needs: str) -> Profile:
+    """The named profile, else the data root's own, else that of a download, else the default."""
     from kb.artifacts import belonging
-    from kb.cli.framework.outcome import warn
-    from kb.core.errors import ProfileError
-    from kb.core.profile import Profile, load_profile
+    from kb.core.profile import DEFAULT, Profile, load_profile
 
     if needs == "nothing":
         return Profile(name="none", title="none")
-    if given is not None:
-        profile = load_profile(given)
+    if name is not None:
+        profile = load_profile(name)
         belonging.check(root, profile)
         return profile
     bound = belonging.remembered(root)
-    if bound is None:
-        return _of_download(root, needs)
     try:
-        profile, said = belonging.load(root, bound)
+        if bound is None:
+            return load_profile(belonging.profile_of(root) or DEFAULT)
+        profile, note = belonging.load(root, bound)
     except ProfileError as error:
         if needs == "profile":
             raise
         warn(f"{error}; {error.hint}" if error.hint else str(error))
-        return Profile(name=bound.name, title=bound.name)
-    if said:
-        warn(said)
+        return Profile(name=bound.name, title=bound.name) if bound else load_profile(DEFAULT)
+    if note:
+        warn(note)
     return profile
 
 
-def _of_download(root: Path, needs: str) -> Profile:
-    """The profile that came with a release, else the default."""
-    from kb.artifacts import belonging
-    from kb.cli.framework.outcome import warn
-    from kb.core.errors import ProfileError
-    from kb.core.profile import DEFAULT, load_profile
-
-    own = belonging.profile_of(root)
-    if own is None:
-        return load_profile(DEFAULT)
-    try:
-        return load_profile(own)
-    except ProfileError as error:
-        if needs == "profile":
-            raise
-        warn(f"{error}; {error.hint}" if error.hint else str(error))
-        return load_profile(DEFAULT)
-
-
+DUMPS = "--dumps"
+Dumps = Annotated[
+    list[Path] | None,
+    typer.Option(
+        DUMPS,
+        metavar="FILE...",
+        help="Archive dumps of posts and comments (zstd, zst_blocks, gzip or plain NDJSON), or a"
+        " folder of them, to read instead of asking Reddit. Needs no key and no network.",
+    ),
+]
 Plan = Annotated[
     bool, typer.Option("--plan", help="Print what is left and what it costs; send nothing.")
 ]
@@ -249,8 +235,6 @@ def parse_part(text: str | None) -> tuple[int, int] | None:
     """ "2/4" as (2, 4), counted from 1. Raises SettingError."""
     if text is None:
         return None
-    from kb.core.errors import SettingError
-
     match = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", text)
     number, count = (int(match[1]), int(match[2])) if match else (0, 0)
     if not 1 <= number <= count:
@@ -260,6 +244,4 @@ def parse_part(text: str | None) -> tuple[int, int] | None:
 
 def pipeline(run: Run, name: str) -> ModuleType:
     """The shipped pipeline of that name, or the file of `--pipeline`."""
-    from kb.core.pipeline import load, locate
-
     return load(str(locate(name, run.pipeline)))

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from kb.cli.framework.as_typed import as_typed
+from kb.cli.framework.messages import with_options
 from kb.core import terminal
 from kb.core.progress import Counted, LineProgress, Progress, Silent, Task
 
@@ -19,22 +19,22 @@ def choose(*, quiet: bool) -> Progress:
 
 
 class Lines(LineProgress):
-    """Plain lines, with the commands that they name as they have to be typed here."""
+    """Plain lines, in which commands are completed with --data and --profile."""
 
     def say(self, text: str) -> None:
         """One line."""
-        super().say(as_typed(text))
+        super().say(with_options(text))
 
 
 class Bars(Progress):
-    """One bar a task: done and total, rate, time left, and the figures that the stage names."""
+    """One bar per task: done and total, rate, time left, and the stage's own figures."""
 
     def __init__(self) -> None:
         self._live: Any = None
 
     def say(self, text: str) -> None:
         """One line above the bars."""
-        shown = terminal.one_line(as_typed(text))
+        shown = terminal.one_line(with_options(text))
         if self._live is not None:
             self._live.console.print(shown, highlight=False, markup=False)
         else:
@@ -46,7 +46,7 @@ class Bars(Progress):
         return BarTask(self._start(), name, total, unit, waiting)
 
     def close(self) -> None:
-        """Leave the bars as they are and give the terminal back."""
+        """Stop updating the bars, and release the terminal."""
         if self._live is not None:
             self._live.stop()
             self._live = None

@@ -1,4 +1,4 @@
-"""What every source has alike: the commands `filter` and `export`."""
+"""The commands `filter` and `export`, which every source has."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import typer
 from kb.cli.framework.command import command
 from kb.cli.framework.options import CLUSTER, pipeline
 from kb.core.sources import SPECS
+from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run
-    from kb.core.verdict import Summary
 
 
 def add_filter(app: typer.Typer, source: str, what: str = "raw answers") -> Callable[..., Summary]:
@@ -29,7 +29,7 @@ def add_filter(app: typer.Typer, source: str, what: str = "raw answers") -> Call
         return summary
 
     filter_.__doc__ = (
-        f"Sort {what} into clean/{source}: kept, rejected with the reason, failed and pending."
+        f"Sort {what} into clean/{source}: kept, rejected (with the reason), failed and pending."
     )
     return command(
         app,
@@ -62,7 +62,7 @@ def add_export(
             summary: Summary = pipeline(run, source).export(run, format.value)
             return summary
 
-    option = typer.Option("--format", help=f"{goes} to release/, others to export/FORMAT/.")
+    option = typer.Option("--format", help=f"{goes} to release/, other formats to export/FORMAT/.")
     export.__annotations__["format"] = Annotated[formats, option]
     export.__doc__ = f"Write clean/{source} as {tables}, or in another layout."
     return command(

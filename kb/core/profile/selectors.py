@@ -1,7 +1,7 @@
 """Whether a text can be a CSS selector, so that a slip is found before a crawl is spent.
 
 The grammar of https://www.w3.org/TR/selectors-4/ down to the names of pseudo-classes and what
-stands in their brackets: those the browser alone knows (kb.wiki.selectors).
+stands in their brackets: those the browser alone knows (kb.wiki.browser.selectors).
 """
 
 from __future__ import annotations

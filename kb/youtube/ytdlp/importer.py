@@ -25,8 +25,8 @@ from kb.crawl.session import CrawlSession, open_session
 from kb.schema.tables import table
 from kb.store import rawlog
 from kb.store.rawlog import Envelope, Request
-from kb.youtube.reduce import RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES
-from kb.youtube.source import YouTubeSource
+from kb.youtube.connector.reduce import RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES
+from kb.youtube.connector.source import YouTubeSource
 from kb.youtube.ytdlp import files, info, subtitles
 
 AT_ONCE = 256  # answers that are written and synced together
@@ -105,7 +105,7 @@ class _Import:
                     if self._run.limit and self.counts["imported_files"] >= self._run.limit:
                         raise LimitReached(
                             f"--limit {self._run.limit} reached",
-                            hint="run the same command to go on",
+                            hint="run the same command to resume",
                         )
             finally:
                 self._flush(at_least=1)

@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 from kb.schema import raw
 from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
-from kb.youtube import player
+from kb.youtube.connector import player
 from kb.youtube.ytdlp.files import VIDEO_ID
 
 ROWS = 8_192
@@ -148,7 +148,7 @@ def read_at(found: dict[str, Any]) -> datetime | None:
 
 
 def rows(lines: Iterable[bytes], most: int = ROWS) -> Iterator[pa.Table]:
-    """Envelopes of ytdlp_info → one row a video, with the columns of kb.youtube.parse.videos.
+    """Envelopes of ytdlp_info → one row a video, with the columns of `answers.videos`.
 
     Null is what a file can't tell. Besides: `stream_width`, `stream_height` (px), `stream_fps`,
     `lists_tracks`, `manual_tracks`, `automatic_tracks`.

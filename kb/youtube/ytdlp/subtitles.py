@@ -7,7 +7,7 @@ reads: one cue a line, in the track's order.
             only the repetition; <00:00:18.239><c> no</c> before each word
 
 Automatic tracks have the time of every word. A vtt file does not tell how long a line stays once
-the next one is there; automatic cues are cut there anyway (kb.youtube.assemble).
+the next one is there; automatic cues are cut there anyway (kb.youtube.parse.assemble).
 """
 
 from __future__ import annotations

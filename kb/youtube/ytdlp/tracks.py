@@ -19,7 +19,7 @@ from kb.schema.decode import ColumnReader, problems
 from kb.schema.tables import table
 from kb.store import rawlog
 from kb.store.newest import newest
-from kb.youtube.merge import aligned
+from kb.youtube.parse.join import aligned
 from kb.youtube.ytdlp import subtitles
 
 ORIGINAL = "-orig"
@@ -196,7 +196,7 @@ def _listed(files: pa.Table | None) -> dict[str, ListedTracks]:
 
 
 def _outcomes(found: list[_Found]) -> pa.Table:
-    """Rows with the columns of kb.youtube.parse.transcripts."""
+    """Rows with the columns of kb.youtube.parse.answers.transcripts."""
     kinds = [one[2] for one in found]
     own: dict[str, list[Any]] = {
         "video_id": [one[0] for one in found],

@@ -1,22 +1,27 @@
-"""`kb profile`: a new domain's profile, and all that can be known about one before a crawl."""
+"""`kb profile`: make a profile for a new domain, and check one before a crawl."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from kb.cli.framework.command import command, group
+from kb.cli.framework.messages import show_row, show_summary
+from kb.cli.framework.options import Options
+from kb.core import terminal
+from kb.core.errors import SettingError
+from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from kb.cli.commands.profile.online import ServiceCheck
-    from kb.cli.framework.options import Options
+    from kb.core.context import Run
     from kb.core.profile.finding import Finding
+    from kb.pairs.keyword_proposal import Proposal
 
-app = group("Profiles of domains: a new one, and what is wrong with one.")
+app = group("Make and check the profile of a new domain.")
 
 
 @command(
@@ -27,7 +32,7 @@ app = group("Profiles of domains: a new one, and what is wrong with one.")
     examples=[
         "kb profile new gardening                 a folder with profile.toml and keywords.tsv",
         "kb profile new gardening --wiki https://wiki.example.org --subreddit gardening",
-        "kb profile new mine --from minecraft     another profile's values to start from",
+        "kb profile new mine --from minecraft     start from another profile's values",
     ],
 )
 def new(
@@ -36,42 +41,41 @@ def new(
         str, typer.Argument(metavar="NAME", help="The domain's short name, such as gardening.")
     ],
     wiki: Annotated[
-        str | None, typer.Option("--wiki", metavar="URL", help="The root of its MediaWiki.")
+        str | None, typer.Option("--wiki", metavar="URL", help="Root of its MediaWiki.")
     ] = None,
     subreddit: Annotated[
         str | None, typer.Option("--subreddit", metavar="NAME", help="Its subreddit, without r/.")
     ] = None,
     source: Annotated[
         str | None,
-        typer.Option("--from", metavar="NAME|FILE", help="A profile whose values are taken."),
+        typer.Option("--from", metavar="NAME|FILE", help="Copy the values of this profile."),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
             "--out",
             metavar="DIR",
-            help="The folder to write."
+            help="Write the files there."
             " [default: data/profiles/NAME in a checkout, elsewhere ./NAME]",
         ),
     ] = None,
 ) -> None:
-    """Write a commented profile and keyword list of a new domain, ready to be filled in.
+    """Write a commented profile and keyword list for a new domain, ready to be filled in.
 
-    Every key stands in it with its default, its unit and what it is for; FILL-IN marks what only
-    you know. Nothing is overwritten. In the end it prints the commands that come next.
+    The profile lists every key with its default, unit and purpose; FILL-IN marks what only you
+    know. Nothing is overwritten. Finally the next commands are printed.
     """
-    from kb.cli.commands.profile.new import as_given, write_new
-    from kb.cli.framework import outcome
+    from kb.cli.commands.profile.new import as_argument, write_new
 
     folder, files = write_new(name, out, source=source, wiki=wiki, subreddit=subreddit)
-    given = as_given(name, folder)
+    argument = as_argument(name, folder)
     if options.json:
-        outcome.show_summary({"command": "profile new", "path": str(folder)}, True)
+        show_summary({"command": "profile new", "path": str(folder)}, True)
         return
-    typer.echo(f"{folder}/ holds {' and '.join(files)}. Next:\n")
-    typer.echo(f"  kb profile check {given}")
-    typer.echo(f"  kb demo --profile {given} --data data/{name}-demo")
-    typer.echo(f"  kb youtube crawl --profile {given} --data data/{name} --plan")
+    typer.echo(f"{folder}/ contains {' and '.join(files)}. Next:\n")
+    typer.echo(f"  kb profile check {argument}")
+    typer.echo(f"  kb demo --profile {argument} --data data/{name}-demo")
+    typer.echo(f"  kb youtube crawl --profile {argument} --data data/{name} --plan")
 
 
 @command(
@@ -80,8 +84,8 @@ def new(
     json="errors, warnings, notes, findings (level, file, line, key, what, mend), hits",
     examples=[
         "kb profile check                         the profile that other commands would use",
-        "kb profile check gardening               what is missing or wrong, all of it",
-        "kb profile check gardening --data DIR    and what each keyword hits in transcripts there",
+        "kb profile check gardening               everything that is missing or wrong",
+        "kb profile check gardening --data DIR    and matches of each keyword in transcripts",
         "kb profile check gardening --online      and whether channels, wiki and subreddit exist",
     ],
 )
@@ -96,41 +100,40 @@ def check(
         typer.Option(
             "--online",
             help="Ask each service once: a channel search (1 search unit), the wiki's siteinfo and"
-            " five of its pages, on which the selectors are tried, the subreddit.",
+            " five of its pages to try the selectors on, the subreddit.",
         ),
     ] = False,
 ) -> None:
-    """Check a profile and its keyword lists: all that is wrong at once, with how to mend it.
+    """Check a profile and its keyword lists, and list all problems with how to fix them.
 
-    Sends nothing without --online. With --data (or KB_DATA) it shows what each keyword hits in the
-    transcripts of clean/youtube, and tries the wiki's selectors on captured pages. Exit code 2
-    where there is an error; warnings and notes are 0.
+    Sends nothing without --online. With --data (or KB_DATA) it counts the matches of each keyword
+    in the transcripts of clean/youtube, and tries the wiki's selectors on captured pages. The exit
+    code is 2 if there is an error, and 0 with warnings and notes.
     """
-    from kb.cli.commands.profile.check import contact_of, examine
-    from kb.cli.commands.profile.hits import hits_of, looks_at_data, run_of
-    from kb.cli.commands.profile.selectors import captured_pages, findings_of
-    from kb.cli.framework import outcome
-    from kb.core.errors import SettingError
+    from kb.cli.commands.profile.check import contact_findings, examine
+    from kb.cli.commands.profile.data import captured_pages, keyword_hits, selector_findings
     from kb.core.profile import find_profile
     from kb.core.profile.finding import ERROR, LEVELS, NOTE, Finding
-    from kb.core.verdict import Summary
 
     if name is not None and options.profile not in (None, name):
         raise SettingError(f"two profiles are named, {name} and {options.profile}")
-    path = find_profile(name) if name is not None else _usual(options)
+    path = find_profile(name) if name is not None else _current_profile(options)
     checked = examine(path)
     findings = list(checked.findings)
     hits: list[dict[str, Any]] = []
     answers: list[ServiceCheck] = []
-    usable = all(one.level != ERROR for one in findings)
-    if usable and checked.profile is not None:
-        run = run_of(options, checked.profile)
+    if checked.profile is not None and all(one.level != ERROR for one in findings):
+        # The command only reads, so the data root may be another domain's.
+        run = replace(options, profile=None).make_run(needs="nothing", exists=bool(options.data))
+        run = replace(run, profile=checked.profile)
         pages: list[str] = []
-        if looks_at_data(options, run):
-            hits, told = hits_of(run)
-            findings += told
+        # Not the default data root, which may be any domain's.
+        is_named = "kb_data" in run.settings.model_fields_set and run.root.is_dir()
+        if options.data is not None or is_named:
+            hits, more = keyword_hits(run)
+            findings += more
             pages = captured_pages(run.root)
-        findings += contact_of(run)
+        findings += contact_findings(run)
         if online:
             from kb.cli.commands.profile.online import ask
 
@@ -138,12 +141,12 @@ def check(
             findings += [answer.finding for answer in answers]
             pages += [page for answer in answers for page in answer.pages]
         if pages:
-            findings += findings_of(checked.profile, pages)
+            findings += selector_findings(checked.profile, pages)
     elif online or options.data is not None:
-        said = "keywords and services were not tried"
-        findings.append(Finding(NOTE, path.name, 0, "", said, "mend the errors first"))
+        what = "keywords and services were not tried"
+        findings.append(Finding(NOTE, path.name, 0, "", what, "fix the errors first"))
     if not options.json:
-        typer.echo(_table(findings) if findings else f"{path}: nothing to mend")
+        typer.echo(_table(findings) if findings else f"{path}: no problems found")
         _show_hits(hits)
     summary = Summary(
         command="profile check",
@@ -151,15 +154,15 @@ def check(
         **{f"{level}s": sum(one.level == level for one in findings) for level in LEVELS},
     )
     if online:
-        summary |= {
-            "requests": sum(answer.requests for answer in answers),
-            "units": sum(answer.units for answer in answers),
-        }
+        summary["requests"] = sum(answer.requests for answer in answers)
+        summary["units"] = sum(answer.units for answer in answers)
     if options.json:
         summary["findings"] = [one._asdict() for one in findings]
         summary["hits"] = hits
-    outcome.show_summary(summary, options.json)
-    code = _code(findings, answers)
+    show_summary(summary, options.json)
+    offline = any(one.level == ERROR and not one.file.startswith("online") for one in findings)
+    codes = {answer.code for answer in answers} | ({2} if offline else set())
+    code = 2 if 2 in codes else min(codes - {0}, default=0)
     if code:
         raise typer.Exit(code)
 
@@ -170,35 +173,32 @@ def check(
     json="keywords, not_proposed, not_proposed_by, path",
     examples=[
         "kb profile keywords --data data/gardening                    rows to stdout",
-        "kb profile keywords --data data/gardening --out more.tsv     into a file of its own",
+        "kb profile keywords --data data/gardening --out more.tsv     rows to a new file",
     ],
 )
 def keywords(
     options: Options,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE", help="The file to write. [default: stdout]"),
+        typer.Option("--out", metavar="FILE", help="Write to this new file. [default: stdout]"),
     ] = None,
 ) -> None:
     """Propose rows of the keyword list from the crawled wiki's titles, redirects and categories.
 
-    For a person to strike from: a title is the keyword, redirects are its forms, a category is its
-    kind; everyday words get the rule near. What the profile's list has is left out. Sends nothing.
+    The rows are for you to choose from: a title is the keyword, redirects are its forms, a category
+    is its kind, and everyday words get the rule `near`. Keywords of the profile's own list are left
+    out. Sends nothing.
     """
-    from kb.cli.commands.profile.keywords import proposed
-    from kb.cli.framework import outcome
-    from kb.core.errors import SettingError
-    from kb.core.verdict import Summary
     from kb.store.atomic import write_text
 
     run = options.make_run()
-    proposal = proposed(run)
+    proposal = _proposal(run)
     text = proposal.text(run.profile.title)
     if out is None:
         typer.echo(text, nl=False)
     else:
         if out.exists() or out.is_symlink():
-            raise SettingError(f"{out} is there already, and is not overwritten")
+            raise SettingError(f"{out} already exists, and is not overwritten")
         write_text(out.expanduser().absolute(), text)
     summary = Summary(
         command="profile keywords",
@@ -207,13 +207,39 @@ def keywords(
         not_proposed_by=dict(sorted(proposal.left.items())),
     )
     if options.json or out is not None:
-        outcome.show_summary(summary, options.json)
-    else:  # stdout is the list alone, ready to be sent into a file
+        show_summary(summary, options.json)
+    else:  # stdout holds the list alone, ready to be redirected
         typer.echo(summary.line(), err=True)
 
 
-def _usual(options: Options) -> Path:
-    """The file of the profile that a command with these options would use."""
+def _proposal(run: Run) -> Proposal:
+    from kb.pairs import keywords
+    from kb.pairs.keyword_proposal import PageNames, propose
+    from kb.store import rawlog
+    from kb.wiki.parse.page_names import pages
+    from kb.wiki.spec import SPEC
+
+    if not rawlog.segments(run.root, SPEC.name, "pages"):
+        raise SettingError(
+            f"no wiki was crawled into {run.root}",
+            hint="run `kb wiki crawl` first, or name its data root with --data",
+        )
+    section = run.profile.pairs
+    listed = bool(section and (section.keyword_files or section.include))
+    known = keywords.load(run.profile).phrases if listed else ()
+    names = [
+        PageNames(
+            page.title.removeprefix(f"{page.prefix}:"),
+            [title.removeprefix(f"{page.prefix}:") for title in page.redirects],
+            page.categories,
+        )
+        for page in pages(run.root)
+    ]
+    return propose(names, known)
+
+
+def _current_profile(options: Options) -> Path:
+    """The file of the profile that other commands with these options would use."""
     from kb.artifacts import belonging
     from kb.core.profile import DEFAULT, find_profile
     from kb.core.settings import load_settings
@@ -223,48 +249,31 @@ def _usual(options: Options) -> Path:
         return find_profile(settings.kb_profile)
     root = settings.kb_data.expanduser().absolute()
     bound = belonging.remembered(root)
-    if bound is None:
-        return find_profile(DEFAULT)
-    return belonging.load(root, bound)[0].path
+    return belonging.load(root, bound)[0].path if bound else find_profile(DEFAULT)
 
 
 def _show_hits(hits: list[dict[str, Any]]) -> None:
-    from kb.core import terminal
-
+    columns = ("keyword", "kind", "rule", "matches", "alone")
     shown = [hit for hit in hits if hit["matches"]]
     if not shown:
         return
-    typer.echo("\nkeyword\tkind\trule\tmatches\talone")
+    typer.echo()
+    show_row(columns)
     for hit in shown:
-        cells = ("keyword", "kind", "rule", "matches", "alone")
-        typer.echo("\t".join(terminal.one_line(str(hit[name])) for name in cells))
+        show_row(hit[name] for name in columns)
         for example in hit["examples"]:
-            typer.echo(f"    {terminal.one_line(example)}")
-    typer.echo("")
+            show_row([example], indent="    ")
+    typer.echo()
 
 
-def _table(findings: Iterable[Finding]) -> str:
-    """Level, where, what and how to mend it, in columns."""
-    from kb.core import terminal
-
-    one = terminal.one_line
-    rows = [("level", "where", "finding", "how to mend it")]
+def _table(findings: list[Finding]) -> str:
+    """Level, place, finding and fix, in columns."""
+    rows = [("level", "where", "finding", "how to fix it")]
     rows += [(one.level, one.where, one.what, one.mend) for one in findings]
-    rows = [(one(level), one(where), one(what), one(mend)) for level, where, what, mend in rows]
-    widths = [max(len(row[column]) for row in rows) for column in range(2)]
+    columns = [[terminal.one_line(cell) for cell in column] for column in zip(*rows, strict=True)]
+    widths = [max(map(len, column)) for column in columns]
     lines = []
-    for level, where, what, mend in rows:
-        rest = f"{what}  |  {mend}" if mend else what
+    for level, where, what, fix in zip(*columns, strict=True):
+        rest = f"{what}  |  {fix}" if fix else what
         lines.append(f"{level:<{widths[0]}}  {where:<{widths[1]}}  {rest}")
     return "\n".join(lines)
-
-
-def _code(findings: Iterable[Finding], answers: Iterable[Any]) -> int:
-    """2 where the profile can't be used, else what a service's answer means."""
-    from kb.core.profile.finding import ERROR
-
-    codes = {answer.code for answer in answers}
-    offline = any(one.level == ERROR and not one.file.startswith("online") for one in findings)
-    if offline or 2 in codes:
-        return 2
-    return min(codes - {0}, default=0)

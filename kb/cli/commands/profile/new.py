@@ -1,4 +1,4 @@
-"""`kb profile new`: where its files go, and what is refused before one is written."""
+"""Writes the files of `kb profile new`, after checking what they are made from."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ def write_new(
     wiki: str | None = None,
     subreddit: str | None = None,
 ) -> tuple[Path, list[str]]:
-    """The folder that was written and the names of its files; nothing is overwritten.
+    """Write the files, and return their folder and names. Nothing is overwritten.
 
-    Raises SettingError for a wrong name or address and for a file that is there, ProfileError for
-    a `source` that can't be read.
+    Raises SettingError for a wrong name or URL and for an existing file, ProfileError for a
+    `source` that can't be read.
     """
     _check_name(name)
     base = load_profile(source) if source is not None else None
@@ -40,15 +40,15 @@ def write_new(
     if base is None:
         files["keywords.tsv"] = KEYWORDS
     elif base.pairs is not None:
-        files |= {listed: _list_of(base.beside(listed)) for listed in base.pairs.keyword_files}
+        files |= {listed: _read_list(base.beside(listed)) for listed in base.pairs.keyword_files}
     folder = out if out is not None else _home() / name
-    there = [file for file in files if (folder / file).exists() or (folder / file).is_symlink()]
-    # A killed run has written some of them, and not a byte otherwise.
-    for file in there:
-        if len(there) == len(files) or not _holds(folder / file, files[file]):
+    existing = [file for file in files if (folder / file).exists() or (folder / file).is_symlink()]
+    # A killed run leaves some of the files, with the same content.
+    for file in existing:
+        if len(existing) == len(files) or not _has_content(folder / file, files[file]):
             raise SettingError(
-                f"{folder / file} is there already, and is not overwritten",
-                hint="choose another NAME, or a folder with --out",
+                f"{folder / file} already exists, and is not overwritten",
+                hint="choose another NAME, or another folder with --out",
             )
     for file, content in files.items():
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
@@ -57,15 +57,15 @@ def write_new(
     return folder, list(files)
 
 
-def _holds(path: Path, text: str) -> bool:
+def _has_content(path: Path, text: str) -> bool:
     try:
         return not path.is_symlink() and path.read_bytes() == text.encode()
     except OSError:
         return False
 
 
-def as_given(name: str, folder: Path) -> str:
-    """How the new profile is named to other commands."""
+def as_argument(name: str, folder: Path) -> str:
+    """The new profile as an argument of other commands."""
     if is_shipped(name) and folder.resolve() == (shared("profiles") / name).resolve():
         return name
     return shlex.quote(str(folder / PROFILE_FILE))
@@ -76,13 +76,13 @@ def _check_name(name: str) -> None:
         return
     plain = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
     raise SettingError(
-        f"{name!r} is no name of a profile: small letters, digits, - and _ only",
-        hint=f"write {plain}" if plain else "such as rock-gardens",
+        f"invalid profile name {name!r}: use only lower-case letters, digits, - and _",
+        hint=f"write {plain}" if plain else "for example rock-gardens",
     )
 
 
 def _check_given(text: str, *, wiki: str | None, subreddit: str | None) -> None:
-    """What the profile would be refused for later is refused now."""
+    """Raise SettingError now for values that would be refused later."""
     given = {"wiki.url": ("--wiki", wiki), "reddit.subreddit": ("--subreddit", subreddit)}
     with tempfile.TemporaryDirectory() as place:
         path = Path(place) / PROFILE_FILE
@@ -90,14 +90,12 @@ def _check_given(text: str, *, wiki: str | None, subreddit: str | None) -> None:
         wrong = {one.key: one for one in check_file(path).findings if one.level == ERROR}
     for key, (option, value) in given.items():
         if value is not None and key in wrong:
-            mend = wrong[key].mend
-            if key == "reddit.subreddit":
-                mend = subreddit_meant(value) or mend
-            raise SettingError(f"{option} is {value!r}", hint=mend)
+            guess = subreddit_meant(value) if key == "reddit.subreddit" else ""
+            raise SettingError(f"{option} is {value!r}", hint=guess or wrong[key].mend)
 
 
 def _home() -> Path:
-    """Where new profiles go: with the others in the checkout that one stands in, else here."""
+    """Where new profiles go: the profiles of the current checkout, else the current folder."""
     profiles, here = shared("profiles"), Path.cwd()
     checkout = profiles.parent.parent
     if (checkout / "pyproject.toml").is_file() and here.is_relative_to(checkout):
@@ -105,7 +103,7 @@ def _home() -> Path:
     return Path()
 
 
-def _list_of(path: Path) -> str:
+def _read_list(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

@@ -1,7 +1,7 @@
-"""`kb profile check --online`: one question to each service, by the crawls' own clients.
+"""`kb profile check --online`: asks each service one question, with the crawls' own clients.
 
-Only what a crawl would ask first: a search for channels, the wiki's siteinfo with a few pages to
-try the selectors on, the subreddit. Nothing is stored; a question is asked once and not again.
+A search for channels, the wiki's siteinfo with a few pages to try the selectors on, the subreddit.
+Nothing is stored, and no question is retried.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 class ServiceCheck(NamedTuple):
-    """What a service said: the finding, what it cost, and the exit code that follows.
+    """A service's answer: the finding, its cost, and the exit code that follows.
 
     `pages` are some of the wiki's pages as HTML, to try the selectors on.
     """
@@ -56,8 +56,8 @@ def ask(run: Run) -> Iterator[ServiceCheck]:
             continue
         question = spec.load(spec.online)
         cost = QuestionCost()
-        level, key, what, mend, code = _tried(partial(question, run, cost), source)
-        finding = Finding(level, f"online: {source}", 0, key, f"{what} ({cost})", mend)
+        level, key, what, fix, code = _tried(partial(question, run, cost), source)
+        finding = Finding(level, f"online: {source}", 0, key, f"{what} ({cost})", fix)
         yield ServiceCheck(source, finding, cost.requests, cost.units, code, tuple(cost.pages))
 
 

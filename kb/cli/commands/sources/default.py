@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def app_of(name: str) -> typer.Typer:
-    """The commands `kb <name> …`."""
+    """The commands of a source."""
     spec = SPECS[name]
     app = group(spec.help)
 

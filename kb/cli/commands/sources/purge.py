@@ -1,4 +1,4 @@
-"""`kb purge`: what was deleted at its source, or named, leaves every folder for good."""
+"""`kb purge`: remove content for good from every folder."""
 
 from __future__ import annotations
 
@@ -8,48 +8,45 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.framework.command import command, group
+from kb.cli.framework.messages import show_row
 from kb.cli.framework.options import CLUSTER, pipeline
 from kb.core.source_spec import CommandHelp
 from kb.core.sources import SPECS
+from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run
-    from kb.core.verdict import Summary
 
-app = group("Remove for good what was deleted at its source, or named.")
+app = group("Remove content that was deleted at its source or that a file names.")
 
 Ids = Annotated[
     Path | None,
     typer.Option(
         "--ids",
         metavar="FILE",
-        help="Also remove these keys: one a line, CSV, JSON or a Parquet file.",
+        help="Also remove these ids: one per line, CSV, JSON or a Parquet file.",
     ),
 ]
-
 Plan = Annotated[
     bool,
-    typer.Option("--plan", help="Count what would go, by table and folder; change nothing."),
+    typer.Option(
+        "--plan", help="Count what would be removed, by table and folder; change nothing."
+    ),
 ]
-
-
-def _purge(run: Run, source: str, ids: Path | None, plan: bool) -> Summary:
-    if not plan:
-        summary: Summary = pipeline(run, "purge").purge(run, source, ids)
-        return summary
-    from kb.core import terminal
-
-    counts: Summary = pipeline(run, "purge").plan(run, source, ids)
-    typer.echo("folder\twhat\tcount")
-    for line in counts["lines"]:
-        cells = line["folder"], line["what"], line["count"]
-        typer.echo("\t".join(terminal.one_line(str(cell)) for cell in cells))
-    return counts
 
 
 def _add(source: str, about: str, *examples: str) -> None:
     def purge(run: Run, ids: Ids = None, plan: Plan = False) -> Summary:
-        return _purge(run, source, ids, plan)
+        room = pipeline(run, "purge")
+        summary: Summary
+        if not plan:
+            summary = room.purge(run, source, ids)
+            return summary
+        summary = room.plan(run, source, ids)
+        show_row(("folder", "what", "count"))
+        for line in summary["lines"]:
+            show_row((line["folder"], line["what"], line["count"]))
+        return summary
 
     purge.__doc__ = about
     command(

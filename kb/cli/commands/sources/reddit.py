@@ -1,4 +1,4 @@
-"""`kb reddit`: posts and comments of one subreddit, live and from dumps."""
+"""`kb reddit`: posts and comments of one subreddit, from the live API and from dumps."""
 
 from __future__ import annotations
 
@@ -9,24 +9,25 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.dumps import Dumps, DumpsCommand
-from kb.cli.framework.options import CLUSTER, Plan
+from kb.cli.framework.command_classes import DumpsCommand
+from kb.cli.framework.options import CLUSTER, Dumps, Plan
 from kb.cli.framework.source_commands import add_export, add_filter
+from kb.core import clock
+from kb.core.errors import SettingError
+from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run
-    from kb.core.verdict import Summary
 
-app = group("Posts and comments of a subreddit.")
-
+app = group("Collect posts and comments of a subreddit.")
 
 Since = Annotated[
     str | None,
-    typer.Option("--since", metavar="DATE", help="Only posts made at this time or later (UTC)."),
+    typer.Option("--since", metavar="DATE", help="Only posts from this time on (UTC)."),
 ]
 Until = Annotated[
     str | None,
-    typer.Option("--until", metavar="DATE", help="Only posts made before this time (UTC)."),
+    typer.Option("--until", metavar="DATE", help="Only posts before this time (UTC)."),
 ]
 
 
@@ -34,14 +35,14 @@ Until = Annotated[
     app,
     uses=("wait",),
     limit="Stop after N more posts with their comments (exit code 3); the next run resumes.",
-    again="Start a new round: read the listings again, as far back as the last round, and only new"
-    " posts with their comments.",
+    again="Start a new round: read the listings again, back to where the last round began, and only"
+    " new posts with their comments.",
     json="crawled, comments, posts, failed, pending, incomplete_posts, requests",
     checks=True,
     examples=[
         (
             "kb reddit crawl                          every listing of the profile's"
-            " subreddit, and all comments"
+            " subreddit, with all comments"
         ),
         "kb reddit crawl --limit 100              100 posts with their comments",
         "kb reddit crawl --since 2026-01-01       only posts of this year",
@@ -53,17 +54,17 @@ def crawl(run: Run, since: Since = None, until: Until = None, plan: Plan = False
     Archive dumps (`kb reddit import`) need no key. The live API needs REDDIT_CLIENT_ID,
     REDDIT_CLIENT_SECRET (empty for an installed app) and KB_CONTACT; since November 2025 Reddit
     gives keys only to apps that it has approved under its Responsible Builder Policy.
-    Names of people are hashed before anything is written. What lies outside of --since and --until
-    is left out of the tables too (`outside` in the summary); a later crawl with another span, or
-    none, reads it.
+    User names are hashed before anything is written. Posts outside --since and --until are left
+    out of the tables too (`outside` in the summary); a later crawl with another span, or none,
+    reads them.
     """
-    from kb.reddit.crawl import crawl as room
-    from kb.reddit.plan import plan_crawl
+    from kb.reddit.connector.plan import plan_crawl
+    from kb.reddit.connector.source import crawl
 
     begin, end = _span(since, until)
     if plan:
         return plan_crawl(run)
-    return room(run, since=begin, until=end)
+    return crawl(run, since=begin, until=end)
 
 
 @command(
@@ -71,7 +72,7 @@ def crawl(run: Run, since: Since = None, until: Until = None, plan: Plan = False
     name="import",
     uses=CLUSTER,
     limit="Stop after N more posts and comments (exit code 3); the next run resumes.",
-    again="Read dumps that were imported before once more; without it they are skipped.",
+    again="Read dumps again that were imported before; without it they are skipped.",
     json="crawled, lines, bad_lines, truncated_files, foreign_files",
     checks=True,
     examples=[
@@ -86,8 +87,8 @@ def import_(
         list[Path],
         typer.Argument(
             metavar="FILE...",
-            help="Archive dumps as zstd, zst_blocks, gzip or plain NDJSON, whatever their names,"
-            " or folders of them.",
+            help="Archive dumps as zstd, zst_blocks, gzip or plain NDJSON, recognized by their"
+            " content, or folders of them.",
         ),
     ],
     since: Annotated[
@@ -95,22 +96,22 @@ def import_(
         typer.Option(
             "--since",
             metavar="DATE",
-            help="Only posts and comments made at this time or later (UTC).",
+            help="Only posts and comments from this time on (UTC).",
         ),
     ] = None,
     until: Annotated[
         str | None,
         typer.Option(
-            "--until", metavar="DATE", help="Only posts and comments made before this time (UTC)."
+            "--until", metavar="DATE", help="Only posts and comments before this time (UTC)."
         ),
     ] = None,
 ) -> Summary:
-    """Take posts and comments of the subreddit out of archive dumps. Sends nothing; needs no key.
+    """Import the subreddit's posts and comments from archive dumps. Sends nothing; needs no key.
 
-    A folder is searched for dumps. Damaged lines, cut-off files and a folder's other files are
-    counted. Interrupted, the same command resumes.
+    Folders are searched for dumps. The summary counts damaged lines, truncated files and files of
+    a folder that are not dumps. After an interruption the same command resumes.
     """
-    from kb.reddit.importing import import_dumps
+    from kb.reddit.connector.importer import import_dumps
 
     begin, end = _span(since, until)
     return import_dumps(run, files, since=begin, until=end)
@@ -124,14 +125,14 @@ export = add_export(app, "reddit")
     app,
     uses=("workers", "wait"),
     limit="Stop after N more posts and comments (exit code 3); the next run resumes.",
-    again="Ask for every id, or read the dumps, once more, also where all were answered.",
+    again="Ask for every id again, or read the dumps again, even where all were answered.",
     json="posts, comments, missing, requests, bad_lines, truncated_files",
     planned=("ids", "dumps"),
     cls=DumpsCommand,
     examples=[
         (
             "kb reddit reconstruct --ids release/reddit --dumps RS_*.zst RC_*.zst"
-            "    without a key or network"
+            "    without key or network"
         ),
         "kb reddit reconstruct                                 the data root's own release",
         "kb reddit reconstruct --ids release/reddit            a release, posts and comments",
@@ -149,8 +150,8 @@ def reconstruct(
         typer.Option(
             "--ids",
             metavar="FILE|FOLDER",
-            help="Full names or addresses one a line, CSV, a released Parquet file, MineDojo's"
-            " reddit.json, or the folder of a release; may be given several times."
+            help="Full names or URLs one per line, CSV, a released Parquet file, MineDojo's"
+            " reddit.json, or the folder of a release; may be repeated."
             " [default: release/reddit]",
         ),
     ] = None,
@@ -159,20 +160,20 @@ def reconstruct(
         typer.Option(
             "--out",
             metavar="DIR",
-            help="Where the tables go. [default: export/reconstructed in the data root]",
+            help="Write the tables there. [default: export/reconstructed in the data root]",
         ),
     ] = None,
     dumps: Dumps = None,
     plan: Plan = False,
 ) -> Summary:
-    """Bring back full posts and comments from released ids, from dumps or with your own app's key.
+    """Restore full posts and comments from released ids, from dumps or with your own app's key.
 
-    100 ids a request. What is gone is listed in missing.parquet. What is in --out already is added
-    to; what was removed stays removed, whatever an older dump holds. Cut off, the same command goes
-    on.
+    Asks for 100 ids per request. What can't be restored is listed in missing.parquet. Tables that
+    are in --out already are added to; what was removed stays removed, even if an older dump has
+    it. After an interruption the same command resumes.
     """
-    from kb.reddit.plan import plan_rebuild
-    from kb.reddit.reconstruction import rebuild
+    from kb.reddit.connector.plan import plan_rebuild
+    from kb.reddit.restore.reconstruct import rebuild
     from kb.store.layout import Layout
 
     if plan:
@@ -182,21 +183,13 @@ def reconstruct(
 
 
 def _span(since: str | None, until: str | None) -> tuple[datetime | None, datetime | None]:
-    from kb.core.errors import SettingError
-
     begin, end = _moment("--since", since), _moment("--until", until)
     if begin and end and begin >= end:
-        raise SettingError(
-            f"--since {since} is not before --until {until}",
-            hint="nothing was made in that time; exchange the two",
-        )
+        raise SettingError(f"--since {since} is not earlier than --until {until}", hint="swap them")
     return begin, end
 
 
 def _moment(name: str, text: str | None) -> datetime | None:
-    from kb.core import clock
-    from kb.core.errors import SettingError
-
     if text is None:
         return None
     try:

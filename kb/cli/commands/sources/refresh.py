@@ -1,4 +1,4 @@
-"""`kb refresh youtube|reddit`: read again what the services' terms ask to keep fresh."""
+"""`kb refresh youtube|reddit`: re-read data that the services' terms require to be fresh."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.options import CLUSTER, Plan
+from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run
-    from kb.core.verdict import Summary
 
-app = group("Read again what the services' terms ask to keep fresh.")
+app = group("Re-read data that the services' terms require to be fresh.")
 
 OlderThan = Annotated[
     int | None,
@@ -21,7 +21,7 @@ OlderThan = Annotated[
         "--older-than",
         min=0,
         metavar="DAYS",
-        help="Read what is older than this; 0: everything. [default: the profile's max_age_days]",
+        help="Re-read data older than this; 0: all of it. [default: the profile's max_age_days]",
     ),
 ]
 
@@ -36,17 +36,17 @@ OlderThan = Annotated[
     examples=[
         "kb refresh youtube --wait",
         "kb refresh youtube --limit 5000",
-        "kb refresh youtube --older-than 7        also counts that are older than a week",
+        "kb refresh youtube --older-than 7        also view counts older than a week",
     ],
 )
 def youtube(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summary:
-    """Read metadata older than the profile's max_age_days again and mark videos that vanished.
+    """Re-read metadata older than the profile's max_age_days, and mark videos that are gone.
 
-    One unit of the general quota for 50 videos. With a smaller --older-than also the counts of
-    videos whose metadata are fresh, from the quota that statistics have for themselves.
-    Run `kb youtube filter` and `export` afterwards.
+    Costs one unit of the general quota for 50 videos. A smaller --older-than also re-reads the
+    counts of videos whose metadata are fresh, from the separate quota for statistics.
+    Run `kb youtube filter` and `kb youtube export` afterwards.
     """
-    from kb.youtube.refresh import plan_refresh, refresh
+    from kb.youtube.connector.refresh import plan_refresh, refresh
 
     do = plan_refresh if plan else refresh
     return do(run, older_than)
@@ -56,8 +56,8 @@ def youtube(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summa
     app,
     uses=(*CLUSTER, "wait"),
     limit="Stop after N more posts and comments (exit code 3); the next run resumes.",
-    again="Look once more for what is due, what was missing last time included, instead of"
-    " resuming a stopped refresh.",
+    again="Select once more what is due, including what was missing last time, instead of resuming"
+    " a stopped refresh.",
     json="crawled, missing, failed, pending, requests",
     planned=(*CLUSTER, "older_than", "again"),
     needs_data=True,
@@ -67,12 +67,11 @@ def youtube(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summa
     ],
 )
 def reddit(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summary:
-    """Read scores, removals and deletions again, 100 ids a request, with your own app's key.
+    """Re-read scores, removals and deletions with your own app's key, 100 ids per request.
 
-    With --again also what was missing the last time.
-    Run `kb reddit filter` and `export` afterwards.
+    Run `kb reddit filter` and `kb reddit export` afterwards.
     """
-    from kb.reddit.plan import plan_refresh
-    from kb.reddit.refresh import refresh
+    from kb.reddit.connector.plan import plan_refresh
+    from kb.reddit.connector.refresh import refresh
 
     return plan_refresh(run, older_than) if plan else refresh(run, older_than)

@@ -1,5 +1,6 @@
-"""`kb youtube`: the pattern for every group. A command is a name, its options, examples,
-and one call into its room.
+"""`kb youtube`: channels, videos and transcripts.
+
+The pattern for every group: a command is a name, options, examples and one call into its room.
 """
 
 from __future__ import annotations
@@ -13,12 +14,13 @@ import typer
 from kb.cli.framework.command import command, group
 from kb.cli.framework.options import Part, Plan, parse_part, pipeline
 from kb.cli.framework.source_commands import add_export, add_filter
+from kb.core.errors import SettingError
+from kb.core.verdict import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run
-    from kb.core.verdict import Summary
 
-app = group("Channels, videos and transcripts of YouTube.")
+app = group("Collect videos and transcripts from YouTube.")
 
 
 class CrawlPhase(StrEnum):
@@ -34,14 +36,14 @@ class CrawlPhase(StrEnum):
     app,
     uses=("workers", "wait", "pipeline"),
     limit="Stop after N more videos, each through every phase (exit code 3); the next run resumes.",
-    again="Start a new round: list the channels' uploads once more and read only new videos.",
+    again="Start a new round: list the channels' uploads again, and read only new videos.",
     json="crawled, channels, transcripts, failed, pending, missing, requests, units",
     checks=True,
     planned=("ids", "part"),
     examples=[
         (
-            "kb youtube crawl --plan                  what is left costs: units, calls,"
-            " hours, GB, days"
+            "kb youtube crawl --plan                  what is left, in units, calls,"
+            " hours, GB and days"
         ),
         "kb youtube crawl --limit 100             100 videos through every phase",
         "kb youtube crawl --only metadata --wait  one phase, sleeping through quota resets",
@@ -52,32 +54,31 @@ class CrawlPhase(StrEnum):
 def crawl(
     run: Run,
     plan: Plan = False,
-    only: Annotated[CrawlPhase | None, typer.Option("--only", help="Run one phase alone.")] = None,
+    only: Annotated[CrawlPhase | None, typer.Option("--only", help="Run only this phase.")] = None,
     part: Part = None,
     ids: Annotated[
         Path | None,
         typer.Option(
             "--ids",
             metavar="FILE|FOLDER",
-            help="Video ids: lines, a download archive of yt-dlp, CSV, JSON (MineDojo's videos or"
-            " pairs, CLIP4MC's), a released Parquet file or the folder of a release; skips"
-            " discovery.",
+            help="Crawl these video ids instead of searching: lines, yt-dlp's download archive,"
+            " CSV, JSON (MineDojo's videos or pairs, CLIP4MC's), a released Parquet file or the"
+            " folder of a release.",
         ),
     ] = None,
 ) -> Summary:
     """Crawl channels by keyword, their uploads, metadata and transcripts, as raw JSON.
 
-    Needs YOUTUBE_API_KEY. Stops with exit code 3 when a quota is spent; the same command goes on.
+    Needs YOUTUBE_API_KEY. Stops with exit code 3 when a quota is spent; the same command resumes.
     """
     which = parse_part(part)
     if plan:
-        from kb.core.errors import SettingError
-        from kb.youtube.plan import plan as estimate
+        from kb.youtube.connector.plan import plan as estimate
 
         if part and not ids:
             raise SettingError(
                 "--part has no effect on --plan without --ids",
-                hint="leave it out: the plan is of all that is left",
+                hint="--plan always covers all remaining work; drop --part",
             )
 
         return estimate(run, ids=ids, part=which)
@@ -89,12 +90,12 @@ def crawl(
     app,
     uses=("wait",),
     limit="Stop after N more videos (exit code 3); the next run resumes.",
-    again="Ask for every video of the list once more instead of showing the last result.",
+    again="Check every video of the list again instead of showing the last result.",
     json="there, changed, gone, by_year, requests, units",
     planned=("ids",),
     examples=[
-        "kb youtube check --ids youtube_full.json --plan   units and days that it takes",
-        "kb youtube check --ids release/youtube            a release: there, changed, gone by year",
+        "kb youtube check --ids youtube_full.json --plan   what it costs in units and days",
+        "kb youtube check --ids release/youtube            available, changed and gone",
     ],
 )
 def check(
@@ -104,20 +105,21 @@ def check(
         typer.Option(
             "--ids",
             metavar="FILE|FOLDER",
-            help="A published list: lines, a download archive of yt-dlp, CSV, JSON (MineDojo's"
-            " videos or pairs, CLIP4MC's), a released Parquet file or the folder of a release.",
+            help="A published list: lines, yt-dlp's download archive, CSV, JSON (MineDojo's videos"
+            " or pairs, CLIP4MC's), a released Parquet file or the folder of a release.",
         ),
     ],
     plan: Annotated[
         bool, typer.Option("--plan", help="Print what it costs; send nothing.")
     ] = False,
 ) -> Summary:
-    """Tell how much of a published list of videos is still there, has changed or is gone, by year.
+    """Count how many videos of a published list are available, changed or gone, by year.
 
-    Needs YOUTUBE_API_KEY: a unit for 50 videos. Changed: title or duration differ from the list's.
-    Only counts are kept. Stops with exit code 3 when the quota is spent; the same command goes on.
+    Needs YOUTUBE_API_KEY: one unit for 50 videos. A video counts as changed if its title or
+    duration differs from the list's. Only counts are kept. Stops with exit code 3 when the quota is
+    spent; the same command resumes.
     """
-    from kb.youtube import check as room
+    from kb.youtube.connector import check as room
 
     if plan:
         return room.plan(run, ids)
@@ -134,7 +136,7 @@ def check(
     json="crawled, subtitles, playlists, files, known_files, left_out_by, null_columns",
     checks=True,
     examples=[
-        "kb youtube import ~/Videos/minecraft          what yt-dlp wrote there",
+        "kb youtube import ~/Videos/minecraft          files that yt-dlp wrote there",
         "kb youtube import disk1 disk2 && kb youtube filter",
     ],
 )
@@ -144,12 +146,12 @@ def import_(
         list[Path], typer.Argument(metavar="DIR...", help="Folders that yt-dlp wrote to.")
     ],
 ) -> Summary:
-    """Take videos and subtitles out of folders of yt-dlp. Sends nothing; needs no key.
+    """Import videos and subtitles from yt-dlp's folders. Sends nothing; needs no key.
 
-    Reads *.info.json (videos, playlists, channels) and subtitles as .vtt, .srv3 and .json3, in all
-    folders below. Files that were imported before are skipped; stopped, the same command goes on.
-    Columns that files cannot tell stay null, and are named at the end. Without the game's label,
-    which no file has, keywords decide the topic.
+    Reads *.info.json (videos, playlists, channels) and subtitles as .vtt, .srv3 and .json3,
+    including subfolders. Files that were imported before are skipped; after an interruption the
+    same command resumes. Columns that the files don't contain stay null and are listed at the end.
+    The files lack YouTube's game label, so keywords alone decide the topic.
     """
     from kb.youtube.ytdlp.importer import import_folders, told
 

@@ -1,18 +1,17 @@
-"""`kb status`: where a collection stands, for a person or as JSON."""
+"""`kb status`: progress of a collection, for a person or as JSON."""
 
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from kb.cli.framework.command import command, group
+from kb.cli.framework.messages import show
+from kb.cli.framework.options import Options
 from kb.core import sizes, vocabulary
 from kb.store.layout import BELOW
 
-if TYPE_CHECKING:
-    from kb.cli.framework.options import Options
-
-app = group("Progress, quota, age of the data, what is left.")
+app = group("Show progress, quota, age of the data and what is left.")
 
 
 @command(
@@ -25,7 +24,7 @@ app = group("Progress, quota, age of the data, what is left.")
 def status(options: Options) -> None:
     """Show progress by phase, quota spent and left, age of the data, what is left, and disk use.
 
-    Only reads, also beside a running crawl.
+    Only reads, and can run during a crawl.
     """
     from kb.cli.commands.status.overview import overview
 
@@ -33,9 +32,8 @@ def status(options: Options) -> None:
     if options.json:
         print(json.dumps(about, default=str))
     else:
-        from kb.core import terminal
-
-        print("\n".join(terminal.one_line(line) for line in _lines(about)))
+        for line in _lines(about):
+            show(line)
 
 
 def _lines(about: dict[str, Any]) -> list[str]:
@@ -49,9 +47,9 @@ def _lines(about: dict[str, Any]) -> list[str]:
         return [
             *lines,
             (
-                "nothing collected yet; `kb demo` shows the whole job,"
-                " `kb youtube crawl --plan` what a crawl costs,"
-                " and `kb reddit import FILE…` reads archive dumps without a key"
+                "nothing collected yet; try `kb demo` to see the whole job,"
+                " `kb youtube crawl --plan` to see what a crawl costs,"
+                " or `kb reddit import FILE…` to read archive dumps without a key"
             ),
         ]
     for source, facts in about["sources"].items():
@@ -64,24 +62,22 @@ def _lines(about: dict[str, Any]) -> list[str]:
     lines += ["", f"disk: {disk}"]
     lines += [f"next: {step}" for step in about["next"]]
     if about["download"]:
-        lines.append(
-            "next: `kb restore` brings back what it names; `kb search` and `kb query` read it"
-        )
+        lines.append("next: `kb restore` restores its content; `kb search` and `kb query` read it")
     elif not about["next"]:
         running = any(facts["running_pid"] for facts in about["sources"].values())
-        lines.append("next: wait for what runs" if running else "nothing is left to do")
+        lines.append("next: wait for the running command" if running else "nothing is left to do")
     return lines
 
 
 def _linked(links: dict[str, Any]) -> str:
     older = " and ".join(str(BELOW.clean(source)) for source in links["older_than"])
-    said = vocabulary.nouns({name: links[name] for name in ("entities", "links")})
-    return said + (f"; older than {older}" if older else "")
+    counts = vocabulary.nouns({name: links[name] for name in ("entities", "links")})
+    return counts + (f"; older than {older}" if older else "")
 
 
 def _source(source: str, facts: dict[str, Any]) -> list[str]:
-    """A source in the words of its summaries: crawled and kept, what is left, at what cost."""
-    running = f" (being written by pid {facts['running_pid']})" if facts["running_pid"] else ""
+    """The lines of a source: crawled and kept, what is left, and the cost so far."""
+    running = f" (running: pid {facts['running_pid']})" if facts["running_pid"] else ""
     lines = [f"{source}{running}"]
     for counted, numbers in facts["tally"].items():
         lines.append(f"  {vocabulary.tally(counted, numbers)}")
@@ -90,10 +86,10 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
         more = vocabulary.count(
             facts["crawled_so_far"] - sorted_so_far, f"{{n}} {facts['counted']} crawled"
         )
-        lines.append(f"  {more} and not filtered yet")
+        lines.append(f"  {more} but not filtered yet")
     for title, numbers in (
         ("left", facts["left_by"]),
-        ("kept with them", {k: n for k, n in facts["rows"].items() if _beside(k, facts)}),
+        ("kept with them", {k: n for k, n in facts["rows"].items() if _is_extra(k, facts)}),
         ("restored", facts["restored"]),
         ("released", facts["released"]),
     ):
@@ -146,8 +142,8 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _beside(name: str, facts: dict[str, Any]) -> bool:
-    """Whether a clean table is neither sorted itself nor a list of verdicts."""
+def _is_extra(name: str, facts: dict[str, Any]) -> bool:
+    """Whether a clean table is neither filtered itself nor a list of verdicts."""
     return name not in facts["tally"] and name not in ("rejected", "failed", "pending")
 
 

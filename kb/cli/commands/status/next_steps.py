@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from kb.artifacts import manifest
-from kb.cli.framework.as_typed import completed
+from kb.cli.framework.messages import complete
 from kb.core.sources import SPECS, made_of
 from kb.store.layout import Layout, parquet_files
 
@@ -21,7 +21,7 @@ def next_steps(run: Run, sources: dict[str, dict[str, Any]], links: dict[str, An
     steps = [step for name, about in sources.items() if (step := _step(run, name, about))]
     if sources and not steps:
         steps = _of_all(run, sources, links)[:1]
-    return [completed(step) for step in steps]
+    return [complete(step) for step in steps]
 
 
 def _step(run: Run, source: str, about: dict[str, Any]) -> str:

@@ -1,0 +1,199 @@
+"""A checkpoint as an ONNX graph, exported once and kept in the user's cache; ONNX Runtime runs it.
+
+ONNX Runtime computes the same numbers as torch without importing torch, which takes longer than
+scoring a small crawl. A new graph must agree with Detoxify's own `predict` on probe texts, or it is
+discarded.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import logging
+import tempfile
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from kb.annotate.checkpoint import Checkpoint, sha256_of
+from kb.annotate.detoxify_model import load_detoxify
+from kb.annotate.inference import Meta, ModelNetwork, Runner
+from kb.annotate.model_files import tokenizer_files
+from kb.core.cache import cache_root, making
+from kb.store.atomic import writing
+
+FORMAT = 6  # raise it when the folder's files change meaning
+TOLERANCE = 1e-4
+PROBES = (
+    "hello",
+    "How to build a house in Minecraft",
+    "you are a stupid idiot, shut up!",
+    "1 2 3 … ünïcode 方块",
+    "a longer text about redstone, pistons and hoppers; " * 4,
+)
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A folder with model.onnx, tokenizer.json and meta.json (see `Meta`)."""
+
+    folder: Path
+
+    @property
+    def graph(self) -> Path:
+        return self.folder / "model.onnx"
+
+
+def cache_folder(checkpoint: Checkpoint) -> Path:
+    """The cache folder for this checkpoint, configuration and version of torch."""
+    parts = [
+        str(FORMAT),
+        checkpoint.sha256,
+        *(_version(name) for name in ("torch", "transformers", "detoxify")),
+    ]
+    parts += [
+        sha256_of(path)
+        for path in [checkpoint.folder / "config.json", *tokenizer_files(checkpoint.folder)]
+    ]
+    return cache_root() / "compiled" / hashlib.sha256("\n".join(parts).encode()).hexdigest()[:24]
+
+
+def find_compiled(checkpoint: Checkpoint) -> Compiled | None:
+    """The graph from the cache, if it is complete."""
+    folder = cache_folder(checkpoint)
+    try:
+        meta = json.loads((folder / "meta.json").read_text(encoding="utf-8"))
+        is_complete = all(
+            sha256_of(folder / name) == digest for name, digest in meta["files"].items()
+        )
+    except (OSError, ValueError, KeyError):
+        return None
+    return Compiled(folder) if is_complete else None
+
+
+def make_compiled(checkpoint: Checkpoint) -> Compiled | None:
+    """Export the graph; None if it disagrees with Detoxify."""
+    detoxify = load_detoxify(checkpoint)
+    folder = cache_folder(checkpoint)
+    try:
+        with making(folder, lambda: find_compiled(checkpoint) is not None) as fresh:
+            _export(detoxify, fresh)
+            if not _agrees(detoxify, Compiled(fresh)):
+                raise _Differs
+    except _Differs:
+        return None
+    except OSError:  # the cache is not writable: export for this run only
+        fresh = Path(tempfile.mkdtemp(prefix="kb-compiled-"))
+        _export(detoxify, fresh)
+        return Compiled(fresh) if _agrees(detoxify, Compiled(fresh)) else None
+    return Compiled(folder)
+
+
+class _Differs(Exception):
+    pass
+
+
+def _export(detoxify: Any, folder: Path) -> None:
+    import torch
+
+    ids = torch.ones((2, 7), dtype=torch.long)
+    mask = torch.ones((2, 7), dtype=torch.long)
+    mask[1, 5:] = 0
+    axes = {0: "windows", 1: "tokens"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        # The tracing exporter: the newer one needs onnxscript and gives the same graph for BERT.
+        torch.onnx.export(
+            detoxify.model,
+            (ids, mask),
+            str(folder / "model.onnx"),
+            dynamo=False,
+            opset_version=17,
+            input_names=["input_ids", "attention_mask"],
+            output_names=["logits"],
+            dynamic_axes={"input_ids": axes, "attention_mask": axes, "logits": {0: "windows"}},
+        )
+    detoxify.tokenizer.backend_tokenizer.save(str(folder / "tokenizer.json"))
+    meta = Meta.of(detoxify)
+    files = {path.name: sha256_of(path) for path in sorted(folder.iterdir())}
+    text = json.dumps(
+        {
+            "classes": meta.classes,
+            "prefix": meta.prefix,
+            "suffix": meta.suffix,
+            "pad": meta.pad,
+            "window": meta.window,
+            "files": files,
+        }
+    )
+    (folder / "meta.json").write_text(text, encoding="utf-8")
+
+
+def _agrees(detoxify: Any, compiled: Compiled) -> bool:
+    runner = graph_runner(compiled, threads=1)
+    own = runner.score(list(PROBES))
+    for text, row in zip(PROBES, own, strict=True):
+        theirs = detoxify.predict(text)
+        if any(
+            abs(theirs[name] - score) > TOLERANCE
+            for name, score in zip(runner.meta.classes, row, strict=True)
+        ):
+            return False
+    return True
+
+
+def _version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+def graph_runner(
+    compiled: Compiled, threads: int, exact: Callable[[], ModelNetwork] | None = None
+) -> Runner:
+    """The graph in fp32; `exact` as in `Runner`."""
+    return _runner(compiled, compiled.graph, threads, exact)
+
+
+def int8_runner(compiled: Compiled, threads: int) -> Runner:
+    """The graph with 8-bit weights, quantized once."""
+    quantized = compiled.folder / "model.int8.onnx"
+    if not quantized.exists():
+        from onnxruntime.quantization import QuantType, quantize_dynamic
+
+        with writing(quantized) as fresh:
+            root = logging.getLogger()
+            before = root.level
+            # It advises to preprocess the graph, which changes nothing for BERT.
+            root.setLevel(logging.ERROR)
+            try:
+                quantize_dynamic(str(compiled.graph), str(fresh), weight_type=QuantType.QInt8)
+            finally:
+                root.setLevel(before)
+    return _runner(compiled, quantized, threads)
+
+
+def _runner(
+    compiled: Compiled, graph: Path, threads: int, exact: Callable[[], ModelNetwork] | None = None
+) -> Runner:
+    import onnxruntime
+    from tokenizers import Tokenizer
+
+    onnxruntime.disable_telemetry_events()  # in addition to kb.core.telemetry
+    onnxruntime.set_default_logger_severity(3)
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+    session = onnxruntime.InferenceSession(str(graph), options, providers=["CPUExecutionProvider"])
+
+    def network(ids: Any, mask: Any) -> Any:
+        return session.run(None, {"input_ids": ids, "attention_mask": mask})[0]
+
+    tokenizer = Tokenizer.from_file(str(compiled.folder / "tokenizer.json"))
+    tokenizer.no_padding()
+    tokenizer.no_truncation()
+    meta = Meta.read(compiled.folder / "meta.json")
+    return Runner("onnxruntime", network, tokenizer, meta, exact=exact)

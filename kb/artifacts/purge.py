@@ -1,0 +1,376 @@
+"""Remove keys for good from every file of a data root, or count what that would remove.
+
+A purge is a list of steps. Each step yields lines of what it removes; in a dry run, which is the
+plan, it only counts. What differs between sources is in their `PurgeRules`.
+
+    begin       the list of keys in state/, and tombstones, so that nothing comes back meanwhile
+    raw         answers, and what else a source stores of a key
+    state       items of the frontier
+    index       removed; the next search builds it again
+    rows        clean tables, verdicts, pairs, links, restored rows
+    rest        scores, exports, releases and the report (pipelines/purge.py)
+
+Every step may be repeated. The list of keys stays until the last step is done, so a purge that was
+interrupted continues where it stopped.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Protocol
+
+import msgspec
+
+from kb.artifacts import indexed, manifest, purge_raw
+from kb.artifacts.purge_raw import Matcher, Names, Strip
+from kb.artifacts.purge_rows import RowLocation, drop_rows, released
+from kb.artifacts.registry import artifact_of
+from kb.core.context import Run
+from kb.core.engine import make_executor, map_in_order
+from kb.core.sources import SPECS
+from kb.core.verdict import Summary
+from kb.store import buckets, lock, mending, notes, rawlog, tombstones
+from kb.store.atomic import write_bytes
+from kb.store.frontier import Frontier
+from kb.store.layout import BELOW, Layout
+from kb.store.rawlog import Envelope
+
+_PARALLEL = 64 << 20  # bytes of segments that are worth worker processes, which take a second
+
+
+class PurgeList(Protocol):
+    """The ids that a user named."""
+
+    @property
+    def keys(self) -> list[str]:
+        """The ids, each once."""
+
+    @property
+    def bad_lines(self) -> int:
+        """How many entries are not ids."""
+
+
+class PurgeLine(msgspec.Struct):
+    """What one folder below the data root loses."""
+
+    folder: str
+    what: str
+    count: int
+
+
+def _named(purge: Purge) -> dict[str, str]:
+    return dict.fromkeys(purge.listed.keys, "named") if purge.listed else {}
+
+
+def _all_keys(keys: Collection[str]) -> Collection[str]:
+    return keys
+
+
+def _nothing(purge: Purge) -> None:
+    """A source without this part."""
+
+
+def _no_names(purge: Purge) -> Names:
+    return {}
+
+
+def _no_repeats(envelope: Envelope, keys: Collection[str]) -> Iterable[str]:
+    return ()
+
+
+@dataclass(frozen=True)
+class PurgeRules:
+    """What a purge has to know about a source.
+
+    read_ids    reads a list of ids
+    rows        where rows name keys
+    items       kinds of the frontier whose items have the key of what is removed
+    exact       raw kinds with one answer per key, of which unreadable bytes of other keys may stay
+    find        the keys to remove and why; by default what the user named
+    texts       texts of which one is in every answer with a key; None: any answer may have one
+    names       other names that leave the answers with the keys; also removes files and state that
+                can only be found while the answers are complete
+    strip       removes keys from an answer; by default as the schemas of the raw kinds say
+    repeats     ids of rows that repeat some of what the answer shows of a key
+    forget      removes from the frontier what `items` does not cover
+    repair      corrects rows that count or repeat rows which were removed
+    in_order    segments are written one after another, as `names` reads the last ones again
+    implied     the reason of keys that are only removed because another one is
+    """
+
+    source: str
+    read_ids: Callable[[Path, Callable[[str], None] | None], PurgeList]
+    rows: tuple[RowLocation, ...]
+    items: tuple[str, ...] = ()
+    exact: tuple[str, ...] = ()
+    find: Callable[[Purge], dict[str, str]] = _named
+    texts: Callable[[Collection[str]], Iterable[str] | None] = _all_keys
+    names: Callable[[Purge], Names] = _no_names
+    strip: Strip | None = None
+    repeats: Callable[[Envelope, Collection[str]], Iterable[str]] = _no_repeats
+    forget: Callable[[Purge], None] = _nothing
+    repair: Callable[[Purge], None] = _nothing
+    in_order: bool = False
+    implied: str = ""
+
+    def strip_envelope(self, kind: str, envelope: Envelope, names: Names) -> Envelope | None:
+        """The envelope without the names, as `Strip` describes."""
+        if self.strip is not None:
+            return self.strip(kind, envelope, names)
+        return purge_raw.strip_by_schema(self.source, kind, envelope, names)
+
+
+@dataclass
+class Purge:
+    """A purge under way, or with `dry` its plan.
+
+    `keys` are what is removed and why, `names` other names of it, `counts` what else the summary
+    says. `scratch` is a folder for work files; `keys_file` has the keys for worker processes.
+    """
+
+    run: Run
+    rules: PurgeRules
+    listed: PurgeList | None
+    frontier: Frontier
+    scratch: Path
+    dry: bool = False
+    keys: dict[str, str] = field(default_factory=dict)
+    names: Names = field(default_factory=dict)
+    repeats: set[str] = field(default_factory=set)
+    counts: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def root(self) -> Path:
+        """The data root."""
+        return self.run.root
+
+    @property
+    def keys_file(self) -> Path:
+        """The list of keys in state/; in a dry run a copy elsewhere."""
+        return (
+            self.scratch / "keys.json" if self.dry else Layout(self.root).purge(self.rules.source)
+        )
+
+    def find(self) -> None:
+        """Find what is to be removed, with what an interrupted purge left."""
+        if self.listed is not None:
+            self.counts["bad_lines"] = self.listed.bad_lines
+        self.keys = unfinished(self.root, self.rules.source) | self.rules.find(self)
+
+    def begin(self) -> None:
+        """Write the list of keys, then their tombstones."""
+        if self.dry or self.keys:
+            self.keys_file.parent.mkdir(parents=True, exist_ok=True)
+            write_bytes(self.keys_file, msgspec.json.encode(self.keys, order="sorted"))
+        if self.keys and not self.dry:
+            tombstones.add(self.root, self.rules.source, self.keys.items())
+        if self.keys:
+            self.names = self.rules.names(self)
+
+    @property
+    def purged(self) -> int:
+        """How many keys are removed for their own sake and are known here."""
+        own = sum(reason != self.rules.implied for reason in self.keys.values())
+        return own - self.counts.get("unknown", 0)
+
+
+def rules_of(source: str) -> PurgeRules:
+    """The rules of a source, as its spec names them."""
+    rules: PurgeRules = SPECS[source].load(SPECS[source].purge)
+    return rules
+
+
+def connector(source: str) -> Any:
+    """The class that crawls a source, as its spec names it."""
+    return SPECS[source].load(SPECS[source].connector)
+
+
+def unfinished(root: Path, source: str) -> dict[str, str]:
+    """The list of an interrupted purge (key → reason), {} if there is none."""
+    hint = f"delete it, then run `kb purge {source}` again"
+    return notes.read(Layout(root).purge(source), dict[str, str], mend=hint) or {}
+
+
+def finish(root: Path, source: str) -> None:
+    """After the last step: compact the state and forget the list of keys.
+
+    Raises WriterLocked, DiskFull, and DamagedData if some raw data could not be read: everything
+    that could be read was purged.
+    """
+    with lock.writer(root, source):
+        frontier = Frontier(Layout(root).state(source))
+        try:
+            frontier.forget()
+            Layout(root).purge(source).unlink(missing_ok=True)
+            # Parts of interrupted links have keys of all sources, whether there are links or not.
+            shutil.rmtree(Layout(root).linking, ignore_errors=True)
+            mending.tell(root, source, frontier)
+        finally:
+            frontier.close()
+
+
+@contextmanager
+def dry_purge(run: Run, rules: PurgeRules, listed: PurgeList | None) -> Iterator[Purge]:
+    """A dry purge on a copy of the source's state. Nothing below the data root is written."""
+    original = Layout(run.root).state(rules.source)
+    with tempfile.TemporaryDirectory(prefix="lorecrawl-plan-") as scratch:
+        for file in (original, original.with_name(f"{original.name}-wal")):
+            if file.is_file():
+                shutil.copyfile(file, Path(scratch, file.name))
+        payloads = connector(rules.source).payloads
+        frontier = Frontier(Path(scratch, original.name), payloads=payloads)
+        try:
+            purge = Purge(run, rules, listed, frontier, Path(scratch, "work"), dry=True)
+            purge.find()
+            purge.begin()
+            yield purge
+        finally:
+            frontier.close()
+
+
+# -- steps -----------------------------------------------------------------------------------------
+
+Step = Callable[[Purge], Iterator[PurgeLine]]
+
+
+def answers(purge: Purge) -> Iterator[PurgeLine]:
+    """Raw answers, segment by segment, in worker processes if there are many.
+
+    Raises Interrupted, DiskFull, DamagedData.
+    """
+    source, run, changed = purge.rules.source, purge.run, Counter[str]()
+    paths = rawlog.all_segments(purge.root, source)
+    large = sum(path.stat().st_size for path in paths) > _PARALLEL
+    workers = run.workers if large and not purge.rules.in_order else 1
+    engine = run.engine if workers > 1 else "local"
+    with make_executor(engine, workers, run.scheduler) as executor:
+        work = (purge.rules, str(purge.keys_file), purge.names, purge.dry)
+        todo = paths if purge.dry else purge_raw.uncommitted(purge.frontier, paths)
+        done = map_in_order(
+            executor, strip_segment, ((str(path), *work) for path in todo), window=2 * workers
+        )
+        for path, (count, repeats) in zip(paths, done, strict=True):
+            changed[path.parent.name] += count
+            purge.repeats.update(repeats)
+            if not purge.dry:
+                purge_raw.committed(purge.frontier, path)
+    for kind in rawlog.kinds(purge.root, source):
+        yield PurgeLine(str(BELOW.raw(source, kind)), "answers", changed[kind])
+
+
+def strip_segment(
+    segment: str, rules: PurgeRules, keys_file: str, names: Names, dry: bool
+) -> tuple[int, list[str]]:
+    """How many answers of a segment change, and the ids that `repeats` yields. Runs in a worker."""
+    path, keys, matches = Path(segment), *_keys(keys_file, rules, _version(keys_file))
+    repeats: set[str] = set()
+
+    def strip(envelope: Envelope) -> Envelope | None:
+        repeats.update(rules.repeats(envelope, keys))
+        return rules.strip_envelope(path.parent.name, envelope, {**names, "": keys})
+
+    with buckets.without_collecting():
+        changes = purge_raw.changed_frames(path, matches, strip)
+        count = sum(1 for _ in changes) if dry else purge_raw.rewrite_segment(path, changes)
+    return count, sorted(repeats)
+
+
+def _version(keys_file: str) -> tuple[int, int] | None:
+    try:
+        about = Path(keys_file).stat()
+    except FileNotFoundError:  # nothing to remove
+        return None
+    return about.st_mtime_ns, about.st_ino
+
+
+@lru_cache(maxsize=1)
+def _keys(
+    file: str, rules: PurgeRules, version: tuple[int, int] | None
+) -> tuple[frozenset[str], Matcher]:
+    if version is None:
+        return frozenset(), purge_raw.matcher(())
+    keys = frozenset(msgspec.json.decode(Path(file).read_bytes(), type=dict[str, str]))
+    return keys, purge_raw.matcher(rules.texts(keys) if keys else ())
+
+
+def state(purge: Purge) -> Iterator[PurgeLine]:
+    """Items of the frontier, and unreadable bytes that may hold a key."""
+    if not purge.dry:
+        rules, frontier = purge.rules, purge.frontier
+        mending.drop_asides(purge.root, rules.source, frontier, purge.keys, rules.exact)
+        for kind in rules.items:
+            frontier.remove(kind, purge.keys)
+        rules.forget(purge)
+    return iter(())
+
+
+def rows(purge: Purge) -> Iterator[PurgeLine]:
+    """Rows of tables; a dry run also counts those of releases, which are written again later."""
+    for location in purge.rules.rows if not purge.dry else ():
+        for work in (purge.root / location.folder).parent.glob(".work*"):
+            shutil.rmtree(work, ignore_errors=True)  # of an interrupted restore, which asks again
+    if purge.dry:
+        locations = *purge.rules.rows, *released(purge.rules.rows)
+        yield from _rows(purge, locations)
+        return
+    folders = (purge.root / location.folder / "rows" for location in purge.rules.rows)
+    artifacts = {found[1].name for folder in folders if (found := artifact_of(folder))}
+    with manifest.editing(purge.root, *sorted(artifacts)):
+        yield from _rows(purge, purge.rules.rows)
+        purge.rules.repair(purge)
+
+
+def _rows(purge: Purge, locations: Iterable[RowLocation]) -> Iterator[PurgeLine]:
+    lines = drop_rows(purge.root, locations, purge.keys, dry=purge.dry)
+    return (PurgeLine(*line) for line in lines)
+
+
+def index(purge: Purge) -> Iterator[PurgeLine]:
+    """The index of `kb search`."""
+    folder = Layout(purge.root).index(purge.rules.source)
+    yield from count_files(purge.root, folder, "files, built again by the next search")
+    if not purge.dry:
+        indexed.forget(purge.root, purge.rules.source)
+
+
+def exports(purge: Purge) -> Iterator[PurgeLine]:
+    """What a dry run says of the folders that are written again as a whole."""
+    at = Layout(purge.root)
+    for folder in (at.export(), at.report) if purge.dry else ():
+        yield from count_files(
+            purge.root, folder, "files, written again if they come from this source"
+        )
+
+
+def count_files(root: Path, folder: Path, what: str) -> Iterator[PurgeLine]:
+    """A line for a folder that has files."""
+    yield PurgeLine(
+        str(folder.relative_to(root)), what, sum(path.is_file() for path in folder.rglob("*"))
+    )
+
+
+def plan_summary(purge: Purge, lines: Iterable[PurgeLine]) -> Summary:
+    """The counts of a dry run, in all and by folder."""
+    lines = [line for line in lines if line.count]
+
+    def total(folder: str) -> int:
+        return sum(line.count for line in lines if line.folder.split("/")[0] == folder)
+
+    return Summary(
+        source=purge.rules.source,
+        purged=purge.purged,
+        answers=total("raw"),
+        rows=total("clean"),
+        pairs=total("pairs"),
+        links=total("links"),
+        released=total("release"),
+        lines=[msgspec.to_builtins(line) for line in lines],
+        **purge.counts,
+    )

@@ -1,0 +1,149 @@
+"""Remove purged keys from the segments of the raw log, or count the answers that have them.
+
+A segment is written again without the keys and takes the place of the old one by a rename. Frames
+that may hold a key are found by searching their bytes; only these are decoded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from pathlib import Path
+
+import msgspec
+from ahocorasick_rs import BytesAhoCorasick, Implementation
+
+from kb.core import signals
+from kb.core.engine import make_threads
+from kb.schema import keys as schema
+from kb.store import damage, rawlog
+from kb.store.atomic import writing
+from kb.store.frontier import Frontier
+from kb.store.rawlog import Envelope, Request
+
+Names = Mapping[str, Collection[str]]
+"""What is removed, by kind of name as `of` in `x-keys` calls it; "" has the keys."""
+
+Strip = Callable[[str, Envelope, Names], "Envelope | None"]
+"""(kind, envelope, names) → the envelope without the names.
+
+The same object if it has none of them, None if nothing is left.
+"""
+
+Matcher = Callable[[bytes], bool]
+
+_ESCAPED = b"\\u"
+_LARGE = 1 << 16  # bytes of all texts: a faster table of so many states takes dozens of MiB
+
+
+def matcher(texts: Iterable[str] | None) -> Matcher:
+    """A function that says whether a raw line may contain one of the texts, or any if None.
+
+    It is never False for a line that does. Lines are searched as `rawlog.encode` writes them; a
+    line with an escaped character may contain anything. A text between other letters or digits
+    doesn't count: short ids are parts of many words.
+    """
+    if texts is None:
+        return lambda line: True
+    needles = {msgspec.json.encode(text)[1:-1] for text in texts}
+    if not needles or b"" in needles:
+        return lambda line: bool(needles)
+    # Three times as fast as the library's own choice for more than a hundred texts.
+    fast = Implementation.DFA if sum(map(len, needles)) < _LARGE else None
+    find = BytesAhoCorasick(sorted({*needles, _ESCAPED}), implementation=fast)
+
+    def may_contain(line: bytes) -> bool:
+        return bool(find.find_matches_as_indexes(line)) and any(
+            _is_separate(line, start, end)
+            for _, start, end in find.find_matches_as_indexes(line, overlapping=True)
+        )
+
+    return may_contain
+
+
+def _is_separate(line: bytes, start: int, end: int) -> bool:
+    if line[start:end] == _ESCAPED:
+        return True
+    inside = (start and line[start - 1 : start].isalnum()) or line[end : end + 1].isalnum()
+    return not inside
+
+
+def strip_by_schema(source: str, kind: str, envelope: Envelope, names: Names) -> Envelope | None:
+    """A `Strip` that follows `x-keys` of the raw kind's schema."""
+    request, response = envelope.request, envelope.response
+    left = schema.without(f"{source}/{kind}", request.params, response, names)
+    if left is None:
+        return None
+    params, answer = left
+    if params is request.params and answer is response:
+        return envelope
+    return msgspec.structs.replace(
+        envelope, request=Request(request.endpoint, params), response=answer
+    )
+
+
+def changed_frames(
+    path: Path, matches: Matcher, strip: Callable[[Envelope], Envelope | None]
+) -> Iterator[tuple[int, int, Envelope | None]]:
+    """The frames (start, end) of a segment that change, and what is left of each envelope.
+
+    Raises DamagedData after the last readable frame if some could not be read.
+    """
+    frames = rawlog.Frames(path, checked=True)
+    for end, line in frames:
+        if matches(line):
+            envelope = rawlog.decode(line)
+            left = strip(envelope)
+            if left is not envelope:
+                yield frames.start, end, left
+
+
+def rewrite_segment(path: Path, changes: Iterable[tuple[int, int, Envelope | None]]) -> int:
+    """Write a segment again with other envelopes in some frames, or none; how many changed.
+
+    The other frames are copied byte by byte. A segment without changes stays.
+    """
+    engine = rawlog.compressor()
+    frames = [
+        (start, end, b"" if envelope is None else engine.compress(rawlog.encode(envelope)))
+        for start, end, envelope in changes
+    ]
+    if not frames:
+        return 0
+    with writing(path) as temporary, path.open("rb") as old, temporary.open("wb") as new:
+        at = 0
+        for start, end, frame in frames:
+            damage.copy(old, new, at, start)
+            new.write(frame)
+            at = end
+        damage.copy(old, new, at, path.stat().st_size)
+    return len(frames)
+
+
+def check_readable(root: Path, source: str, threads: int) -> None:
+    """Read every segment. Raises DamagedData for the first that can't be read in full, except for
+    the torn end of an open one; Interrupted.
+    """
+
+    def read(path: Path) -> None:
+        signals.stop.check()
+        for _ in rawlog.Frames(path, checked=True):
+            pass
+
+    with make_threads(threads) as pool:  # decompressing releases the interpreter lock
+        list(pool.map(read, rawlog.all_segments(root, source)))
+
+
+def uncommitted(frontier: Frontier, paths: Iterable[Path]) -> Iterator[Path]:
+    """The segments. The state forgets each one before it is handed out to be written again.
+
+    A shorter segment than the state knows would count as lost. If the purge is killed before
+    `committed`, the segment is read again, which changes nothing.
+    """
+    for path in paths:
+        frontier.set_offset(path.parent.name, rawlog.base_name(path), 0)
+        yield path
+
+
+def committed(frontier: Frontier, path: Path) -> None:
+    """The state knows all of a segment that was written again."""
+    frontier.set_offset(path.parent.name, rawlog.base_name(path), path.stat().st_size)

@@ -1,0 +1,87 @@
+"""What a command prints besides its data: warnings, errors, summaries.
+
+Every line has secrets redacted, and escape sequences made harmless. Commands that a message names
+are completed with the --data and --profile of this call, so that they can be typed as shown.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import sys
+from collections.abc import Iterable
+from typing import Any
+
+from kb.core import terminal
+from kb.net import redact
+
+_COMMAND = re.compile(r"`kb ([^`]+)`")
+# These commands have a data root of their own, or name their profile themselves.
+_NOT_COMPLETED = ("demo", "sandbox", "profile")
+_options: dict[str, str] = {}
+
+
+def set_options(data: object = None, profile: str | None = None) -> None:
+    """Remember --data and --profile of the command that runs now."""
+    options = {"--data": data, "--profile": profile}
+    _options.clear()
+    _options.update({name: str(value) for name, value in options.items() if value is not None})
+
+
+def with_options(text: str) -> str:
+    """The text with --data and --profile added to each `kb …` in it."""
+    return _COMMAND.sub(lambda match: f"`{complete(match[1])}`", text)
+
+
+def complete(words: str) -> str:
+    """A command line ("pairs --limit 3") with its `kb`, --data and --profile."""
+    from kb.cli.app import find_command
+
+    first = words.split()
+    command = find_command(first) if _options else None
+    if command is None or first[0] in _NOT_COMPLETED or "--help" in first:
+        return f"kb {words}"
+    known = {option for parameter in command.params for option in parameter.opts}
+    missing = [
+        f"{name} {shlex.quote(value)}"
+        for name, value in _options.items()
+        if name in known and name not in first
+    ]
+    return " ".join([f"kb {words}", *missing])
+
+
+def fail(message: str, *, hint: str = "") -> None:
+    """One line on stderr about what ended the command."""
+    _to_stderr(f"kb: {' '.join(message.split())}" + (f"; {hint}" if hint else ""))
+
+
+def warn(message: str) -> None:
+    """One line on stderr about something that does not end the command."""
+    _to_stderr(f"warning: {' '.join(message.split())}")
+
+
+def _to_stderr(text: str) -> None:
+    print(terminal.one_line(redact.text(with_options(text))), file=sys.stderr, flush=True)
+
+
+def show(text: str, *, err: bool = False) -> None:
+    """One line of output that may hold text of others."""
+    print(terminal.one_line(text), file=sys.stderr if err else sys.stdout)
+
+
+def show_row(cells: Iterable[object], *, indent: str = "") -> None:
+    """Cells in one line, separated by tabs."""
+    print(indent + "\t".join(terminal.one_line(str(cell)) for cell in cells))
+
+
+def show_summary(summary: dict[str, Any], as_json: bool) -> None:
+    """What a command did, on stdout: a JSON object as the last line, or a line for a person."""
+    if as_json:
+        print(terminal.json(json.dumps(summary, default=str, ensure_ascii=False)), flush=True)
+        return
+    from kb.core.verdict import Summary
+
+    # A plan is a table of the program's own words and numbers; any other summary is one line.
+    clean = terminal.lines if "phases" in summary else terminal.one_line
+    print(clean(Summary(summary).line()), flush=True)

@@ -1,0 +1,96 @@
+"""`about`: what the knowledge base contains, how old it is, and under which licences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from kb.artifacts import catalog, indexed
+from kb.artifacts.catalog import bare
+from kb.core import terminal
+from kb.core.context import Run
+from kb.core.sources import SOURCES, SPECS
+from kb.mcp.references import AGENTS
+from kb.mcp.untrusted_text import AnswerPart, Fence, cut, fit
+from kb.reader.open_tables import OpenTables
+from kb.reader.tables import TableView
+
+_LICENCES = 10  # of a source
+
+
+def run_about(run: Run, size: int) -> str:
+    """Sources with dates and licences, the index, the views. Raises DamagedData, UsageError."""
+    opened = OpenTables([catalog.read(run.root)])
+    fence = Fence()
+    head = (
+        f"{fence.note}\n"
+        f"A Lorecrawl knowledge base, profile {run.profile.name}: {run.profile.title}.\n"
+        "`search` finds places, `read` shows the surroundings of one, `query` runs SQL (DuckDB)"
+        " over the views below; SELECT column_name FROM (DESCRIBE view) lists columns."
+    )
+    sources = [AnswerPart(_source(opened, source), _licences(opened, source)) for source in AGENTS]
+    known = [unit for unit in sources if unit.facts]
+    index = AnswerPart("\n".join(["Indexed for `search`:", *_indexed(run)]), "")
+    views = [AnswerPart(line, "") for line in _views(opened)]
+    return fit(fence, head, [*known, index, *views], _left_out, size)
+
+
+def _left_out(count: int) -> str:
+    return f"{count} more parts were left out: raise max_chars."
+
+
+def _source(opened: OpenTables, source: str) -> str:
+    agent, noun = AGENTS[source], SPECS[source].release.main
+    ranked = opened.ranked(f"{source}_{noun}")
+    if not ranked:
+        return ""
+    view, (when, word) = ranked[0].full, agent.time
+    row = _row(
+        opened,
+        f"SELECT count(*) AS n, min({when}) AS first, max({when}) AS last,"
+        f" min(fetched_at) AS oldest, max(fetched_at) AS newest FROM {view}",
+    )
+    return (
+        f"{source}: {row['n']:,} {noun}, {word} from {_day(row['first'])} to {_day(row['last'])},"
+        f" fetched from {_day(row['oldest'])} to {_day(row['newest'])} ({view})"
+        + (f"; {agent.note}" if agent.note else "")
+    )
+
+
+def _licences(opened: OpenTables, source: str) -> str:
+    ranked = opened.ranked(f"{source}_{SPECS[source].release.main}")
+    if not ranked or AGENTS[source].note:
+        return ""
+    sql = f"SELECT license, count(*) AS n FROM {ranked[0].full} GROUP BY 1 ORDER BY 2 DESC, 1"
+    rows = opened.rows(sql).to_pylist()
+    lines = [
+        f"licence {cut(terminal.one_line(row['license'] or 'none given'), 200)}: {row['n']:,}"
+        for row in rows[:_LICENCES]
+    ]
+    return "\n".join([*lines, *([f"and {len(rows) - _LICENCES} more"] * (len(rows) > _LICENCES))])
+
+
+def _row(opened: OpenTables, sql: str) -> dict[str, Any]:
+    return dict(opened.rows(sql).to_pylist()[0])
+
+
+def _day(when: Any) -> str:
+    return when.date().isoformat() if when is not None else "an unknown day"
+
+
+def _indexed(run: Run) -> Iterator[str]:
+    for source in SOURCES:
+        if not indexed.files(run.root, source):
+            yield f"{source}: no clean texts"
+        elif indexed.is_current(run.root, source):
+            note = indexed.read(run.root, source)
+            yield f"{source}: {note.passages if note else 0:,} passages"
+        else:
+            yield f"{source}: indexed by the first search"
+
+
+def _views(opened: OpenTables) -> Iterator[str]:
+    short = {view.full: name for name, view in bare(opened.views).items()}
+    for name, one in sorted(opened.named.items()):
+        also = f" (also {short[name]})" if name in short else ""
+        yield f"view {name}{also}: {TableView(one).count_rows():,} rows. {one.doc}"

@@ -1,0 +1,98 @@
+"""`read`: a place and its surroundings, from the clean or restored tables.
+
+A document's parts keep their order: windows of a transcript, sections of a page with their tables,
+a post and its comments. The part at the place is chosen first, then the nearest ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from kb.artifacts import catalog
+from kb.core.errors import UsageError
+from kb.core.sources import SPECS
+from kb.mcp.references import SourceLocation
+from kb.mcp.untrusted_text import AnswerPart, Fence
+from kb.reader.open_tables import OpenTables
+
+
+class DocumentPart(NamedTuple):
+    """A part of a document: its place and text."""
+
+    place: SourceLocation
+    label: str
+    url: str
+    text: str
+
+
+class AgentDocument(NamedTuple):
+    """A document in parts; `nearest` has their numbers, from the place outward."""
+
+    facts: str
+    title: str
+    parts: list[DocumentPart]
+    nearest: list[int]
+
+
+def run_read(root: Path, place: SourceLocation, size: int) -> str:
+    """The place and its surroundings, in at most `size` characters. Raises KbError."""
+    tables = OpenTables([catalog.read(root)])
+    agent = SPECS[place.source].agent
+    if agent is None:
+        raise UsageError(f"`read` does not support {place.source}", hint="use `query`")
+    document: AgentDocument = SPECS[place.source].load(agent.reader)(tables, place)
+    fence = Fence()
+    head = f"{fence.note}\n{document.facts}"
+    answer_parts = [
+        AnswerPart(f"[{part.label}] {part.url}", part.text or "(no text)")
+        for part in document.parts
+    ]
+    title = fence.mark(document.title)
+    room = size - len(head) - len(title) - 4
+    reserve = len(_left(document, set())) + 40
+    if room < reserve + 200:  # a title of thousands of characters
+        title, room = "", size - len(head) - 4
+    blocks: dict[int, str] = {}
+    for number in document.nearest:
+        block = answer_parts[number].full(fence)
+        if len(block) + 2 > room - reserve and not blocks:
+            block = answer_parts[number].within(fence, room - reserve - 2)
+        if len(block) + 2 > room - reserve:
+            break
+        blocks[number] = block
+        room -= len(block) + 2
+    lines = [head, title, *(blocks[number] for number in sorted(blocks))]
+    if len(blocks) < len(answer_parts):
+        lines.append(_left(document, set(blocks)))
+    return "\n\n".join(line for line in lines if line)
+
+
+def _left(document: AgentDocument, taken: set[int]) -> str:
+    left = [number for number in range(len(document.parts)) if number not in taken]
+    first = min(taken, default=0)
+    before = [number for number in left if number < first]
+    after = [number for number in left if number > first] if taken else left
+    note = f"{len(left):,} of {len(document.parts):,} parts were left out; raise max_chars, or read"
+    ways = []
+    if before:
+        ways.append(f"the part before: {document.parts[before[-1]].place.ref}")
+    if after:
+        ways.append(f"the part after: {document.parts[after[0]].place.ref}")
+    return f"{note} {', '.join(ways)}"
+
+
+def outward(centre: int, count: int) -> list[int]:
+    """All numbers below `count`, nearest to `centre` first, later before earlier."""
+    return sorted(range(count), key=lambda number: (abs(number - centre), number < centre))
+
+
+def first_row(
+    tables: OpenTables, short: str, where: str, values: Sequence[Any]
+) -> dict[str, Any] | None:
+    """The first row that matches, from the fullest table of that name that has one."""
+    for one in tables.ranked(short):
+        if rows := tables.rows(f"FROM {one.full} WHERE {where}", values).to_pylist():
+            return dict(rows[0])
+    return None

@@ -1,0 +1,62 @@
+"""What `read` shows of a thread: the post and its comments."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from urllib.parse import SplitResult
+
+from kb.core.errors import UsageError
+from kb.mcp.read_tool import AgentDocument, DocumentPart, first_row, outward
+from kb.mcp.references import SourceLocation
+from kb.reader import thread as threads
+from kb.reader.open_tables import OpenTables
+from kb.search.passage import plain
+
+_THREAD = re.compile(r"/comments/(\w+)(?:/[^/]*/(\w+))?")
+
+
+def from_link(url: SplitResult, query: Mapping[str, list[str]]) -> SourceLocation | None:
+    """The post or comment that a URL names."""
+    match = _THREAD.search(url.path)
+    return SourceLocation("reddit", match[1], match[2] or "") if match else None
+
+
+def document(tables: OpenTables, place: SourceLocation) -> AgentDocument:
+    """The thread of a place. Raises UsageError if the post or comment is unknown."""
+    if place.key.startswith("t1_"):
+        row = first_row(tables, "reddit_comments", "comment_id = ?", [place.key[3:]])
+        if row is None:
+            raise UsageError(f"unknown comment {place.key[:40]!r}", hint="`search` returns refs")
+        place = SourceLocation("reddit", row["post_id"], row["comment_id"])
+    thread = threads.find(tables, place.key)
+    key = thread.post_id
+    url = f"https://www.reddit.com/comments/{key}/"
+    parts = [
+        DocumentPart(SourceLocation("reddit", key), "post", url, _text(thread.body, thread.missing))
+    ]
+    above: list[int] = []
+    parents: list[list[int]] = [[]]
+    for level, one in thread.walk():
+        del above[level:]
+        parents.append([*above])
+        above.append(len(parts))
+        score = "" if one.score is None else f", score {one.score}"
+        label = f"comment, level {level + 1}{score}, {one.created_utc.date()}"
+        at = SourceLocation("reddit", key, one.comment_id)
+        text = _text(one.body, one.missing)
+        parts.append(DocumentPart(at, label, f"{url}_/{one.comment_id}/", text))
+    numbers = {part.place.at: number for number, part in enumerate(parts)}
+    if place.at not in numbers:
+        raise UsageError(f"post {key} has no comment {place.at[:40]!r}", hint=f"read reddit:{key}")
+    centre = numbers[place.at]
+    answers = [n for n, chain in enumerate(parents) if centre in chain]
+    first = [centre, *reversed(parents[centre]), 0, *answers]
+    nearest = list(dict.fromkeys([*first, *outward(centre, len(parts))]))
+    date = thread.post["created_utc"].date()
+    facts = f"reddit thread · {date} · no licence given, texts are their authors' · {url}"
+    return AgentDocument(facts, plain(thread.title) or key, parts, nearest)
+
+
+def _text(text: str | None, missing: str | None) -> str:
+    return plain(text) if text is not None else f"[{missing or 'text not available'}]"

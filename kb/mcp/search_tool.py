@@ -1,0 +1,74 @@
+"""`search`: ranked answers, each with its source, link and ref."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from urllib.parse import parse_qs, urlsplit
+
+from kb.core.context import Run
+from kb.core.sources import SOURCES
+from kb.mcp.references import AGENTS, from_link
+from kb.mcp.untrusted_text import AnswerPart, Fence, fit
+from kb.search.answers import SearchHit, search, suggest
+from kb.search.build import ensure
+from kb.search.ranking import Only
+
+_BUILDING = threading.Lock()  # only one call builds an index
+
+
+def run_search(
+    run: Run, words: str, sources: Sequence[str], only: Only, size: int, entity: str = ""
+) -> str:
+    """The answers, best first, in at most `size` characters. Raises KbError.
+
+    An index that is missing or out of date is built first.
+    """
+    chosen = [one for one in SOURCES if not sources or one in sources]
+    with _BUILDING:
+        ensure(run, chosen)
+    answers = search(run.root, words, sources=chosen, only=only, size=size, entity=entity)
+    fence = Fence()
+    if not answers:
+        other = suggest(run.root, words, sources=chosen)
+        meant = f"Did you mean {other!r}? " if other else ""
+        return f"No answers. {meant}Try other or fewer words, or fewer filters."
+    count = "1 answer" if len(answers) == 1 else f"{len(answers)} answers"
+    head = f"{fence.note}\n{count}, best first; `read` with a ref returns the surroundings."
+    parts = [_part(number, one) for number, one in enumerate(answers, 1)]
+    return fit(fence, head, parts, _left_out, size)
+
+
+def _left_out(count: int) -> str:
+    what = "1 more answer was" if count == 1 else f"{count} more answers were"
+    return f"{what} left out: raise max_chars, or lower limit."
+
+
+def _part(number: int, one: SearchHit) -> AnswerPart:
+    parts = [f"{one.source} {one.kind}", one.date, revision(one.url), _licence(one.licence)]
+    facts = " · ".join(part for part in parts if part)
+    where = " › ".join(part for part in (one.title, one.path) if part)
+    return AnswerPart(
+        f"{number}. {facts} · score {one.score:.2f}\nlink: {one.url}\nref: {ref(one)}",
+        f"{where}\n{one.text}",
+        f"{where}\n{one.snippet}",
+    )
+
+
+def revision(url: str) -> str:
+    """The revision in a link to a wiki."""
+    number = parse_qs(urlsplit(url).query).get("oldid")
+    return f"revision {number[0]}" if number else ""
+
+
+def _licence(licence: str | None) -> str:
+    return f"licence {licence}" if licence else "no licence given"
+
+
+def ref(one: SearchHit) -> str:
+    """The reference to an answer's place, for `read`."""
+    known = from_link(one.url)
+    if known is None or known.source != one.source:
+        return f"{one.source}:{one.key}"
+    agent = AGENTS[one.source]
+    return known.ref if agent.hosts else known._replace(key=one.key).ref

@@ -1,0 +1,71 @@
+"""What `read` shows of a wiki page: its sections with their tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+from urllib.parse import SplitResult, urlunsplit
+
+from kb.core.errors import UsageError
+from kb.mcp.read_tool import AgentDocument, DocumentPart, first_row, outward
+from kb.mcp.references import SourceLocation, anchor
+from kb.mcp.search_tool import revision
+from kb.reader.open_tables import OpenTables
+from kb.search.passage import plain
+from kb.search.wiki_passages import grid, link, sections
+
+
+def from_link(url: SplitResult, query: Mapping[str, list[str]]) -> SourceLocation | None:
+    """The page and section that a URL names, without its revision."""
+    kept = "&".join(one for one in url.query.split("&") if not one.startswith("oldid="))
+    page = urlunsplit(url._replace(query=kept, fragment=""))
+    return SourceLocation("wiki", page, url.fragment)
+
+
+def document(opened: OpenTables, place: SourceLocation) -> AgentDocument:
+    """The page of a place. Raises UsageError if the page or section is unknown."""
+    by_key = place.key.isdecimal() and len(place.key) < 19
+    if by_key:
+        row = first_row(opened, "wiki_pages", "page_id = ?", [int(place.key)])
+    else:
+        row = first_row(opened, "wiki_pages", "url = ? OR title = ?", [place.key] * 2)
+    if row is None:
+        raise UsageError(f"unknown page {place.key[:200]!r}", hint="`search` returns refs")
+    key = row["page_id"]
+
+    def rows(short: str, order: str) -> list[dict[str, Any]]:
+        for one in opened.ranked(f"wiki_{short}"):
+            sql = f"FROM {one.full} WHERE page_id = ? ORDER BY {order}"
+            return opened.rows(sql, [key]).to_pylist()
+        return []
+
+    tables = grid(rows("cells", "table_id, row_index, column_index"))
+    alts = {one["element_id"]: plain(one["alt_text"]).strip() for one in rows("images", "ALL")}
+    parts: list[DocumentPart] = []
+    centre = -1
+    for section in sections(rows("elements", "reading_order"), tables, alts):
+        lines = [
+            *section.lines,
+            *("\n".join(table) for table in section.tables),
+            *(f"(image: {alt})" for alt in section.alts),
+        ]
+        if not lines and not section.anchor:
+            continue
+        url = link(row["url"], row["revision_id"], section.anchor)
+        at = url.partition("#")[2]
+        if centre < 0 and anchor(at) == anchor(place.at):
+            centre = len(parts)
+        text = "\n\n".join([*([section.path] if section.path else []), *lines])
+        label = "section" if section.anchor else "top of the page"
+        parts.append(DocumentPart(SourceLocation("wiki", str(key), at), label, url, text))
+    if centre < 0 and place.at:
+        raise UsageError(
+            f"the page {key} has no section {anchor(place.at)[:200]!r}",
+            hint=f"read wiki:{key}; the section may belong to another revision",
+        )
+    url = link(row["url"], row["revision_id"], "")
+    facts = (
+        f"wiki page · {row['revision_timestamp'].date()} · {revision(url)} ·"
+        f" licence {row.get('license') or 'none given'} · {url}"
+    )
+    return AgentDocument(facts, plain(row["title"]), parts, outward(max(centre, 0), len(parts)))

@@ -1,0 +1,213 @@
+"""`kb pairs --from-index` and `kb restore`: a released index and transcripts → pairs with texts.
+
+A text is cut out of its transcript by the released character positions. It counts when it has the
+released number of tokens; a transcript that was edited since, or in another language, gives no
+text. Releases of earlier versions counted sounds ([Music]) as words of a text.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from kb.artifacts import belonging, manifest
+from kb.artifacts.restore import WantedContent
+from kb.core import signals
+from kb.core.context import Run
+from kb.core.errors import DamagedData, SettingError
+from kb.core.plan import PlanPart, PlanPhase
+from kb.core.profile.pairs import Pairs
+from kb.core.verdict import Summary
+from kb.pairs import transcripts
+from kb.pairs.clip_tokens import ENDS
+from kb.pairs.extract import make_tools
+from kb.pairs.keywords import Keywords
+from kb.pairs.transcript_batch import Text, without_sounds
+from kb.pairs.transcripts import VIDEOS
+from kb.schema.conform import conform
+from kb.schema.tables import table
+from kb.store import parquet, tombstones
+from kb.store.atomic import replacing_folder, write_text
+from kb.store.layout import Layout, parquet_files
+from kb.store.lock import writer
+from kb.store.reading import reading
+from kb.store.shards import sorted_shards, write_table
+
+
+def refill(run: Run, index: Path) -> Summary:
+    """Write pairs/ with the index's rows; `text` is null where it can't be had, and counted.
+
+    `index` is a released Parquet file or its folder. Holds the index in memory, transcripts a batch
+    at a time. Raises SettingError, DamagedData, FatalError without transcripts.
+    """
+    files = transcripts.parts(run.root, index=index)
+    rows = _read(index)
+    with belonging.writing(run, "pairs"):
+        return fill(run, rows, files, Layout(run.root).pairs)
+
+
+@dataclass(frozen=True)
+class TextRestore:
+    """Texts of released pairs, cut out of restored transcripts into restored/pairs/, as a job of
+    `kb restore`; without transcripts every text is null.
+    """
+
+    run: Run
+    content: WantedContent
+
+    @property
+    def wanted(self) -> bool:
+        """Whether a folder of pairs was chosen."""
+        return bool(self.content.of("pairs"))
+
+    def check(self, needed: tuple[str, ...]) -> tuple[str, ...]:
+        """As `RestoreJob.check`. Raises ProfileError without [pairs], SettingError."""
+        if self.wanted:
+            self.run.profile.section(Pairs)
+        if len(self.content.of("pairs")) > 1:
+            raise SettingError(
+                "several folders of pairs",
+                hint="restore one index at a time, each into its own --data",
+            )
+        return needed
+
+    def plan(self) -> PlanPart:
+        """As `RestoreJob.plan`. Raises DamagedData."""
+        files = [path for one in self.content.of("pairs") for path in one.shards("pairs")]
+        with reading(files):
+            rows = sum(pq.read_metadata(path).num_rows for path in files)
+        return PlanPart([PlanPhase("texts of pairs, out of the transcripts", rows)] * self.wanted)
+
+    def restore(self) -> Summary:
+        """As `RestoreJob.restore`; pairs of removed videos are left out. Raises DamagedData."""
+        at, (folder,) = Layout(self.run.root), self.content.of("pairs")
+        own = tombstones.keys(self.run.root, VIDEOS)
+        removed = pa.array(sorted(own | self.content.removed(VIDEOS, "pairs")), pa.string())
+        rows = _read(folder.path)
+        purged = pc.is_in(rows["video_id"].cast(pa.string()), value_set=removed)
+        transcripts = parquet_files(at.restored(VIDEOS, "transcripts"))
+        return fill(self.run, rows.filter(pc.invert(purged)), transcripts, at.restored("pairs"))
+
+    def missing(self) -> pa.Table | None:
+        """As `RestoreJob.missing`: pairs without text, and whether their video has a transcript."""
+        at = Layout(self.run.root)
+        transcripts = parquet_files(at.restored(VIDEOS, "transcripts"))
+        columns = [parquet.read_table(path, columns=["video_id"])[0] for path in transcripts]
+        ids = [chunk for column in columns for chunk in column.cast(pa.string()).chunks]
+        videos = pa.chunked_array(ids, pa.string()).combine_chunks()
+        lists = []
+        for path in parquet_files(at.restored("pairs")):
+            rows = parquet.read_table(path, columns=["pair_id", "video_id", "text"])
+            rows = rows.filter(pc.is_null(rows["text"]))
+            known = pc.is_in(rows["video_id"].cast(pa.string()), value_set=videos)
+            listed = {
+                "source": pa.repeat("pairs", rows.num_rows),
+                "part": pa.repeat("text", rows.num_rows),
+                "key": rows["pair_id"].cast(pa.string()),
+                "reason": pc.if_else(known, "other transcript", "no transcript"),
+            }
+            lists.append(pa.table(listed))
+        return pa.concat_tables(lists) if lists else None
+
+
+def fill(run: Run, rows: pa.Table, files: Sequence[Path], out: Path) -> Summary:
+    """Rows of an index with the texts of these transcripts → `out`."""
+    counter = make_tools(run.profile.section(Pairs), run.seed, Keywords((), (), ())).tokens
+    places: dict[str, list[int]] = {}
+    videos = cast("list[str]", rows["video_id"].to_pylist())
+    for row, video in enumerate(videos):
+        places.setdefault(video, []).append(row)
+    texts: list[str | None] = [None] * rows.num_rows
+    starts, ends, tokens = (
+        rows[name].to_pylist() for name in ("text_start_char", "text_end_char", "token_count")
+    )
+    found = differing = 0
+    total = sum(transcripts.rows(path) for path in files)
+    with (
+        writer(run.root, "pairs"),
+        run.progress.task("fill pairs", total, "transcripts") as task,
+    ):
+        for path in files:
+            for batch in transcripts.texts(path):
+                signals.stop.check()
+                for video, whole in _wanted(batch, places):
+                    for row in places[video]:
+                        for text in _readings(whole[starts[row] : ends[row]]):
+                            if counter.count(text) + ENDS == tokens[row]:
+                                texts[row] = text
+                                found += 1
+                                break
+                        else:
+                            differing += 1
+                task.advance(len(batch), filled=found)
+        _write(run, rows, texts, out)
+    return Summary(
+        command="pairs",
+        source="pairs",
+        pairs=rows.num_rows,
+        filled=found,
+        differing=differing,
+        missing=rows.num_rows - found - differing,
+        path=str(out),
+    )
+
+
+def _read(index: Path) -> pa.Table:
+    files = sorted(index.glob("pairs-*.parquet")) if index.is_dir() else [index]
+    if not files or not all(file.is_file() for file in files):
+        raise SettingError(
+            f"--from-index: there is no index at {index}",
+            hint="give a released pairs-*.parquet or its folder",
+        )
+    names = table("pairs/pairs").names(released=True)
+    try:
+        schemas = [pq.read_schema(file) for file in files]
+        lacking = [name for name in names if any(name not in schema.names for schema in schemas)]
+        if lacking:
+            raise SettingError(
+                f"--from-index: {index} is no index of pairs, it has no column {lacking[0]!r}"
+            )
+        rows = pa.concat_tables(parquet.read_table(file, columns=names) for file in files)
+    except (pa.ArrowInvalid, OSError) as error:
+        raise DamagedData(
+            f"the index {index} can't be read: {str(error).splitlines()[0]}"
+        ) from None
+    return conform("pairs/pairs", rows, released=True)
+
+
+def _wanted(batch: Text, places: dict[str, list[int]]) -> list[tuple[str, str]]:
+    """Ids and whole texts of the transcripts that the index names, sounds among them."""
+    return [
+        (video, batch.given[batch.video_at[row] : batch.video_end[row]].decode("utf-8", "replace"))
+        for row, video in enumerate(batch.ids.to_pylist())
+        if video in places
+    ]
+
+
+def _readings(captions: str) -> list[str]:
+    """A part of a transcript as a text, without its sounds and with them."""
+    spoken = without_sounds(captions.encode()).decode()
+    return [" ".join(text.split()) for text in dict.fromkeys((spoken, captions))]
+
+
+def _write(run: Run, rows: pa.Table, texts: list[str | None], out: Path) -> None:
+    with replacing_folder(out) as fresh:
+        part = fresh / ".filled.parquet"
+        write_table(part, rows.append_column("text", pa.array(texts, pa.string())), "pairs/pairs")
+        sorted_shards(
+            [part],
+            fresh,
+            "pairs/pairs",
+            rows_per_shard=run.profile.release.rows_per_shard,
+            released=False,
+        )
+        part.unlink()
+        note = {"fingerprint": "index", "complete": False}
+        write_text(fresh / manifest.SUMMARY, json.dumps(note) + "\n")

@@ -1,0 +1,223 @@
+"""Results as text: aligned columns, DuckDB's box, CSV, JSON. Times are UTC: 2026-11-20T12:00:00Z.
+
+CSV and JSON hold the data exactly. Tables are for people: numbers in full, long texts cut, and
+control characters escaped.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import itertools
+from collections.abc import Iterator
+from datetime import datetime
+from decimal import Decimal
+from typing import Any
+
+import orjson
+import pyarrow as pa
+import pyarrow.compute as pc
+from pyarrow import types
+from rich.cells import cell_len, set_cell_size
+
+from kb.core import terminal
+from kb.core.errors import UsageError
+from kb.query.statements import distinct
+from kb.store import database
+
+_TABLE_ROWS = 100  # rows that a table shows
+_CELL = 60  # columns of a terminal that a text may take
+_LONGEST = 40  # digits of a number that is written without an exponent
+
+
+def as_table(answer: pa.RecordBatchReader) -> Iterator[str]:
+    """Aligned columns of the first hundred rows, with long texts cut, and the number of rows."""
+    head = [terminal.one_line(name) for name in answer.schema.names]
+    shown, total = [], 0
+    for row in rows(answer):
+        total += 1
+        if total <= _TABLE_ROWS:
+            shown.append([_cell(value) for value in row])
+    right = [is_number(field.type) for field in answer.schema]
+    widths = [max(map(cell_len, column)) for column in zip(head, *shown, strict=True)]
+    for cells in (head, ["-" * width for width in widths], *shown):
+        yield "  ".join(map(_padded, cells, widths, right)).rstrip() + "\n"
+    if total > len(shown):
+        yield _more(total)
+
+
+def as_box(answer: pa.RecordBatchReader, width: int) -> Iterator[str]:
+    """DuckDB's own box of the first hundred rows, and the number of rows.
+
+    It is at most `width` columns wide, but never less than 80. DuckDB leaves out columns that
+    don't fit, and counts them below the box.
+    """
+    stream = rows(answer)
+    shown = list(itertools.islice(stream, _TABLE_ROWS))
+    total = len(shown) + sum(1 for _ in stream)
+    names = distinct([terminal.one_line(name) for name in answer.schema.names])
+    arrays = [
+        _box_column([row[number] for row in shown], field.type)
+        for number, field in enumerate(answer.schema)
+    ]
+    table = pa.table(arrays, names=names)
+    printed = io.StringIO()
+    with database.connect() as con, contextlib.redirect_stdout(printed):
+        # Without max_rows DuckDB leaves out the middle of more than twenty rows.
+        con.from_arrow(table).show(max_width=width, max_rows=_TABLE_ROWS)
+    yield printed.getvalue().rstrip() + "\n"
+    if total > len(shown):
+        yield _more(total)
+
+
+def _box_column(values: list[Any], kind: pa.DataType) -> pa.Array[Any]:
+    """Numbers and booleans as they are, so that they are aligned right; all else as text."""
+    if types.is_float32(kind):
+        return pa.array(values, pa.float64())
+    if is_number(kind) or types.is_boolean(kind):
+        return pa.array(values, kind)
+    return pa.array(
+        [None if value is None else for_display(value) for value in values], pa.string()
+    )
+
+
+def _more(total: int) -> str:
+    return f"... {total:,} rows in total; --format csv prints all of them\n"
+
+
+def as_csv(answer: pa.RecordBatchReader) -> Iterator[str]:
+    """A header and one line per row; lists and structs as JSON."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(answer.schema.names)
+    for row in rows(answer):
+        writer.writerow(map(_plain, row))
+        if buffer.tell() > 1 << 16:
+            yield buffer.getvalue()
+            buffer.seek(0)
+            buffer.truncate()
+    yield buffer.getvalue()
+
+
+def csv_lines(answer: pa.RecordBatchReader, limit: int) -> Iterator[str]:
+    """The header, then one row at a time; a value of more than `limit` characters is cut, with a
+    note.
+    """
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    for row in itertools.chain([answer.schema.names], rows(answer)):
+        writer.writerow([_cut(value, limit) for value in row])
+        yield buffer.getvalue()
+        buffer.seek(0)
+        buffer.truncate()
+
+
+def _cut(value: Any, limit: int) -> Any:
+    shown = _plain(value)
+    if not isinstance(shown, str) or len(shown) <= limit:
+        return shown
+    return f"{shown[:limit]}… (cut, {len(shown):,} characters in total)"
+
+
+def as_json(answer: pa.RecordBatchReader) -> Iterator[str]:
+    """One array of objects, on one line."""
+    names = answer.schema.names
+    before = "["
+    for row in rows(answer):
+        yield before + _dump(dict(zip(names, row, strict=True)))
+        before = ","
+    yield "[]\n" if before == "[" else "]\n"
+
+
+def as_ndjson(answer: pa.RecordBatchReader) -> Iterator[str]:
+    """One object per line."""
+    names = answer.schema.names
+    for row in rows(answer):
+        yield _dump(dict(zip(names, row, strict=True))) + "\n"
+
+
+def rows(answer: pa.RecordBatchReader) -> Iterator[tuple[Any, ...]]:
+    """Rows of Python's values."""
+    for batch in answer:
+        columns = map(_values, batch.schema.names, batch.columns)
+        yield from zip(*columns, strict=True)
+
+
+def _values(name: str, column: pa.Array[Any]) -> list[Any]:
+    """Python's values of a column. Raises UsageError for values that Python lacks (year 20000)."""
+    kind = column.type
+    if types.is_float32(kind):  # 0.12, not the digits that a longer float has of it
+        digits = column.cast(pa.string()).to_pylist()
+        return [None if text is None else float(text) for text in digits]
+    try:
+        if types.is_timestamp(kind) and kind.unit == "ns":  # finer than Python's
+            pattern = "%Y-%m-%dT%H:%M:%SZ" if kind.tz else "%Y-%m-%dT%H:%M:%S"
+            column = pc.strftime(column, pattern)
+        return column.to_pylist()
+    except (OverflowError, ValueError) as error:
+        what = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise UsageError(
+            f"values of column {name} can't be printed: {what}",
+            hint=f"cast it to text: {name}::VARCHAR",
+        ) from None
+
+
+def is_number(kind: pa.DataType) -> bool:
+    """Whether values of an Arrow type are aligned right."""
+    return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind))
+
+
+def _padded(cell: str, width: int, right: bool) -> str:
+    space = " " * (width - cell_len(cell))
+    return space + cell if right else cell + space
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    text = for_display(value)
+    if isinstance(value, (int, float, Decimal)) or cell_len(text) <= _CELL:
+        return text
+    return set_cell_size(text, _CELL - 1).rstrip() + "…"
+
+
+def for_display(value: Any) -> str:
+    """A value on one line that is safe on a terminal; numbers in full."""
+    if isinstance(value, (float, Decimal)):
+        return _number(value)
+    text = str(_plain(value))
+    return terminal.one_line(" ".join(text.split()))
+
+
+def _number(value: float | Decimal) -> str:
+    text = str(value)
+    if "e" not in text.lower():
+        return text
+    full = f"{Decimal(text):f}"
+    return full if len(full) <= _LONGEST else text
+
+
+def _dump(value: Any) -> str:
+    return orjson.dumps(
+        value, default=_as_number_or_text, option=orjson.OPT_UTC_Z | orjson.OPT_NON_STR_KEYS
+    ).decode()
+
+
+def _as_number_or_text(value: Any) -> Any:
+    """Decimals (DuckDB's sums and literals with a point) as numbers; all else as text."""
+    if isinstance(value, Decimal):
+        return (
+            orjson.Fragment(str(int(value))) if value == value.to_integral_value() else float(value)
+        )
+    return str(value)
+
+
+def _plain(value: Any) -> Any:
+    """Times and booleans as JSON writes them; lists and structs as JSON."""
+    if isinstance(value, (dict, list)):
+        return _dump(value)
+    if isinstance(value, datetime):
+        text = value.isoformat()
+        return text.removesuffix("+00:00") + "Z" if text.endswith("+00:00") else text
+    return str(value).lower() if isinstance(value, bool) else value

@@ -1,0 +1,57 @@
+"""The tables of one or more folders, with one connection over them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import duckdb
+import pyarrow as pa
+
+from kb import query
+from kb.artifacts.catalog import SCHEMAS, Catalog, View, check_once
+from kb.store import parquet
+from kb.store.reading import reading
+
+
+class OpenTables:
+    """Tables by their full names; DuckDB is opened for the first query.
+
+    Raises UsageError if two of the folders contain the same table.
+    """
+
+    def __init__(self, catalogs: Sequence[Catalog]) -> None:
+        self.catalogs = catalogs
+        self.named: dict[str, View] = {}
+        for one in catalogs:
+            for view in one.views:
+                check_once(self.named, view)
+        self.views = [*self.named.values()]
+        self._con: duckdb.DuckDBPyConnection | None = None
+
+    @property
+    def con(self) -> duckdb.DuckDBPyConnection:
+        """The connection, with a view for each table."""
+        if self._con is None:
+            self._con = query.connect(None, self.views)
+        return self._con
+
+    def __contains__(self, full: str) -> bool:
+        return full in self.named
+
+    def ranked(self, short: str) -> list[View]:
+        """The tables of one name, fullest first: clean, release, restored."""
+        full = [f"{schema}.{short}" for schema in SCHEMAS]
+        return [self.named[name] for name in full if name in self.named]
+
+    def rows(self, sql: str, parameters: Sequence[Any] = ()) -> pa.Table:
+        """The rows of a query, with values for its question marks."""
+        files = [path for view in self.views if view.name in sql for path in view.files]
+        with reading(files):
+            parquet.check(*files)
+            table: pa.Table = self.con.sql(sql, params=list(parameters)).to_arrow_table()
+            return table
+
+    def folders(self) -> list[str]:
+        """The folders of the tables."""
+        return sorted({str(one.home) for one in self.views})

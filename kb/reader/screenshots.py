@@ -1,0 +1,183 @@
+"""Screenshots from a release's tars or a data root, and boxes drawn on them. Needs Pillow."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import struct
+import tarfile
+from collections.abc import Iterable, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from kb.core.errors import DamagedData
+from kb.reader.tables import needs
+from kb.store.inside import inside
+
+if TYPE_CHECKING:
+    from PIL.Image import Image as Picture
+
+INDEX = "index.ndjson"
+COLOURS = {
+    "text": "#0072b2",
+    "image": "#d55e00",
+    "sprite": "#cc79a7",
+    "animation": "#e69f00",
+    "table": "#009e73",
+    "cell": "#56b4e9",
+}
+_LINE = 2  # CSS px
+_PNG = b"\x89PNG\r\n\x1a\n"
+_DOWNLOAD = "download it again, into the same folder"
+
+
+class TextLine(NamedTuple):
+    """The box of one line of a text, in CSS pixels of the page."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+
+
+class Box(NamedTuple):
+    """An element's box in CSS pixels of the page.
+
+    `lines`: the boxes of a visible text's lines, from the top; None for other elements. Unlike the
+    text's own box they don't cover what floats next to the text.
+    """
+
+    element_id: int
+    kind: str
+    tag: str
+    region: str
+    text: str | None
+    x: float
+    y: float
+    width: float
+    height: float
+    lines: tuple[TextLine, ...] | None = None
+
+    @property
+    def parts(self) -> Sequence[Box | TextLine]:
+        """What to draw: the lines if there are any, else the box itself."""
+        return self.lines or (self,)
+
+
+def box(row: dict[str, Any]) -> Box:
+    """The box of a row of wiki_elements."""
+    lines = row["lines"]
+    given = {name: row[name] for name in Box._fields if name != "lines"}
+    return Box(**given, lines=lines and tuple(TextLine(**line) for line in lines))
+
+
+def screenshot(home: Path, row: dict[str, Any]) -> Picture:
+    """The screenshot of a page's row. Raises MissingExtra and DamagedData.
+
+    Pillow's limit on pixels is lifted only for an image of exactly the size in the page's row.
+    """
+    needs("PIL", install="pillow")
+    from PIL import Image
+
+    path = row["screenshot_path"]
+    data, where = _bytes(home, path)
+    scale = row["device_pixel_ratio"]
+    wanted = [round(row["page_width"] * scale), round(row["page_height"] * scale)]
+    size = _size(data)
+    if size is None or any(
+        abs(one - other) > 2 * scale for one, other in zip(size, wanted, strict=True)
+    ):
+        raise DamagedData(f"{where} is not a PNG of {wanted[0]} × {wanted[1]} px", hint=_DOWNLOAD)
+    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+    try:
+        opened = Image.open(io.BytesIO(data), formats=["PNG"])
+        opened.load()
+    except (OSError, SyntaxError, ValueError) as error:
+        raise DamagedData(f"{where} can't be read: {error}", hint=_DOWNLOAD) from None
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit
+    return opened
+
+
+def outlined(image: Picture, boxes: Iterable[Box], scale: float) -> Picture:
+    """A copy with an outline for each box, or for each line of a text, clipped to the image."""
+    needs("PIL", install="pillow")
+    from PIL import ImageDraw
+
+    copy = image.convert("RGB")
+    pen = ImageDraw.Draw(copy)
+    width = max(1, round(_LINE * scale))
+    for kind, one in ((each.kind, part) for each in boxes for part in each.parts):
+        left, top = round(one.x * scale), round(one.y * scale)
+        right = max(left, round((one.x + one.width) * scale) - 1)
+        bottom = max(top, round((one.y + one.height) * scale) - 1)
+        pen.rectangle((left, top, right, bottom), outline=COLOURS[kind], width=width)
+    return copy
+
+
+def _bytes(home: Path, path: str) -> tuple[bytes, str]:
+    """A file's bytes, and where they are: `<tar>/<member>` of a release, or a data root's file."""
+    tar, slash, member = path.partition("/")
+    if slash and tar.endswith(".tar") and "/" not in member:
+        return _member(home / tar, member), f"{home / tar}: {member}"
+    file = inside(home, path)
+    try:
+        return file.read_bytes(), str(file)
+    except OSError as error:
+        raise DamagedData(
+            f"{file} can't be read: {error.strerror}", hint="put it back from a copy"
+        ) from None
+
+
+def _member(tar: Path, member: str) -> bytes:
+    if not tar.is_file():
+        raise DamagedData(f"{tar} is missing", hint="download it into the folder of the tables")
+    entry = _index(tar.parent).get((tar.name, member))
+    if entry is None:
+        return _searched(tar, member)
+    with tar.open("rb") as file:
+        file.seek(int(entry["offset"]))
+        data = file.read(int(entry["size"]))
+    if hashlib.sha256(data).hexdigest() != entry["sha256"]:
+        raise DamagedData(f"{tar} is damaged: checksum mismatch of {member}", hint=_DOWNLOAD)
+    return data
+
+
+def _searched(tar: Path, member: str) -> bytes:
+    """A member found without an index, by reading the tar from its start."""
+    try:
+        with tarfile.open(tar) as opened:
+            file = opened.extractfile(member)
+            if file is not None:
+                return file.read()
+    except (tarfile.TarError, KeyError, OSError) as error:
+        raise DamagedData(f"{tar} has no {member}: {error}", hint=_DOWNLOAD) from None
+    raise DamagedData(f"{tar} has no {member}", hint=_DOWNLOAD)
+
+
+def _index(folder: Path) -> dict[tuple[str, str], dict[str, Any]]:
+    path = folder / INDEX
+    return _read(path, path.stat().st_mtime_ns) if path.is_file() else {}
+
+
+@lru_cache(maxsize=4)
+def _read(path: Path, changed: int) -> dict[tuple[str, str], dict[str, Any]]:
+    members = {}
+    with path.open(encoding="utf-8") as lines:
+        for number, line in enumerate(lines, start=1):
+            try:
+                entry = json.loads(line)
+                members[entry["tar"], entry["member"]] = entry
+                int(entry["offset"]), int(entry["size"]), entry["sha256"]
+            except (ValueError, KeyError, TypeError):
+                raise DamagedData(f"{path}, line {number} can't be read", hint=_DOWNLOAD) from None
+    return members
+
+
+def _size(data: bytes) -> tuple[int, int] | None:
+    """Width and height of a PNG by its header."""
+    if len(data) < 24 or not data.startswith(_PNG):
+        return None
+    return struct.unpack(">II", data[16:24])

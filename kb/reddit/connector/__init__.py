@@ -1,0 +1,1 @@
+"""Asks Reddit, and imports archive dumps: what fills the raw log."""

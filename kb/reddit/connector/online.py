@@ -1,0 +1,41 @@
+"""The question of `kb profile check --online` to Reddit: the subreddit's description."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from kb.core.context import Run
+from kb.core.errors import ItemFinal
+from kb.core.profile.finding import ERROR, NOTE, WARNING, WRONG, OnlineAnswer, QuestionCost
+from kb.core.profile.reddit import RedditSection
+from kb.reddit.connector.client import Client
+
+
+def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
+    """The subreddit's own page; the token before it is a request as well."""
+    section = run.profile.section(RedditSection)
+
+    def spend(endpoint: str, units: int) -> Callable[[str], None]:
+        cost.requests += 1
+        return lambda outcome: None
+
+    client = Client(
+        run.settings, spend, requests_per_minute=section.requests_per_minute, max_tries=1
+    )
+    name = section.subreddit
+    try:
+        about = client.get(f"r/{name}/about/", {"raw_json": 1}).get("data", {})
+    except ItemFinal as fact:
+        why = {
+            "redirect": "there is no subreddit of that name",
+            "not_found": "it was banned, or there is none of that name",
+            "forbidden": "it is private or quarantined",
+        }.get(fact.reason, fact.reason)
+        return OnlineAnswer(ERROR, "reddit.subreddit", f"r/{name} can't be read", why, WRONG)
+    said = f"r/{about.get('display_name', name)}"
+    if isinstance(about.get("subscribers"), int):
+        said += f", {about['subscribers']:,} subscribers"
+    if about.get("over18"):
+        mend = "its posts are rejected at the stage nsfw"
+        return OnlineAnswer(WARNING, "reddit.subreddit", f"{said}, for adults only", mend, 0)
+    return OnlineAnswer(NOTE, "reddit.subreddit", said)

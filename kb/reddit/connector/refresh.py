@@ -1,0 +1,216 @@
+"""`kb refresh reddit`: scores, removals and deletions read again through `info`, 100 ids a request.
+
+Read again is what a dump brought, whose scores are a snapshot (some months of them wrong), and what
+was read live longer than the profile's `max_age_days` ago. The newer answer wins when filtering;
+what was deleted, removed or is no longer there leaves with `kb purge reddit`.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Collection, Iterator
+from contextlib import closing
+from dataclasses import replace
+from datetime import datetime, timedelta
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from kb.core import clock
+from kb.core.context import Run
+from kb.core.errors import Retryable
+from kb.core.verdict import Summary
+from kb.crawl.job import work
+from kb.crawl.loop import Loop
+from kb.crawl.session import CrawlSession
+from kb.crawl.source import Answer, Opened, Phase
+from kb.reddit.connector.reduce import RefreshItem
+from kb.reddit.connector.source import INFO, RedditSource
+from kb.reddit.parse import tree
+from kb.reddit.parse.latest_state import Known, known
+from kb.reddit.spec import SPEC
+from kb.store import parquet
+from kb.store.atomic import full_disk_is_resumable
+from kb.store.frontier import ROUND, Frontier, Item, going_on
+from kb.store.merge import Merge
+from kb.store.shards import PAGE
+
+_ORDER = ["place", "fullname"]
+_COLUMNS = [*_ORDER, "there"]
+# Of at least so many ids nearly all missing: rather a closed subreddit than so many deletions.
+_MANY, _MOST = 100, 0.9
+_NONE_OF = 10  # of at least so many in one answer none is there: not believed
+_log = logging.getLogger("kb.reddit")
+
+
+def refresh(run: Run, older_than: int | None = None) -> Summary:
+    """Read again what is due; with --again also what was missing.
+
+    `older_than` days count instead of the profile's age (0: everything). What it found due is kept
+    until it is read, so the same command resumes. Raises MissingCredential (exit
+    2), LimitReached, Blocked, Unreachable and Interrupted (exit 3; the same command goes on) and
+    CredentialRefused, with the summary so far.
+    """
+    source = RedditRefresh(run, older_than)
+    try:
+        return work(
+            run,
+            source,
+            source.summary,
+            phases=[replace(INFO, name="refresh")],
+            facts=lambda phase: {"missing": source.missing},
+        )
+    finally:
+        source.warn()
+
+
+class RedditRefresh(RedditSource):
+    """What is due, read again by name. `answered` ids, and `missing` ones of them."""
+
+    def __init__(self, run: Run, older_than: int | None) -> None:
+        super().__init__(run)
+        self.older_than = older_than
+        self.days = self.section.max_age_days if older_than is None else older_than
+        self.answered = self.missing = 0
+        self._closed = False  # whether the last answer is not believed
+
+    def begin(self, opened: Opened) -> None:
+        """Look whether the same refresh was stopped, before what failed in it is opened again."""
+        super().begin(opened)
+        self._stopped = going_on(opened.frontier, INFO.kind, self.older_than)
+
+    def discover(self, frontier: Frontier) -> None:
+        """What is due now, unless the same refresh was stopped."""
+        goes_on = self._stopped and going_on(frontier, INFO.kind, self.older_than)
+        if self.run.again or not goes_on:
+            self._seek(frontier)
+        if not frontier.ready(INFO.kind):
+            self.run.progress.say(
+                f"reddit: nothing is older than {self.days} days, and nothing is from dumps alone"
+            )
+
+    def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
+        """Up to 100 names."""
+        for answer in super().fetch(phase, items):
+            given = {
+                f"{thing.kind}_{thing.data.get('id')}" for thing in tree.things(answer.response)
+            }
+            self._believe(items, given)
+            yield answer
+            self.answered += len(items)
+            self.missing += sum(item.key not in given for item in items)
+
+    def _believe(self, items: list[Item], given: Collection[str]) -> None:
+        """Raises Retryable for an answer without a single one of many that were there, and for
+        those behind it that give none either.
+
+        A subreddit that is closed for a day looks like that. Kept, the answer would say that all
+        of them are gone, and the next purge would remove them. Of few ids that may well be so:
+        then the subreddit itself is asked for.
+        """
+        there = sum(item.payload is None or item.payload.there for item in items)
+        given_any = any(item.key in given for item in items)
+        none = not given_any and there > 0
+        self._closed = none and (self._closed or there >= _NONE_OF or self._is_shut)
+        if self._closed:
+            raise Retryable(
+                f"Reddit gave none of {len(items)} posts and comments that were there"
+                " (a closed subreddit?); nothing is taken for gone"
+            )
+
+    @cached_property
+    def _is_shut(self) -> bool:
+        """Whether the subreddit is shut, asked once a run."""
+        return self._fetch.is_shut()
+
+    def summary(self, session: CrawlSession, loop: Loop) -> Summary:
+        """Figures of this run and what is left."""
+        counts = session.frontier.counts(INFO.kind)
+        left = SPEC.left_by({INFO.kind: counts})
+        return Summary(
+            command="refresh reddit",
+            source="reddit",
+            counted="posts and comments",
+            crawled=self.answered,
+            missing=self.missing,
+            failed=counts.get("error", 0),
+            requests=self.requests(),
+            left=sum(left.values()),
+            left_by=left,
+        )
+
+    def warn(self) -> None:
+        """Say when nearly nothing is there any more."""
+        if self.answered < _MANY or self.missing <= _MOST * self.answered:
+            return
+        _log.warning(
+            f"Reddit gave only {self.answered - self.missing} of {self.answered} ids: look there"
+            " whether they are gone before `kb purge reddit` removes them here;"
+            " `kb refresh reddit --again` asks for them once more"
+        )
+
+    def _seek(self, frontier: Frontier) -> None:
+        """Put what is due into the frontier."""
+        oldest = oldest_due(self.days, self.older_than)
+        with known(self.run) as things:
+            parts = due_parts(things, self.opened.gone, oldest, self.run.again)
+            with closing(Merge(parts, _ORDER, _COLUMNS)) as due, frontier.transaction():
+                frontier.replace(
+                    INFO.kind,
+                    (
+                        (row["fullname"], RefreshItem(row["place"][1:], row["there"]))
+                        for rows in due
+                        for row in rows.to_pylist()
+                    ),
+                )
+                frontier.set_cursor(ROUND, self.older_than)
+
+
+def oldest_due(days: int, older_than: int | None) -> datetime | None:
+    """What was read before is due; None means all that is there, also what was read this very
+    second.
+    """
+    return None if older_than == 0 else clock.now() - timedelta(days=days)
+
+
+def due_parts(
+    things: Known, gone: Collection[str], oldest: datetime | None, again: bool
+) -> list[Path]:
+    """What is due of each share, with `again` what is missing as well; without `oldest` all that is
+    there.
+
+    `place` is "0" or "1" and the post: posts first, then comments post by post.
+    """
+    purged, parts = pa.array(sorted(gone), pa.string()), []
+    by: list[tuple[str, Literal["ascending", "descending"]]]
+    by = [(name, "ascending") for name in _ORDER]
+    for number, rows in enumerate(things):
+        before = pa.scalar(oldest, rows["fetched_at"].type)
+        # Without a bound, or a time of its own, everything counts as old.
+        old = pc.or_(
+            pc.invert(rows["live"]), pc.fill_null(pc.less(rows["fetched_at"], before), True)
+        )
+        # What is missing or was deleted by its author stays so; a removal may be taken back.
+        here = pc.and_(rows["there"], pc.fill_null(pc.not_equal(rows["gone"], "deleted"), True))
+        due = pc.or_(pc.and_(old, here), pc.invert(rows["there"])) if again else pc.and_(old, here)
+        rows = rows.filter(pc.and_(due, pc.invert(pc.is_in(rows["fullname"], value_set=purged))))
+        rank = pc.if_else(pc.starts_with(rows["fullname"], "t3_"), "0", "1")
+        place = pc.binary_join_element_wise(rank, pc.fill_null(rows["post_id"], ""), "")
+        rows = pa.table([place, rows["fullname"], rows["there"]], names=_COLUMNS).sort_by(by)
+        parts.append(things.folder / f"due-{number:06d}.parquet")
+        with full_disk_is_resumable(parts[-1]):
+            marks = pq.SortingColumn.from_ordering(rows.schema, by, "at_end")
+            # Pages are small, as a merge has one of every part in memory; a dictionary of unique
+            # names is as large as they are.
+            parquet.write(
+                parts[-1],
+                rows,
+                sorting_columns=marks,
+                use_dictionary=False,
+                data_page_size=PAGE,
+            )
+    return parts

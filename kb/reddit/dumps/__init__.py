@@ -1,0 +1,1 @@
+"""Archive dumps of Reddit: files → the records that are wanted."""

@@ -1,0 +1,108 @@
+"""Archive dumps as lines: a post or comment each, all subreddits mixed or one.
+
+A file comes as chunks of whole lines, whatever container it is (kb.reddit.dumps.containers);
+kb.reddit.dumps.subreddit_search looks into them. What is cut off or damaged is counted, never
+fatal.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import orjson
+
+from kb.reddit.dumps.containers import ReadProgress, pieces
+from kb.reddit.parse.tree import is_deeper
+
+DEEPEST = 200  # lists and objects within each other; what Reddit says has about ten
+LONGEST = 64 << 20  # bytes of a line; Reddit's longest records have some hundred thousand
+
+
+class Chunk(NamedTuple):
+    """Whole lines: data[begin:end], of which the first byte is at `offset` in the decompressed
+    file. A part of a line may follow.
+    """
+
+    offset: int
+    data: bytes
+    begin: int
+    end: int
+
+
+def chunks(
+    path: Path, progress: ReadProgress, skip: int = 0, goes_on: Callable[[], bool] = lambda: True
+) -> Iterator[Chunk]:
+    """Whole lines from decompressed offset `skip` on; a piece is never copied, the line across two
+    pieces comes by itself.
+
+    A last line without line break is given when it is an object; else it is a part of a line, the
+    file was cut off there, and the line counts as damaged. So does one of more than `LONGEST`
+    bytes, of which nothing is held. `goes_on` is asked at every piece, also while skipping; when it
+    says no, `progress.stopped` is set and nothing more comes.
+    """
+    parts: list[bytes] = []  # a line that goes on in the next piece
+    held = 0  # their bytes
+    at = 0  # of the next byte to give
+    for piece in pieces(path, progress):
+        if not goes_on():
+            progress.stopped = True
+            return
+        begin = max(0, skip - at - held)
+        if begin:
+            # Only the part of the piece from `skip` on is wanted; what was held lies before it.
+            at, parts, held = at + held + min(begin, len(piece)), [], 0
+        end = piece.rfind(b"\n", begin) + 1
+        if end <= begin:
+            parts.append(piece[begin:])
+            held += len(parts[-1])
+            if held > LONGEST:
+                parts = []
+            continue
+        if held:
+            begin = piece.find(b"\n") + 1
+            size = held + begin
+            if size > LONGEST:
+                progress.lines += 1
+                progress.count_damaged(1, at)
+                yield Chunk(at + size, b"", 0, 0)  # so far all is read
+            else:
+                yield Chunk(at, b"".join((*parts, piece[:begin])), 0, size)
+            at += size
+        if begin < end:
+            yield Chunk(at, piece, begin, end)
+            at += end - begin
+        held = len(piece) - end
+        parts = [piece[end:]] if held else []
+    rest = b"".join(parts)
+    if held <= LONGEST and not rest.strip():
+        return
+    if read_object(rest) is not None:
+        yield Chunk(at, rest + b"\n", 0, len(rest) + 1)
+        return
+    if not progress.truncated:
+        progress.truncated, progress.problem = True, "the last line is cut off"
+    progress.lines += 1
+    progress.count_damaged(1, at)
+
+
+def read_object(line: bytes) -> dict[str, Any] | None:
+    """The object of a line; None when it is no object, or nested so deeply that reading it could
+    end the process.
+    """
+    try:
+        value = orjson.loads(line)
+    except orjson.JSONDecodeError:
+        try:
+            # The patient reader takes lone surrogates, which real titles hold, and a byte order
+            # mark.
+            value = json.loads(line)
+        except (ValueError, RecursionError):
+            return None
+    if not isinstance(value, dict):
+        return None
+    # Few brackets can't be nested deep, and counting them is quick.
+    brackets = line.count(b"[") + line.count(b"{")
+    return None if brackets > DEEPEST and is_deeper(value, DEEPEST) else value

@@ -1,0 +1,265 @@
+"""Files that hold a dump, as decompressed bytes: zstd, Arctic Shift's zst_blocks, gzip, or plain
+NDJSON, told apart by their first bytes, never by their names.
+
+    zstd        frames with windows of up to 2^31, also several and skippable ones
+    zst_blocks  uint32 size and a zstd frame, again and again; its content is a uint32 number of
+                rows, (uint32 offset, uint32 size) of each, and the rows without line ends, all
+                little-endian. Source: https://github.com/ArthurHeitmann/zst_blocks_format
+    gzip        members one after the other
+    plain       lines that begin with an object
+
+A file that ends too early or is damaged gives what comes before, and says so in `ReadProgress`.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from operator import add
+from pathlib import Path
+from typing import BinaryIO
+
+import zstandard
+
+from kb.core.errors import SettingError
+
+# Several passes go over what one read swells to, so it should fit the processor's cache (measured
+# in the bench).
+CHUNK = 512 << 10  # decompressed bytes that are given at once, about
+_PIECE = 32 << 10  # compressed bytes of one go; zstd's swell to 10 to 30 times as much
+_BLOCKS = 16  # of zstd in one go at most: a block swells to 128 KiB, whatever its size
+_LARGEST = 256 << 20  # decompressed bytes of a block of zst_blocks; Arctic Shift's have about 1 MiB
+_HEAD = 18  # bytes of the longest header of a zstd frame
+_ASIDE = 32 << 20  # bytes of what a chunk swells to
+_FRAME, _SKIPPED, _REPEATED = b"\x28\xb5\x2f\xfd", b"\x2a\x4d\x18", 1
+_GZIP, _BOM = b"\x1f\x8b\x08", b"\xef\xbb\xbf"
+_WINDOW = 16 + zlib.MAX_WBITS  # a gzip header, not zlib's
+
+
+@dataclass
+class ReadProgress:
+    """What reading a dump met, so far."""
+
+    lines: int = 0
+    bad_lines: int = 0
+    first_bad: int | None = None  # offset of the first of them in the decompressed file
+    truncated: bool = False
+    problem: str = ""
+    stopped: bool = False  # asked to, before the end
+
+    def count_damaged(self, number: int, first: int | None) -> None:
+        """Count damaged lines, the first of which begins at `first`."""
+        self.bad_lines += number
+        if self.first_bad is None:
+            self.first_bad = first
+
+
+Read = Callable[[BinaryIO, ReadProgress], Iterator[bytes]]
+
+
+def pieces(path: Path, progress: ReadProgress) -> Iterator[bytes]:
+    """The decompressed bytes of a dump, about CHUNK at once, without a byte order mark.
+
+    Raises SettingError for a file that is no dump, or can't be read.
+    """
+    first = True
+    with path.open("rb", buffering=1 << 20) as file:
+        for piece in _reader(path)(file, progress):
+            yield piece.removeprefix(_BOM) if first else piece
+            first = False
+
+
+def check(path: Path) -> None:
+    """Raise SettingError for a file that is no dump, or can't be read."""
+    _reader(path)
+
+
+def memory(path: Path) -> int:
+    """Bytes that reading a dump takes: its first frame's window (2 GiB in the archives' zstd files)
+    or its first block, and what a chunk swells to.
+    """
+    read = _reader(path)
+    with path.open("rb") as file:
+        if read is _of_blocks:
+            file.seek(4)
+        head = file.read(_HEAD)
+        while head[1:4] == _SKIPPED and len(head) >= 8:
+            file.seek(int.from_bytes(head[4:8], "little") - len(head) + 8, 1)
+            head = file.read(_HEAD)
+    try:
+        frame = zstandard.get_frame_parameters(head)
+    except zstandard.ZstdError:
+        return _ASIDE
+    if read is _of_blocks:
+        return 2 * min(int(frame.content_size), _LARGEST) + _ASIDE
+    return int(frame.window_size) + _ASIDE
+
+
+def _reader(path: Path) -> Read:
+    """What decompresses a file, by its first bytes."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(8)
+            if _is_zstd(head):
+                return _of_zstd
+            if head[4:] == _FRAME:
+                return _of_blocks
+            if head.startswith(_GZIP):
+                return _of_gzip
+            while head and not (text := head.removeprefix(_BOM).strip()):
+                head = file.read(CHUNK)
+            if not head or text.startswith(b"{"):
+                return _of_plain
+    except OSError as error:
+        raise SettingError(
+            f"cannot read {path}: {error.strerror}", hint="give paths of dumps that exist"
+        ) from None
+    raise SettingError(
+        f"{path} is not a dump: it is neither zstd, zst_blocks nor gzip, and does not start with"
+        " a JSON object",
+        hint="give RS_* and RC_* files, or files of one subreddit",
+    )
+
+
+def _is_zstd(head: bytes) -> bool:
+    return head.startswith(_FRAME) or (head[1:4] == _SKIPPED and head[0] & 0xF0 == 0x50)
+
+
+def _of_plain(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
+    while piece := file.read(CHUNK):
+        yield piece
+
+
+def _of_gzip(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
+    member, begun = zlib.decompressobj(_WINDOW), False
+    while rest := file.read(_PIECE):
+        while True:
+            if member.eof:
+                rest = rest.lstrip(b"\0")  # as gzip itself, which may pad the last member
+                if not rest:
+                    break
+                member = zlib.decompressobj(_WINDOW)
+            try:
+                data = member.decompress(rest, CHUNK)
+            except zlib.error as error:
+                progress.truncated, progress.problem = True, f"damaged gzip member: {error}"
+                return
+            if data:
+                yield data
+            begun = not member.eof
+            rest = member.unused_data if member.eof else member.unconsumed_tail
+            if not rest and len(data) < CHUNK:
+                break
+    if begun:
+        progress.truncated, progress.problem = True, "the last gzip member is cut off"
+
+
+def _of_blocks(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
+    engine = zstandard.ZstdDecompressor(max_window_size=1 << 31)
+    while head := file.read(4):
+        size = int.from_bytes(head, "little")
+        block = file.read(min(size, _LARGEST))
+        try:
+            rows, whole = _rows(engine, block)
+        except zstandard.ZstdError as error:
+            progress.truncated, progress.problem = True, f"damaged block: {error}"
+            return
+        step = max(1, len(rows) * CHUNK // (sum(map(len, rows)) + 1))
+        for begin in range(0, len(rows), step):
+            yield b"\n".join([*rows[begin : begin + step], b""])
+        if len(block) < size or not whole:
+            progress.truncated, progress.problem = True, "the last block is cut off"
+            return
+
+
+def _rows(engine: zstandard.ZstdDecompressor, block: bytes) -> tuple[list[bytes], bool]:
+    """The rows of a block, and whether these are all. Raises ZstdError for a damaged one."""
+    size = zstandard.frame_content_size(block)
+    if size > _LARGEST:
+        raise zstandard.ZstdError(f"it has {size} bytes")
+    try:
+        data = engine.decompress(block, max_output_size=_LARGEST)
+    except zstandard.ZstdError:
+        with engine.stream_reader(block) as reader:  # gives what comes before a cut
+            data = reader.read(size if size >= 0 else _LARGEST)
+    number = int.from_bytes(data[:4], "little")
+    begin = 4 + 8 * number
+    if len(data) < begin:
+        return [], False
+    places = struct.unpack_from(f"<{2 * number}I", data, 4)
+    starts, sizes = places[::2], places[1::2]
+    if sum(sizes) > _LARGEST:
+        raise zstandard.ZstdError("its rows overlap")
+    data, ends = data[begin:], list(map(add, starts, sizes))
+    rows = [data[start:end] for start, end in zip(starts, ends, strict=True)]
+    if max(ends, default=0) <= len(data):
+        return rows, True
+    return [row for row, end in zip(rows, ends, strict=True) if end <= len(data)], False
+
+
+def _of_zstd(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
+    """python-zstandard's stream reader would end at a cut without a word, and a plain decompressor
+    after the first frame.
+    """
+    engine = zstandard.ZstdDecompressor(max_window_size=1 << 31)
+    frame, fresh = engine.decompressobj(write_size=CHUNK), True
+    for rest in _compressed(file):
+        while rest:
+            try:
+                data = frame.decompress(rest)
+            except zstandard.ZstdError as error:
+                progress.truncated, progress.problem = True, f"damaged frame: {error}"
+                return
+            fresh = False
+            if data:
+                yield data
+            rest = frame.unused_data if frame.eof else b""
+            if frame.eof:
+                frame, fresh = engine.decompressobj(write_size=CHUNK), True
+    if not fresh:
+        progress.truncated, progress.problem = True, "the last frame is cut off"
+
+
+def _compressed(file: BinaryIO) -> Iterator[bytes]:
+    """The file in pieces of a few blocks: one of a single letter swells 30,000 times, and the
+    decompressor gives all at once.
+
+    What is no zstd comes as it is, for the decompressor to say so.
+    Source: https://www.rfc-editor.org/rfc/rfc8878#section-3.1
+    """
+    while head := file.read(4):
+        if head[1:] == _SKIPPED:
+            left = file.read(4)
+            yield head + left
+            end = file.tell() + int.from_bytes(left, "little")
+            while piece := file.read(min(_PIECE, end - file.tell())):
+                yield piece
+            continue
+        if head != _FRAME:
+            yield head
+            while piece := file.read(_PIECE):
+                yield piece
+            return
+        described = file.read(1)
+        flags = described[0] if described else 0
+        single, checksum = flags >> 5 & 1, 4 * (flags >> 2 & 1)
+        size = (1 - single) + (0, 1, 2, 4)[flags & 3] + (single, 2, 4, 8)[flags >> 6]
+        yield head + described + file.read(size)
+        head = file.read(3)
+        waiting, held = [head], 0
+        while len(head) == 3:
+            block = int.from_bytes(head, "little")
+            size = 1 if block >> 1 & 3 == _REPEATED else block >> 3
+            # The head of the next block comes along: one call for both, and no copy of a large one.
+            body = file.read(size + (checksum if block & 1 else 3))
+            waiting.append(body)
+            held += size
+            if block & 1:
+                break
+            if held >= _PIECE or len(waiting) == _BLOCKS:
+                yield body if len(waiting) == 1 else b"".join(waiting)
+                waiting, held = [], 0
+            head = body[-3:]
+        yield b"".join(waiting)

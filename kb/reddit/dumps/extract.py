@@ -1,0 +1,137 @@
+"""Chunks of a dump → the wanted records, anonymized and as JSON. Runs in an import's workers."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from kb.reddit.dumps.chunks import Chunk
+from kb.reddit.dumps.id_search import ById, IdIndex
+from kb.reddit.dumps.subreddit_search import SearchState, SubredditSearch
+from kb.reddit.parse.anonymize import Scrubber, load_key
+from kb.reddit.parse.records import LATEST, retrieved
+from kb.reddit.parse.remove_ids import without
+from kb.schema.decode import holdable
+from kb.store import tombstones
+
+
+class RecordRules(msgspec.Struct, frozen=True):
+    """Which records are wanted, and the root whose key and tombstones count; plain values.
+
+    `ids` is a folder of kb.reddit.dumps.id_search: these records instead of the subreddit's, or,
+    with a subreddit, these of it. `tombstones` is when their file was modified, so that no process
+    uses an older one.
+    """
+
+    root: str
+    subreddit: str
+    since: float
+    until: float
+    tombstones: int
+    ids: str = ""
+
+
+class ExtractedRecord(NamedTuple):
+    """A post or comment: the offset behind its line, its JSON, and when the archive read it (Unix
+    time).
+    """
+
+    end: int
+    line: bytes
+    retrieved: int | None
+
+
+class ExtractedChunk(NamedTuple):
+    """What a chunk holds: the offset behind it, its lines, damaged ones and where the first is."""
+
+    offset: int
+    lines: int
+    bad_lines: int
+    first_bad: int | None
+    records: list[ExtractedRecord]
+
+
+def extract(
+    chunks: list[Chunk], rules: RecordRules, state: SearchState, limit: int = 0
+) -> tuple[list[ExtractedChunk], SearchState]:
+    """The wanted records of consecutive chunks, and what the search has learned from them. Runs in
+    a worker.
+
+    `state` is what was learned before: the result depends on the file alone, not on what else this
+    worker has read. With a `limit` nothing behind that many records counts as read.
+    """
+    search = _search(rules, state)
+    extracted = []
+    for chunk in chunks:
+        one = _extract_chunk(search, chunk, rules)
+        if limit and len(one.records) >= limit:
+            size = one.records[limit - 1].end - chunk.offset
+            part = Chunk(chunk.offset, chunk.data[chunk.begin : chunk.begin + size], 0, size)
+            extracted.append(_extract_chunk(search, part, rules))
+            break
+        limit -= len(one.records) if limit else 0
+        extracted.append(one)
+    return extracted, search.state()
+
+
+def _search(rules: RecordRules, state: SearchState) -> SubredditSearch:
+    if rules.ids:
+        return ById(_id_index(rules.ids), rules.subreddit, state)
+    return SubredditSearch(rules.subreddit, state)
+
+
+def _extract_chunk(search: SubredditSearch, chunk: Chunk, rules: RecordRules) -> ExtractedChunk:
+    scrubber, purged = _tools(rules.root, rules.tombstones, rules.ids)
+    records: list[ExtractedRecord] = []
+
+    def take(end: int, record: dict[str, Any]) -> None:
+        thing = _wanted(record, rules, purged)
+        if thing is not None:
+            data = scrubber.scrub(thing["data"])
+            line = _encode({**thing, "data": data})
+            records.append(ExtractedRecord(end, line, retrieved(data)))
+
+    matches = search(chunk, take)
+    offset = chunk.offset + chunk.end - chunk.begin
+    return ExtractedChunk(offset, matches.lines, matches.bad_lines, matches.first_bad, records)
+
+
+@cache
+def _tools(root: str, stamp: int, ids: str) -> tuple[Scrubber, Collection[str]]:
+    """The anonymizer and the purged names; made once in each worker."""
+    purged = tombstones.keys(Path(root), "reddit")
+    return Scrubber(load_key(Path(root))), purged | _id_index(ids).gone if ids else purged
+
+
+@cache
+def _id_index(folder: str) -> IdIndex:
+    """Read once in each worker."""
+    return IdIndex(Path(folder))
+
+
+def _encode(thing: dict[str, Any]) -> bytes:
+    try:
+        return msgspec.json.encode(thing)
+    except UnicodeEncodeError:  # lone surrogates, which real titles hold
+        return msgspec.json.encode(holdable(thing))
+
+
+def _wanted(
+    record: dict[str, Any], rules: RecordRules, purged: Collection[str]
+) -> dict[str, Any] | None:
+    """The record as a thing, unless it is outside of the span or purged. The filter judges records
+    whose date can't be read.
+    """
+    kind = "t3" if "title" in record else "t1"
+    try:
+        at = float(record.get("created_utc"))  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        at = -1.0
+    if 0 <= at < LATEST and not rules.since <= at < rules.until:
+        return None
+    left = without([{"kind": kind, "data": record}], purged)
+    return left[0] if left else None

@@ -1,0 +1,211 @@
+"""One dump → raw segments, from where the last import of it stopped.
+
+An envelope has the form of a Listing with 100 things, so that the reader of live answers reads it.
+The cursor is saved whenever a segment is complete, and when the run is asked to stop.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections import deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Executor, Future
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from kb.core.engine import Inline
+from kb.reddit.dumps.chunks import Chunk, chunks
+from kb.reddit.dumps.containers import ReadProgress
+from kb.reddit.dumps.cursor import (
+    KIND,
+    DumpCursor,
+    cursor_name,
+    hidden,
+    load_cursor,
+    publish_segment,
+    save_cursor,
+)
+from kb.reddit.dumps.extract import ExtractedChunk, ExtractedRecord, RecordRules, extract
+from kb.reddit.dumps.subreddit_search import SearchState
+from kb.store import rawlog, tombstones
+from kb.store.atomic import full_disk_is_resumable
+from kb.store.rawlog import SEGMENT_BYTES, SUFFIX, Envelope, Request
+
+THINGS = 100  # records of an envelope
+BLOCK = 4 << 20  # decompressed bytes that a worker gets at once
+
+Extracted = tuple[list[ExtractedChunk], SearchState]
+
+
+class ImportJob(msgspec.Struct):
+    """What a worker needs; plain values. Without a lease nobody can stop it before the end of the
+    file.
+
+    `ids` is a folder of kb.reddit.dumps.id_search: these records instead of the subreddit's, or,
+    with a subreddit, these of it. `home` is the data root whose key and tombstones count, where
+    `root` is a work folder.
+    """
+
+    root: str
+    file: str
+    subreddit: str
+    since: float
+    until: float
+    limit: int
+    segment_bytes: int = SEGMENT_BYTES
+    round: str = ""
+    lease: str = ""
+    ids: str = ""
+    home: str = ""
+
+    @property
+    def name(self) -> str:
+        """The name of the cursor's note."""
+        return cursor_name(Path(self.file), self.since, self.until)
+
+
+def import_file(job: ImportJob, executor: Executor | None = None, window: int = 1) -> DumpCursor:
+    """Import one dump; its cursor. Memory is bounded by `window` blocks.
+
+    With an `executor` its workers share the lines of the dump. Raises DiskFull.
+    """
+    root, name = Path(job.root), job.name
+    cursor = load_cursor(root, name, job.file, job.round)
+    base = rawlog.folder(root, "reddit", KIND)
+    publish_segment(base, cursor)
+    cursor.fresh = 0
+    if cursor.done:
+        return cursor
+    progress = ReadProgress(cursor.lines, cursor.bad_lines, cursor.first_bad)
+    segments = SegmentWriter(root, base, name, cursor)
+    batch: list[ExtractedRecord] = []
+    offset = cursor.offset
+    with full_disk_is_resumable(root):
+        for chunk in _extracted(job, cursor, progress, executor or Inline(), window):
+            for record in chunk.records:
+                batch.append(record)
+                if len(batch) == THINGS:
+                    segments.write(batch, record.end)
+                    batch = []
+            offset = chunk.offset
+            progress.lines += chunk.lines
+            progress.count_damaged(chunk.bad_lines, chunk.first_bad)
+            if segments.size >= job.segment_bytes:
+                segments.write(batch, offset)
+                batch = []
+                segments.close(offset, progress)
+        segments.write(batch, offset)
+        cursor.truncated, cursor.problem = progress.truncated, progress.problem
+        if not progress.stopped and not (job.limit and cursor.fresh >= job.limit):
+            cursor.done, cursor.changed = True, Path(job.file).stat().st_mtime_ns
+        segments.close(offset, progress)
+    return cursor
+
+
+def _extracted(
+    job: ImportJob, cursor: DumpCursor, progress: ReadProgress, executor: Executor, window: int
+) -> Iterator[ExtractedChunk]:
+    """The records of the chunks in their order, the same for any number of workers.
+
+    A block is handed out with what the search has learned so far. If a block before it taught the
+    search something new, it is read again.
+    """
+    home = Path(job.home or job.root)
+    stamp = tombstones.version(home, "reddit")
+    rules = RecordRules(str(home), job.subreddit, job.since, job.until, stamp, job.ids)
+    state, limit = SearchState((), True), job.limit
+    waiting: deque[tuple[list[Chunk], SearchState, Future[Extracted]]] = deque()
+
+    def first_result() -> list[ExtractedChunk]:
+        nonlocal state
+        block, before, future = waiting.popleft()
+        if before != state:
+            future = executor.submit(extract, block, rules, state, limit)
+        extracted, state = future.result()
+        return extracted
+
+    def may_go_on() -> bool:
+        return not job.lease or Path(job.lease).exists()
+
+    source = chunks(Path(job.file), progress, cursor.offset, may_go_on)
+    for block in _blocks(source, BLOCK if window > 1 else 1):
+        waiting.append((block, state, executor.submit(extract, block, rules, state, limit)))
+        if len(waiting) < window:
+            continue
+        for chunk in first_result():
+            yield chunk
+            if job.limit:
+                limit -= len(chunk.records)
+                if limit <= 0:
+                    return
+    while waiting:
+        yield from first_result()
+
+
+def _blocks(source: Iterable[Chunk], most: int) -> Iterator[list[Chunk]]:
+    """Chunks together, so that handing them to other processes costs little."""
+    block: list[Chunk] = []
+    size = 0
+    for chunk in source:
+        block.append(chunk)
+        size += chunk.end - chunk.begin
+        if size >= most:
+            yield block
+            block, size = [], 0
+    if block:
+        yield block
+
+
+class SegmentWriter:
+    """Writes the raw segments of one dump; each appears only when complete."""
+
+    def __init__(self, root: Path, base: Path, name: str, cursor: DumpCursor) -> None:
+        self.size = 0
+        self._root, self._base, self._name, self._cursor = root, base, name, cursor
+        self._base.mkdir(parents=True, exist_ok=True)
+        self._compressor = rawlog.compressor()
+        self._digest = hashlib.sha256()
+        self._records = 0
+        self._file: Any = None
+
+    def write(self, records: list[ExtractedRecord], offset: int) -> None:
+        """One envelope, shaped like a Listing. `offset` is behind its last line; it orders
+        duplicates within a dump.
+        """
+        if not records:
+            return
+        if self._file is None:
+            self._file = hidden(self._base, self._name).open("wb")
+            self._digest = hashlib.sha256()
+        times = [record.retrieved for record in records if record.retrieved is not None]
+        at = f"{datetime.fromtimestamp(max(times), UTC):%Y-%m-%dT%H:%M:%SZ}" if times else None
+        children = [msgspec.Raw(record.line) for record in records]
+        answer = {"kind": "Listing", "data": {"children": children, "after": None}}
+        request = Request(f"dump/{Path(self._cursor.file).name}", {"offset": offset})
+        frame = self._compressor.compress(rawlog.encode(Envelope(at, request, 200, answer)))
+        self._digest.update(frame)
+        self._file.write(frame)
+        self.size += len(frame)
+        self._cursor.things += len(records)
+        self._cursor.fresh += len(records)
+
+    def close(self, offset: int, progress: ReadProgress) -> None:
+        """Save the cursor, then let the segment appear."""
+        cursor = self._cursor
+        if self._file is not None:
+            self._file.flush()
+            os.fsync(self._file.fileno())
+            self._file.close()
+            self._file, self.size = None, 0
+            cursor.segments += 1
+            # Named by content: segments of other machines, spans and rounds have other names.
+            cursor.segment = f"{cursor.segments:06d}-{self._digest.hexdigest()[:16]}{SUFFIX}"
+            os.rename(hidden(self._base, self._name), hidden(self._base, cursor.segment))
+        cursor.offset, cursor.lines = offset, progress.lines
+        cursor.bad_lines, cursor.first_bad = progress.bad_lines, progress.first_bad
+        save_cursor(self._root, self._name, cursor)
+        publish_segment(self._base, cursor)

@@ -1,0 +1,212 @@
+"""One subreddit's records in chunks of a dump.
+
+A whole chunk is searched before anything is parsed; only lines with a hit are read as JSON, and
+looked at again then. Of the others it is seen that they begin and end as objects do.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache, lru_cache
+from typing import Any, NamedTuple
+
+import pyarrow as pa
+import pyarrow.compute as pc
+from ahocorasick_rs import BytesAhoCorasick
+
+from kb.reddit.dumps.chunks import Chunk, read_object
+
+CHECKED = 1 << 20  # decompressed bytes at the beginning of which every line is read
+
+
+class ChunkMatches(NamedTuple):
+    """What a chunk holds: its lines, damaged ones and where the first is."""
+
+    lines: int
+    bad_lines: int
+    first_bad: int | None
+
+
+Take = Callable[[int, dict[str, Any]], None]
+"""What is done with a record of the subreddit, at the offset of its line's end. One after the
+other: many of them at once don't fit into the processor's cache, which costs as much as reading.
+"""
+
+
+class SearchState(NamedTuple):
+    """What a search has learned: the subreddit's id and spellings, and whether the id tells."""
+
+    exact: tuple[str, ...]
+    ids_tell: bool
+
+
+Finder = Callable[[bytes | memoryview], list[tuple[int, int, int]]]
+
+
+class SubredditSearch:
+    """Finds the records of one subreddit in chunks of a dump, however its name is written.
+
+    The name is looked for in any case until a record has told the subreddit's id, which all of them
+    share; from then on the id and the spellings met so far, unless a record comes without an id, or
+    another's with it. Every line must begin and end as an object does; one that doesn't is read,
+    and so is every line of the first CHECKED bytes and of chunks that are mostly the subreddit's.
+    Elsewhere only lines that hold the name are read.
+    """
+
+    def __init__(self, subreddit: str, state: SearchState | None = None) -> None:
+        self._name = subreddit.lower()
+        self._quoted = f'"{self._name}"'.encode()
+        self._places = finder(bytes(byte | _CASE for byte in self._quoted))
+        state = state or SearchState((), True)
+        # Finders of the id and the spellings.
+        self._exact = {text: finder(f'"{text}"'.encode()) for text in state.exact}
+        self._ids_tell = state.ids_tell
+
+    def state(self) -> SearchState:
+        """What it has learned, to go on elsewhere."""
+        return SearchState(tuple(self._exact), self._ids_tell)
+
+    def __call__(self, chunk: Chunk, take: Take) -> ChunkMatches:
+        """What a chunk holds; its records are given to `take`, in order."""
+        offset, data, begin, end = chunk
+        lines, whole = _counted(chunk)
+        stop = begin
+        taken = 0
+        hits: set[int] = set()  # where lines begin that were read
+        bad: list[int] = []
+        for place in self._looked_for(data, begin, end):
+            if place < stop:
+                continue  # again in the same line
+            first = data.rfind(b"\n", stop, place) + 1 or stop
+            stop = data.find(b"\n", place) + 1
+            record = read_object(data[first:stop])
+            hits.add(first)
+            if record is None:
+                bad.append(first)
+            elif self._takes(record):
+                taken += 1
+                take(offset + stop - begin, record)
+        every = offset < CHECKED or 2 * taken >= lines
+        if len(hits) < lines and (every or whole < lines):
+            at = begin
+            for line in _lines(chunk):
+                if (
+                    at not in hits
+                    and (every or not _looks_whole(line))
+                    and line.strip()
+                    and read_object(line) is None
+                ):
+                    bad.append(at)
+                at += len(line)
+        return ChunkMatches(lines, len(bad), offset + min(bad) - begin if bad else None)
+
+    def _takes(self, record: dict[str, Any]) -> bool:
+        """Whether a record is wanted. The name may stand in a title: only the field decides."""
+        if str(record.get("subreddit", "")).lower() == self._name:
+            self._learn(record)
+            return True
+        if str(record.get("subreddit_id")) in self._exact:
+            self._ids_tell = False  # not of this file
+        return False
+
+    def _learn(self, record: dict[str, Any]) -> None:
+        key = record.get("subreddit_id")
+        if not isinstance(key, str) or not key.startswith("t5_"):
+            self._ids_tell = False
+            return
+        for text in (key, record["subreddit"]):
+            if text not in self._exact and self._ids_tell:
+                self._exact[text] = finder(f'"{text}"'.encode())
+
+    def _looked_for(self, data: bytes, begin: int, end: int) -> Iterator[int]:
+        """The same as `_found`, also where a line on the way shows that the ids don't tell."""
+        by_id = bool(self._exact) and self._ids_tell
+        for place in self._found(data, begin, end):
+            yield place
+            if by_id and not self._ids_tell:
+                yield from self._in_any_case(data, place, end)
+                return
+
+    def _found(self, data: bytes, begin: int, end: int) -> Iterable[int]:
+        """Where the quoted name or id may stand in data[begin:end], in order."""
+        if self._exact and self._ids_tell:
+            part = memoryview(data)[begin:end]
+            return sorted(
+                begin + place for find in self._exact.values() for _, place, _ in find(part)
+            )
+        return self._in_any_case(data, begin, end)
+
+    def _in_any_case(self, data: bytes, begin: int, end: int) -> Iterator[int]:
+        rest = begin
+        if end - begin > _FEW:
+            folded = _folded(data)
+            for _, place, _ in self._places(folded[begin:end]):
+                yield begin + place
+            # Folding ends at a multiple of eight bytes: the name may lie across its end.
+            rest = max(begin, len(folded) - len(self._quoted) + 1)
+        lower = data[rest:end].lower()
+        place = lower.find(self._quoted)
+        while place >= 0:
+            yield rest + place
+            place = lower.find(self._quoted, place + 1)
+
+
+@lru_cache(maxsize=64)
+def finder(text: bytes) -> Finder:
+    """One pattern: its vectorised search is several times faster than bytes.find, and than one for
+    many spellings (tests/bench).
+    """
+    return BytesAhoCorasick([text]).find_matches_as_indexes
+
+
+_FEW = 16 << 10  # bytes, in which a plain search has ended before the other one has begun
+_CASE = 0x20  # the bit that tells a small letter from a capital
+
+
+def _folded(data: bytes) -> memoryview:
+    """The bytes with capitals as small letters, but for the last seven at most.
+
+    Other bytes change too, so what is found there has to be looked at. Eight at a time are twice as
+    fast as one.
+    """
+    eights = len(data) // 8
+    plain = pa.Array.from_buffers(pa.uint64(), eights, [None, pa.py_buffer(data)])
+    return memoryview(pc.call_function("bit_wise_or", [plain, _cases()]).buffers()[1]).cast("B")[
+        : eights * 8
+    ]
+
+
+@cache
+def _cases() -> Any:
+    return pa.scalar(int.from_bytes([_CASE] * 8), pa.uint64())
+
+
+def _counted(chunk: Chunk) -> tuple[int, int]:
+    """How many lines a chunk has, and how many of them begin and end as objects do.
+
+    A file finds line breaks twice as fast as bytes.count, and lines that are let go at once cost no
+    memory.
+    """
+    file = io.BytesIO(chunk.data)
+    file.seek(chunk.begin)
+    try:
+        whole = [line[0] == 0x7B and (line[-2] == 0x7D or line[-3:] == b"}\r\n") for line in file]
+    except IndexError:  # an empty line, or a part of one
+        file.seek(chunk.begin)
+        whole = [line[:1] == b"{" and line[-3:].rstrip(b"\r\n")[-1:] == b"}" for line in file]
+    if chunk.end < len(chunk.data):
+        whole.pop()  # a part of a line
+    return len(whole), whole.count(True)
+
+
+def _lines(chunk: Chunk) -> list[bytes]:
+    """The lines of a chunk with their ends (bytes.splitlines would also split at a carriage
+    return).
+    """
+    return io.BytesIO(chunk.data[chunk.begin : chunk.end]).readlines()
+
+
+def _looks_whole(line: bytes) -> bool:
+    line = line.strip()
+    return line.startswith(b"{") and line.endswith(b"}")

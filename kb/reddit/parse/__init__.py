@@ -1,0 +1,1 @@
+"""Raw answers of Reddit → rows of posts and comments."""

@@ -1,0 +1,200 @@
+"""Raw answers of Reddit, live or from dumps, of any year → rows of posts and comments.
+
+One row per post, comment, stub or missing id. Fields drift over the years (the tests use recorded
+answers of 2016 to 2026); a value that can't be read is null and named in `problems`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from functools import cache, partial
+from typing import Any
+
+import msgspec
+import pyarrow as pa
+
+from kb.core.errors import DamagedData
+from kb.core.profile.reddit import Links
+from kb.reddit.parse import tree
+from kb.reddit.parse.records import RecordReader, Row, new_row
+from kb.schema.coerce import times
+from kb.schema.decode import holdable, problems
+from kb.schema.tables import table
+from kb.store.buckets import RawKind
+
+ROWS = 8_192
+# Of answers of the same age the later kind counts: a refresh (info) reads again what others
+# brought.
+KINDS = ("dumps", "listings", "comments", "morechildren", "info")
+MARKS = READ, OPEN = "read", "open"  # states of rows that are no things: see `_marks`
+
+
+def raw_kind(kind: str, links: Links) -> RawKind:
+    """How one raw kind becomes rows. Of records of dumps of the same age, or of unknown age, the
+    later dump's counts.
+    """
+    return RawKind(
+        partial(rows, kind=kind, links=links),
+        key=("fullname", "state"),
+        bucket="post_id",
+        then="dump",
+    )
+
+
+def rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
+    """Envelopes of one raw kind → tables of about 8,192 rows with the columns of `schema()`.
+
+    Raises DamagedData for a line that is no envelope.
+    """
+    reader = RecordReader(links, live=kind != "dumps")
+    batch: list[Row] = []
+    for line in lines:
+        batch += _rows_of(line, kind, reader)
+        if len(batch) >= ROWS:
+            yield _to_table(batch, live=kind != "dumps")
+            batch = []
+    if batch:
+        yield _to_table(batch, live=kind != "dumps")
+
+
+def _rows_of(line: bytes, kind: str, reader: RecordReader) -> list[Row]:
+    """The rows of one envelope, in the order of the answer."""
+    envelope = _decode(line)
+    params, status = envelope["request"]["params"], envelope["status"]
+    things = list(tree.things(envelope["response"])) if status == 200 else []
+    post = str(params.get("article") or tree.bare(params.get("link_id")))
+    found: list[Row] = []
+    for thing in things:
+        if thing.kind == tree.COMMENT:
+            found.append(reader.comment(thing.data))
+        elif thing.kind == tree.POST:
+            found.append(reader.post(thing.data))
+        else:  # a stub does not name its post, the request does
+            found += [new_row(f"t1_{key}", post, "stub") for key in tree.stub_ids(thing.data)]
+    if kind == "listings":
+        # A crawl of a span of time leaves out what its listings show of other times.
+        since, until = params.get("since"), params.get("until")
+        found = [row for row in found if not tree.outside(row.get("created_utc"), since, until)]
+    if asked := _asked_for(kind, params, status):
+        known = {row["fullname"] for row in found}
+        found += [new_row(name, of, "missing") for name, of in asked if name not in known]
+    found += _marks(kind, things, params, post, status)
+    if kind == "dumps":
+        # The records of such an envelope were read at different times; each has its own.
+        place = f"{envelope['request']['endpoint']}/{params.get('offset', 0):020d}"
+        for row in found:
+            row["dump"] = place
+    else:
+        for row in found:
+            row["fetched_at"] = envelope["fetched_at"]
+    return found
+
+
+def _decode(line: bytes) -> dict[str, Any]:
+    """The envelope of a line. Raises DamagedData."""
+    try:
+        envelope = msgspec.json.decode(line)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        try:
+            envelope = holdable(json.loads(line))  # lone surrogates, which Arrow can't hold
+        except ValueError as error:
+            raise DamagedData(f"a raw line is not a valid envelope: {error}") from None
+    return dict(envelope)
+
+
+def _asked_for(kind: str, params: dict[str, Any], status: int) -> list[tuple[str, str]]:
+    """(full name, bare post id) of what a request named: what the answer lacks is missing.
+
+    A post's page that answers 404 or 410 means that the post is gone.
+    """
+    if kind == "info" and status == 200:
+        names = [name for name in str(params.get("id", "")).split(",") if name]
+        posts = [*(params.get("posts") or ()), *[""] * len(names)]
+        return [
+            (name, tree.bare(name) if name.startswith("t3_") else post)
+            for name, post in zip(names, posts, strict=False)
+        ]
+    if kind == "morechildren" and status == 200:
+        post = tree.bare(params.get("link_id"))
+        return [(f"t1_{key}", post) for key in str(params.get("children", "")).split(",") if key]
+    if kind == "comments" and status in (404, 410) and "comment" not in params:
+        post = str(params.get("article") or "")
+        return [(f"t3_{post}", post)] if post else []
+    return []
+
+
+def _marks(
+    kind: str, things: list[tree.Thing], params: dict[str, Any], post: str, status: int
+) -> Iterator[Row]:
+    """Rows that say which parts of a tree are known: `read` the page of a post or of a comment's
+    thread, `open` the comment whose replies are behind "continue this thread".
+    """
+    if kind == "comments" and post and status in (200, 404, 410):  # a deleted post is fully read
+        comment = params.get("comment")
+        yield new_row(f"t1_{comment}" if comment else f"t3_{post}", post, READ)
+    if kind in ("comments", "morechildren"):
+        for thing in things:
+            if thing.kind == "more" and tree.is_continuation(thing.data):
+                parent = thing.data["parent_id"]
+                if parent.startswith("t1_"):
+                    yield new_row(parent, post, OPEN)
+
+
+@cache
+def schema() -> pa.Schema:
+    """Columns of `rows`: those of the tables as declared, and what only stages read."""
+    text, flag = pa.string(), pa.bool_()
+    problem = pa.struct([("column", text), ("reason", text), ("value", text)])
+    return pa.schema(
+        [
+            ("fullname", text),
+            _declared("post_id"),
+            ("state", text),
+            _declared("fetched_at"),
+            ("live", flag),
+            ("dump", text),
+            *map(_declared, ("type", "link_kind", "source_url", "is_crosspost", "poll_options")),
+            ("over_18", flag),
+            _declared("title"),
+            ("text", _declared("body")[1]),
+            *map(_declared, ("author_hash", "score", "num_comments", "upvote_ratio")),
+            _declared("created_utc"),
+            _declared("parent_id"),
+            ("gone", text),
+            ("gone_value", text),
+            ("problems", pa.list_(problem)),
+        ]
+    )
+
+
+def _declared(name: str) -> tuple[str, pa.DataType]:
+    """A column of posts or comments with its type."""
+    of = "posts" if name in table("reddit/posts").names() else "comments"
+    return name, table(f"reddit/{of}").column(name).parsed.arrow()
+
+
+def _to_table(found: list[Row], *, live: bool) -> pa.Table:
+    """Rows as a table of `schema()`."""
+    noted = {number: row["problems"] for number, row in enumerate(found) if row["problems"]}
+    special: dict[str, Any] = {
+        "live": pa.repeat(pa.scalar(live), len(found)),
+        "dump": pa.array([row.get("dump", "") for row in found], pa.string()),
+        "fetched_at": times([row.get("fetched_at") for row in found])[0]
+        if live
+        else _seconds([row.get("retrieved") for row in found]),
+        "created_utc": _seconds([row.get("created_utc") for row in found]),
+        "problems": problems(noted, len(found)),
+    }
+    columns = [
+        special[field.name].cast(field.type)
+        if field.name in special
+        else pa.array([row.get(field.name) for row in found], field.type)
+        for field in schema()
+    ]
+    return pa.table(columns, schema=schema())
+
+
+def _seconds(values: list[int | None]) -> pa.Array[Any]:
+    """Seconds of Unix time as timestamps."""
+    return pa.array(values, pa.int64()).cast(pa.timestamp("s")).cast(pa.timestamp("us"))

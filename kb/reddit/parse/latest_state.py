@@ -1,0 +1,143 @@
+"""What the newest answer says about each post and comment, without their texts: what refresh and
+purge go by.
+
+The rows of the raw log are spread over buckets on disk, as `kb reddit filter` does, and each bucket
+is reduced to one row a thing. Memory is bounded by a piece of a segment, then by a bucket, however
+much is known.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.core.context import Run
+from kb.core.engine import make_executor, map_in_order
+from kb.core.profile.reddit import Links, RedditSection
+from kb.reddit.parse import answers as parse
+from kb.store import buckets, rawlog
+from kb.store.atomic import full_disk_is_resumable
+from kb.store.layout import Layout
+from kb.store.newest import newest
+
+COLUMNS = ("fullname", "post_id", "state", "fetched_at", "live", "gone", "dump")
+
+
+class Known:
+    """Iterates tables of `fullname, post_id, fetched_at, live, gone, there`, one row a thing, as
+    often as wanted.
+
+    Each has a share of the things. `post_id` is null when no answer says it, `fetched_at` when a
+    dump does not say; `gone` is why a thing left (null: it did not), `there` false when the service
+    no longer has it.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __iter__(self) -> Iterator[pa.Table]:
+        for path in sorted(self.folder.glob("*.arrow")):
+            with pa.ipc.open_file(str(path)) as file:
+                yield file.read_all()
+
+
+@contextmanager
+def known(run: Run, folder: Path | None = None) -> Iterator[Known]:
+    """Everything that is known, in a folder that goes at the end. Call it under the writer's lock,
+    or with a `folder` elsewhere to read beside others.
+
+    Stubs and things without an id are left out. Raises DamagedData, DiskFull and Interrupted.
+    """
+    folder = folder or Layout(run.root).known("reddit")
+    shutil.rmtree(folder, ignore_errors=True)  # of a run that was killed
+    try:
+        segments = [
+            (kind, path)
+            for kind in parse.KINDS
+            for path in rawlog.segments(run.root, "reddit", kind)
+        ]
+        size = sum(path.stat().st_size for _, path in segments)
+        number = buckets.how_many(size)
+        with (
+            full_disk_is_resumable(folder),
+            make_executor(run.engine, run.processes(size), run.scheduler) as executor,
+        ):
+            _spread(run, segments, folder / "rows", number, executor)
+            for _ in map_in_order(
+                executor,
+                reduce,
+                ((str(folder), bucket) for bucket in range(number)),
+                window=2 * run.workers,
+            ):
+                pass
+        yield Known(folder)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _spread(
+    run: Run, segments: list[tuple[str, Path]], folder: Path, number: int, executor: Any
+) -> None:
+    """Every segment of the raw log → `folder/<bucket>/<segment>.arrow`, of `number` buckets."""
+    links = run.profile.section(RedditSection).links
+    tasks = (
+        (kind, links, str(path), place, str(folder), number)
+        for place, (kind, path) in enumerate(segments)
+    )
+    with run.progress.task("read reddit", total=len(segments), unit="raw files") as task:
+        for _ in map_in_order(executor, spread, tasks, window=2 * run.workers):
+            task.advance(1)
+
+
+def spread(kind: str, links: Links, segment: str, place: int, folder: str, number: int) -> None:
+    """Spread one segment; runs in a worker."""
+    about = buckets.RawKind(
+        partial(_rows, kind=kind, links=links), key=("fullname",), bucket="fullname"
+    )
+    with full_disk_is_resumable(Path(folder)):
+        buckets.spread(about, f"reddit/{kind}", Path(segment), place, Path(folder), number)
+
+
+def _rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
+    """Posts and comments that an answer shows or misses; stubs and marks are left out."""
+    states = pa.array(["there", "missing"])
+    for rows in parse.rows(lines, kind, links):
+        yield rows.filter(pc.is_in(rows["state"], value_set=states)).select(COLUMNS)
+
+
+def reduce(folder: str, number: int) -> None:
+    """One row a thing of a bucket → `folder/<bucket>.arrow`; runs in a worker."""
+    parts = []
+    for path in sorted(Path(folder, "rows", str(number)).glob("*.arrow")):
+        with pa.ipc.open_file(str(path)) as file:
+            parts.append(file.read_all())
+    if not parts:
+        return
+    # As in assemble: the later kind wins where two are as old, so that both tell the same. Segments
+    # stand in the order of the kinds.
+    rows = pa.concat_tables(parts)
+    by = ("fetched_at", "live", "dump")
+    found = newest(rows, ["fullname"], by)
+    # An answer that only says that a comment is gone may not say of which post it was; an older one
+    # does.
+    said = newest(
+        rows.filter(pc.not_equal(pc.fill_null(rows["post_id"], ""), "")), ["fullname"], by
+    )
+    post = said["post_id"].take(pc.index_in(found["fullname"], said["fullname"].combine_chunks()))
+    there = pc.equal(found["state"], "there")
+    found = found.set_column(found.column_names.index("post_id"), "post_id", post)
+    found = found.select(["fullname", "post_id", "fetched_at", "live", "gone"])
+    found = found.append_column("there", there)
+    with (
+        full_disk_is_resumable(Path(folder)),
+        pa.ipc.new_file(str(Path(folder, f"{number:06d}.arrow")), found.schema) as file,
+    ):
+        file.write_table(found)
+    shutil.rmtree(Path(folder, "rows", str(number)))

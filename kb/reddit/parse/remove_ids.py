@@ -1,0 +1,233 @@
+"""How posts and comments leave a raw answer; the same for a purge and for what comes in after it.
+
+With a post go its comments (their addresses hold its title), and what crossposts show of it.
+Replies to a comment stay, in its place. Depth of recursion is that of one page, which Reddit ends
+at ten replies.
+
+Where keys stand in what was asked, and which fields a crosspost copies, `schemas/raw/reddit/` says
+(`x-keys`, `x-copied-from`). The tree of an answer is walked here: `x-keys` knows lists whose
+entries go, but not trees in which replies take the place of what goes and stubs count it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.reddit.parse import tree
+from kb.schema import raw
+from kb.schema.keys import asked
+from kb.store import parquet
+from kb.store.rawlog import Envelope, Request
+from kb.store.reading import reading
+from kb.store.shards import ShardWriter
+
+HOLDERS = ("data", "json", "things", "children", "replies")  # fields in which things may be
+
+
+def strip(kind: str, envelope: Envelope, keys: Collection[str]) -> Envelope | None:
+    """The envelope without the full names `keys`; the same object when it holds none, None when
+    nothing is left.
+    """
+    request = without_asked(kind, envelope.request, keys)
+    if request is None:
+        return None
+    answer, changed = of_value(envelope.response, keys)
+    if not changed and request is envelope.request:
+        return envelope
+    if kind == "dumps" and not answer["data"]["children"]:
+        return None
+    return msgspec.structs.replace(envelope, request=request, response=answer)
+
+
+def without(answer: Any, keys: Collection[str]) -> Any:
+    """The answer without the full names `keys`."""
+    return of_value(answer, keys)[0] if keys else answer
+
+
+def without_asked(kind: str, request: Request, keys: Collection[str]) -> Request | None:
+    """What was asked, without the keys; None when it was about them alone."""
+    params = asked(f"reddit/{kind}", request.params, {"": keys})
+    if params is None:
+        return None
+    endpoint = request.endpoint
+    if kind == "comments" and f"t1_{params.get('comment')}" in keys:
+        # What is left reads as a page of the post: another address, which no place can say.
+        endpoint = f"comments/{params.get('article', '')}"
+        params = {name: value for name, value in params.items() if name != "comment"}
+    return request if params is request.params else Request(endpoint, params)
+
+
+def of_value(value: Any, keys: Collection[str]) -> tuple[Any, bool]:
+    """(value without the keys, whether it changed); what did not change is the same object."""
+    if isinstance(value, list):
+        found: list[Any] = []
+        changed = False
+        for inner in value:
+            left, other = of_thing(inner, keys)
+            changed |= other
+            found += left
+        return (found, True) if changed else (value, False)
+    if not isinstance(value, dict):
+        return value, False
+    fresh: dict[str, Any] = {}
+    for name in HOLDERS:
+        if isinstance(value.get(name), (dict, list)):
+            inner, other = of_value(value[name], keys)
+            if other:
+                fresh[name] = inner
+    if tree.named(value.get("after"), keys):
+        # Reddit goes on behind any post that it knows.
+        children = {**value, **fresh}.get("children")
+        things = children if isinstance(children, list) else []
+        data = [child.get("data") for child in things if isinstance(child, dict)]
+        last = [one.get("name") for one in data if isinstance(one, dict)]
+        fresh["after"] = last[-1] if last else None
+    return ({**value, **fresh}, True) if fresh else (value, False)
+
+
+def of_thing(value: Any, keys: Collection[str]) -> tuple[list[Any], bool]:
+    """What takes the place of one element of a list, and whether that is something else."""
+    data = value.get("data") if isinstance(value, dict) else None
+    if not isinstance(data, dict) or value.get("kind") not in (tree.POST, tree.COMMENT, "more"):
+        left, changed = of_value(value, keys)
+        return [left], changed
+    if value["kind"] == "more":
+        return _stub(value, data, keys)
+    name = f"{value['kind']}_{data.get('id')}"
+    if tree.named(data.get("link_id"), keys):
+        return [], True
+    replies, changed = of_value(data.get("replies"), keys)
+    if name in keys:
+        inner = replies.get("data") if isinstance(replies, dict) else None
+        return (inner.get("children") or []) if isinstance(inner, dict) else [], True
+    fresh = {"replies": replies} if changed else {}
+    if repeats(data, keys):
+        data = without_parent(data, keys)
+    return (
+        ([{**value, "data": {**data, **fresh}}], True)
+        if fresh or data is not value["data"]
+        else ([value], False)
+    )
+
+
+def _stub(
+    value: dict[str, Any], data: dict[str, Any], keys: Collection[str]
+) -> tuple[list[Any], bool]:
+    children = tree.stub_ids(data)
+    kept = [key for key in children if f"t1_{key}" not in keys]
+    if not children:
+        return ([], True) if tree.named(data.get("parent_id"), keys) else ([value], False)
+    if len(kept) == len(children):
+        return [value], False
+    # Without children it would mean "continue this thread".
+    return (
+        [{**value, "data": {**data, "children": kept, "id": kept[0], "name": f"t1_{kept[0]}"}}]
+        if kept
+        else []
+    ), True
+
+
+_ADDRESS = r"/(?:comments|gallery)/(?P<key>[0-9a-z]+)"
+
+
+@cache
+def _copied() -> frozenset[str]:
+    """The fields that Reddit copies from the parent.
+
+    Addresses hold the title of a text post, and the id of a gallery.
+    """
+    post = raw.at("reddit/dumps", "data.children[].data") or {}
+    fields = post.get("properties", {})
+    return frozenset(name for name, said in fields.items() if "x-copied-from" in said)
+
+
+def repeats(post: dict[str, Any], keys: Collection[str]) -> bool:
+    """Whether a post's record repeats one of the full names `keys`."""
+    parents = post.get("crosspost_parent_list")
+    listed = parents if isinstance(parents, list) else ()
+    return tree.named(post.get("crosspost_parent"), keys) or any(
+        isinstance(one, dict) and f"t3_{one.get('id')}" in keys for one in listed
+    )
+
+
+def crossposts_of(answer: Any, keys: Collection[str]) -> set[str]:
+    """The bare ids of the posts in an answer that repeat one of the full names `keys`."""
+    posts = (thing.data for thing in tree.things(answer) if thing.kind == tree.POST)
+    return {str(post.get("id")) for post in posts if repeats(post, keys)}
+
+
+def without_parent(post: dict[str, Any], keys: Collection[str]) -> dict[str, Any]:
+    """The record of a crosspost of one of `keys` without what it shows; the same object when that
+    is gone already.
+    """
+    listed = post.get("crosspost_parent_list")
+    copied = _copied()
+    if not listed and not copied & post.keys():
+        return post
+    left = {name: value for name, value in post.items() if name not in copied}
+    if isinstance(listed, list):
+        left["crosspost_parent_list"] = [
+            one for one in listed if not (isinstance(one, dict) and f"t3_{one.get('id')}" in keys)
+        ]
+    return left
+
+
+def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str]) -> int:
+    """Take the parents `keys` out of a folder of reddit/posts; how many rows changed. Raises
+    DiskFull.
+
+    `crossposts` are bare ids of those that are known to repeat a key; others are told by their
+    address. Files without such rows are not touched.
+    """
+    known = pa.array(sorted(crossposts), pa.string())
+    purged = pa.array(
+        sorted(key.removeprefix("t3_") for key in keys if key.startswith("t3_")), pa.string()
+    )
+
+    def hit(rows: pa.RecordBatch) -> pa.BooleanArray:
+        named = pc.struct_field(
+            pc.extract_regex(rows["source_url"].cast(pa.string()), _ADDRESS), "key"
+        )
+        shown = pc.and_(rows["is_crosspost"], pc.is_in(named, value_set=purged))
+        shown = pc.or_(shown, pc.is_in(rows["post_id"].cast(pa.string()), value_set=known))
+        # One that was changed before, and the crosspost of a text, shows nothing.
+        told: pa.BooleanArray = pc.and_(shown, pc.not_equal(rows["type"].cast(pa.string()), "text"))
+        return told
+
+    changed = 0
+    for path in sorted(folder.glob("*.parquet")):
+        with reading([path]), parquet.open_file(path) as file:
+            hits = sum(
+                hit(batch).true_count
+                for batch in file.iter_batches(
+                    columns=["post_id", "type", "source_url", "is_crosspost"]
+                )
+            )
+            if not hits:
+                continue
+            with ShardWriter(path, "reddit/posts", in_order=True) as writer:
+                for batch in file.iter_batches():
+                    writer.write(_bare(pa.Table.from_batches([batch]), hit(batch)))
+        changed += hits
+    return changed
+
+
+def _bare(rows: pa.Table, hit: pa.BooleanArray) -> pa.Table:
+    for name, value in (
+        ("type", "text"),
+        ("source_url", None),
+        ("link_kind", None),
+        ("poll_options", None),
+    ):
+        place, field = rows.column_names.index(name), rows.schema.field(name)
+        plain = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
+        column = rows[name].cast(plain)
+        rows = rows.set_column(place, name, pc.if_else(hit, pa.scalar(value, plain), column))
+    return rows

@@ -1,0 +1,306 @@
+"""`kb reddit reconstruct`: full posts and comments from ids, with a key of one's own or from dumps.
+
+Known ids go through `info`, 100 full names a request, posts and comments together. Posts of the
+published `reddit.json` have no comment ids: their whole trees are read, with every nested reply.
+Answers wait in a work folder until every id is answered, so an interrupted run repeats only what
+was in flight; then kb.artifacts.restore adds them to the tables of earlier runs.
+
+    out/posts/*.parquet  out/comments/*.parquet     the clean tables' columns, scores of models null
+    out/missing.parquet                             key, reason: missing, deleted, removed, purged,
+                                                    forbidden, malformed, failed, not in these
+                                                    dumps; and when the source said so
+    out/.done.json                                  which lists of ids were answered
+    out/.work-<digest>                              raw answers of an unfinished run
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import shutil
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import pyarrow.parquet as pq
+
+from kb.artifacts.restore import FAILED, MISSING, WORK
+from kb.core.context import Run
+from kb.core.errors import DamagedData, KbError
+from kb.core.profile import DEFAULT, load_profile
+from kb.core.profile.reddit import RedditSection
+from kb.core.settings import load_settings
+from kb.core.verdict import Summary
+from kb.crawl import job
+from kb.net import redact
+from kb.reddit.connector.errors import require
+from kb.reddit.connector.ids import Ids, WantedThings, asked_for, released, subreddit_of
+from kb.reddit.connector.importer import import_files
+from kb.reddit.dumps.cursor import cursor_name, recover_segments
+from kb.reddit.dumps.files import find_dumps
+from kb.reddit.dumps.id_search import write_index
+from kb.reddit.dumps.import_file import ImportJob
+from kb.reddit.parse.anonymize import load_key
+from kb.reddit.restore import tables
+from kb.reddit.restore.source import KnownIds, unanswered
+from kb.store import leftovers, parquet, tombstones
+from kb.store.atomic import write_bytes
+from kb.store.layout import Layout, parquet_files
+from kb.store.lock import writer
+
+LOCK = ".lock"  # in a folder of tables outside of the data root: one run at a time adds to them
+_SINCE = "writes"  # in a work folder: how often the tables had been written when it began
+NOT_IN_DUMPS = "not in these dumps"
+WITHOUT_KEY = "archive dumps need no key: --dumps FILE…"
+
+
+class Post(NamedTuple):
+    """A post that is still there; columns as in clean/reddit/posts."""
+
+    post_id: str
+    type: str
+    created_utc: datetime
+    score: int
+    num_comments: int | None
+    upvote_ratio: float | None
+    score_source: str
+    fetched_at: datetime
+    title: str
+    body: str | None
+    author_hash: str | None
+    source_url: str | None
+    link_kind: str | None
+    is_crosspost: bool
+    poll_options: list[str] | None
+
+
+class Comment(NamedTuple):
+    """A comment that is still there; columns as in clean/reddit/comments."""
+
+    comment_id: str
+    post_id: str
+    parent_id: str
+    depth: int | None
+    created_utc: datetime
+    score: int | None
+    score_source: str
+    fetched_at: datetime
+    body: str
+    author_hash: str | None
+
+
+class Missing(NamedTuple):
+    """A full name that was asked for and is gone, or (reason "failed") not answered yet."""
+
+    key: str
+    reason: str
+
+
+def reconstruct(
+    ids: Ids = None,
+    *,
+    out: Path | str | None = None,
+    run: Run | None = None,
+    profile: str | None = None,
+    dumps: Sequence[Path | str] = (),
+    **settings: Any,
+) -> Iterator[Post | Comment | Missing]:
+    """Typed rows of released ids, for a notebook: `for row in
+    kb.reddit.reconstruct("posts-00000-of-00001.parquet"): …`
+
+    `ids`: a file or folder as for `--ids`, several of them, or full names; by default the data
+    root's own release. `dumps` are read instead of asking Reddit: no key, no network. What `out`
+    has already is added to, and comes as well. `settings` are names of kb.core.settings
+    (`reddit_client_id="…"`, `kb_data="…"`); the environment and `.env` count as for the command.
+    Everything is read first (cut off, the same call goes on), then posts, comments and what is
+    missing come in order. Raises as `rebuild`.
+    """
+    run = run or _run(profile, settings)
+    place = Path(out) if out else Layout(run.root).reconstructed
+    rebuild(run, ids, place, dumps=[Path(file) for file in dumps])
+    return rows(place)
+
+
+def rows(out: Path) -> Iterator[Post | Comment | Missing]:
+    """The rows of a finished reconstruction."""
+    for name, make in (("posts", Post), ("comments", Comment)):
+        for path in sorted((out / name).glob("*.parquet")):
+            with parquet.open_file(path) as file:
+                for batch in file.iter_batches(8_192, columns=list(make._fields)):
+                    yield from (make(**row) for row in batch.to_pylist())
+    for row in parquet.read_table(out / "missing.parquet").to_pylist():
+        yield Missing(row["key"], row["reason"])
+
+
+def rebuild(
+    run: Run,
+    ids: Ids,
+    out: Path,
+    *,
+    dumps: Sequence[Path] = (),
+    removed: Collection[str] = (),
+) -> Summary:
+    """Read everything and add it to the tables in `out`; with `--again` also what was answered.
+
+    `dumps` are read instead of asking Reddit. `removed` are full names that were purged elsewhere:
+    like the data root's own tombstones they are never asked for. Raises SettingError (also where
+    the tables would replace other files) and MissingCredential before anything is sent (exit 2);
+    LimitReached, Blocked, Unreachable and Interrupted (exit 3; the same command resumes);
+    CredentialRefused and WriterLocked (exit 1).
+    """
+    if dumps:
+        dumps = find_dumps(run, dumps).files
+    else:
+        require(run, without=WITHOUT_KEY)
+    wanted, sources = asked_for(ids, Layout(run.root).release("reddit"), run.progress.say)
+    digest = _digest(wanted, dumps, removed)
+    tables.check_place(out)
+    with _writer(run.root, out):
+        for name in (tables.DONE, MISSING):
+            leftovers.ended(out / name)  # of a killed run
+        tables.folder_of(out).settle()
+        done, work = _load(out), out / f"{WORK}-{digest}"
+        if digest in done.answered and not run.again:
+            shutil.rmtree(work, ignore_errors=True)
+            state = "these dumps are already read" if dumps else "every id is already answered"
+            run.progress.say(f"{out}: {state}; --again reads them again")
+            return Summary(**{**done.answered[digest], **_counts(out, done), "requests": 0})
+        stale = _is_stale(work, done)
+        removed = {*removed, *tombstones.keys(run.root, "reddit")}
+        answers = tables.Answers(work, wanted, {}, released(sources), stale, removed)
+        if dumps:
+            subreddit = "" if wanted.trees else subreddit_of(sources)
+            summary = _read_dumps(run, wanted, dumps, work, removed, subreddit)
+            answers = answers._replace(stale=True, otherwise=NOT_IN_DUMPS)
+        else:
+            source = KnownIds(run, wanted, removed)
+            summary = job.work(run, source, source.summary, place=work, facts=source.facts)
+            answers = answers._replace(unanswered=unanswered(Layout(work).state("reddit")))
+        if wanted.bad_lines:
+            summary["bad_lines"] = summary.get("bad_lines", 0) + wanted.bad_lines
+        try:
+            done.answered.pop(digest, None)
+            done.counts = tables.write(answers, out, run.profile.section(RedditSection).links)
+            done.writes += 1
+            summary |= _counts(out, done)
+        except KbError as error:
+            error.summary = summary
+            raise
+        write_bytes(work / _SINCE, str(done.writes).encode())
+        if not summary["failed"]:
+            done.answered[digest] = dict(summary)
+        write_bytes(out / tables.DONE, msgspec.json.encode(done))
+        if not summary["failed"]:
+            shutil.rmtree(work)
+    return summary
+
+
+class Done(msgspec.Struct):
+    """What .done.json says: the summary of each list of ids by its digest, rows of the tables, and
+    how often they were written.
+    """
+
+    answered: dict[str, dict[str, Any]] = {}
+    counts: dict[str, int] = {}
+    writes: int = 0
+
+
+def _load(out: Path) -> Done:
+    """What .done.json says of `out`; no list counts as answered where a table is incomplete."""
+    try:
+        done = msgspec.json.decode((out / tables.DONE).read_bytes(), type=Done)
+    except (OSError, msgspec.DecodeError):
+        return Done()
+    try:
+        names = [one.declared.short for one in tables.TABLES]
+        missing = pq.read_metadata(out / MISSING).num_rows
+        counts = tables.folder_of(out).counts() | {MISSING: missing}
+        if counts == done.counts and all(parquet_files(out / name) for name in names):
+            return done
+    except (OSError, ValueError, DamagedData):
+        pass
+    return Done(writes=done.writes)
+
+
+def _is_stale(work: Path, done: Done) -> bool:
+    """Whether other runs have written to the tables since this work folder began."""
+    path = work / _SINCE
+    if not path.exists():
+        write_bytes(path, str(done.writes).encode())
+        return False
+    return path.read_text() != str(done.writes)
+
+
+def _writer(root: Path, out: Path) -> AbstractContextManager[None]:
+    """The right to add to the tables in `out`: a lock of the data root where they lie in it."""
+    at = Layout(root)
+    if out == at.reconstructed:
+        return writer(root, "reconstructed")
+    if out.is_relative_to(at.restored()):
+        return writer(root, "restored")
+    return writer(out / LOCK, "reddit")
+
+
+def _digest(wanted: WantedThings, dumps: Sequence[Path], removed: Collection[str]) -> str:
+    """Identifies what is wanted, from which dumps, and without which names."""
+    if not dumps and not removed:
+        return wanted.digest()
+    names = [*sorted(cursor_name(file, 0.0, math.inf) for file in dumps), *sorted(removed)]
+    return hashlib.sha256(" ".join([wanted.digest(), *names]).encode()).hexdigest()[:16]
+
+
+def _read_dumps(
+    run: Run,
+    wanted: WantedThings,
+    dumps: Sequence[Path],
+    work: Path,
+    removed: Collection[str],
+    subreddit: str,
+) -> Summary:
+    """Wanted records of the dumps → raw answers in the work folder, as an import writes them.
+
+    `subreddit` is that of all ids, "" where it is unknown.
+    """
+    ids, notes = work / "ids", Layout(work).importing("reddit")
+    if run.again and not notes.exists():
+        run = replace(run, again=False)  # nothing was read yet that could be read anew
+    recover_segments(work)
+    load_key(run.root)
+    if not ids.is_dir():
+        with run.progress.task("ids", unit="steps"):
+            write_index(wanted.names, wanted.trees, ids, removed)
+    room, home = run.limit or 0, str(run.root)
+    job_ = ImportJob(str(work), "", subreddit, 0.0, math.inf, room, ids=str(ids), home=home)
+    try:
+        summary = import_files(replace(run, root=work), job_, dumps)
+    except KbError as error:
+        if error.summary is not None:
+            error.summary = _of_dumps(error.summary)
+        raise
+    return _of_dumps(summary)
+
+
+def _of_dumps(summary: Mapping[str, Any]) -> Summary:
+    return Summary({**summary, "command": "reddit reconstruct", "failed": 0, "pending": 0})
+
+
+def _counts(out: Path, done: Done) -> dict[str, int]:
+    """Rows of the tables now; what failed is not `missing`, as the next run asks for it."""
+    reasons = tables.folder_of(out).missing().values()
+    failed = sum(one.reason == FAILED for one in reasons)
+    counts = {one.declared.short: done.counts[one.declared.short] for one in tables.TABLES}
+    return {**counts, "missing": done.counts[MISSING] - failed}
+
+
+def _run(profile: str | None, settings: dict[str, Any]) -> Run:
+    loaded = load_settings(**{**settings, "kb_profile": profile or settings.get("kb_profile")})
+    redact.know(loaded.secret_values())
+    return Run(
+        settings=loaded,
+        profile=load_profile(loaded.kb_profile or DEFAULT),
+        root=loaded.kb_data.expanduser().absolute(),
+    )

@@ -1,0 +1,223 @@
+"""Raw answers of a reconstruction → restored tables.
+
+Rows of one post meet in one bucket, so one bucket bounds the memory.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Collection
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.artifacts.restore import (
+    FOREVER,
+    MISSING,
+    PURGED,
+    WORK,
+    MissingReason,
+    RestoredTable,
+    RestoreFolder,
+    fresh_rows,
+)
+from kb.core.errors import SettingError
+from kb.core.profile.reddit import Links
+from kb.reddit.connector.ids import Released, WantedThings
+from kb.reddit.dumps.cursor import KIND
+from kb.reddit.parse import answers as parse
+from kb.reddit.parse.assemble import assemble, newest_of, with_counts
+from kb.reddit.parse.tree import depths
+from kb.schema.tables import Table
+from kb.store import rawlog
+from kb.store.atomic import full_disk_is_resumable
+from kb.store.shuffle import Shuffle
+
+TABLES = (RestoredTable("reddit/posts", "t3_"), RestoredTable("reddit/comments", "t1_"))
+DONE = ".done.json"  # which lists of ids were answered, and how many rows the tables have
+_PART = re.compile(r"part-\d{5,}\.parquet\Z")
+
+
+def folder_of(out: Path) -> RestoreFolder:
+    """The restored tables in `out`."""
+    return RestoreFolder(out, TABLES, "post_id", "reddit/missing", rows_per_bucket=200_000)
+
+
+def check_place(out: Path) -> None:
+    """Raise SettingError where writing the tables would delete files that are not theirs."""
+    if out.exists() and not out.is_dir():
+        raise SettingError(f"--out {out} is not a folder", hint="give a folder")
+    ours = (out / DONE).exists() or (out / MISSING).exists() or any(out.glob(f"{WORK}-*"))
+    for place in (out / one.declared.short for one in TABLES):
+        if place.is_dir() and not place.is_symlink():
+            entries = sorted(place.iterdir())
+        else:
+            entries = [place] if place.exists() or place.is_symlink() else []
+        for path in entries:
+            if not (ours and _PART.match(path.name) and path.is_file()):
+                raise SettingError(
+                    f"--out: {path} was not made by a reconstruction and would be deleted",
+                    hint="give another folder",
+                )
+
+
+class Answers(NamedTuple):
+    """What one run has: `unanswered` full name → reason; `released` fills in what no answer says.
+
+    `stale`: other runs may have written newer rows than these answers, as always with dumps.
+    `purged` are tombstones. `otherwise` is the reason of names that no answer mentions.
+    """
+
+    work: Path
+    wanted: WantedThings
+    unanswered: dict[str, str]
+    released: Released
+    stale: bool = False
+    purged: Collection[str] = ()
+    otherwise: str = "missing"
+
+
+def write(answers: Answers, out: Path, links: Links) -> dict[str, int]:
+    """Add the answers to the tables below `out`; rows of each. Raises DamagedData, DiskFull."""
+    wanted, work, folder = answers.wanted, answers.work, folder_of(out)
+    buckets = folder.buckets(len(wanted.names) + 50 * len(wanted.trees))
+    scratch = work / "rows"
+    with full_disk_is_resumable(work):
+        shutil.rmtree(scratch, ignore_errors=True)
+        scratch.mkdir(parents=True)
+        _partition(work, scratch, buckets, links)
+        reasons = {key: MissingReason(reason) for key, reason in answers.unanswered.items()}
+        for number in range(buckets):
+            reasons |= _answered(scratch, number, answers)
+        reasons |= dict.fromkeys(answers.purged, MissingReason(PURGED, FOREVER))
+        return folder.merge(
+            scratch,
+            buckets,
+            reasons,
+            chain(wanted.names, (f"t3_{key}" for key in wanted.trees)),
+            newer=not answers.stale,
+            unlisted=answers.purged,
+            otherwise=answers.otherwise,
+            finish=_with_counts,
+        )
+
+
+def _partition(work: Path, scratch: Path, buckets: int, links: Links) -> None:
+    """Rows of all raw answers → `scratch/<bucket>/<kind>.arrow`, by post where it is known."""
+    for kind in rawlog.kinds(work, "reddit"):
+        lines = (
+            line
+            for path in rawlog.segments(work, "reddit", kind)
+            for _, line in rawlog.Frames(path)
+        )
+        with Shuffle(scratch, kind, buckets) as shuffle:
+            for rows in parse.rows(lines, kind, links):
+                unknown = pc.equal(pc.fill_null(rows["post_id"], ""), "")
+                shuffle.write(rows, pc.if_else(unknown, rows["fullname"], rows["post_id"]))
+
+
+def _answered(scratch: Path, number: int, answers: Answers) -> dict[str, MissingReason]:
+    """Write the fresh rows of a bucket; the reasons of things without one."""
+    answered = {
+        kind: _read(path)
+        for kind in parse.KINDS
+        if (path := scratch / str(number) / f"{kind}.arrow").exists()
+    }
+    reasons: dict[str, MissingReason] = {}
+    if not answered:
+        return reasons
+    made = assemble(answered)
+    for one in TABLES:
+        rows = _complete(made[one.name], one.declared, reasons)
+        if one.declared.short == "posts":
+            # Nobody read the tree of a post that was asked for by its id alone.
+            trees = pc.is_in(rows["post_id"], pa.array(answers.wanted.trees, pa.string()))
+            unread = pc.if_else(trees, rows["comments_unread"], pa.scalar(None, pa.int64()))
+            rows = _put(rows, "comments_unread", unread)
+            rows = _filled(rows, "post_id", "comments_unread", answers.released.unread)
+        else:
+            rows = _filled(rows, "comment_id", "depth", answers.released.depths)
+            posts = [name[3:] for name in answers.purged if name.startswith("t3_")]
+            rows = rows.filter(pc.invert(pc.is_in(rows["post_id"], pa.array(posts, pa.string()))))
+        path = fresh_rows(scratch, number, one.declared.short)
+        with pa.ipc.new_file(str(path), rows.schema) as file:
+            file.write_table(rows)
+    return reasons
+
+
+def _with_counts(rows: dict[str, pa.Table]) -> dict[str, pa.Table]:
+    """Depths that no run alone could know, and counts, from the comments of all runs."""
+    comments = rows["reddit/comments"]
+    keys = cast("list[str]", comments["comment_id"].to_pylist())
+    known = depths(zip(keys, comments["parent_id"].to_pylist(), strict=True))
+    computed = pa.array([known.get(key) for key in keys], pa.int64())
+    comments = _put(comments, "depth", pc.coalesce(comments["depth"], computed))
+    return with_counts({**rows, "reddit/comments": comments})
+
+
+def _read(path: Path) -> pa.Table:
+    with pa.ipc.open_file(str(path)) as file:
+        rows = file.read_all()
+    if path.stem == KIND:
+        rows = _in_order(rows)
+    return newest_of({"info": rows})
+
+
+def _in_order(rows: pa.Table) -> pa.Table:
+    """Records of dumps, of which the last one counts where times are equal: a removal rather than
+    what was there, then the later dump. A removal that does not say when it was read is newer than
+    anything: nothing shows that it was undone.
+    """
+    gone = pc.is_valid(rows["gone"])
+    undated = pc.and_(gone, pc.is_null(rows["fetched_at"]))
+    forever = pa.scalar(FOREVER, rows.schema.field("fetched_at").type)
+    rows = _put(rows, "fetched_at", pc.if_else(undated, forever, rows["fetched_at"]))
+    rows = rows.append_column("is_gone", gone)
+    return rows.sort_by([("is_gone", "ascending"), ("dump", "ascending")]).drop_columns("is_gone")
+
+
+def _complete(rows: pa.Table, declared: Table, missing: dict[str, MissingReason]) -> pa.Table:
+    """The rows that have all required columns; reasons of the others are added to `missing`."""
+    states = cast("list[str]", rows["state"].to_pylist())
+    reasons = [
+        _reason(state, why) for state, why in zip(states, rows["gone"].to_pylist(), strict=True)
+    ]
+    for column in declared.columns:
+        if not column.nullable and column.name in rows.column_names:
+            valid = rows[column.name].is_valid().to_pylist()
+            reasons = [
+                why or (None if is_valid else "malformed")
+                for why, is_valid in zip(reasons, valid, strict=True)
+            ]
+    times = [None if at == FOREVER else at for at in rows["fetched_at"].to_pylist()]
+    names = cast("list[str]", rows["fullname"].to_pylist())
+    for name, reason, at in zip(names, reasons, times, strict=True):
+        if reason is not None:
+            missing[name] = MissingReason(reason, at)
+    kept = rows.filter(pa.array([reason is None for reason in reasons], pa.bool_()))
+    for field in declared.arrow():
+        if field.name not in kept.column_names:
+            kept = kept.append_column(field.name, pa.nulls(kept.num_rows, field.type))
+    return kept.select(declared.names())
+
+
+def _filled(rows: pa.Table, key: str, name: str, known: pa.Table | None) -> pa.Table:
+    """The column `name` where it is null from `known` (key, name)."""
+    if known is None:
+        return rows
+    place = pc.index_in(rows[key], value_set=known[key].combine_chunks())
+    return _put(rows, name, pc.coalesce(rows[name], known[name].take(place)))
+
+
+def _put(rows: pa.Table, name: str, values: pa.ChunkedArray[Any]) -> pa.Table:
+    return rows.set_column(rows.column_names.index(name), name, values)
+
+
+def _reason(state: str, gone: str | None) -> str | None:
+    if state != "there":
+        return "missing" if state in ("missing", "stub") else "malformed"
+    return gone

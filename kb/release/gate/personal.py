@@ -1,0 +1,124 @@
+"""Personal data that people wrote into titles and texts: e-mail addresses and phone numbers,
+counted by row.
+
+Game talk is full of figures, so a phone number is one of these forms only, and has 8 to 15 digits:
+
+    +33 6 12 34 56 78     international, in groups
+    (555) 010-9999        with an area code, by brackets, hyphens or dots
+    0171 1234567          with a leading 0 and one or two groups
+    call 555 123 4567     any other groups within a few words of call, phone, WhatsApp …
+
+Coordinates, counts, seeds, versions and dates have none of them, or too few different digits.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.artifacts.release_folder import ReleaseFolder
+from kb.core.errors import DamagedData
+from kb.core.profile.release import Release
+from kb.release.gate.problem import GateProblem
+from kb.store import parquet
+
+# Arrow's expressions (RE2) know letters of every script as \pL.
+EMAIL = r"[\pL\pN._%+\-]+@[\pL\pN\-]+(?:\.[\pL\pN\-]+)*\.[A-Za-z]{2,}"
+_AMERICAN = (
+    r"\([0-9]{3}\) ?[0-9]{3}[ .\-][0-9]{4}|[0-9]{3}-[0-9]{3}-[0-9]{4}|[0-9]{3}\.[0-9]{3}\.[0-9]{4}"
+)
+_INTERNATIONAL = r"\+[1-9][0-9]{0,2}(?:[ .\-]?\(?[0-9]{1,4}\)?){2,6}"
+_NATIONAL = r"0[1-9][0-9]{1,3}[ /\-][0-9]{3,4}[ \-]?[0-9]{3,4}"
+_WORDS = "(?i:call|phone|tel|telephone|telefon|whats ?app|mobile|handy|dial|ruf|sms)"
+_GROUPS = r"[0-9]{2,4}(?:[ .\-/][0-9]{2,5}){1,4}"
+PHONE = (
+    rf"(?:^|[^0-9A-Za-z])"
+    rf"(?:{_AMERICAN}|{_INTERNATIONAL}|{_NATIONAL}|{_WORDS}\b[^0-9+\n]{{0,20}}{_GROUPS})"
+    rf"(?:$|[^0-9A-Za-z])"
+)
+_SURE = re.compile(rf"(?:^|[^0-9A-Za-z])(?:{_AMERICAN})(?:$|[^0-9A-Za-z])")
+_FORM = re.compile(
+    rf"(?:^|[^0-9A-Za-z])(?:({_INTERNATIONAL}|{_NATIONAL})|{_WORDS}\b[^0-9+\n]{{0,20}}({_GROUPS}))(?=$|[^0-9A-Za-z])"
+)
+_DATE = re.compile(
+    r"[0-9]{1,2}[./\-][0-9]{1,2}[./\-][0-9]{4}|[0-9]{4}[./\-][0-9]{1,2}[./\-][0-9]{1,2}|\+?[0-9]+\.[0-9]+"
+)
+
+
+def holds_phone(text: str) -> bool:
+    """Whether a text that has the shape of `PHONE` holds a number that people can be called by."""
+    if _SURE.search(text):
+        return True
+    return any(_is_number(match[1] or match[2]) for match in _FORM.finditer(text))
+
+
+def _is_number(text: str) -> bool:
+    groups = re.findall("[0-9]+", text)
+    digits = "".join(groups)
+    if not 8 <= len(digits) <= 15 or len(set(digits)) < 3 or _DATE.fullmatch(text):
+        return False
+    # Round figures are counts and coordinates: 100 200 3000, +12 500 000.
+    return not digits.endswith("000") and not all(group.endswith("0") for group in groups)
+
+
+def personal(folder: ReleaseFolder, section: Release) -> list[GateProblem]:
+    """A line for each column with more e-mail addresses or phone numbers than the profile
+    tolerates.
+    """
+    problems = []
+    for (table, name), (rows, emails, phones) in personal_counts(folder).items():
+        for what, hits, tolerated, key in (
+            ("an e-mail address", emails, section.emails_per_thousand, "emails_per_thousand"),
+            ("a phone number", phones, section.phones_per_thousand, "phones_per_thousand"),
+        ):
+            if hits * 1000 > tolerated * rows:
+                problems.append(
+                    GateProblem(
+                        "personal data",
+                        f"{folder.source}/{table}",
+                        (
+                            f"{hits:,} of {rows:,} rows have {what} in {name},"
+                            f" [release] {key} tolerates {tolerated:g} per 1,000"
+                        ),
+                    )
+                )
+    return problems
+
+
+def personal_counts(folder: ReleaseFolder) -> dict[tuple[str, str], tuple[int, int, int]]:
+    """(table, column) → rows, rows with an e-mail address, rows with a phone number;
+    what people wrote only.
+    """
+    counts: dict[tuple[str, str], tuple[int, int, int]] = {}
+    for part in folder.parts:
+        for column in part.table.columns:
+            if column.released and column.content and column.type == "string":
+                counts[part.table.short, column.name] = _count(part.shards, column.name)
+    return counts
+
+
+def _count(shards: Sequence[Path], name: str) -> tuple[int, int, int]:
+    rows = emails = phones = 0
+    for shard in shards:
+        try:
+            file = parquet.open_file(shard)
+            if name not in file.schema_arrow.names:
+                continue
+            for batch in file.iter_batches(columns=[name]):
+                values = batch.column(0).drop_null()
+                rows += batch.num_rows
+                emails += len(_matching(values.filter(pc.match_substring(values, "@")), EMAIL))
+                suspect = cast("list[str]", _matching(values, PHONE).to_pylist())
+                phones += sum(map(holds_phone, suspect))
+        except (pa.ArrowException, OSError, DamagedData):
+            continue  # the structure check reports it
+    return rows, emails, phones
+
+
+def _matching(values: pa.Array[Any], shape: str) -> pa.Array[Any]:
+    return values.filter(pc.match_substring_regex(values, shape))

@@ -1,0 +1,132 @@
+"""The files that people read beside the data, each from its template in templates/.
+
+card        README.md, with the front matter that Hugging Face's loader and hub read
+            ("Dataset Cards", "Manual configuration" in the hub's documentation)
+datasheet   DATASHEET.md: the questions of "Datasheets for Datasets" (Gebru et al., 2021)
+citation    CITATION.cff, version 1.2.0 (https://citation-file-format.github.io)
+law         LICENSE: whose the data is, then the legal text
+
+Figures come from kb.release.metadata.measure, sentences on a source from kb.release.metadata.about.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from kb import __version__
+from kb.core.context import Run
+from kb.core.installation import install_extra, lock_digest, software, software_address
+from kb.core.licences import licence
+from kb.core.sources import RELEASES
+from kb.release import provenance
+from kb.release.history import Changes
+from kb.release.metadata.about import about
+from kb.release.metadata.facts import Facts, TableFacts
+from kb.release.metadata.first_screen import first
+from kb.release.metadata.render import render
+from kb.release.metadata.text import SANDBOX_NOTE, language, md, name
+
+_SIZES = (
+    (10**3, "n<1K"),
+    (10**4, "1K<n<10K"),
+    (10**5, "10K<n<100K"),
+    (10**6, "100K<n<1M"),
+    (10**7, "1M<n<10M"),
+    (10**8, "10M<n<100M"),
+)
+
+
+def card(run: Run, facts: Facts, changed: Changes) -> str:
+    """The dataset card."""
+    stages: dict[str, int] = {}
+    for stage, _, n in facts.rejected:
+        stages[stage] = stages.get(stage, 0) + n
+    return render(
+        "card.md",
+        **_in_markdown(run, facts),
+        title=about(run.profile, facts.source).title,
+        language=language(run),
+        size_category=next((word for limit, word in _SIZES if facts.rows < limit), "n>100M"),
+        tags=_search_words(run, facts),
+        main=next((table for table in facts.tables if _is_main(table)), facts.tables[0]),
+        stages=sorted(stages.items(), key=lambda item: (-item[1], item[0])),
+        bibtex=bibtex(run, facts),
+        first=first(facts),
+        changed=changed,
+        rules=provenance.rules(run.profile, facts.source),
+        profile=run.profile,
+        listed=bool(provenance.keyword_text(run.profile)),
+    )
+
+
+def datasheet(run: Run, facts: Facts) -> str:
+    """The datasheet."""
+    return render(
+        "datasheet.md",
+        **_in_markdown(run, facts),
+        kept=next((table.rows for table in facts.tables if _is_main(table)), facts.rows),
+        rejected=sum(n for _, _, n in facts.rejected),
+        toxic=sum(n for stage, _, n in facts.rejected if stage == "toxicity"),
+        toxicity=run.profile.toxicity,
+    )
+
+
+def citation(run: Run, facts: Facts) -> str:
+    """CITATION.cff. Strings are quoted as JSON, which YAML reads."""
+    return render(
+        "citation.cff",
+        version=__version__,
+        address=software_address(),
+        lock=lock_digest(),
+        about=about(run.profile, facts.source),
+        facts=facts,
+        release=run.profile.release,
+        words=_search_words(run, facts),
+    )
+
+
+def bibtex(run: Run, facts: Facts) -> str:
+    """How to cite the folder."""
+    return render(
+        "citation.bib",
+        about=about(run.profile, facts.source),
+        facts=facts,
+        key=name(run, facts).replace("-", "_"),
+        release=run.profile.release,
+        version=__version__,
+    ).rstrip("\n")
+
+
+def law(run: Run, facts: Facts) -> str:
+    """LICENSE. Names of licences are the wiki's own words, so each stays on its line."""
+    return render(
+        "licence.txt",
+        about=about(run.profile, facts.source),
+        facts=facts,
+        law=licence(facts.licence),
+    )
+
+
+def _in_markdown(run: Run, facts: Facts) -> dict[str, Any]:
+    section = run.profile.release
+    return {
+        "about": about(run.profile, facts.source, md),
+        "contact": section.contact or section.homepage or "the depositor of this record",
+        "facts": facts,
+        "law": licence(facts.licence),
+        "note": SANDBOX_NOTE,
+        "install": install_extra(RELEASES[facts.source].extra),
+        "release": section,
+        "software": software(),
+        "address": software_address(),
+        "topic": run.profile.title,
+    }
+
+
+def _search_words(run: Run, facts: Facts) -> list[str]:
+    words = about(run.profile, facts.source).words
+    return list(dict.fromkeys((run.profile.name, *words, *run.profile.release.keywords)))
+
+
+def _is_main(table: TableFacts) -> bool:
+    return table.table.short == RELEASES[table.table.source].main

@@ -1,0 +1,237 @@
+"""croissant.json: Croissant 1.1 with its responsible-AI part, derived from `schemas/` and the data.
+
+Source: https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html and
+croissant-rai-spec.html. Made without mlcroissant, which the tests use to validate it and to load
+every record.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from kb.core.context import Run
+from kb.core.licences import licence
+from kb.core.sources import RELEASES
+from kb.release.metadata.about import about
+from kb.release.metadata.card import bibtex
+from kb.release.metadata.facts import DataFile, Facts, TableFacts
+from kb.release.metadata.text import SANDBOX_NOTE, day, language, name
+from kb.schema.tables import Column
+
+PARQUET = "application/x-parquet"
+CONFORMS = ["http://mlcommons.org/croissant/1.1", "http://mlcommons.org/croissant/RAI/1.0"]
+# The specification's context; "@language" tags names and descriptions.
+CONTEXT: dict[str, Any] = {
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    "arrayShape": "cr:arrayShape",
+    "citeAs": "cr:citeAs",
+    "column": "cr:column",
+    "conformsTo": "dct:conformsTo",
+    "containedIn": "cr:containedIn",
+    "cr": "http://mlcommons.org/croissant/",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "dct": "http://purl.org/dc/terms/",
+    "description": {"@container": "@language"},
+    "equivalentProperty": "cr:equivalentProperty",
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    "extract": "cr:extract",
+    "field": "cr:field",
+    "fileObject": "cr:fileObject",
+    "fileProperty": "cr:fileProperty",
+    "fileSet": "cr:fileSet",
+    "format": "cr:format",
+    "includes": "cr:includes",
+    "isArray": "cr:isArray",
+    "isLiveDataset": "cr:isLiveDataset",
+    "jsonPath": "cr:jsonPath",
+    "key": "cr:key",
+    "md5": "cr:md5",
+    "name": {"@container": "@language"},
+    "parentField": "cr:parentField",
+    "path": "cr:path",
+    "recordSet": "cr:recordSet",
+    "references": "cr:references",
+    "regex": "cr:regex",
+    "repeated": "cr:repeated",
+    "replace": "cr:replace",
+    "samplingRate": "cr:samplingRate",
+    "sc": "https://schema.org/",
+    "separator": "cr:separator",
+    "source": "cr:source",
+    "subField": "cr:subField",
+    "transform": "cr:transform",
+}
+
+
+def croissant(run: Run, facts: Facts) -> str:
+    """The whole document as text."""
+    said, section = about(run.profile, facts.source), run.profile.release
+    document = {
+        "@context": CONTEXT,
+        "@type": "sc:Dataset",
+        "conformsTo": CONFORMS,
+        "name": name(run, facts),
+        "description": said.summary + (f" {SANDBOX_NOTE}" if facts.sandbox else ""),
+        "license": licence(facts.licence).url,
+        "version": section.version,
+        "citeAs": bibtex(run, facts),
+        "creator": [
+            {"@type": "sc:Organization" if "," not in one.name else "sc:Person", "name": one.name}
+            for one in section.creators
+        ],
+        "keywords": list(dict.fromkeys((run.profile.name, *said.words, *section.keywords))),
+        "datePublished": day(facts.built),
+        "dateModified": day(facts.built),
+        "inLanguage": language(run),
+        **({"url": section.homepage} if section.homepage else {}),
+        **_responsible(run, facts),
+        "distribution": [file for table in facts.tables for file in _files(table)]
+        + [_archive(file) for file in facts.others],
+        "recordSet": [_records(table) for table in facts.tables],
+    }
+    return json.dumps(document, ensure_ascii=False, indent=1) + "\n"
+
+
+def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
+    said = about(run.profile, facts.source)
+    emails, phones = (sum(counts[i] for counts in facts.personal.values()) for i in (1, 2))
+    fields = {
+        "rai:dataCollection": said.collection,
+        "rai:dataCollectionType": ["Web API", "Web scraping"]
+        if RELEASES[facts.source].scraped
+        else ["Web API"],
+        "rai:dataCollectionRawData": said.raw,
+        "rai:dataCollectionMissingData": said.absent,
+        "rai:dataPreprocessingProtocol": list(said.processing),
+        "rai:dataAnnotationProtocol": [
+            f"Texts were scored by the toxicity model {model} ({revision}) in {precision}."
+            for model, revision, precision in facts.models
+        ],
+        "rai:machineAnnotationTools": [
+            f"Detoxify {model} {revision} {precision}"
+            for model, revision, precision in facts.models
+        ],
+        "rai:dataBiases": list(said.biases),
+        "rai:dataLimitations": [*said.limits, *(["not for: " + what for what in said.avoid])],
+        "rai:dataUseCases": list(said.uses),
+        "rai:personalSensitiveInformation": [
+            said.people,
+            (
+                f"Measured in the released texts: {emails:,} rows with an e-mail address,"
+                f" {phones:,} with a phone number."
+            ),
+        ],
+        "rai:dataReleaseMaintenancePlan": said.upkeep,
+        "rai:dataSocialImpact": f"Lets research on {run.profile.title} be repeated on stated data. "
+        "Harm by exposure of people is limited by leaving names and deleted material out.",
+    }
+    if facts.read:
+        fields["rai:dataCollectionTimeframe"] = [day(moment) for moment in facts.read]
+    return {key: what for key, what in fields.items() if what}
+
+
+def _files(table: TableFacts) -> list[dict[str, Any]]:
+    """A file object for each shard, with its checksum; a file set where a table has several."""
+    files = [
+        {
+            "@type": "cr:FileObject",
+            "@id": file.name,
+            "name": file.name,
+            "description": f"{file.rows:,} rows of {table.table.short}.",
+            "contentUrl": file.name,
+            "contentSize": f"{file.size} B",
+            "encodingFormat": PARQUET,
+            "sha256": file.sha256,
+        }
+        for file in table.files
+    ]
+    if len(files) > 1:
+        files.append(
+            {
+                "@type": "cr:FileSet",
+                "@id": f"{table.table.short}-files",
+                "name": f"{table.table.short}-files",
+                "description": f"All shards of {table.table.short}.",
+                "encodingFormat": PARQUET,
+                "includes": f"{table.table.short}-*-of-*.parquet",
+            }
+        )
+    return files
+
+
+_FORMATS = {
+    ".tar": ("application/x-tar", "Files that path columns name as <tar>/<member>."),
+    ".ndjson": (
+        "application/jsonlines",
+        "One JSON object a line: an index of what the archives hold.",
+    ),
+}
+
+
+def _archive(file: DataFile) -> dict[str, Any]:
+    suffix = "." + file.name.rpartition(".")[2]
+    kind, about = _FORMATS.get(
+        suffix, ("application/octet-stream", "A file that belongs to the tables.")
+    )
+    return {
+        "@type": "cr:FileObject",
+        "@id": file.name,
+        "name": file.name,
+        "description": about,
+        "contentUrl": file.name,
+        "contentSize": f"{file.size} B",
+        "encodingFormat": kind,
+        "sha256": file.sha256,
+    }
+
+
+def _records(table: TableFacts) -> dict[str, Any]:
+    short = table.table.short
+    source = (
+        {"fileObject": {"@id": table.files[0].name}}
+        if len(table.files) == 1
+        else {"fileSet": {"@id": f"{short}-files"}}
+    )
+    return {
+        "@type": "cr:RecordSet",
+        "@id": short,
+        "name": short,
+        "description": f"{table.table.doc} {table.rows:,} rows.",
+        "key": [{"@id": f"{short}/{column}"} for column in table.table.key],
+        "field": [_field(short, fact.column, source) for fact in table.columns],
+    }
+
+
+def _field(short: str, column: Column, source: dict[str, Any]) -> dict[str, Any]:
+    """A column; of a list of structs the parts of each as fields below it."""
+    key = f"{short}/{column.name}"
+    made = {"@type": "cr:Field", "@id": key, "name": column.name, "description": _described(column)}
+    extract = {**source, "extract": {"column": column.name}}
+    parts = column.parsed.item.fields if column.parsed.item is not None else ()
+    if not parts:
+        return {**made, "dataType": column.parsed.croissant(), "source": extract}
+    below = [
+        {
+            "@type": "cr:Field",
+            "@id": f"{key}/{part}",
+            "name": part,
+            "description": f"{part} of each of them.",
+            "dataType": kind.croissant(),
+            "source": {**extract, "transform": {"jsonPath": part}},
+        }
+        for part, kind in parts
+    ]
+    return {**made, "repeated": True, "subField": below}
+
+
+def _described(column: Column) -> str:
+    parts = [column.doc]
+    if column.unit:
+        parts.append(f"Unit: {column.unit}.")
+    if column.why_null:
+        parts.append(f"Null: {column.why_null}.")
+    return " ".join(parts)

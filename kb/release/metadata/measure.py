@@ -1,0 +1,297 @@
+"""How a release folder is measured (kb.release.metadata.facts).
+
+Only counts, extremes and medians over the whole data: the same data gives the same figures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+from duckdb import DuckDBPyConnection
+
+from kb.artifacts import manifest
+from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
+from kb.core.context import Run
+from kb.core.licences import KNOWN
+from kb.core.sources import RELEASES, made_of
+from kb.release.gate.personal import personal_counts
+from kb.release.metadata.facts import ColumnFacts, DataFile, Facts, TableFacts
+from kb.release.metadata.gaps import gaps
+from kb.schema import Column, released_tables
+from kb.store import database, parquet, tombstones
+from kb.store.checksums import digest
+from kb.store.layout import Layout, parquet_files
+from kb.store.reading import filtered
+from kb.store.tally import VERDICTS
+
+_TOPS = 8
+# DuckDB hands out times with a zone only where pytz is installed.
+_LOW, _HIGH = "min({} AT TIME ZONE 'UTC')", "max({} AT TIME ZONE 'UTC')"
+
+
+def measure(run: Run, folder: ReleaseFolder) -> Facts:
+    """Read the folder, and what clean/ says about how it came to be."""
+    shards = [shard for part in folder.parts for shard in part.shards]
+    verdicts = [manifest.rows(run.root, f"{folder.source}/{verdict}") for verdict in VERDICTS]
+    asked = [*shards, *chain.from_iterable(verdicts)]
+    parquet.check(*asked)
+    with database.over(asked, run.root) as con:
+        return _facts(con, run, folder)
+
+
+def _facts(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> Facts:
+    tables = tuple(_table(con, part) for part in folder.parts)
+    read = _span(con, folder, ("fetched_at",)) or _clean_span(con, run.root, made_of(folder.source))
+    made = _span(con, folder, ("published_at", "created_utc", "revision_timestamp"))
+    return Facts(
+        source=folder.source,
+        built=_built(run, read, made),
+        tables=tables,
+        others=tuple(
+            DataFile(path.name, path.stat().st_size, None, digest(path)) for path in folder.others
+        ),
+        licence=_choose(con, run, folder),
+        licences=_licences(con, folder, *RELEASES[folder.source].licensed),
+        read=read,
+        made=made,
+        rejected=_rejected(con, run.root, folder.source),
+        failed=_count(con, Layout(run.root).clean(folder.source, "failed")),
+        pending=_count(con, Layout(run.root).clean(folder.source, "pending")),
+        models=models(run.root, folder.source),
+        tombstones=sum(len(tombstones.keys(run.root, one)) for one in made_of(folder.source)),
+        personal=personal_counts(folder),
+        gaps=gaps(con, folder),
+    )
+
+
+def folder_licence(run: Run, folder: ReleaseFolder) -> str:
+    """SPDX id of the folder's licence; empty when neither data nor profile give one."""
+    with database.asking() as con:
+        return _choose(con, run, folder)
+
+
+def page_licences(folder: ReleaseFolder) -> tuple[list[str], int]:
+    """Licences that the wiki's pages name,
+    and how many rows name none; nothing for other sources.
+    """
+    named: dict[str | None, int] = {}
+    with database.asking() as con:
+        for part in folder.parts if RELEASES[folder.source].licensed else ():
+            if part.table.short == RELEASES[folder.source].main:
+                files = [str(shard) for shard in part.shards]
+                named = dict(
+                    con.execute(
+                        "SELECT license, count(*) FROM read_parquet(?) GROUP BY 1 ORDER BY 1",
+                        [files],
+                    ).fetchall()
+                )
+    return [name for name in named if name is not None], named.get(None, 0)
+
+
+def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
+    """(model, revision, precision) of the scores that the source's last filter decided by; () when
+    it had none.
+
+    Of a text's precisions the exact one decides. A clean folder that doesn't say its model: every
+    model's scores.
+    """
+    # Pairs, links and wiki images carry no scores of their own: what they name was scored.
+    found = [one for of in made_of(source) for one in _models(root, of)]
+    return tuple(sorted(set(found))) if len(made_of(source)) > 1 else tuple(found)
+
+
+def _models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
+    files = [str(file) for file in parquet_files(Layout(root).annotations(source))]
+    said = filtered(root, source)
+    if not files or "toxicity" in said:  # "not scored"
+        return ()
+    parquet.check(*files)
+    with database.asking() as con:
+        if "model" not in said:
+            return tuple(
+                con.execute(
+                    "SELECT DISTINCT model, revision, precision FROM read_parquet(?) ORDER BY ALL",
+                    [files],
+                ).fetchall()
+            )
+        rank = "CASE precision WHEN 'fp32' THEN 0 WHEN 'bf16' THEN 1 ELSE 2 END"
+        rows = con.execute(
+            f"SELECT DISTINCT model, revision, arg_min(precision, {rank}) FROM read_parquet(?)"
+            " WHERE model = ? AND revision = ? GROUP BY text_hash, model, revision ORDER BY ALL",
+            [files, said["model"], said["revision"]],
+        )
+        return tuple(rows.fetchall())
+
+
+def _built(run: Run, *spans: tuple[datetime, datetime] | None) -> datetime:
+    """SOURCE_DATE_EPOCH, or the newest time in the data: never the time of this run."""
+    if run.settings.source_date_epoch is not None:
+        return datetime.fromtimestamp(run.settings.source_date_epoch, UTC)
+    return next((span[1] for span in spans if span), datetime(1970, 1, 1, tzinfo=UTC))
+
+
+def _choose(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> str:
+    """The wiki's own licence where its pages name one that is known, else the profile's."""
+    spec = RELEASES[folder.source]
+    if spec.licensed:
+        named = [name for name, _ in _licences(con, folder, spec.main) if name in KNOWN]
+        if named:
+            return named[0]
+    given = run.profile.release.licenses
+    # Links are an index as the pairs are, and may be under the licence of these.
+    return given.get(folder.source) or (given.get("pairs", "") if folder.source == "links" else "")
+
+
+def _licences(
+    con: DuckDBPyConnection, folder: ReleaseFolder, *tables: str
+) -> tuple[tuple[str, int], ...]:
+    """Licences that the rows of these tables name, the most frequent first within each."""
+    counts: dict[str, int] = {}
+    for short in tables:
+        for part in folder.parts:
+            if part.table.short == short and "license" in part.table.names(released=True):
+                rows = con.execute(
+                    (
+                        "SELECT license, count(*) AS n FROM read_parquet(?)"
+                        " WHERE license IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1"
+                    ),
+                    [[str(shard) for shard in part.shards]],
+                ).fetchall()
+                for name, n in rows:
+                    counts[name] = counts.get(name, 0) + n
+    return tuple(counts.items())
+
+
+def _table(con: DuckDBPyConnection, part: ReleasedTable) -> TableFacts:
+
+    files = tuple(
+        DataFile(shard.name, shard.stat().st_size, pq.read_metadata(shard).num_rows, digest(shard))
+        for shard in part.shards
+    )
+    names = [str(shard) for shard in part.shards]
+    released = [column for column in part.table.columns if column.released]
+    columns = tuple(_columns(con, names, released))
+    return TableFacts(part.table, sum(file.rows or 0 for file in files), files, columns)
+
+
+def _columns(
+    con: DuckDBPyConnection, names: list[str], columns: Sequence[Column]
+) -> Iterator[ColumnFacts]:
+    """What each column holds: one pass counts and finds the ends; what has to hold a column's
+    values in memory (medians, the most frequent ones) is asked column by column.
+    """
+    asked = ", ".join(map(_counted, columns))
+    found = con.execute(f"SELECT {asked} FROM read_parquet(?)", [names]).fetchone() or ()
+    for column, nulls, low, high in zip(columns, *(found[at::3] for at in range(3)), strict=True):
+        if _is_number(column):
+            ends = [end if end is None else end + 0 for end in (low, high)]  # no minus zero
+            yield ColumnFacts(column, nulls, ends[0], _median(con, names, column), ends[1])
+        elif _is_time(column):
+            yield ColumnFacts(column, nulls, _utc(low), None, _utc(high))
+        elif column.dictionary or column.type == "bool":
+            yield ColumnFacts(column, nulls, top=_top(con, names, column))
+        else:
+            yield ColumnFacts(column, nulls)
+
+
+def _is_number(column: Column) -> bool:
+    return column.type.startswith(("int", "float")) and not column.name.endswith("_id")
+
+
+def _is_time(column: Column) -> bool:
+    return column.type.startswith(("timestamp", "date"))
+
+
+def _counted(column: Column) -> str:
+    """Three expressions: rows without a value, the lowest and the highest one."""
+    low, high = "NULL", "NULL"
+    if _is_number(column):
+        low, high = "min({})", "max({})"
+    elif _is_time(column):
+        low, high = _LOW, _HIGH
+    name = f'"{column.name}"'
+    return f"count(*) - count({name}), {low.format(name)}, {high.format(name)}"
+
+
+def _median(con: DuckDBPyConnection, names: list[str], column: Column) -> Any:
+    sql = f'SELECT quantile_disc("{column.name}", 0.5) FROM read_parquet(?)'
+    return (con.execute(sql, [names]).fetchone() or (None,))[0]
+
+
+def _top(con: DuckDBPyConnection, names: list[str], column: Column) -> tuple[Any, ...]:
+    name = f'"{column.name}"'
+    top = con.execute(
+        (
+            f"SELECT {name}::VARCHAR, count(*) AS n FROM read_parquet(?)"
+            f" WHERE {name} IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1 LIMIT {_TOPS}"
+        ),
+        [names],
+    )
+    return tuple(top.fetchall())
+
+
+def _span(
+    con: DuckDBPyConnection, folder: ReleaseFolder, columns: tuple[str, ...]
+) -> tuple[datetime, datetime] | None:
+    spans = [
+        _extremes(con, [str(shard) for shard in part.shards], name)
+        for part in folder.parts
+        for name in columns
+        if name in part.table.names(released=True)
+    ]
+    known = [span for span in spans if span]
+    return (min(span[0] for span in known), max(span[1] for span in known)) if known else None
+
+
+def _extremes(
+    con: DuckDBPyConnection, files: list[str], name: str
+) -> tuple[datetime, datetime] | None:
+    row = con.execute(
+        f"SELECT {_LOW.format(name)}, {_HIGH.format(name)} FROM read_parquet(?)", [files]
+    ).fetchone()
+    return (
+        (row[0].replace(tzinfo=UTC), row[1].replace(tzinfo=UTC))
+        if row and row[0] is not None
+        else None
+    )
+
+
+def _utc(moment: datetime | None) -> datetime | None:
+    return moment and moment.replace(tzinfo=UTC)
+
+
+def _clean_span(
+    con: DuckDBPyConnection, root: Path, sources: tuple[str, ...]
+) -> tuple[datetime, datetime] | None:
+    """When the rows of sources were read, by the first table of each that says so."""
+    known = []
+    for source in sources:
+        for declared in released_tables(source):
+            files = [str(path) for path in Layout(root).rows(declared.name)]
+            if files and "fetched_at" in declared.names():
+                known += [span for span in [_extremes(con, files, "fetched_at")] if span]
+                break
+    return (min(span[0] for span in known), max(span[1] for span in known)) if known else None
+
+
+def _rejected(con: DuckDBPyConnection, root: Path, source: str) -> tuple[tuple[str, str, int], ...]:
+    files = Layout(root).rows(f"{source}/rejected")
+    if not files:
+        return ()
+    rows = con.execute(
+        "SELECT stage, reason, count(*) AS n FROM read_parquet(?) GROUP BY ALL"
+        " ORDER BY stage, n DESC, reason",
+        [[str(file) for file in files]],
+    )
+    return tuple(rows.fetchall())
+
+
+def _count(con: DuckDBPyConnection, folder: Path) -> int:
+    files = [str(file) for file in parquet_files(folder)]
+    row = con.execute("SELECT count(*) FROM read_parquet(?)", [files]).fetchone() if files else None
+    return int(row[0]) if row else 0

@@ -1,0 +1,81 @@
+"""Small pieces of text that several of a release's files share: sizes, dates, escaping, names."""
+
+from __future__ import annotations
+
+import json
+import re
+from datetime import datetime
+from typing import Any
+
+from kb.core.context import Run
+from kb.release.metadata.facts import Facts
+
+SANDBOX_NOTE = (
+    "Made with the sandbox's tiny toxicity model, whose scores mean nothing about real texts: "
+    "for trying the software only, not for publication."
+)
+# What ends a line, moves a cursor or turns the direction of what follows.
+_UNSEEN = re.compile(r"[\s\x00-\x1f\x7f-\x9f\u2028\u2029\u200e\u200f\u202a-\u202e\u2066-\u2069]+")
+# An underscore inside a word is no markup: game_label stays as it is.
+_MARKUP = re.compile(r"[\\`*\[\]|<>&~$]|(?<![0-9A-Za-z])_|_(?![0-9A-Za-z])|^[-+#=]")
+_IN_CELL = re.compile(r"(`[^`]*`)|<")
+_BIBTEX = {"\\": r"\textbackslash{}", **{sign: f"\\{sign}" for sign in "{}&%$#_"}}
+
+
+def day(moment: datetime) -> str:
+    """2026-11-20."""
+    return moment.strftime("%Y-%m-%d")
+
+
+def span(pair: tuple[datetime, datetime] | None) -> str:
+    """Two dates as a sentence's part."""
+    if pair is None:
+        return "unknown"
+    first, last = day(pair[0]), day(pair[1])
+    return first if first == last else f"{first} to {last}"
+
+
+def value(thing: Any) -> str:
+    """A figure for people."""
+    if thing is None:
+        return ""
+    if isinstance(thing, datetime):
+        return day(thing)
+    if isinstance(thing, float):
+        return f"{thing:,.3g}" if abs(thing) < 1000 else f"{thing:,.0f}"
+    return f"{thing:,}" if isinstance(thing, int) and not isinstance(thing, bool) else str(thing)
+
+
+def line(text: object) -> str:
+    """A text as one line: every run of blanks, line ends and control characters is one blank."""
+    return _UNSEEN.sub(" ", str(text)).strip()
+
+
+def md(text: object) -> str:
+    """Data in Markdown, in running text or a table's cell: shown as it is, never read as markup."""
+    return _MARKUP.sub(r"\\\g<0>", line(text))
+
+
+def cell(text: object) -> str:
+    """Prose of our own in the cell of a Markdown table: code stays code, `<tar>` is no tag."""
+    return _IN_CELL.sub(lambda match: match[1] or "\\" + match[0], line(text).replace("|", "\\|"))
+
+
+def bib(text: object) -> str:
+    """Data in a field of BibTeX, between braces."""
+    return "".join(_BIBTEX.get(sign, sign) for sign in line(text))
+
+
+def folded(text: str) -> str:
+    """A string for YAML, always quoted."""
+    return json.dumps(text, ensure_ascii=False)
+
+
+def language(run: Run) -> str:
+    """Language of the material as the profile gives it: ISO 639, two letters or three."""
+    return run.profile.youtube.language if run.profile.youtube else "en"
+
+
+def name(run: Run, facts: Facts) -> str:
+    """A short name without spaces: lorecrawl-minecraft-youtube."""
+    return f"lorecrawl-{run.profile.name}-{facts.source}"

@@ -1,0 +1,145 @@
+"""zenodo.json: the deposit's metadata, as a model of our own of Zenodo's documented fields.
+
+Source: https://developers.zenodo.org, "Deposit metadata". A deposit without a licence silently
+becomes CC0 there, so `license` has no default here.
+"""
+
+from __future__ import annotations
+
+import html
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from kb.core import sizes
+from kb.core.context import Run
+from kb.core.installation import software_address
+from kb.core.licences import licence
+from kb.release.metadata.about import about
+from kb.release.metadata.facts import Facts
+from kb.release.metadata.languages import three_letters
+from kb.release.metadata.text import SANDBOX_NOTE, day, language, name, span
+
+Text = Annotated[str, Field(min_length=1)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, str_strip_whitespace=True)
+
+
+class DepositCreator(_Part):
+    """Who made the data set."""
+
+    name: Text
+    affiliation: Text | None = None
+    orcid: Text | None = None
+
+
+class Related(_Part):
+    """Another resource and how this one relates to it."""
+
+    identifier: Text
+    relation: Literal[
+        "isSupplementTo",
+        "isDerivedFrom",
+        "isPartOf",
+        "isDocumentedBy",
+        "isNewVersionOf",
+        "references",
+        "isCompiledBy",
+    ]
+    resource_type: Literal["dataset", "software", "publication-article", "other"] = "other"
+
+
+class Community(_Part):
+    """A Zenodo community that the deposit is offered to."""
+
+    identifier: Text
+
+
+class DepositMetadata(_Part):
+    """The fields of a deposit that Lorecrawl sets."""
+
+    upload_type: Literal["dataset"] = "dataset"
+    title: Text
+    description: Text
+    creators: tuple[DepositCreator, ...] = Field(min_length=1)
+    publication_date: str = Field(pattern=r"^\d{4}-\d{2}-\d{2}$")
+    access_right: Literal["open"] = "open"
+    license: Text
+    version: str = Field(pattern=r"^\d+\.\d+\.\d+$")
+    language: str | None = Field(None, pattern=r"^[a-z]{3}$")
+    keywords: tuple[Text, ...] = ()
+    notes: Text | None = None
+    communities: tuple[Community, ...] | None = None
+    related_identifiers: tuple[Related, ...] | None = None
+
+
+class Document(_Part):
+    """zenodo.json: what is sent, and what Lorecrawl needs to know about the folder to send it."""
+
+    name: Text
+    sandbox_model: bool
+    metadata: DepositMetadata
+
+
+def deposit(run: Run, facts: Facts) -> str:
+    """zenodo.json as text."""
+    section, said = run.profile.release, about(run.profile, facts.source)
+    metadata = DepositMetadata(
+        title=said.title,
+        description=_description(run, facts),
+        creators=tuple(
+            DepositCreator(name=one.name, affiliation=one.affiliation, orcid=one.orcid)
+            for one in section.creators
+        ),
+        publication_date=day(facts.built),
+        license=licence(facts.licence).zenodo,
+        version=section.version,
+        language=three_letters(language(run)),
+        keywords=tuple(dict.fromkeys((run.profile.title, *said.words, *section.keywords))),
+        notes=SANDBOX_NOTE if facts.sandbox else None,
+        communities=tuple(Community(identifier=one) for one in section.communities) or None,
+        related_identifiers=_related(section.homepage) or None,
+    )
+    return (
+        Document(
+            name=name(run, facts), sandbox_model=facts.sandbox, metadata=metadata
+        ).model_dump_json(indent=2, exclude_none=True)
+        + "\n"
+    )
+
+
+def _related(homepage: str | None) -> tuple[Related, ...]:
+    """The project's page and the software."""
+    page = Related(identifier=homepage, relation="isDocumentedBy") if homepage else None
+    address = software_address()
+    made = (
+        Related(identifier=address, relation="isCompiledBy", resource_type="software")
+        if address
+        else None
+    )
+    return tuple(one for one in (page, made) if one is not None)
+
+
+def _description(run: Run, facts: Facts) -> str:
+    """HTML, as Zenodo shows it."""
+    said = about(run.profile, facts.source)
+    tables = "".join(
+        (
+            f"<li><b>{html.escape(table.table.short)}</b>:"
+            f" {html.escape(table.table.doc)} {table.rows:,} rows, {sizes.shown(table.size)}.</li>"
+        )
+        for table in facts.tables
+    )
+    sentences = [
+        said.summary,
+        said.collection,
+        f"Read from the source {span(facts.read)}; material from {span(facts.made)}.",
+        f"{said.attribution} {licence(facts.licence).short}",
+    ]
+    return (
+        "".join(f"<p>{html.escape(line)}</p>" for line in sentences[:2])
+        + f"<ul>{tables}</ul>"
+        + "".join(f"<p>{html.escape(line)}</p>" for line in sentences[2:])
+    )

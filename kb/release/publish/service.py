@@ -1,0 +1,174 @@
+"""Requests to a deposit service, and what its answers mean.
+
+Every answer that is no success becomes one of kb.core.errors: 401 the token (403 as well where no
+deposit is named), 400 what the service says field by field, 429 a wait or exit 3 with the time, 5xx
+and broken connections a few more tries and then exit 3.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import msgspec
+import requests
+
+from kb.core import clock
+from kb.core.errors import CredentialRefused, FatalError, QuotaSpent, Retryable, Unreachable
+from kb.net import redact
+from kb.net.retry import attempt, retry_after
+from kb.net.session import HttpSession, failure, host_of, refusal
+from kb.release.publish.answers import content_of, message
+
+TRIES = 5
+TIMEOUT_S = (10.0, 300.0)  # seconds to connect, and between two bytes of an answer
+LONGEST_WAIT = 120  # seconds that a limit may ask for before the run stops instead
+LONGEST_LIMIT = 366 * 86_400  # seconds: what asks for more is no time to come back at
+_GO_ON = "the same command resumes"
+_SCOPES = "it needs the scopes deposit:write and deposit:actions; the sandbox has tokens of its own"
+
+
+class Gone(FatalError):
+    """A deposit that is not there any more."""
+
+
+class Forbidden(CredentialRefused):
+    """The token may not do this to this deposit: it is another account's, or is closed,
+    or a scope is missing.
+    """
+
+
+def stray(url: str) -> FatalError:
+    """The error for an address at another host."""
+    return FatalError("the deposit service links to another host", hint="nothing was sent there")
+
+
+class DepositService:
+    """One account at one service. The token goes into the header only, and to that service only."""
+
+    def __init__(self, session: HttpSession, endpoint: str, token: str, *, wait: bool) -> None:
+        self._session, self._wait = session, wait
+        self.root = endpoint.rstrip("/").removesuffix("/api")
+        self.base = f"{self.root}/api/deposit/depositions"
+        self._token = token
+        self._headers = {"Authorization": f"Bearer {token}"}
+
+    def json(self, method: str, url: str, *, once: bool = False, **what: Any) -> Any:
+        """The answer, of the `shape` that is given."""
+        return self.attempt(lambda: self.request(method, url, **what), once=once)
+
+    def attempt(self, call: Callable[[], Any], *, once: bool = False) -> Any:
+        """`once`: what must not be done twice is tried again only when the service refused to
+        begin.
+        """
+
+        def guarded() -> Any:
+            try:
+                return call()
+            except Retryable as error:
+                if once and not error.throttled:
+                    raise Unreachable(
+                        f"the deposit service did not answer ({error.reason})", hint=_GO_ON
+                    ) from None
+                raise
+
+        return attempt(guarded, tries=TRIES, patience=math.inf, service="the deposit service")
+
+    def request(
+        self,
+        method: str,
+        url: str,
+        *,
+        shape: Any = Any,
+        headers: dict[str, str] | None = None,
+        **what: Any,
+    ) -> Any:
+        """One request. Raises what its answer means."""
+        if not self._is_ours(url):
+            raise stray(url)
+        try:
+            # Redirects would carry the token to wherever they point.
+            with self._session.request(
+                method,
+                url,
+                headers={**self._headers, **(headers or {})},
+                allow_redirects=False,
+                stream=True,
+                **what,
+            ) as answer:
+                # What it says may come to a terminal and a file: never our token.
+                content = content_of(answer).replace(self._token.encode(), redact.MARK.encode())
+        except requests.RequestException as error:
+            raise failure(error, url) from None
+        if answer.is_redirect or 300 <= answer.status_code < 400:
+            raise FatalError(
+                f"the deposit service leads elsewhere ({answer.status_code})",
+                hint="nothing was sent there; check KB_ZENODO_ENDPOINT",
+            )
+        said = message(content, str(answer.reason or "").replace(self._token, redact.MARK))
+        if answer.status_code == 401 or (answer.status_code == 403 and url == self.base):
+            raise CredentialRefused(
+                "the deposit service does not accept ZENODO_TOKEN", hint=_SCOPES
+            )
+        if answer.status_code == 403:
+            raise Forbidden(
+                f"the deposit service refused (403): {said}",
+                hint="look at the draft there, then run the same command again",
+            )
+        if answer.status_code == 429:
+            raise self._limited(answer.headers)
+        refused = refusal(answer, url)
+        if refused is not None:
+            raise refused
+        if answer.status_code == 404 and url == self.base:
+            raise FatalError(
+                f"there is no deposit API at {self.root}", hint="check KB_ZENODO_ENDPOINT"
+            )
+        if answer.status_code in (404, 410):
+            raise Gone(
+                f"the deposit service answered {answer.status_code}: {said}",
+                hint="the deposit may have been removed by hand",
+            )
+        if not 200 <= answer.status_code < 300:
+            raise FatalError(
+                f"the deposit service refused ({answer.status_code}): {said}",
+                hint="correct that, then run the same command again",
+            )
+        try:
+            body = json.loads(content) if content else {}
+            msgspec.convert(body, shape)
+        except (ValueError, RecursionError):
+            raise Retryable(
+                "an answer that the deposit API does not give", unreachable=True
+            ) from None
+        return body
+
+    def _is_ours(self, url: str) -> bool:
+        """Whether an address that the service gave is one of its own."""
+        try:
+            return host_of(url) == host_of(self.root)
+        except ValueError:
+            return False  # no address at all
+
+    def _limited(self, headers: Any) -> Exception:
+        """A short wait is waited out, a long one ends the run with the time to come back (or
+        --wait).
+        """
+        now = datetime.now(UTC)  # the service's own clock: KB_NOW does not move it
+        seconds = retry_after(headers.get("Retry-After"), headers.get("Date"))
+        if seconds is None:
+            reset = retry_after(
+                headers.get("X-RateLimit-Reset")
+            )  # a number as well: seconds since 1970
+            seconds = None if reset is None else max(0.0, reset - now.timestamp())
+        if seconds is None or seconds <= LONGEST_WAIT or (self._wait and seconds <= LONGEST_LIMIT):
+            return Retryable("limited", after=seconds, throttled=True)
+        back = now + timedelta(seconds=min(seconds, LONGEST_LIMIT))
+        return QuotaSpent(
+            f"the deposit service's limit is spent until {clock.stamp(back)}",
+            hint="run the same command then",
+            reset_at=back,
+        )

@@ -1,0 +1,234 @@
+"""Wiki pages about what a domain's videos and posts speak of: an infobox, prose, a table, for every
+second one a recipe, and redirects from other names.
+
+Beside the recorded pages where the domain has these, alone with a main page elsewhere, in the
+profile's own markup. In the later state the first page was edited and the last one deleted.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from kb.core import clock
+from kb.core.templates import environment
+from kb.sandbox.domain import CLASSES, Domain
+from kb.sandbox.nouns import Noun
+from kb.sandbox.speech import Cast
+from kb.sandbox.wiki.recorded import HOST, Recorded, name_of
+
+PAGES = 10  # each costs a second or two of a browser's time
+TEMPLATES = Path(__file__).parent.with_name("templates") / "wiki"
+MAIN = "Main Page"
+_RECORDED_SITE = "Brinewick Wiki"
+_FIRST_ID = 1_000
+# Recorded pictures, by the names that these pages give them.
+_FILES = {
+    "Face": "Saltstone_face",
+    "View": "Harbour_at_dawn",
+    "Mark": "SaltSprite_stone",
+    "Icons": "HarbourSprites",
+    "Icon": "Invicon_cord",
+}
+_MADE = re.compile(rf"(?<![A-Za-z])({'|'.join(_FILES)})(?=[._])")
+
+
+class NamedEntry(NamedTuple):
+    """A page: its id, its subject with what kind of thing that is, titles that lead to it."""
+
+    id: int
+    noun: Noun
+    kind: str
+    redirects: tuple[str, ...]
+    template: str = "entity"
+
+    @property
+    def title(self) -> str:
+        return self.noun.title[:1].upper() + self.noun.title[1:]
+
+
+class Named(Recorded):
+    """The wiki of a domain, with pages for the first `n` of its names."""
+
+    def __init__(self, domain: Domain, n: int = PAGES) -> None:
+        super().__init__()
+        self.domain, self.namespace = domain, domain.namespace
+        self.alone = not domain.recorded_wiki
+        self.site = f"{domain.title} Wiki"
+        self.entries = _entries(domain, n, self.alone)
+        self._by_title = {entry.title: entry for entry in self.entries}
+        self._targets = {other: entry.title for entry in self.entries for other in entry.redirects}
+        self._by_id = {entry.id: entry for entry in self.entries}
+
+    def html(self, title: str, later: bool) -> str | None:
+        """The page of that title, a redirect's target under its own address."""
+        title = self._targets.get(title, title)
+        entry = self._by_title.get(title)
+        if entry is None:
+            return None if self.alone else super().html(title, later)
+        page = self.pages(later).get(title)
+        return self._rendered(entry, page, later) if page else None
+
+    def file(self, path: str) -> bytes | None:
+        """A picture, a style sheet or a script."""
+        data = super().file(_MADE.sub(lambda made: _FILES[made[1]], path))
+        if data is None or not self.alone or not re.match(r"/static/(common|site)", path):
+            return data
+        given, text = self.domain, _renamed(data.decode().replace("recorded wiki", "wiki"))
+        for name, plain in CLASSES.items():
+            text = re.sub(rf"(?<=\.){plain}(?= \{{)", given.classes[name], text)
+        text = re.sub(r"(?<=\.)animated(?=[ ':])", given.animation, text)
+        text = text.replace("animated-active", given.active)
+        text = text.replace(".sprite-file", f".{given.sprite_image}")
+        return re.sub(r"\.sprite(?= )", f".{given.sprite}", text).encode()
+
+    def load(self, name: str) -> Any:
+        """A recorded answer of the API, with what these pages add to it."""
+        answer = super().load(name)
+        if self.alone:
+            answer = json.loads(json.dumps(answer).replace(_RECORDED_SITE, self.site))
+        query = answer["query"]
+        if name == "siteinfo.json" and self.alone and self.namespace:
+            spaces = query["namespaces"]
+            spaces[str(self.namespace)] = {**spaces["0"], "id": self.namespace, "name": "Pages"}
+        elif name == "imageinfo.json":
+            made = [_renamed(page) for page in query["pages"]]
+            query["pages"] = made if self.alone else [*query["pages"], *made]
+        return answer
+
+    def _read(self, later: bool) -> dict[str, dict[str, Any]]:
+        pages = {} if self.alone else super()._read(later)
+        for place, entry in enumerate(self.entries):
+            if not later or entry is not self.entries[-1]:
+                edited = later and not place
+                pages |= {page["title"]: page for page in self._described(entry, edited)}
+        return pages
+
+    def _described(self, entry: NamedEntry, edited: bool) -> list[dict[str, Any]]:
+        """What the API says of a page and of the redirects to it."""
+        day = "2024-05-02" if edited else "2024-01-12"
+        made = []
+        for place, title in enumerate((entry.title, *entry.redirects)):
+            revision = 10 * entry.id + place + (5 if edited else 0)
+            address = f"{HOST}/wiki/{name_of(title)}"
+            made.append(
+                {
+                    "pageid": entry.id + place,
+                    "ns": self.namespace,
+                    "title": title,
+                    **({"redirect": True} if place else {}),
+                    "touched": f"{day}T10:00:00Z",
+                    "lastrevid": revision,
+                    "length": 900,
+                    "fullurl": address,
+                    "canonicalurl": address,
+                    "revisions": [
+                        {
+                            "revid": revision,
+                            "parentid": revision - 5 if edited else 0,
+                            "user": "Ysolde Vane",
+                            "timestamp": f"{day}T10:00:00Z",
+                            "size": 900,
+                            "sha1": f"{revision:040x}",
+                        }
+                    ],
+                    "contributors": [{"userid": 5, "name": "Ysolde Vane"}],
+                }
+            )
+        return made
+
+    def names(self, page: dict[str, Any], asked: str) -> dict[str, Any]:
+        """Redirects to a page and its categories, of what is asked for."""
+        entry = self._by_id.get(page["pageid"])
+        if entry is None:
+            return super().names(page, asked)
+        said: dict[str, Any] = {}
+        if "redirects" in asked and entry.redirects:
+            said["redirects"] = [
+                {"pageid": entry.id + place, "ns": self.namespace, "title": title}
+                for place, title in enumerate(entry.redirects, start=1)
+            ]
+        if "categories" in asked:
+            kinds = ("All", entry.kind)
+            said["categories"] = [{"ns": 14, "title": f"Category:{one}"} for one in kinds if one]
+        return said
+
+    def _rendered(self, entry: NamedEntry, page: dict[str, Any], later: bool) -> str:
+        domain, place = self.domain, self.entries.index(entry)
+        others = [one for one in self.entries if one.template == "entity" and one is not entry]
+        others = others[place:] + others[:place]
+        rng = clock.rng("wiki page", entry.title)
+        cast = Cast(entry.noun, tuple(one.noun for one in others) or (entry.noun,))
+        config = {
+            "wgPageName": entry.title.replace(" ", "_"),
+            "wgTitle": entry.title,
+            "wgArticleId": page["pageid"],
+            "wgRevisionId": page["lastrevid"],
+            "wgNamespaceNumber": self.namespace,
+            "wgIsRedirect": False,
+        }
+        text: str = (
+            _environment()
+            .get_template(f"{entry.template}.html.jinja")
+            .render(
+                entry=entry,
+                title=entry.title,
+                name=name_of(entry.title),
+                site=self.site if self.alone else _RECORDED_SITE,
+                topic=domain.title,
+                others=[one.title for one in others],
+                where=domain.speech.text("wiki_where", rng, cast, 3).split("\n"),
+                use=domain.speech.text("wiki_use", rng, cast, 3 + later).split("\n"),
+                counts=[rng.randint(1, 12) for _ in range(6)],
+                recipe=bool(place % 2),
+                config=config,
+                classes=domain.classes,
+                sprite=domain.sprite,
+                sprite_image=domain.sprite_image,
+                animation=domain.animation,
+                active=domain.active,
+            )
+        )
+        return text
+
+
+@cache
+def _environment() -> Any:
+    return environment(TEMPLATES, {"name": name_of}, autoescape=True)
+
+
+def _entries(domain: Domain, n: int, alone: bool) -> list[NamedEntry]:
+    """The pages, ten ids apart; without recorded ones a main page and a short one too."""
+    fit = re.compile(r"\w[\w '(),.!&-]*")
+    nouns = {noun.title: noun for noun in domain.speech.nouns}
+    listed = [one for one in domain.keywords if fit.fullmatch(one.name)]
+    listed = [one for one in listed if one.name not in (MAIN, domain.title)]
+    chosen = [(nouns[one.name], one.kind, one.more) for one in listed[: n + alone]]
+    taken = {noun.title.lower() for noun in nouns.values()}
+    entries = []
+    for place, (noun, kind, more) in enumerate(chosen):
+        names = more[:2] or ((f"{noun.title}s",) if noun.number == "one" else ())
+        redirects = tuple(one[:1].upper() + one[1:] for one in names if one.lower() not in taken)
+        template = "entity" if place < n else "short"
+        entries.append(
+            NamedEntry(_FIRST_ID + 10 * place, noun, kind.capitalize(), redirects, template)
+        )
+    if alone:
+        entries.insert(0, NamedEntry(1, Noun(MAIN), "", (), "main"))
+    return entries
+
+
+def _renamed(value: Any) -> Any:
+    """The made names of pictures in a recorded answer."""
+    if isinstance(value, dict):
+        return {key: _renamed(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_renamed(one) for one in value]
+    if isinstance(value, str):
+        for made, recorded in _FILES.items():
+            for old in (recorded, recorded.replace("_", " ")):
+                value = value.replace(old, made)
+    return value

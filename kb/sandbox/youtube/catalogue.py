@@ -1,0 +1,221 @@
+"""Channels and videos of the invented world, with the truth about each."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from functools import cached_property
+from typing import Any
+
+from kb.core import clock
+from kb.sandbox.domain import Domain
+from kb.sandbox.invented_ids import channel_id, video_id
+from kb.sandbox.speech import Cast
+from kb.sandbox.youtube.cases import Case, Track
+
+PAGE = 50
+
+
+@dataclass
+class Video:
+    """A video. Counts and durations are the API's text; None means that the answer leaves the field
+    out.
+    """
+
+    id: str
+    channel: Channel
+    case: Case
+    number: int
+    cast: Cast  # what it is about
+    title: str
+    description: str
+    published_at: str
+    view_count: str | None
+    like_count: str | None
+    comment_count: str | None
+    tags: list[str]
+    category_id: str
+    language: str  # the domain's, into which every track is translated
+    label: tuple[str, str] | None  # browse id and name of what YouTube says that it is about
+    seconds: int = 600
+    duration: str | None = ""  # "" : made from `seconds`
+    width: int = 1920
+    height: int = 1080
+    fps: int = 30
+    sized: bool = True  # whether the API knows the embed's size
+    license: str = "youtube"
+    rating: str | None = None
+    live: str = "none"
+    in_api: bool = True
+    player: str = "ok"  # ok, age, gone
+    game: str | None = "topic"
+    tracks: list[Track] = field(default_factory=list)
+    short: bool = False
+
+    @property
+    def iso_duration(self) -> str | None:
+        """The duration as the API writes it."""
+        if self.duration != "":
+            return self.duration
+        minutes, seconds = divmod(self.seconds, 60)
+        hours, minutes = divmod(minutes, 60)
+        return (
+            "PT"
+            + (f"{hours}H" if hours else "")
+            + (f"{minutes}M" if minutes else "")
+            + (f"{seconds}S" if seconds or not minutes else "")
+        )
+
+
+@dataclass
+class Channel:
+    """A channel and its uploads, newest first. `listed` False: its uploads playlist answers 404."""
+
+    id: str
+    title: str
+    description: str
+    words: str
+    published_at: str
+    listed: bool = True
+    without_shorts: bool = True  # whether a UULF… playlist exists
+    videos: list[Video] = field(default_factory=list)
+    entries: list[Video] = field(
+        default_factory=list
+    )  # as the playlist lists them: one may come twice
+
+    @property
+    def uploads(self) -> str:
+        """The id of the uploads playlist."""
+        return "UU" + self.id[2:]
+
+
+class Catalogue:
+    """All channels and videos of a world."""
+
+    def __init__(self, seed: int, n_channels: int, n_videos: int, domain: Domain) -> None:
+        self.seed, self.domain = seed, domain
+        self.channels = [self._channel(number) for number in range(n_channels)]
+        self.videos: dict[str, Video] = {}
+        number = 0
+        for channel, size in zip(self.channels, self._sizes(n_channels, n_videos), strict=True):
+            for _ in range(size):
+                video = self._video(number, channel)
+                self.videos[video.id] = video
+                channel.videos.append(video)
+                number += 1
+            channel.videos.sort(key=lambda video: video.published_at, reverse=True)
+            channel.entries = list(channel.videos)
+        if n_channels >= 8:
+            # An upload while somebody pages: the last entry of a page comes again as the first of
+            # the next.
+            first = self.channels[0]
+            if len(first.entries) > PAGE:
+                first.entries.insert(PAGE, first.entries[PAGE - 1])
+            self.channels[4].listed = False
+            self.channels[5].without_shorts = False
+
+    @cached_property
+    def by_playlist(self) -> dict[str, tuple[Channel, list[Video]]]:
+        """Playlist id → its channel and entries; UU… has all uploads,
+        UULF… those that are no Shorts.
+        """
+        playlists: dict[str, tuple[Channel, list[Video]]] = {}
+        for channel in self.channels:
+            if channel.listed:
+                playlists[channel.uploads] = (channel, channel.entries)
+                if channel.without_shorts:
+                    playlists["UULF" + channel.id[2:]] = (
+                        channel,
+                        [video for video in channel.entries if not video.short],
+                    )
+        return playlists
+
+    def search(self, query: str) -> list[Channel]:
+        """Channels that know every word of `query`, in an order of the query's own."""
+        wanted = query.lower().split()
+        hits = [
+            channel for channel in self.channels if all(word in channel.words for word in wanted)
+        ]
+        clock.rng(self.seed, "search", query.lower()).shuffle(hits)
+        return hits
+
+    def cues(
+        self, video: Video, track: Track, translated_to: str | None = None
+    ) -> list[tuple[float, float, str]]:
+        """What a caption track says: (start s, duration s, text)."""
+        # The tracks of a video say the same, each in its form.
+        rng = clock.rng(self.seed, "talk", video.id)
+        language = (translated_to or track.language).split("-")[0]
+        automatic = track.kind == "asr"
+        return self.domain.speech.cues(
+            rng, video.cast, video.seconds, language, automatic=automatic
+        )
+
+    def _sizes(self, n_channels: int, n_videos: int) -> list[int]:
+        if n_channels < 8:
+            return _shared(n_videos, n_channels)
+        fixed = [130, 50, 51, 0, 0] if n_videos >= 250 else [0] * 5
+        if n_videos < 250:
+            fixed[:3] = _shared(n_videos // 2, 3)
+        return fixed + _shared(n_videos - sum(fixed), n_channels - 5)
+
+    def _channel(self, number: int) -> Channel:
+        rng = clock.rng(self.seed, "channel", number)
+        speech, names = self.domain.speech, self.domain.channels
+        kinds = self.domain.channel_kinds[number % len(self.domain.channel_kinds)]
+        name = names[number % len(names)] + (
+            f" {number // len(names) + 1}" if number >= len(names) else ""
+        )
+        description = f"{speech.topic} {kinds}. {speech.text('about', rng, speech.cast(rng), 2)}"
+        description = description.replace("\n", " ")
+        made = datetime(2010, 1, 1, tzinfo=UTC) + timedelta(hours=rng.randrange(60_000))
+        return Channel(
+            channel_id(rng),
+            name,
+            description,
+            f"{name} {description}".lower(),
+            clock.stamp(made),
+        )
+
+    def _video(self, number: int, channel: Channel) -> Video:
+        rng = clock.rng(self.seed, "video", number)
+        cases, rules, speech = self.domain.cases, self.domain.rules, self.domain.speech
+        case = (
+            cases[number]
+            if number < len(cases)
+            else rng.choices(cases, [case.often for case in cases])[0]
+        )
+        # Ordinary videos pass every threshold: from 125 views and 75 seconds on, or the profile's.
+        views = int(10 ** rng.uniform(2.1, 6.5)) * max(1, math.ceil(rules.min_views / 125))
+        cast = speech.cast(rng)
+        values: dict[str, Any] = {
+            "title": speech.title(rng, cast),
+            "description": speech.text("about", rng, cast, rng.randint(1, 4)),
+            "published_at": clock.stamp(
+                datetime(2012, 1, 1, tzinfo=UTC) + timedelta(minutes=rng.randrange(7_000_000))
+            ),
+            "view_count": str(views),
+            "like_count": str(views // rng.randint(15, 90)),
+            "comment_count": str(views // 400),
+            # From 75 seconds to 40 minutes, most of them about ten.
+            "seconds": int(75 * 32 ** rng.random()) + max(0, rules.min_seconds - 60),
+            "tags": [*rules.tags, cast.subject.name],
+            "category_id": str(rules.category),
+            "language": rules.language,
+            "tracks": [Track(rules.language)],
+            "game": "topic",
+        }
+        plain = speech.plain_title(rng, cast)
+        values |= case.change
+        if values["title"] == "plain":
+            values["title"] = plain
+        label = self.domain.labels.get(values["game"])
+        key = video_id(rng)
+        return Video(
+            id=key, channel=channel, case=case, number=number, cast=cast, label=label, **values
+        )
+
+
+def _shared(total: int, parts: int) -> list[int]:
+    return [total // parts + (number < total % parts) for number in range(parts)]

@@ -1,0 +1,258 @@
+"""The sandbox's YouTube: the Data API under /youtube/v3 with its key and quota, and the web site
+beside it.
+
+Units are counted a Pacific day and bucket in `world.used`, up to `world.quota`. A request that
+fails for its key or for a spent bucket costs nothing; every other one costs a unit, 404 included.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import threading
+from typing import Any
+
+from werkzeug.wrappers import Request, Response
+
+from kb.sandbox.world import World
+from kb.sandbox.youtube import errors
+from kb.sandbox.youtube import resources as answers
+from kb.sandbox.youtube.web import YouTubeWeb
+
+KEY = "sandbox-youtube-key-that-opens-nothing"
+MOST_HITS = 500
+PARTS = {
+    "search": {"snippet", "id"},
+    "channels": {"snippet", "contentDetails", "statistics", "brandingSettings", "id"},
+    "playlists": {"snippet", "status", "contentDetails", "id"},
+    "playlistItems": {"snippet", "contentDetails", "status", "id"},
+    "videos": {"snippet", "contentDetails", "status", "statistics", "player", "id"},
+    "videos:batchGetStats": {"snippet", "contentDetails", "statistics", "id"},
+}
+
+
+def settings(url: str) -> dict[str, str]:
+    """The settings that point at this YouTube."""
+    return {"YOUTUBE_API_KEY": KEY, "KB_YOUTUBE_ENDPOINT": url, "KB_YOUTUBE_WEB": url}
+
+
+def app(world: World, faults: Any = None) -> Any:
+    """The WSGI application."""
+    api, web = DataApi(world), YouTubeWeb(world)
+
+    def serve(environ: dict[str, Any], start_response: Any) -> Any:
+        request = Request(environ)
+        response = (
+            api.answer(request) if request.path.startswith("/youtube/v3/") else web.answer(request)
+        )
+        return response(environ, start_response)
+
+    return faults.wrap("youtube", serve) if faults is not None else serve
+
+
+class ApiRefusal(Exception):
+    """An error answer."""
+
+    def __init__(self, answer: errors.Answer) -> None:
+        self.answer = answer
+
+
+class DataApi:
+    """The Data API over a world."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self._lock = threading.Lock()
+
+    def answer(self, request: Request) -> Response:
+        """One call."""
+        method = request.path.removeprefix("/youtube/v3/")
+        try:
+            if method not in PARTS:
+                raise ApiRefusal(errors.not_found(request.path))
+            self._spend(
+                request,
+                {"search": "search", "videos:batchGetStats": "stats"}.get(method, "general"),
+            )
+            parts = self._parts(request, PARTS[method])
+            status, body = 200, getattr(self, "_" + method.replace(":", "_"))(request, parts)
+        except ApiRefusal as refused:
+            status, body = refused.answer
+        # Escaped as ASCII, so that NUL and lone surrogates travel as JSON allows.
+        return Response(
+            json.dumps(body, indent=2),
+            status,
+            {"Vary": "Origin"},
+            content_type="application/json; charset=UTF-8",
+        )
+
+    def _spend(self, request: Request, bucket: str) -> None:
+        given = request.args.get("key") or request.headers.get("X-Goog-Api-Key")
+        if not given:
+            raise ApiRefusal(errors.key_missing())
+        if given != KEY:
+            raise ApiRefusal(errors.key_invalid())
+        with self._lock:
+            day = self.world.pacific_day()
+            if self.world.used[day, bucket] >= self.world.quota[bucket]:
+                raise ApiRefusal(
+                    errors.search_spent(self.world.quota[bucket])
+                    if bucket == "search"
+                    else errors.general_spent()
+                )
+            self.world.used[day, bucket] += 1
+        request.environ |= {"sandbox.units": 1, "sandbox.bucket": bucket}
+
+    def _parts(self, request: Request, known: set[str]) -> set[str]:
+        parts = set(_list(request, "part"))
+        for part in sorted(parts - known):
+            raise ApiRefusal(errors.bad_part(part))
+        if not parts:
+            raise ApiRefusal(errors.no_filter())
+        return parts
+
+    def _search(self, request: Request, parts: set[str]) -> dict[str, Any]:
+        hits = (
+            self.world.youtube.search(request.args.get("q", ""))
+            if request.args.get("type", "channel") == "channel"
+            else []
+        )
+        page, tokens, size = _paged(request, hits[:MOST_HITS])
+        body = answers.page(
+            "search",
+            [_only(answers.search_hit(one), parts | {"id"}) for one in page],
+            max(len(hits), 1_000_000 * bool(hits)),
+            size,
+            **tokens,
+        )
+        return {**body, "regionCode": "US"}
+
+    def _channels(self, request: Request, parts: set[str]) -> dict[str, Any]:
+        wanted = _ids(request)
+        channels = [one for one in self.world.youtube.channels if one.id in wanted]
+        return answers.page(
+            "channel",
+            [_item("channel", one.id, answers.channel_parts(one), parts) for one in channels],
+            len(channels),
+            5,
+        )
+
+    def _playlists(self, request: Request, parts: set[str]) -> dict[str, Any]:
+        owner, wanted = request.args.get("channelId"), _list(request, "id")
+        if not owner and not wanted:
+            raise ApiRefusal(errors.no_filter())
+        channels = [
+            one
+            for one in self.world.youtube.channels
+            if one.listed and (one.id == owner or one.uploads in wanted)
+        ]
+        return answers.page(
+            "playlist",
+            [
+                _item("playlist", one.uploads, answers.playlist_parts(one), parts)
+                for one in channels
+            ],
+            len(channels),
+            5,
+        )
+
+    def _playlistItems(self, request: Request, parts: set[str]) -> dict[str, Any]:
+        playlist = request.args.get("playlistId", "")
+        if not playlist:
+            raise ApiRefusal(errors.no_filter())
+        if playlist not in self.world.youtube.by_playlist:
+            raise ApiRefusal(errors.no_playlist())
+        entries = list(enumerate(self.world.youtube.by_playlist[playlist][1]))
+        page, tokens, size = _paged(request, entries)
+        items = []
+        for position, video in page:
+            key = base64.b64encode(f"{playlist}.{position}".encode()).decode()
+            items.append(
+                _item("playlistItem", key, answers.entry_parts(video, playlist, position), parts)
+            )
+        return answers.page("playlistItem", items, len(entries), size, **tokens)
+
+    def _videos(self, request: Request, parts: set[str]) -> dict[str, Any]:
+        frame = (request.args.get("maxWidth", type=int), request.args.get("maxHeight", type=int))
+        videos = self._found(request)
+        items = [_item("video", one.id, answers.video_parts(one, *frame), parts) for one in videos]
+        return answers.page("video", items, len(videos), len(videos))
+
+    def _videos_batchGetStats(self, request: Request, parts: set[str]) -> dict[str, Any]:
+        items = []
+        for one in self._found(request):
+            full = answers.video_parts(one, None, None)
+            shown = {
+                "snippet": {"publishTime": one.published_at},
+                "contentDetails": {"duration": full["contentDetails"].get("duration")},
+                "statistics": {
+                    name: full["statistics"][name]
+                    for name in ("viewCount", "likeCount", "commentCount")
+                    if name in full["statistics"]
+                },
+            }
+            items.append(_item("videoStats", one.id, shown, parts))
+        return {
+            "kind": "youtube#batchGetStatsResponse",
+            "etag": answers.etag("stats", len(items)),
+            "items": items,
+        }
+
+    def _found(self, request: Request) -> list[Any]:
+        videos = self.world.youtube.videos
+        return [
+            videos[key]
+            for key in dict.fromkeys(_ids(request))
+            if key in videos and videos[key].in_api
+        ]
+
+
+def _list(request: Request, name: str) -> list[str]:
+    return [
+        one.strip()
+        for value in request.args.getlist(name)
+        for one in value.split(",")
+        if one.strip()
+    ]
+
+
+def _ids(request: Request) -> list[str]:
+    ids = _list(request, "id")
+    if not ids:
+        raise ApiRefusal(errors.no_filter())
+    if len(ids) > 50:
+        raise ApiRefusal(errors.too_many_ids())
+    return ids
+
+
+def _paged(request: Request, all_items: list[Any]) -> tuple[list[Any], dict[str, str], int]:
+    """(items of the page, its tokens, its size). Tokens are opaque and hold the offset."""
+    given = request.args.get("maxResults", "5")
+    if not given.isdigit() or int(given) > 50:
+        raise ApiRefusal(errors.bad_size(given))
+    size, start = int(given), 0
+    if token := request.args.get("pageToken"):
+        try:
+            start = int(base64.urlsafe_b64decode(token.encode()).decode().removeprefix("at:"))
+        except (ValueError, binascii.Error):
+            raise ApiRefusal(errors.bad_page_token()) from None
+    tokens = {}
+    if start + size < len(all_items):
+        tokens["nextPageToken"] = base64.urlsafe_b64encode(b"at:%06d" % (start + size)).decode()
+    if start:
+        tokens["prevPageToken"] = base64.urlsafe_b64encode(
+            b"at:%06d" % max(0, start - size)
+        ).decode()
+    return all_items[start : start + size], tokens, size
+
+
+def _item(kind: str, key: str, by_part: dict[str, Any], parts: set[str]) -> dict[str, Any]:
+    head = {"kind": f"youtube#{kind}", "etag": answers.etag(kind, key), "id": key}
+    return head | {name: value for name, value in by_part.items() if name in parts}
+
+
+def _only(hit: dict[str, Any], parts: set[str]) -> dict[str, Any]:
+    return {
+        name: value for name, value in hit.items() if name not in ("snippet", "id") or name in parts
+    }

@@ -1,0 +1,265 @@
+"""The sandbox's deposit service: Zenodo's legacy deposit API as documented, errors included.
+
+Depositions, the file bucket, publish, new versions, public records and their files. Kept in memory.
+It also behaves as the real service does where its page is silent: a deposit without a licence
+becomes CC0, a second draft of a record that still has files is refused, file names are flat.
+Source: https://developers.zenodo.org ("Depositions", "Deposition files", "Deposition actions",
+"Errors").
+"""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import uuid
+from typing import Any
+
+from werkzeug.exceptions import BadRequest, HTTPException
+from werkzeug.routing import Map, Rule
+from werkzeug.wrappers import Request, Response
+
+from kb.sandbox.zenodo.answers import (
+    Deposition,
+    ZenodoError,
+    as_json,
+    checked_metadata,
+    file_entry,
+    file_stored,
+    json_body,
+    record,
+    refused,
+    shown,
+)
+
+TOKEN = "sandbox-deposit-token"
+MOST_FILES = 100
+MOST_BYTES = 50 * 10**9
+_UNAUTHORIZED = (
+    "The server could not verify that you are authorized to access the URL requested."
+    " You either supplied the wrong credentials (e.g. a bad password),"
+    " or your browser doesn't understand how to supply"
+    " the credentials required."
+)
+
+
+def settings(url: str) -> dict[str, str]:
+    """The settings that point at this service."""
+    return {"KB_ZENODO_ENDPOINT": url, "ZENODO_TOKEN": TOKEN}
+
+
+def app(world: Any = None, faults: Any = None) -> Any:
+    """The WSGI application, with a store of its own that is its `.deposits`."""
+    service = Deposits(token=TOKEN)
+    if not hasattr(faults, "wrap"):
+        return service
+    wrapped = faults.wrap("zenodo", service)
+    wrapped.deposits = service
+    return wrapped
+
+
+class Deposits:
+    """The service: a WSGI callable with its deposits in `by_id`."""
+
+    def __init__(self, token: str = TOKEN) -> None:
+        self.token = token
+        self.by_id: dict[int, Deposition] = {}
+        self.deposits = self
+        self._numbers = itertools.count(100_001)
+        self._lock = threading.RLock()
+        base = "/api/deposit/depositions"
+        self._routes = Map(
+            [
+                Rule(base, endpoint=self._list, methods=["GET"]),
+                Rule(base, endpoint=self._create, methods=["POST"]),
+                Rule(f"{base}/<int:number>", endpoint=self._get, methods=["GET"]),
+                Rule(f"{base}/<int:number>", endpoint=self._update, methods=["PUT"]),
+                Rule(f"{base}/<int:number>", endpoint=self._delete, methods=["DELETE"]),
+                Rule(f"{base}/<int:number>/files", endpoint=self._files, methods=["GET"]),
+                Rule(
+                    f"{base}/<int:number>/files/<file>", endpoint=self._remove, methods=["DELETE"]
+                ),
+                Rule(
+                    f"{base}/<int:number>/actions/publish", endpoint=self._publish, methods=["POST"]
+                ),
+                Rule(
+                    f"{base}/<int:number>/actions/newversion",
+                    endpoint=self._new_version,
+                    methods=["POST"],
+                ),
+                Rule("/api/files/<bucket>/<path:name>", endpoint=self._put, methods=["PUT"]),
+                Rule("/api/records/<int:number>", endpoint=self._record, methods=["GET"]),
+                Rule(
+                    "/api/records/<int:number>/files/<path:name>/content",
+                    endpoint=self._content,
+                    methods=["GET"],
+                ),
+            ],
+            strict_slashes=False,
+        )
+
+    def __call__(self, environ: Any, start_response: Any) -> Any:
+        request = Request(environ)
+        try:
+            handler, values = self._routes.bind_to_environ(environ).match()
+            with self._lock:
+                public = handler in (self._record, self._content)
+                if not public:
+                    self._authorize(request)
+                response = handler(request, **values)
+        except ZenodoError as error:
+            response = error.get_response()
+        except HTTPException as error:
+            response = ZenodoError(error.code or 500, error.description or "").get_response()
+        if request.method in ("PUT", "POST"):
+            request.get_data(
+                cache=False
+            )  # an answer before the body was read would break the connection
+        return response(environ, start_response)
+
+    # -- depositions -----------------------------------------------------------------------------
+
+    def _authorize(self, request: Request) -> None:
+        given = request.headers.get("Authorization", "").removeprefix(
+            "Bearer "
+        ) or request.args.get("access_token", "")
+        if not given:
+            raise ZenodoError(401, _UNAUTHORIZED)
+        if given != self.token:
+            raise ZenodoError(403, "Invalid access token.")
+
+    def _list(self, request: Request) -> Response:
+        status = request.args.get("status")
+        wanted = [
+            one
+            for one in self.by_id.values()
+            if status is None or one.submitted == (status == "published")
+        ]
+        start = (request.args.get("page", 1, int) - 1) * (size := request.args.get("size", 10, int))
+        return as_json(
+            [self._shown(one, request) for one in reversed(wanted)][start : start + size]
+        )
+
+    def _create(self, request: Request) -> Response:
+        metadata = checked_metadata(json_body(request).get("metadata", {}), whole=False)
+        made = self._new()
+        made.metadata = metadata
+        next(self._numbers)
+        return as_json(self._shown(made, request), 201)
+
+    def _new(self, concept: int | None = None) -> Deposition:
+        number = next(self._numbers)
+        bucket = str(uuid.uuid5(uuid.NAMESPACE_URL, str(number)))
+        self.by_id[number] = Deposition(number, concept or number - 1, bucket)
+        return self.by_id[number]
+
+    def _find(self, number: int) -> Deposition:
+        if number not in self.by_id:
+            raise ZenodoError(404, "PID does not exist.")
+        return self.by_id[number]
+
+    def _draft(self, number: int) -> Deposition:
+        deposit = self._find(number)
+        if deposit.submitted:
+            raise refused("Invalid action", "state", "The deposition is published.")
+        return deposit
+
+    def _get(self, request: Request, number: int) -> Response:
+        return as_json(self._shown(self._find(number), request))
+
+    def _update(self, request: Request, number: int) -> Response:
+        deposit, body = self._draft(number), json_body(request)
+        if "metadata" not in body:
+            raise refused("Validation error.", "metadata", "Missing data for required field.")
+        deposit.metadata = checked_metadata(body["metadata"], whole=False)
+        return as_json(self._shown(deposit, request))
+
+    def _delete(self, request: Request, number: int) -> Response:
+        del self.by_id[self._draft(number).id]
+        return Response(status=204)
+
+    # -- files -----------------------------------------------------------------------------------
+
+    def _files(self, request: Request, number: int) -> Response:
+        return as_json([file_entry(self._find(number), name) for name in self._find(number).files])
+
+    def _remove(self, request: Request, number: int, file: str) -> Response:
+        deposit = self._draft(number)
+        name = next(
+            (name for name in deposit.files if file_entry(deposit, name)["id"] == file), None
+        )
+        if name is None:
+            raise ZenodoError(404, "File not found.")
+        del deposit.files[name]
+        return Response(status=204)
+
+    def _put(self, request: Request, bucket: str, name: str) -> Response:
+        deposit = next((one for one in self.by_id.values() if one.bucket == bucket), None)
+        if deposit is None:
+            raise ZenodoError(404, "Bucket does not exist.")
+        if deposit.submitted:
+            raise ZenodoError(403, "Bucket is locked for modifications.")
+        if "/" in name:
+            raise ZenodoError(400, "Invalid key: file names are flat.")
+        data = request.get_data(cache=False)
+        if request.content_length is not None and len(data) != request.content_length:
+            raise BadRequest("The request body was cut off.")
+        if name not in deposit.files and len(deposit.files) >= MOST_FILES:
+            raise ZenodoError(400, f"The deposit has more than {MOST_FILES} files.")
+        if sum(map(len, deposit.files.values())) + len(data) > MOST_BYTES:
+            raise ZenodoError(413, "Quota limit exceeded.")
+        deposit.files[name] = data
+        return as_json(file_stored(deposit, name, request), 201)
+
+    # -- actions and records -----------------------------------------------------------------------
+
+    def _publish(self, request: Request, number: int) -> Response:
+        deposit = self._draft(number)
+        deposit.metadata = checked_metadata(deposit.metadata, whole=True)
+        if not deposit.files:
+            raise refused("Validation error.", "files", "Minimum one file must be provided.")
+        deposit.submitted = True
+        deposit.metadata["doi"] = f"10.5072/zenodo.{deposit.id}"
+        return as_json(self._shown(deposit, request), 202)
+
+    def _new_version(self, request: Request, number: int) -> Response:
+        deposit = self._find(number)
+        if not deposit.submitted:
+            raise refused("Invalid action", "state", "The deposition is not published.")
+        draft = self._open_draft(deposit)
+        if draft is not None and draft.files:
+            raise ZenodoError(
+                400,
+                "A validation error occurred.",
+                [{"field": "files.enabled", "messages": ["Please remove all files first."]}],
+            )
+        if draft is None:
+            draft = self._new(deposit.concept)
+            own = ("doi", "publication_date", "version")  # each version has its own
+            draft.metadata = {k: v for k, v in deposit.metadata.items() if k not in own}
+            draft.files = dict(deposit.files)
+        return as_json(self._shown(deposit, request), 201)
+
+    def _open_draft(self, deposit: Deposition) -> Deposition | None:
+        return next(
+            (
+                one
+                for one in self.by_id.values()
+                if one.concept == deposit.concept and not one.submitted
+            ),
+            None,
+        )
+
+    def _record(self, request: Request, number: int) -> Response:
+        deposit = self._find(number)
+        if not deposit.submitted:
+            raise ZenodoError(404, "PID does not exist.")
+        return as_json(record(deposit, request))
+
+    def _content(self, request: Request, number: int, name: str) -> Response:
+        deposit = self._find(number)
+        if not deposit.submitted or name not in deposit.files:
+            raise ZenodoError(404, "File not found.")
+        return Response(deposit.files[name], mimetype="application/octet-stream")
+
+    def _shown(self, one: Deposition, request: Request) -> dict[str, Any]:
+        return shown(one, self._open_draft(one), request)

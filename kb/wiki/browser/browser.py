@@ -1,0 +1,296 @@
+"""One headless Chromium with its driver: started, asked, ended as a whole.
+
+The browser gets a fresh profile and home folder, no environment of ours, and may resolve no host
+but the wiki's own.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import threading
+from collections.abc import Iterator, Sequence
+from typing import Any
+from urllib.parse import urlsplit
+
+from urllib3.exceptions import HTTPError
+
+from kb.core.errors import MissingExtra, Retryable
+from kb.wiki.browser import process_guard
+from kb.wiki.browser.chromium import INSTALL, Programs
+from kb.wiki.browser.driver import START_SECONDS, DriverProcess
+from kb.wiki.errors import PageTimeout, of_browser
+
+# What Chromium would ask its maker by itself, and what pages may make it fetch ahead.
+FEATURES_OFF = (
+    "AutofillServerCommunication",
+    "CertificateTransparencyComponentUpdater",
+    "HttpsUpgrades",
+    "InterestFeedContentSuggestions",
+    "MediaRouter",
+    "NetworkErrorLogging",
+    "NetworkTimeServiceQuerying",
+    "OptimizationGuideModelDownloading",
+    "OptimizationHints",
+    "OptimizationHintsFetching",
+    "Prerender2",
+    "Reporting",
+    "Translate",
+)
+# The browser's own surface, of which a page in it shows nothing: the address bar's lists are pages
+# that two more renderers load, and one more stands by for a visit to another site. Nobody goes back
+# to a page that was left, for which it and its renderer would be kept.
+SURFACE_OFF = (
+    "BackForwardCache",
+    "SpareRendererForSitePerProcess",
+    "WebUIOmniboxAimPopup",
+    "WebUIOmniboxFullPopup",
+    "WebUIOmniboxPopup",
+)
+PREFERENCES = {
+    "alternate_error_pages.enabled": False,
+    "credentials_enable_service": False,
+    "dns_over_https.mode": "off",
+    "net.network_prediction_options": 2,  # no prefetch, preconnect or speculation
+    "safebrowsing.enabled": False,
+    "search.suggest_enabled": False,
+    "session.restore_on_startup": 4,  # the addresses that follow, not its own first page
+    "session.startup_urls": ["about:blank"],
+    "signin.allowed": False,
+    "spellcheck.use_spelling_service": False,
+    "translate.enabled": False,
+    "webrtc.ip_handling_policy": "disable_non_proxied_udp",
+}
+FLAGS = (
+    "--headless=new",
+    "--remote-debugging-pipe",  # it ends with its driver, and nobody else can talk to it
+    "--hide-scrollbars",
+    "--force-device-scale-factor=1",
+    "--force-color-profile=srgb",
+    "--disable-gpu",
+    "--disable-dev-shm-usage",
+    "--mute-audio",
+    "--no-first-run",
+    "--no-default-browser-check",
+    "--no-proxy-server",
+    "--disable-component-update",
+    "--disable-background-networking",
+    "--disable-sync",
+    "--disable-default-apps",
+    "--disable-extensions",
+    "--disable-breakpad",
+    "--disable-crash-reporter",
+    "--no-pings",
+    "--disable-domain-reliability",
+    "--disable-client-side-phishing-detection",
+    f"--disable-features={','.join(FEATURES_OFF + SURFACE_OFF)}",
+    "--disable-field-trial-config",
+    "--disable-component-extensions-with-background-pages",
+    "--disable-search-engine-choice-screen",
+    "--metrics-recording-only",
+    "--safebrowsing-disable-auto-update",
+    "--dns-prefetch-disable",
+    "--disable-quic",
+    "--webrtc-ip-handling-policy=disable_non_proxied_udp",
+    "--force-webrtc-ip-handling-policy=disable_non_proxied_udp",
+    "--blink-settings=imageAnimationPolicy=2",
+    "--password-store=basic",
+    "--use-mock-keychain",
+    "--lang=en-US",
+)
+
+
+class Browser:
+    """A running browser. Every call ends within its time or raises Retryable; then `end` it."""
+
+    def __init__(
+        self,
+        programs: Programs,
+        watcher: process_guard.Guard,
+        *,
+        hosts: Sequence[str],
+        origins: Sequence[str],
+        user_agent: str,
+        viewport: tuple[int, int],
+        page_seconds: float,
+        before: str = "",
+    ) -> None:
+        self.page_seconds = page_seconds
+        self._driver: Any = None
+        self.overdue = self._limited = False
+        self.process = DriverProcess(programs.driver, watcher)
+        try:
+            self._open(programs, hosts, user_agent, viewport, page_seconds)
+            self._prepare(origins, viewport, before)
+        except BaseException:
+            self.end()
+            raise
+
+    def _open(
+        self,
+        programs: Programs,
+        hosts: Sequence[str],
+        user_agent: str,
+        viewport: tuple[int, int],
+        page_seconds: float,
+    ) -> None:
+        from selenium.common.exceptions import SessionNotCreatedException, WebDriverException
+        from selenium.webdriver import ChromeOptions
+        from selenium.webdriver.chrome.remote_connection import ChromeRemoteConnection
+        from selenium.webdriver.remote.client_config import ClientConfig
+        from selenium.webdriver.remote.webdriver import WebDriver
+
+        options = ChromeOptions()
+        options.binary_location = programs.browser
+        options.page_load_strategy = "normal"
+        options.unhandled_prompt_behavior = "dismiss"
+        # Its record of requests has what a page can't see: statuses, and Retry-After.
+        options.set_capability("goog:loggingPrefs", {"performance": "ALL"})
+        options.add_experimental_option(
+            "perfLoggingPrefs", {"enableNetwork": True, "enablePage": False}
+        )
+        options.add_experimental_option("prefs", PREFERENCES)
+        # A host with a port stands for that port alone: on loopback another one is another service.
+        rules = ", ".join([*(f"MAP {host} {host}" for host in hosts), "MAP * ~NOTFOUND"])
+        flags = [
+            *FLAGS,
+            f"--window-size={viewport[0]},{viewport[1]}",
+            f"--user-agent={user_agent}",
+            f"--host-resolver-rules={rules}",
+            f"--user-data-dir={self.process.folder}/profile",
+        ]
+        if hasattr(os, "geteuid") and os.geteuid() == 0:
+            flags.append("--no-sandbox")  # Chromium's own sandbox can't be set up by root
+        for flag in flags:
+            options.add_argument(flag)
+        address = f"http://127.0.0.1:{self.process.port}"
+        # Selenium waits longer than the page may take: the driver's own limits answer first.
+        config = ClientConfig(
+            remote_server_addr=address,
+            keep_alive=True,
+            timeout=int(page_seconds) + 15,
+        )
+        try:
+            with self.within(START_SECONDS + 15):
+                self._driver = WebDriver(
+                    command_executor=ChromeRemoteConnection(address, client_config=config),
+                    options=options,
+                )
+        except SessionNotCreatedException as error:
+            said = (error.msg or "").splitlines()[0]
+            raise MissingExtra(
+                f"{programs.driver} can't start {programs.browser}: {said}", hint=INSTALL
+            ) from None
+        except (WebDriverException, HTTPError, OSError) as error:
+            raise Retryable(f"browser_start: {type(error).__name__}") from error
+        self._driver.set_page_load_timeout(page_seconds)
+        self._driver.set_script_timeout(page_seconds)
+
+    def _prepare(self, origins: Sequence[str], viewport: tuple[int, int], before: str) -> None:
+        self.devtools("Network.enable", {})
+        # Ports and schemes too: the resolver's rules know hosts only.
+        # A tab's icon is in no image of a page.
+        patterns = [{"urlPattern": f"{origin}/favicon.ico", "block": True} for origin in origins]
+        patterns += [{"urlPattern": f"{origin}/*", "block": False} for origin in origins]
+        patterns += [
+            {"urlPattern": f"{scheme}://*:*/*", "block": True}
+            for scheme in ("http", "https", "ws", "wss")
+        ]
+        self.devtools("Network.setBlockedURLs", {"urlPatterns": patterns})
+        self.devtools(
+            "Emulation.setDeviceMetricsOverride",
+            {"width": viewport[0], "height": viewport[1], "deviceScaleFactor": 1, "mobile": False},
+        )
+        self.devtools("Browser.setDownloadBehavior", {"behavior": "deny"})
+        if before:
+            self.devtools("Page.addScriptToEvaluateOnNewDocument", {"source": before})
+
+    @contextlib.contextmanager
+    def within(self, seconds: float) -> Iterator[None]:
+        """End the whole browser when the block takes longer; what waits for it fails at once."""
+        self._begin_timer(seconds)
+        self._limited = True
+        try:
+            yield
+        finally:
+            self._limited = False
+            self._timer.cancel()
+
+    def allow(self, seconds: float) -> None:
+        """What follows in a block of `within` may take so long, whatever came before."""
+        if self._limited:
+            self._timer.cancel()
+            self._begin_timer(seconds)
+
+    def _begin_timer(self, seconds: float) -> None:
+        self._timer = threading.Timer(seconds, self._late)
+        self._timer.daemon = True
+        self._timer.start()
+
+    def _late(self) -> None:
+        self.overdue = True
+        self.process.kill()
+
+    def go(self, url: str) -> None:
+        """Load an address. Raises Retryable."""
+        self._ask("get", url)
+
+    def script(self, source: str, *arguments: Any) -> Any:
+        """One script call; its value. Raises Retryable."""
+        return self._ask("execute_script", source, *arguments)
+
+    def promise(self, source: str, *arguments: Any) -> Any:
+        """One script call that waits for a promise; its value. Raises Retryable."""
+        wrapped = "const done = arguments[arguments.length - 1];"
+        wrapped += f"(async () => {{ {source} }})().then(done, (e) => done({{error: String(e)}}))"
+        return self._ask("execute_async_script", wrapped, *arguments)
+
+    def devtools(self, command: str, params: dict[str, Any]) -> Any:
+        """One command of the DevTools protocol; its answer. Raises Retryable."""
+        return self._ask("execute", "executeCdpCommand", {"cmd": command, "params": params})[
+            "value"
+        ]
+
+    def record(self) -> list[dict[str, Any]]:
+        """What the browser noted of its requests since the last call. Raises Retryable."""
+        answer = self._ask("execute", "getLog", {"type": "performance"})
+        noted: list[dict[str, Any]] = answer["value"]
+        return noted
+
+    def _ask(self, method: str, *arguments: Any) -> Any:
+        from selenium.common.exceptions import TimeoutException, WebDriverException
+
+        try:
+            return getattr(self._driver, method)(*arguments)
+        except TimeoutException:
+            raise PageTimeout from None
+        except (WebDriverException, HTTPError, OSError, ValueError) as error:
+            if self.overdue:
+                raise PageTimeout from None
+            said = (getattr(error, "msg", "") or type(error).__name__).splitlines()[0]
+            match = re.search(r"net::(ERR_\w+)", said)
+            if match:
+                raise of_browser(match[1].lower()) from None
+            raise Retryable(f"browser: {said[:120]}") from None
+
+    def end(self) -> None:
+        """End every process of the browser and remove its profile."""
+        self.process.end()
+
+
+def reach(url: str, others: Sequence[str]) -> tuple[list[str], list[str]]:
+    """The hosts and origins that a browser may ask for the wiki at `url` with these other hosts.
+
+    A wiki whose root is given with one scheme may name its pages with the other one: both are the
+    same place.
+    """
+    parts = urlsplit(url)
+    host = f"[{parts.hostname}]" if ":" in (parts.hostname or "") else parts.hostname
+    own = [f"{host}:{parts.port}"] if parts.port else [f"{host}:80", f"{host}:443"]
+    schemes = sorted({parts.scheme, "https"})
+    origins = [f"{scheme}://{parts.netloc}" for scheme in ("http", "https")]
+    return [*own, *others], [
+        *origins,
+        *(f"{scheme}://{other}" for other in others for scheme in schemes),
+    ]

@@ -1,0 +1,264 @@
+"""One page as a person sees it: loaded, settled, measured, pictured, in this order."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from kb.core import clock
+from kb.core.errors import ItemFinal, Retryable
+from kb.wiki.browser.browser import Browser
+from kb.wiki.browser.traffic import PageTraffic
+from kb.wiki.capture import screenshot
+from kb.wiki.errors import Challenge, NotShown, PageTimeout, ServerFault, Unserved, of_status
+
+_SETTLE = "return await window.__kb.settle(arguments[0]);"
+_AGAIN = "window.__kb.again(arguments[0]);"
+_FREEZE = "return await window.__kb.freeze(arguments[0]);"
+_MEASURE = (
+    "return [Math.max(document.documentElement.scrollWidth, document.documentElement.clientWidth),"
+    " Math.max(document.documentElement.scrollHeight, document.documentElement.clientHeight)];"
+)
+_HTML = "return ('<!DOCTYPE html>\\n' + document.documentElement.outerHTML).toWellFormed();"
+# Style sheets and scripts decide where things stand; images are tried again while settling.
+_BROKEN = """
+return performance.getEntriesByType("resource")
+  .filter((e) => ["link", "script", "css"].includes(e.initiatorType)
+    && e.name.startsWith(location.origin)
+    && (e.responseStatus >= 500 || e.responseStatus === 429
+      || e.responseStatus === 0 && e.transferSize === 0 && e.decodedBodySize === 0
+        && e.duration > 0))
+  .map((e) => e.name);
+"""
+_IDENTITY = "return window.__kb ? window.__kb.identity() : {};"
+_STATUS = """
+const entry = performance.getEntriesByType("navigation")[0];
+return [location.href, entry ? entry.responseStatus : 0];
+"""
+
+
+@cache
+def page_script(name: str) -> str:
+    """The text of extract.js or settle.js, shipped beside this file."""
+    return Path(__file__).with_name(name).read_text(encoding="utf-8")
+
+
+@dataclass
+class Captured:
+    """What a page gave. `sprites` are the cropped pixels (PNG bytes) by element id."""
+
+    extraction: dict[str, Any]
+    html: str
+    settled: bool
+    sprites: dict[int, bytes]
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+class Stopwatch:
+    """Where the time of one page goes."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = clock.monotonic()
+
+    def lap(self, name: str) -> None:
+        """Everything since the last lap was `name`."""
+        now = clock.monotonic()
+        self.seconds[name] = round(now - self._last, 4)
+        self._last = now
+
+
+def at_once(after: float | None, within: float) -> bool:
+    """Turns to ask again where only the service's own wish counts. See `capture`."""
+    if (after or 0.0) > within:
+        return False
+    clock.sleep(after or 0.0)
+    return True
+
+
+def capture(
+    browser: Browser,
+    url: str,
+    shot: Path,
+    rules: dict[str, Any],
+    *,
+    max_height: int,
+    page_id: int | None = None,
+    strict: bool = True,
+    turn: Callable[[float | None, float], bool] = at_once,
+) -> Captured:
+    """Load `url` and write its screenshot to `shot`.
+
+    Where `page_id` is given, the document must name it and end with `</html>`, as MediaWiki's do.
+    `strict` fails when the end is missing, or a style sheet or script was not served; the last try
+    takes the page as it is. `turn` waits until one more request may be sent, after the seconds that
+    the service wished for, and says False when that is not within so many seconds. Raises Retryable
+    (the page may go well next time) or ItemFinal (it will not).
+    """
+    watch = Stopwatch()
+    network = PageTraffic(browser)
+    try:
+        browser.go(url)
+        network.read()
+        _check_document(browser, network, url)
+        if page_id is not None:
+            _check_identity(browser.script(_IDENTITY), page_id)
+            if strict and _has_no_end(network):
+                raise ServerFault("cut_off")
+        if strict and (broken := browser.script(_BROKEN)):
+            raise ServerFault("resource_failed", after=_longest(network, broken))
+        watch.lap("load")
+        settled = _settle(browser, network, rules, turn)
+        browser.promise(_FREEZE, rules)
+        watch.lap("settle")
+        extraction = browser.script(page_script("extract.js"), rules)
+        watch.lap("extract")
+    except Retryable as error:
+        if error.after is None and not browser.overdue:
+            error.after = _wished(network, url)
+        if isinstance(error, PageTimeout):
+            raise
+        # A page that left for another site ends in the browser's error page, with any of several.
+        raise _left(browser, url) or error from None
+    page = extraction["page"]
+    if not _same_site(page["url"], url):
+        raise _left(browser, url) or ItemFinal("redirected_away", page["url"])
+    if page_id is not None:  # it may have left for another page while it settled
+        _check_identity(page, page_id)
+    if page["height"] > max_height:
+        raise ItemFinal("too_tall", str(page["height"]))
+    if page["truncated"]:
+        raise ItemFinal("too_many_elements", str(rules["max_elements"]))
+    crops = {
+        e["id"]: screenshot.snapped(e["box"])
+        for e in extraction["elements"]
+        if e["kind"] == "sprite" and e.get("css") and e["visible"]
+    }
+    html = browser.script(_HTML)
+    watch.lap("html")
+    # Each picture has the time of a page, so that a tall one does not fail on a busy machine.
+    browser.allow(browser.page_seconds * (1 + screenshot.tiles(page["height"])))
+    sprites = screenshot.take(browser, shot, page["width"], page["height"], crops)
+    if browser.script(_MEASURE) != [page["width"], page["height"]]:
+        raise Retryable("page_moved: its size changed while it was pictured")
+    watch.lap("screenshot")
+    return Captured(extraction, html, settled, sprites, watch.seconds)
+
+
+def _settle(
+    browser: Browser,
+    network: PageTraffic,
+    rules: dict[str, Any],
+    turn: Callable[[float | None, float], bool],
+) -> bool:
+    """Wait until the page stands still, with images that failed asked for again, one a turn.
+
+    Whether it stood still in time. Raises Retryable.
+    """
+    end = clock.monotonic() + rules["settle_seconds"]
+    tries: Counter[str] = Counter()
+    while True:
+        left = max(0.0, end - clock.monotonic())
+        ready = browser.promise(_SETTLE, {**rules, "settle_seconds": left})
+        if not isinstance(ready, dict) or "error" in ready:
+            raise Retryable(f"settle_failed: {(ready or {}).get('error', 'no answer')}")
+        network.read()
+        asked = 0
+        for image in ready["failed"]:
+            served = network.of(image)
+            if served is None or not served.may_come_back:
+                continue
+            if tries[image] >= rules["image_tries"]:
+                continue
+            tries[image] += 1
+            # A server in trouble is left alone for a moment, also where it names no time.
+            wait = served.after if served.after is not None else 0.1 * tries[image]
+            if turn(wait, end - clock.monotonic()):
+                browser.script(_AGAIN, image)
+                asked += 1
+        if not asked:
+            return bool(ready["settled"])
+
+
+def _longest(network: PageTraffic, addresses: list[str]) -> float | None:
+    """The longest Retry-After of some addresses."""
+    waits = [served.after for url in addresses if (served := network.of(url))]
+    return max((wait for wait in waits if wait is not None), default=None)
+
+
+def _wished(network: PageTraffic, url: str) -> float | None:
+    """The Retry-After of a document that the browser would not show."""
+    try:
+        network.read()
+    except Retryable:
+        return None
+    served = network.of(url)
+    return served.after if served and served.may_come_back else None
+
+
+def _check_document(browser: Browser, network: PageTraffic, url: str) -> None:
+    """The page's own status: the browser shows error pages without a word."""
+    where, status = browser.script(_STATUS)
+    if not where.startswith(("http:", "https:")):
+        served = network.of(url)
+        told = served is not None and not served.barred and not 0 < served.status < 400
+        raise _left(browser, url) or (Unserved if told else NotShown)("not_loaded")
+    if not _same_site(where, url):
+        raise ItemFinal("redirected_away", where)
+    if status == 429 or status >= 500:
+        served = network.of(where)
+        raise ServerFault(
+            f"http_{status}", after=served.after if served else None, unreachable=True
+        )
+    if status >= 400:
+        raise of_status(status)
+    if network.cut_off:
+        raise ServerFault("cut_off")
+
+
+def _check_identity(shown: dict[str, Any], page_id: int) -> None:
+    """MediaWiki names page and revision in `mw.config` of each page; other servers do not.
+
+    A title may lead to another page meanwhile. Raises Challenge, ItemFinal.
+    """
+    if not isinstance(shown.get("page_id"), int) or not isinstance(shown.get("revision_id"), int):
+        raise Challenge
+    if shown["page_id"] != page_id or not shown["revision_id"]:
+        raise ItemFinal("other_page", str(shown["page_id"]))
+
+
+def _has_no_end(network: PageTraffic) -> bool:
+    """Whether the document stops before its end although as many bytes came as were announced."""
+    text = network.document()
+    return text is not None and "</html" not in text[-1000:].lower()
+
+
+def check_shown(browser: Browser, url: str) -> None:
+    """Load any page of the wiki. Raises Challenge when another one comes, and as `capture` does."""
+    network = PageTraffic(browser)
+    browser.go(url)
+    network.read()
+    _check_document(browser, network, url)
+    if not isinstance(browser.script(_IDENTITY).get("page_id"), int):
+        raise Challenge
+
+
+def _left(browser: Browser, url: str) -> ItemFinal | None:
+    """The error that tells that the page went to another site, when it did."""
+    try:
+        history = browser.devtools("Page.getNavigationHistory", {})
+        current = history["entries"][history["currentIndex"]]["url"]
+    except (Retryable, KeyError, IndexError):
+        return None
+    if current.startswith(("http:", "https:")) and not _same_site(current, url):
+        return ItemFinal("redirected_away", current)
+    return None
+
+
+def _same_site(one: str, other: str) -> bool:
+    return urlsplit(one).netloc == urlsplit(other).netloc

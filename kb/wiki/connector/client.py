@@ -1,0 +1,255 @@
+"""Discovery by MediaWiki's API (https://www.mediawiki.org/wiki/API:Query, formatversion=2).
+
+Every request says `maxlag=5`: a wiki whose database lags answers with an error and Retry-After,
+and is left alone that long. That, the contact in the User-Agent and one pace for all requests are
+what MediaWiki asks of API clients (https://www.mediawiki.org/wiki/API:Etiquette). robots.txt tells
+crawlers which pages to leave alone, and most wikis bar the folder of their scripts there; so it
+rules pages and images, and the API only where it names us (`WikiHosts.barred`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html.parser import HTMLParser
+from typing import Any
+from urllib.parse import urljoin, urlsplit, urlunsplit
+
+import msgspec
+
+from kb.core.errors import Blocked, FatalError, ItemFinal, Retryable
+from kb.crawl.source import Answer
+from kb.net import retry
+from kb.wiki.connector.hosts import WikiHosts
+from kb.wiki.errors import PageRefused
+from kb.wiki.parse import answers
+
+BATCH = 50
+_AGAIN = ("maxlag", "readonly", "ratelimited", "internal_api_error")  # and what begins like them
+_DETAILS = {
+    "prop": "info|revisions|contributors|redirects|categories",
+    "inprop": "url",
+    "rvprop": "ids|timestamp|user|sha1|size",
+    "pclimit": "500",
+    "rdlimit": "500",  # what `kb profile keywords` proposes from
+    "cllimit": "500",
+    "clshow": "!hidden",
+}
+_FILES = {
+    "prop": "imageinfo|extlinks",
+    "iiprop": "url|size|mime|sha1|timestamp|extmetadata",
+    "ellimit": "500",
+}
+
+
+class WikiApi:
+    """Each question gives the answer to be recorded.
+
+    What is no answer to the question (kb.wiki.parse.answers) is tried again and never kept. All
+    raise Retryable or Blocked after all tries, FatalError for a request that the API refuses.
+    """
+
+    def __init__(self, endpoint: str, web: WikiHosts) -> None:
+        self.endpoint, self._web = endpoint, web
+        self._circles: dict[tuple[int, int], _Circle] = {}
+
+    def site(self) -> Answer:
+        """Addresses, namespaces and licence of the site."""
+        params = {
+            "action": "query",
+            "meta": "siteinfo",
+            "siprop": "general|namespaces|rightsinfo|statistics",
+        }
+        status, answer = self.ask(params)
+        return Answer("site", self.endpoint, params, answer, status)
+
+    def listing(self, number: int, namespace: int, going: dict[str, str | int]) -> Answer:
+        """500 pages of a namespace without redirects.
+
+        `going` is what the answer before it gave to go on. Raises Retryable when the list goes
+        in a circle.
+        """
+        params = {
+            "action": "query",
+            "list": "allpages",
+            "apnamespace": str(namespace),
+            "apfilterredir": "nonredirects",
+            "aplimit": "500",
+        }
+        circle = self._circles.setdefault((number, namespace), _Circle())
+        circle.check(going)
+        status, answer = self.ask({**params, **going})
+        circle.note(going, answer["query"]["allpages"])
+        return Answer("titles", self.endpoint, {**params, **going, "round": number}, answer, status)
+
+    def details(self, tag: str, *, titles: Sequence[str] = (), ids: Sequence[str] = ()) -> Answer:
+        """Revision, address, contributors, redirects and categories of up to 50 pages."""
+        by = {"titles": "|".join(titles)} if titles else {"pageids": "|".join(ids)}
+        status, answer = self.whole({"action": "query", **by, **_DETAILS})
+        return Answer("pages", self.endpoint, {**by, "round": tag}, answer, status)
+
+    def revision(self, revision: int) -> Answer:
+        """The same for one revision, when the wiki showed another than it had named."""
+        params = {
+            "action": "query",
+            "revids": str(revision),
+            "prop": "info|revisions",
+            "inprop": "url",
+            "rvprop": "ids|timestamp|user|sha1|size",
+        }
+        status, answer = self.ask(params)
+        by = {"revids": str(revision), "round": "r"}
+        return Answer("pages", self.endpoint, by, answer, status)
+
+    def files(self, titles: list[str]) -> Answer:
+        """What the wiki knows about up to 50 files; `answers.files` has it by title."""
+        params = {"action": "query", "titles": "|".join(titles), **_FILES}
+        status, answer = self.whole(params)
+        return Answer("imageinfo", self.endpoint, {"titles": titles}, answer, status)
+
+    def whole(self, params: Mapping[str, str | int]) -> tuple[int, dict[str, Any]]:
+        """An answer with all its continuations joined."""
+        status, first = self.ask(params)
+        answer, circle = first, _Circle()
+        while going := answer.get("continue"):
+            circle.check(going)
+            status, answer = self.ask({**params, **going})
+            circle.note(going)
+            _join(first, answer)
+        first.pop("continue", None)
+        return status, first
+
+    def ask(self, params: Mapping[str, str | int]) -> tuple[int, dict[str, Any]]:
+        """One question: status and answer."""
+        return self._web.attempt(lambda: self._once(params))
+
+    def _once(self, params: Mapping[str, str | int]) -> tuple[int, dict[str, Any]]:
+        try:
+            answer = self._web.get(
+                self.endpoint, {**params, "format": "json", "formatversion": "2", "maxlag": "5"}
+            )
+        except PageRefused as error:
+            raise Blocked(
+                f"the wiki's API refuses us ({error.reason})",
+                hint="wait and run the same command again",
+            ) from None
+        except ItemFinal as error:
+            raise FatalError(
+                f"the wiki's API at {self.endpoint} does not answer: {error}",
+                hint="look at the address in a browser",
+            ) from None
+        try:
+            value = msgspec.json.decode(answer.body)
+        except (msgspec.DecodeError, RecursionError):
+            what = answers.quoted(answer.body[:1000].decode("utf-8", "replace"))
+            # A page in place of an answer that does not end is a challenge: we are turned away.
+            page = answer.body.lstrip()[:1] == b"<"
+            raise Retryable(f"{self.endpoint} gives no JSON but {what}", throttled=page) from None
+        refusal = value.get("error") if isinstance(value, dict) else None
+        if isinstance(refusal, dict) and refusal:
+            code = str(refusal.get("code"))
+            if code.startswith(_AGAIN):
+                raise Retryable(code, after=answer.after)
+            if code in ("blocked", "autoblocked", "readapidenied"):
+                raise Blocked(f"the wiki's API refuses: {refusal.get('info', code)}")
+            raise FatalError(
+                f"the wiki's API refuses {params.get('action')}: {refusal.get('info', code)}"
+            )
+        if wrong := answers.problem(params, value):
+            raise Retryable(f"{wrong} ({self.endpoint})", after=answer.after)
+        return answer.status, value
+
+
+class _Circle:
+    """Finds that a list which is continued step by step goes in a circle and has no end."""
+
+    def __init__(self) -> None:
+        self._seen: set[str] = set()
+        self._last: list[Any] | None = None
+
+    def check(self, going: Mapping[str, str | int]) -> None:
+        """Before a step is asked for. Raises Retryable when it was answered before."""
+        if _step(going) in self._seen:
+            raise _endless(_step(going))
+
+    def note(self, going: Mapping[str, str | int], entries: Sequence[Any] = ()) -> None:
+        """A step was answered. Raises Retryable when the one before gave the same entries."""
+        if entries and entries == self._last:
+            raise _endless(_step(going))
+        self._seen.add(_step(going))
+        self._last = list(entries)
+
+
+def _endless(step: str) -> Retryable:
+    return Retryable(
+        f"the wiki's API goes in a circle: it says again to continue at {answers.quoted(step)}"
+    )
+
+
+def _step(going: Mapping[str, str | int]) -> str:
+    return msgspec.json.encode(going, order="sorted").decode()
+
+
+def _join(first: dict[str, Any], more: dict[str, Any]) -> None:
+    """Take the lists of a continued answer into the first one, page by page."""
+    pages = {
+        page.get("pageid", page.get("title")): page
+        for page in first.get("query", {}).get("pages", [])
+    }
+    for page in more.get("query", {}).get("pages", []):
+        known = pages.get(page.get("pageid", page.get("title")))
+        if known is None:
+            first["query"]["pages"].append(page)
+            continue
+        for name, value in page.items():
+            if isinstance(value, list) and isinstance(known.get(name), list):
+                known[name] += [entry for entry in value if entry not in known[name]]
+            else:
+                known.setdefault(name, value)
+
+
+class _FrontPage(HTMLParser):
+    """`href` of the EditURI link; `unlisted` when it asks search engines to leave it out.
+
+    A wiki's front page never does that; challenge pages do (Anubis, Cloudflare).
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.href: str | None = None
+        self.unlisted = False
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = {name: value or "" for name, value in attrs}
+        if tag == "link" and given.get("rel", "").lower() == "edituri":
+            self.href = self.href or given.get("href")
+        if tag == "meta" and given.get("name", "").lower() == "robots":
+            self.unlisted = "noindex" in given.get("content", "").lower()
+
+
+def find_endpoint(web: WikiHosts, url: str, *, known: bool = False) -> str:
+    """The address of `api.php` by the front page's EditURI link. Raises FatalError, Blocked.
+
+    `known`: it had one before, so that a front page without it is a challenge.
+    """
+    web.barred(f"{url}/")
+    try:
+        page = web.attempt(lambda: web.get(f"{url}/", {}), service="the wiki")
+    except PageRefused as error:
+        raise Blocked(
+            f"the wiki refuses us ({error.reason})", hint="wait and run the same command again"
+        ) from None
+    except ItemFinal as error:
+        raise FatalError(f"{url} does not answer as a wiki: {error}") from None
+    front = _FrontPage()
+    front.feed(page.body.decode("utf-8", "replace"))
+    if not front.href and (known or front.unlisted or web.foreign_robots):
+        raise retry.blocked(f"{url} shows a page that is not the wiki's, as a challenge does")
+    if not front.href:
+        raise FatalError(
+            f"{url} has no EditURI link: it is not a MediaWiki, or answers with a challenge page",
+            hint="give the root of a MediaWiki as KB_WIKI_URL or wiki.url in the profile",
+        )
+    parts = urlsplit(urljoin(page.url, front.href))
+    if parts.hostname != urlsplit(page.url).hostname:
+        raise FatalError(f"the EditURI link of {url} leads to another host, {parts.hostname}")
+    return urlunsplit((parts.scheme, parts.netloc, parts.path, "", ""))

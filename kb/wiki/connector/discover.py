@@ -1,0 +1,218 @@
+"""What a crawl begins with, and what ends a round: pages that the wiki no longer has.
+
+A round reads the whole list, or named titles; `--again` starts a new one when the last is done.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import msgspec
+
+from kb.core import clock
+from kb.core.errors import DamagedData
+from kb.core.profile.wiki import Wiki
+from kb.store import rawlog, sidefiles, tombstones
+from kb.store.frontier import Frontier
+from kb.store.layout import BELOW, Layout
+from kb.wiki.connector import reduce
+from kb.wiki.connector.payloads import SiteItem, Title
+from kb.wiki.parse import extraction
+
+COMPARED = 3  # pages that are loaded before a challenge is one to all of them
+_IDENTIFIED = "identified"  # cursor: all captures are of the pages that they were stored for
+
+
+class Round(msgspec.Struct):
+    """The cursor of a kind of rounds: "round" of the whole list, "named" of named titles."""
+
+    number: int = 1
+    done: bool = False
+
+
+def begin(
+    frontier: Frontier, names: list[str] | None, namespaces: Iterable[int], *, again: bool
+) -> None:
+    """Go on with a round, or start one: of the titles `names`, or of the whole list.
+
+    A round of named titles says nothing about what the wiki lists.
+    """
+    cursor = "round" if names is None else "named"
+    held = _round(frontier, cursor)
+    if again and held.done:
+        held = Round(held.number + 1)
+    with frontier.transaction():
+        frontier.set_cursor(cursor, held)
+        tag = str(held.number) if names is None else f"t{held.number}"
+        if not held.done and frontier.cursor(reduce.SITE + tag) is None:
+            frontier.add("site", [(tag, SiteItem(names is None, tuple(namespaces)))])
+        if names is None:
+            if not held.done:
+                reduce.add_lists(frontier, held.number)
+            return
+        frontier.add("info", [(f"{tag}:{title}", Title(title)) for title in names])
+        waiting = frontier.items("info", "todo")
+        if not held.done or any(key.startswith(f"{tag}:") for key, *_ in waiting):
+            frontier.add("gone", [tag])
+
+
+def end(frontier: Frontier, root: Path, tag: str) -> None:
+    """All that a round asked for was answered."""
+    bury(frontier, root)
+    cursor = "round" if tag.isdigit() else "named"
+    number = int(tag.removeprefix("t"))
+    with frontier.transaction():
+        if number == _round(frontier, cursor).number:
+            frontier.set_cursor(cursor, Round(number, done=True))
+        frontier.remove("gone", [tag])
+
+
+def _round(frontier: Frontier, cursor: str) -> Round:
+    known: Round = frontier.cursor(cursor, {}, of=Round)
+    return known
+
+
+def unlisted(frontier: Frontier, number: int) -> list[str]:
+    """Pages that the list of a round has not: deleted, moved away, or made a redirect."""
+    return [
+        key
+        for key, status, reason, page in frontier.items("pages")
+        if page.round < number and not (status == "skipped" and reason in reduce.LEFT)
+    ]
+
+
+def unnamed(frontier: Frontier, tag: str) -> list[str]:
+    """Known pages whose titles, named again, have no page any more: deleted or moved away."""
+    titles = {
+        item.title
+        for key, _, _, item in frontier.items("info", "skipped")
+        if key.startswith(f"{tag}:")
+    }
+    titles |= {title[:1].upper() + title[1:] for title in titles}  # as most wikis write them
+    known = frontier.items("pages", "done", "todo", "error")
+    return [key for key, _, _, page in known if page.title in titles]
+
+
+def bury(frontier: Frontier, root: Path) -> None:
+    """Tombstones for what vanished: a page by its id, a title that a page left by that title.
+
+    A page that this crawl saw go is taken back when the wiki shows it again. One that was purged
+    meanwhile is not: the frontier has forgotten it, so to the crawl it is a new page with a
+    tombstone.
+    """
+    rows: list[tuple[str, str]] = []
+    back: set[str] = set()
+    titles: set[str] = set()
+    for key, status, reason, page in frontier.items("pages"):
+        if status == "skipped" and reason in reduce.LEFT:
+            rows.append((key, str(reason)))
+        else:
+            titles.add(page.title)
+            if page.gone:
+                back.add(key)
+        rows += [(title, "moved") for title in page.former]
+    tombstones.lift(root, "wiki", back | titles, reduce.LEFT)
+    rows = [row for row in rows if row[0] not in titles]
+    if rows:
+        tombstones.add(root, "wiki", rows)
+
+
+def others(frontier: Frontier, key: str, front: str) -> list[str]:
+    """Addresses of pages to compare a challenged one with.
+
+    One that was captured, else some that wait, drawn anew each time; the front page where there is
+    no other.
+    """
+    rng = clock.rng("others", key, clock.monotonic())
+    for status, most in (("done", 1), ("todo", COMPARED)):
+        pages = sorted(page.url for _, _, _, page in frontier.items("pages", status))
+        if pages:
+            return rng.sample(pages, min(most, len(pages)))
+    return [front]
+
+
+def reopen_larger(frontier: Frontier, section: Wiki) -> None:
+    """Pages that were too large and may be captured as the profile is now become todo again."""
+    for key, _, reason, page in list(frontier.items("pages", "skipped")):
+        if page.final is None or reason not in reduce.TOO_LARGE:
+            continue
+        # Of a page's height we know how much it is, of its elements only that they were too many.
+        least = int(page.final[3] or 0) + (reason == "too_many_elements")
+        if least <= getattr(section, reduce.TOO_LARGE[reason]):
+            with frontier.transaction():
+                frontier.payload("pages", key, msgspec.structs.replace(page, final=None))
+                frontier.mark("pages", [key], "todo")
+
+
+def reopen_moved(frontier: Frontier, today: Callable[[str], str]) -> None:
+    """What was refused for its host and is reached at another address by now becomes todo again."""
+    for kind in ("pages", "files"):
+        moved = []
+        for key, _, reason, payload in frontier.items(kind, "skipped"):
+            address = payload.url if kind == "pages" else key
+            if reason == "other_host" and today(address) != address:
+                moved.append(key)
+        frontier.mark(kind, moved, "todo")
+
+
+def reopen_lost(frontier: Frontier, root: Path) -> None:
+    """What side files held that are missing or not what they were becomes todo again.
+
+    A page whose capture is whole is shown again for a sprite that it lost. Damaged files are set
+    aside, as what comes in their place may have another name.
+    """
+    lost = sidefiles.suspects(root, "wiki")
+    if lost:
+        pages = {
+            Path(path).relative_to(BELOW.captures).parts[0]
+            for path in lost
+            if Path(path).is_relative_to(BELOW.captures)
+        }
+        pages |= _with_sprites(frontier, root, {Path(path).stem for path in lost})
+        files = {
+            envelope.response["key"]
+            for envelope in rawlog.read(root, "wiki", "files")
+            if envelope.response.get("path") in lost
+        }
+        with frontier.transaction():
+            for kind, keys in (("pages", pages), ("files", files)):
+                done = {key for key, *_ in frontier.items(kind, "done")}
+                frontier.mark(kind, sorted(keys & done), "todo")
+        for path in lost:
+            sidefiles.set_aside(root / path)
+    sidefiles.forget(root, "wiki")
+
+
+def reopen_foreign(frontier: Frontier, root: Path) -> None:
+    """Pages for which earlier versions stored another page become todo again.
+
+    Each data root is searched once, as this version stores none.
+    """
+    if frontier.cursor(_IDENTIFIED):
+        return
+    foreign = []
+    for key, _, _, page in frontier.items("pages", "done"):
+        if page.rendered is not None:
+            folder = Layout(root).captures / key / str(page.rendered[0])
+            if extraction.is_foreign(extraction.page_of(folder), int(key)):
+                foreign.append(key)
+    with frontier.transaction():
+        frontier.mark("pages", foreign, "todo")
+        frontier.set_cursor(_IDENTIFIED, True)
+
+
+def _with_sprites(frontier: Frontier, root: Path, names: set[str]) -> set[str]:
+    """Pages whose capture can't be read, or has one of these files for a sprite."""
+    found = set()
+    for key, _, _, page in frontier.items("pages", "done"):
+        if page.rendered is not None:
+            folder = Layout(root).captures / key / str(page.rendered[0])
+            try:
+                sprites = extraction.sprites(root, folder)
+            except DamagedData:
+                found.add(key)
+                continue
+            if names & set(sprites.values()):
+                found.add(key)
+    return found

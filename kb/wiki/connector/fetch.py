@@ -1,0 +1,151 @@
+"""What is asked for each kind of items, as answers to be recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor
+from itertools import takewhile
+from pathlib import Path
+from typing import Any
+
+from kb.core import signals
+from kb.core.profile.wiki import Wiki
+from kb.crawl.source import Answer
+from kb.store import rawlog
+from kb.store.frontier import Frontier, Item
+from kb.wiki.browser.pool import Pool
+from kb.wiki.connector import discover
+from kb.wiki.connector.client import BATCH, WikiApi
+from kb.wiki.connector.hosts import WikiHosts
+from kb.wiki.connector.originals import fetch_original
+from kb.wiki.connector.render import show_page
+from kb.wiki.parse import answers
+
+LONGEST = 5000  # bytes of titles in one address; servers refuse longer ones
+
+
+def listing(api: WikiApi, item: Item) -> Iterator[Answer]:
+    """The next piece of a namespace's list."""
+    asked = item.payload
+    yield api.listing(asked.round, asked.namespace, asked.going)
+
+
+def titles(api: WikiApi, items: list[Item]) -> Iterator[Answer]:
+    """The pages of up to 50 titles of one round."""
+    yield api.details(_tag(items[0]), titles=[item.payload.title for item in items])
+
+
+def together(items: list[Item]) -> list[Item]:
+    """Those of the titles that are of one round and short enough for one address."""
+    mine = list(takewhile(lambda item: _tag(item) == _tag(items[0]), items))
+    return mine[: len(next(_parts([item.payload.title for item in mine])))]
+
+
+def _tag(item: Item) -> str:
+    return item.key.partition(":")[0]
+
+
+def _parts(names: Iterable[str]) -> Iterator[list[str]]:
+    """Titles cut in order, so that no part is too long for an address."""
+    part: list[str] = []
+    size = 0
+    for name in names:
+        more = len(name.encode()) * 2
+        if part and size + more > LONGEST:
+            yield part
+            part, size = [], 0
+        part.append(name)
+        size += more
+    if part:
+        yield part
+
+
+def compare(api: WikiApi, frontier: Frontier, root: Path, tag: str) -> Iterator[Answer]:
+    """The end of a round: what has gone since the last one, and what files were replaced."""
+    if tag.isdigit():
+        ids = discover.unlisted(frontier, int(tag))
+    else:
+        ids = discover.unnamed(frontier, tag)
+    for start in range(0, len(ids), BATCH):
+        signals.stop.check()
+        yield api.details(tag, ids=ids[start : start + BATCH])
+    if tag.isdigit() and int(tag) > 1:
+        yield from _replaced(api, frontier, root)
+    discover.end(frontier, root, tag)
+
+
+def _replaced(api: WikiApi, frontier: Frontier, root: Path) -> Iterator[Answer]:
+    """Ask after all files that were fetched; those that are others now are fetched again."""
+    held: dict[str, dict[str, Any]] = {}
+    for envelope in rawlog.read(root, "wiki", "files"):
+        stored = envelope.response
+        if stored["outcome"] == "stored" and stored.get("sha1") and stored.get("title"):
+            held[stored["key"]] = stored
+    changed = []
+    keys = sorted(held)
+    for start in range(0, len(keys), BATCH):
+        signals.stop.check()
+        part = [held[key] for key in keys[start : start + BATCH]]
+        answer = api.files(list(dict.fromkeys(stored["title"] for stored in part)))
+        yield answer
+        pages = _by_title(answer)
+        for stored in part:
+            info = (pages.get(stored["title"], {}).get("imageinfo") or [{}])[0]
+            if info.get("sha1") not in (None, stored["sha1"]):
+                changed.append(stored["key"])
+    frontier.mark("files", changed, "todo")
+
+
+def page(
+    api: WikiApi,
+    web: WikiHosts,
+    section: Wiki,
+    pool: Pool,
+    item: Item,
+    others: Callable[[], Iterable[str]],
+) -> Iterator[Answer]:
+    """One page in the browser, with the facts of a revision that the wiki had not named yet.
+
+    `others` as for `show_page`.
+    """
+    shown = show_page(web, section, pool, item, others)
+    revision = shown.get("revision_id")
+    if revision and revision != item.payload.revision_id:
+        yield api.revision(revision)
+    status = 200 if shown["outcome"] == "captured" else 0
+    yield Answer("renders", shown["url"], {"page_id": item.key}, shown, status)
+
+
+def files(
+    api: WikiApi, web: WikiHosts, section: Wiki, threads: Executor, items: list[Item]
+) -> Iterator[Answer]:
+    """The original images, with what the wiki says of them."""
+    known: dict[str, dict[str, Any]] = {}
+    names = dict.fromkeys(item.payload.title for item in items if item.payload.title)
+    for part in _parts(names):
+        answer = api.files(part)
+        yield answer
+        known |= _by_title(answer)
+    asked = [
+        threads.submit(fetch_original, web, section, item, known.get(item.payload.title or "", {}))
+        for item in items
+    ]
+    failed: BaseException | None = None
+    for item, future in zip(items, asked, strict=True):
+        try:
+            stored = future.result()
+        except BaseException as error:  # noqa: BLE001  the files in hand are kept first
+            failed = failed or error
+        else:
+            yield Answer("files", item.key, {}, stored)
+    if failed is not None:
+        raise failed
+
+
+def _by_title(answer: Answer) -> dict[str, dict[str, Any]]:
+    """What the wiki says of its files, by the titles that were asked for."""
+    query = answer.response.get("query", {})
+    names = answers.renamed(query)
+    pages = {page.get("title"): page for page in query.get("pages", [])}
+    asked = ((title, names.get(title, title)) for title in answer.params["titles"])
+    return {title: pages[name] for title, name in asked if name in pages}

@@ -1,0 +1,218 @@
+"""What each raw answer means for the frontier. The same function takes live answers and replays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from msgspec.structs import replace
+
+from kb.store.frontier import Frontier
+from kb.store.rawlog import Envelope
+from kb.wiki.connector.payloads import ImageItem, List, PageItem, SiteItem, Title
+from kb.wiki.parse import answers
+
+# Reasons for which a page is too large, and what in [wiki] allows more.
+TOO_LARGE = {"too_tall": "max_page_height", "too_many_elements": "max_elements"}
+SITE = "site:"  # cursor, by round: the namespaces that are listed
+ANSWERED = "answered"  # the item that is done as long as raw data hold a description of the wiki
+LEFT = ("deleted", "moved")  # reasons of pages that are no pages any more
+
+
+def reduce(frontier: Frontier, kind: str, envelope: Envelope) -> None:
+    """Take one envelope into the frontier; idempotent."""
+    takes = {
+        "site": _site,
+        "titles": _titles,
+        "pages": _pages,
+        "renders": _renders,
+        "files": _files,
+    }
+    if kind in takes:  # what the wiki says of its files is read from the raw answers only
+        takes[kind](frontier, envelope)
+
+
+def _site(frontier: Frontier, envelope: Envelope) -> None:
+    """The wiki's description of itself: the rounds that wait for it know what to list."""
+    spaces = envelope.response.get("query", {}).get("namespaces", {})
+    content = sorted(int(key) for key, space in spaces.items() if space.get("content"))
+    frontier.add("site", [(ANSWERED, SiteItem(listed=False))])
+    frontier.done("site", ANSWERED)
+    for tag, _, _, site in list(frontier.items("site")):
+        if tag == ANSWERED:
+            continue
+        namespaces = sorted(site.namespaces) or content or [0]
+        frontier.set_cursor(SITE + tag, {"namespaces": namespaces})
+        frontier.remove("site", [tag])
+        if site.listed:
+            add_lists(frontier, int(tag))
+
+
+def add_lists(frontier: Frontier, number: int) -> None:
+    """The lists of a round, as soon as the wiki has said what there is to list."""
+    known = frontier.cursor(SITE + str(number))
+    if known is not None:
+        lists = ((f"{number}:{each}", List(number, each)) for each in known["namespaces"])
+        frontier.add("titles", lists)
+        _compare_when_listed(frontier, number)
+
+
+def _titles(frontier: Frontier, envelope: Envelope) -> None:
+    """A piece of the list of all pages: what is to be asked, and where the list goes on."""
+    params, answer = envelope.request.params, envelope.response
+    number, namespace = params["round"], int(params["apnamespace"])
+    listed = answer.get("query", {}).get("allpages", [])
+    frontier.add("info", [(f"{number}:{page['title']}", Title(page["title"])) for page in listed])
+    key, going = f"{number}:{namespace}", answer.get("continue") or {}
+    frontier.add("titles", [key])
+    frontier.payload("titles", key, List(number, namespace, going))
+    frontier.mark("titles", [key], "todo" if going else "done")
+    _compare_when_listed(frontier, number)
+
+
+def _compare_when_listed(frontier: Frontier, number: int) -> None:
+    """A round whose namespaces are all listed is compared with the pages that are known."""
+    if frontier.cursor(SITE + str(number)) is None:
+        return
+    waiting = frontier.items("titles", "todo", "in_progress", "error")
+    if not any(payload.round == number for *_, payload in waiting):
+        frontier.add("gone", [str(number)])
+
+
+def _pages(frontier: Frontier, envelope: Envelope) -> None:
+    """Revision, address and place of up to 50 pages."""
+    params, query = envelope.request.params, envelope.response.get("query", {})
+    tag = str(params["round"])  # "r" for a single revision
+    number = int(tag) if tag.isdigit() else 0
+    states = dict.fromkeys(answers.elsewhere(query), "interwiki")
+    for page in query.get("pages", []):
+        key, state = str(page.get("pageid")), answers.state(page)
+        if state == "redirect":
+            _gone(frontier, key, "moved")
+        elif state == "missing":
+            _gone(frontier, key, "deleted")
+        elif state == "there" and _usable(page):
+            _note(frontier, number, page, page["revisions"][0])
+        elif state == "there":
+            state = "unanswered"
+        states[page.get("title")] = state
+    names, asked = answers.renamed(query), answers.asked(params)
+    if tag != "r":  # a replay may come to the answers before the lists
+        frontier.add("info", [(f"{tag}:{title}", Title(title)) for title in asked])
+    for title in asked:
+        state = states.get(names.get(title, title), "unanswered")
+        if state == "there":
+            frontier.done("info", f"{tag}:{title}")
+        elif state != "unanswered":
+            frontier.skip("info", f"{tag}:{title}", state)
+
+
+def _usable(page: dict[str, Any]) -> bool:
+    """Whether a page has what showing it needs; what it lacks, the filter rejects by name."""
+    return (
+        isinstance(page["revisions"][0].get("revid"), int)
+        and isinstance(page.get("fullurl"), str)
+        and bool(page.get("pageid"))
+        and "title" in page
+    )
+
+
+def _gone(frontier: Frontier, key: str, reason: str) -> None:
+    """A known page was deleted or moved; unknown ones are ignored. `gone` stays when it is back."""
+    known = frontier.get("pages", key)
+    if known is not None:
+        frontier.payload("pages", key, replace(known[1], gone=True))
+        frontier.skip("pages", key, reason)
+
+
+def _note(frontier: Frontier, number: int, page: dict[str, Any], revision: dict[str, Any]) -> None:
+    key = str(page["pageid"])
+    new = PageItem(page["title"], page["fullurl"], revision["revid"], number)
+    known = frontier.get("pages", key)
+    if known is None:
+        frontier.add("pages", [(key, new)])
+        return
+    status, old, _ = known
+    former = set(old.former)
+    if old.title != new.title:
+        former = {*former, old.title} - {new.title}
+    new = replace(
+        old,
+        title=new.title,
+        url=new.url,
+        revision_id=new.revision_id,
+        round=max(number, old.round),
+        former=sorted(former),
+    )
+    frontier.payload("pages", key, new)
+    now = (new.revision_id, new.title)
+    if new.rendered == now:
+        if status == "skipped":
+            frontier.done("pages", key)
+    elif new.final and new.final[:2] == now:
+        if status == "skipped":  # may have been gone meanwhile
+            frontier.skip("pages", key, new.final[2])
+    elif status != "in_progress":
+        frontier.mark("pages", [key], "todo")
+
+
+def _renders(frontier: Frontier, envelope: Envelope) -> None:
+    """A page was captured, will not be, or failed after its tries.
+
+    What is too large stays so until its revision changes or the profile allows more; any other
+    page that can't be shown is tried once a round.
+    """
+    answer = envelope.response
+    key, outcome = str(answer["page_id"]), answer["outcome"]
+    known = frontier.get("pages", key)
+    if outcome == "captured":
+        if known is not None:
+            rendered = (answer["revision_id"], answer["title"])
+            frontier.payload("pages", key, replace(known[1], rendered=rendered))
+        frontier.done("pages", key)
+        files = [ImageItem(file["key"], file["title"], file["src"]) for file in answer["files"]]
+        if frontier.add("files", [(file.key, file) for file in files]) < len(files):
+            for file in files:
+                _complete(frontier, file)
+        return
+    reason = answer["reason"]
+    if outcome not in ("robots", "final"):
+        frontier.error("pages", key, reason)
+        return
+    if known is not None and reason in TOO_LARGE:
+        final = (answer["wanted_revision"], answer["title"], reason, answer["value"])
+        frontier.payload("pages", key, replace(known[1], final=final))
+    frontier.skip("pages", key, reason)
+
+
+def _complete(frontier: Frontier, file: ImageItem) -> None:
+    """Say what a file is that a replay knows by its answer alone."""
+    known = frontier.get("files", file.key)
+    if known is not None and known[1] is None:
+        frontier.payload("files", file.key, file)
+
+
+def _files(frontier: Frontier, envelope: Envelope) -> None:
+    """An image file was fetched, or could not be."""
+    answer = envelope.response
+    key = answer["key"]
+    if answer["outcome"] in ("stored", "final"):
+        frontier.add("files", [key])  # a replay comes to the answer before the page that shows it
+    if answer["outcome"] == "stored":
+        frontier.done("files", key)
+    elif answer["outcome"] == "final":
+        frontier.skip("files", key, answer["reason"])
+    else:
+        frontier.error("files", key, answer["reason"])
+
+
+def missing(frontier: Frontier) -> int:
+    """Titles that have no page, whatever the number of rounds that asked for them."""
+    return len({key.partition(":")[2] for key, *_ in frontier.items("info", "skipped")})
+
+
+def crawled(frontier: Frontier) -> int:
+    """Pages that were answered for in all runs: captured, barred, not to be shown, or missing."""
+    skipped = frontier.items("pages", "skipped")
+    gone = sum(reason in (*LEFT, "removed") for _, _, reason, _ in skipped)
+    pages = frontier.counts("pages")
+    return pages.get("done", 0) + pages.get("skipped", 0) - gone + missing(frontier)

@@ -1,0 +1,254 @@
+"""Raw answers of the wiki → rows: what it says of pages, what became of showing them, images.
+
+A bad value of the wiki's own answers never raises: it is null and named in `problems`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
+from typing import Any
+from urllib.parse import urljoin
+
+import pyarrow as pa
+
+from kb.schema import raw
+from kb.schema.coerce import Bad, coerce, times
+from kb.schema.decode import problems
+from kb.schema.tables import Column, table
+from kb.store import rawlog
+from kb.store.rawlog import Envelope
+from kb.wiki.parse import answers
+
+ROWS = 8_192
+FILE_COLUMNS = ("path", "sha256", "media_type", "width", "height", "license")  # of wiki/images
+
+Row = dict[str, Any]
+
+
+def pages(lines: Iterable[bytes]) -> Iterator[pa.Table]:
+    """Answers about pages → a row a page id that they name and a row a title that was asked for.
+
+    Columns: `of` ("page", "title"), `name` (the id as text, or the title), `state` ("there",
+    "missing", "invalid", "redirect", "special", "interwiki", "unanswered"), `answered` (false for
+    the last), `echo` (true for the title of a page that is there: it says no more than the page's
+    own row), `of_page` (the id as text of the page that bears a title), and of a page that is
+    there the columns that wiki/pages takes from the answer, and `problems`. Raises DamagedData.
+    """
+    return _rows(lines, _pages, "pages")
+
+
+def renders(lines: Iterable[bytes]) -> Iterator[pa.Table]:
+    """What became of showing pages: `page_id`, `captured`, `revision_id`.
+
+    For a captured one also `title`, `settled`, `folder` and `files` (addresses of its images), else
+    `outcome`, `reason`, `value`, `url`. Raises DamagedData.
+    """
+    return _rows(lines, _render, "renders")
+
+
+def files(lines: Iterable[bytes]) -> Iterator[pa.Table]:
+    """Image files by `key` (address): where and what they are, all null when not stored.
+
+    Raises DamagedData.
+    """
+    return _rows(lines, _file, "files")
+
+
+def site(lines: Iterable[bytes]) -> Iterator[pa.Table]:
+    """The wiki's own description: `server`, `script`, `license_url`, `license_text`.
+
+    Raises DamagedData.
+    """
+    return _rows(lines, _site, "site")
+
+
+def nothing(lines: Iterable[bytes]) -> Iterator[pa.Table]:
+    """No rows of answers that only the crawl needs.
+
+    They are looked through for unknown keys and cut-off files.
+    """
+    for _ in lines:
+        pass
+    return iter(())
+
+
+@cache
+def _declared() -> dict[str, tuple[Column, list[str | int], dict[str, Any]]]:
+    """Columns of wiki/pages that come from the wiki's answer: each with its path there, and what
+    schemas/raw says of the value."""
+    found = {}
+    for column in table("wiki/pages").columns:
+        if column.source.kind == "pages":
+            path = column.source.path
+            steps = re.findall(r"[^.\[\]]+", path.removeprefix("query.pages[]."))
+            places = [int(step) if step.isdigit() else step for step in steps]
+            found[column.name] = (column, places, raw.at("wiki/pages", path) or {})
+    return found
+
+
+def schema(kind: str) -> pa.Schema:
+    """Columns of a kind's rows: those of the tables as declared, and what only stages read."""
+    text, flag = pa.string(), pa.bool_()
+    problem = pa.struct([("column", text), ("reason", text), ("value", text)])
+    columns: dict[str, dict[str, pa.DataType]] = {
+        "pages": {
+            "of": text,
+            "name": text,
+            "state": text,
+            "answered": flag,
+            "echo": flag,
+            "of_page": text,
+            **_types("wiki/pages", *_declared()),
+            "problems": pa.list_(problem),
+        },
+        "renders": {
+            **_types("wiki/pages", "page_id", "revision_id", "title", "url"),
+            "captured": flag,
+            "settled": flag,
+            "folder": text,
+            "files": pa.list_(text),
+            "outcome": text,
+            "reason": text,
+            "value": text,
+        },
+        "files": {
+            **_types("wiki/images", *FILE_COLUMNS),
+            "key": text,
+            "url": text,
+            "frames": pa.list_(pa.int64()),
+        },
+        "site": {"server": text, "script": text, "license_url": text, "license_text": text},
+    }
+    return pa.schema([*columns[kind].items(), *_types("wiki/pages", "fetched_at").items()])
+
+
+def _types(name: str, *columns: str) -> dict[str, pa.DataType]:
+    return {column: table(name).column(column).parsed.arrow() for column in columns}
+
+
+def _rows(
+    lines: Iterable[bytes], read: Callable[[Envelope], Iterator[Row]], kind: str
+) -> Iterator[pa.Table]:
+    waiting: list[Row] = []
+    for line in lines:
+        envelope = rawlog.decode(line)
+        waiting += ({**row, "fetched_at": envelope.fetched_at} for row in read(envelope))
+        if len(waiting) >= ROWS:
+            yield _table(waiting, kind)
+            waiting = []
+    if waiting:
+        yield _table(waiting, kind)
+
+
+def _table(rows: list[Row], kind: str) -> pa.Table:
+    made = schema(kind)
+    found: dict[int, list[tuple[str, str, str | None]]] = {}
+    declared = _declared() if kind == "pages" else {}
+    columns: dict[str, pa.Array[Any]] = {}
+    for field in made:
+        values = [row.get(field.name) for row in rows]
+        bad: Bad = []
+        if field.name in declared:
+            column, _, said = declared[field.name]
+            columns[field.name], bad = coerce(values, column.parsed, said)
+        elif field.name == "fetched_at":
+            columns[field.name], bad = times(values)
+        elif field.name != "problems":
+            columns[field.name] = pa.array(values, field.type)
+        for number, value in bad:
+            found.setdefault(number, []).append((field.name, "malformed", value))
+    if "problems" in made.names:
+        columns["problems"] = problems(found, len(rows)).cast(made.field("problems").type)
+    return pa.table(columns, schema=made)
+
+
+def _pages(envelope: Envelope) -> Iterator[Row]:
+    params, query = envelope.request.params, envelope.response.get("query", {})
+    by_title = params.keys().isdisjoint(("pageids", "revids"))
+    said = set()
+    for page in query.get("pages", []):
+        key, title, state = page.get("pageid"), page.get("title"), answers.state(page)
+        row: Row = {"state": state, "answered": state != "unanswered"}
+        said.add(title)
+        if title and by_title:
+            yield row | {
+                "of": "title",
+                "name": title,
+                "echo": state == "there",
+                "of_page": str(key) if key else None,
+            }
+        if key:
+            row |= {"of": "page", "name": str(key), "echo": False}
+            if state == "there":
+                row |= {name: _at(page, path) for name, (_, path, _) in _declared().items()}
+            yield row
+    names, elsewhere = answers.renamed(query), answers.elsewhere(query)
+    for name in answers.asked(params):
+        title = names.get(name, name)
+        state = "interwiki" if title in elsewhere else "there" if title in said else "unanswered"
+        if (
+            title not in said or title != name
+        ):  # what is there under another title has its answer under that one
+            yield {
+                "of": "title",
+                "name": name,
+                "state": state,
+                "answered": state != "unanswered",
+                "echo": state == "there",
+            }
+
+
+def _render(envelope: Envelope) -> Iterator[Row]:
+    answer = envelope.response
+    row = {"page_id": int(answer["page_id"]), "captured": answer["outcome"] == "captured"}
+    if row["captured"]:
+        files = [file["key"] for file in answer["files"]]
+        yield row | {
+            "revision_id": int(answer["revision_id"]),
+            "title": answer["title"],
+            "folder": answer["folder"],
+            "settled": answer.get("settled"),
+            "files": files,
+        }
+    else:
+        value = answer.get("value")
+        yield row | {
+            "revision_id": answer.get("wanted_revision"),
+            "title": "",
+            "outcome": answer["outcome"],
+            "url": answer["url"],
+            "reason": answer["reason"],
+            "value": None if value is None else str(value),
+        }
+
+
+def _file(envelope: Envelope) -> Iterator[Row]:
+    answer = envelope.response
+    names = ("url", "frames", *FILE_COLUMNS)
+    stored = answer["outcome"] == "stored"
+    yield {"key": answer["key"], **({name: answer.get(name) for name in names} if stored else {})}
+
+
+def _site(envelope: Envelope) -> Iterator[Row]:
+    query = envelope.response.get("query", {})
+    general, rights = query.get("general", {}), query.get("rightsinfo", {})
+    # "//host" has the scheme of the API's own address.
+    server = urljoin(envelope.request.endpoint, general.get("server") or "/").rstrip("/")
+    yield {
+        "server": server,
+        "script": general.get("script"),
+        "license_url": rights.get("url"),
+        "license_text": rights.get("text"),
+    }
+
+
+def _at(value: Any, path: list[str | int]) -> Any:
+    """What stands at a path, None where nothing does."""
+    for step in path:
+        if isinstance(step, int):
+            value = value[step] if isinstance(value, list) and step < len(value) else None
+        else:
+            value = value.get(step) if isinstance(value, dict) else None
+    return value

@@ -1,0 +1,126 @@
+"""The Data API through Google's client: one call, its unit in the ledger, its errors sorted."""
+
+from __future__ import annotations
+
+import json
+import math
+from functools import partial
+from typing import Any
+
+import requests
+from googleapiclient.discovery import build
+from googleapiclient.errors import HttpError
+
+from kb.core.context import Run
+from kb.core.errors import Retryable
+from kb.core.profile.youtube import YouTubeSection
+from kb.crawl.source import Opened
+from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
+from kb.net.session import HttpSession, failure, host_of, never_sent, user_agent
+from kb.youtube.connector import quota
+from kb.youtube.connector.errors import meaning
+from kb.youtube.connector.transport import Transport
+
+GOOGLE = "https://youtube.googleapis.com"
+
+
+class YouTubeApi:
+    """The calls that a crawl makes. Not for several threads at once.
+
+    With `--wait` it sleeps however long the service asks for.
+    """
+
+    def __init__(self, run: Run, profile: YouTubeSection, opened: Opened, *, lane: str) -> None:
+        settings = run.settings
+        endpoint = settings.kb_youtube_endpoint or GOOGLE
+        session = HttpSession(settings, hosts={host_of(endpoint)})
+        # build() only reads a file of the package, so that no error of its own shows the key.
+        self._service = build(
+            "youtube",
+            "v3",
+            developerKey=settings.need("youtube_api_key"),
+            http=Transport(session),
+            static_discovery=True,
+            cache_discovery=False,
+            client_options={"api_endpoint": endpoint},
+        )
+        self._agent = user_agent(settings.kb_contact)  # Google's client would put its own there
+        self._profile, self._opened, self._lane = profile, opened, lane
+        self._frontier = opened.frontier
+        self._patience = math.inf if run.wait else PATIENCE_S
+
+    def search(self, **params: Any) -> dict[str, Any]:
+        """search.list: the one call of the search bucket."""
+        return self._call(quota.SEARCH, "search.list", self._service.search().list(**params))
+
+    def playlist_items(self, **params: Any) -> dict[str, Any]:
+        """playlistItems.list. Raises ItemFinal("not_found") for a list that does not exist."""
+        return self._call(
+            quota.GENERAL, "playlistItems.list", self._service.playlistItems().list(**params)
+        )
+
+    def videos(self, **params: Any) -> dict[str, Any]:
+        """videos.list, up to 50 ids; ids that are gone are absent from the answer."""
+        return self._call(quota.GENERAL, "videos.list", self._service.videos().list(**params))
+
+    def statistics(self, **params: Any) -> dict[str, Any]:
+        """videos.batchGetStats, up to 50 ids; an id that is left out may exist all the same."""
+        return self._call(
+            quota.STATISTICS, "videos.batchGetStats", self._service.videos().batchGetStats(**params)
+        )
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._service.close()
+
+    def _call(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
+        """The answer, after several tries."""
+        request.headers["user-agent"] = self._agent
+        return attempt(
+            lambda: self._probe(bucket, endpoint, request),
+            tries=self._profile.max_tries,
+            patience=self._patience,
+            sleep=partial(self._opened.sleep, self._lane),
+        )
+
+    def _probe(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
+        """One try; after a block the first one decides whether it still stands."""
+        try:
+            return self._once(bucket, endpoint, request)
+        except Retryable as error:
+            if error.throttled and self._opened.probing(self._lane):
+                raise blocked(
+                    f"the YouTube API still turns us away ({error})", error.after
+                ) from None
+            raise
+
+    def _once(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
+        row = quota.spend(self._frontier, self._profile, bucket, endpoint)
+        try:
+            # num_retries=0: the client would retry the 429 of a bucket that is spent for the day.
+            answer = request.execute(num_retries=0)
+        except HttpError as error:
+            # Never the client's own text: it holds the URL, and so the key.
+            self._frontier.outcome(row, str(error.resp.status))
+            after = retry_after(error.resp.get("retry-after"), error.resp.get("date"))
+            raise meaning(int(error.resp.status), _json(error.content), bucket, after) from None
+        except (requests.RequestException, OSError, ValueError, RecursionError) as error:
+            self._frontier.outcome(row, type(error).__name__, sent=not never_sent(error))
+            broken = failure(error, endpoint)
+            unreachable = isinstance(broken, Retryable) and broken.unreachable
+            raise Retryable(
+                f"{type(error).__name__} at {endpoint}", unreachable=unreachable
+            ) from None
+        if not isinstance(answer, dict):
+            # A body that was cut off comes back as text, without an error.
+            self._frontier.outcome(row, "truncated")
+            raise Retryable(f"a truncated answer of {endpoint}")
+        self._frontier.outcome(row, "200")
+        return answer
+
+
+def _json(content: Any) -> Any:
+    try:
+        return json.loads(content)
+    except (TypeError, ValueError, RecursionError):
+        return None

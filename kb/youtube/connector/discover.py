@@ -1,0 +1,110 @@
+"""What a crawl begins with: keywords, another part's channels, what gets another chance."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Collection
+from pathlib import Path
+
+from kb.core import clock
+from kb.core.context import Run
+from kb.core.errors import FatalError
+from kb.core.profile.youtube import YouTubeSection
+from kb.store.frontier import Frontier
+from kb.youtube.connector import errors
+from kb.youtube.connector.reduce import (
+    BEYOND,
+    CHANNELS,
+    SEARCHES,
+    TRANSCRIPTS,
+    UPLOADS,
+    VIDEOS,
+    SearchItem,
+    Uploads,
+    search_key,
+    uploads_list,
+)
+from kb.youtube.parse.answers import PO_TOKEN
+
+_log = logging.getLogger("kb.youtube")
+
+
+def reopen(frontier: Frontier, profile: YouTubeSection) -> None:
+    """What was taken as final without being a fact, or lay beyond fewer search_pages; and tracks
+    that asked for a PO token on an earlier day: these come last, as what failed.
+    """
+    today = clock.stamp()[:10]
+    asked_before = [
+        key
+        for key, _, reason, track in frontier.items(TRANSCRIPTS, "skipped")
+        if reason == PO_TOKEN and (track is None or track.po_token != today)
+    ]
+    frontier.mark(TRANSCRIPTS, asked_before, "error", PO_TOKEN)
+    most = profile.search_pages
+    pages = [
+        key
+        for key, _, reason, page in frontier.items(SEARCHES, "skipped")
+        if reason != BEYOND or page.page <= most
+    ]
+    frontier.mark(SEARCHES, pages, "todo")
+    lists = [
+        key
+        for key, _, reason, _ in frontier.items(UPLOADS, "skipped")
+        if reason not in errors.FINAL
+    ]
+    frontier.mark(UPLOADS, lists, "todo")
+    frontier.reopen(VIDEOS, "skipped")
+
+
+def extend(frontier: Frontier, profile: YouTubeSection, mine: Callable[[str], bool]) -> None:
+    """Add the profile's keywords, and channels that were another part's share."""
+    frontier.add(
+        SEARCHES, [(search_key(word, None), SearchItem(word)) for word in profile.keywords]
+    )
+    channels = (key for key, *_ in frontier.items(CHANNELS) if mine(key))
+    frontier.add(UPLOADS, [(key, Uploads(uploads_list(key, profile))) for key in channels])
+
+
+def new_round(frontier: Frontier) -> None:
+    """Every first page of a search and every list again, when the last round is complete."""
+    if any(frontier.ready(kind) for kind in (SEARCHES, UPLOADS, VIDEOS)):
+        return
+    with frontier.transaction():
+        frontier.set_cursor("round", frontier.cursor("round", 1) + 1)
+        searches = [key for key, *_ in frontier.items(SEARCHES)]
+        frontier.remove(SEARCHES, [key for key in searches if not key.endswith("#")])
+        frontier.mark(SEARCHES, [key for key in searches if key.endswith("#")], "todo")
+        frontier.reopen(UPLOADS, "done", "skipped")
+
+
+def no_channel(run: Run, barren: Collection[str], channels: int) -> FatalError | None:
+    """Warn of keywords that find no channel; the error where none finds any: nothing can follow."""
+    path = run.profile.path
+    words = set(run.profile.section(YouTubeSection).keywords)
+    if len(barren) == len(words) and not channels:
+        return FatalError(
+            f"no keyword of the profile {run.profile.name!r} finds a channel:"
+            f" {', '.join(map(repr, barren))}",
+            hint=f"change `keywords` under [youtube] in {path}{_line(path)}",
+        )
+    for word in barren:
+        _log.warning(
+            "the keyword %r of the profile finds no channel (%s%s)", word, path, _line(path)
+        )
+    return None
+
+
+def _line(path: Path) -> str:
+    """Where the keywords stand in a profile, as ", line 8"."""
+    section = ""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return ""
+    for number, line in enumerate(lines, 1):
+        text = line.strip()
+        if text.startswith("["):
+            section = text
+        elif section == "[youtube]" and text.split("=")[0].strip() == "keywords":
+            return f", line {number}"
+    return ""

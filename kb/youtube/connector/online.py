@@ -1,0 +1,62 @@
+"""The question of `kb profile check --online` to YouTube: one channel search."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from kb.core import clock, wording
+from kb.core.context import Run
+from kb.core.profile.finding import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
+from kb.core.profile.youtube import YouTubeSection
+from kb.store.frontier import Frontier
+from kb.youtube.connector.client import YouTubeApi
+
+
+def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
+    """One channel search: 1 of the search bucket's units."""
+    section = run.profile.section(YouTubeSection)
+    words = section.keywords[0]
+    with tempfile.TemporaryDirectory() as place:
+        ledger = Frontier(Path(place) / "ledger.sqlite")
+        try:
+            once = section.model_copy(update={"max_tries": 1})
+            api = YouTubeApi(run, once, _Alone(run, ledger), lane="api")
+            cost.requests = cost.units = 1
+            answer = api.search(q=words, type="channel", part="snippet", maxResults=5)
+            api.close()
+        finally:
+            ledger.close()
+    titles = [_title(one) for one in answer.get("items", [])]
+    searched = f"a search for {wording.shown(words)}"
+    if not titles:
+        mend = "search for what channels of the domain call themselves"
+        return OnlineAnswer(ERROR, "youtube.keywords", f"{searched} finds no channel", mend, WRONG)
+    shown = ", ".join(titles[:3])
+    return OnlineAnswer(NOTE, "youtube.keywords", f"{searched} finds channels such as {shown}")
+
+
+@dataclass
+class _Alone:
+    """What the Data API's client needs of an open data root, without one."""
+
+    run: Run
+    frontier: Frontier
+    gone: set[str] = field(default_factory=set)
+
+    def probing(self, lane: str) -> bool:
+        """Nobody was turned away before."""
+        return False
+
+    def check(self, lane: str) -> None:
+        """No other thread asks."""
+
+    def sleep(self, lane: str, seconds: float) -> None:
+        """Between two tries."""
+        clock.sleep(seconds)
+
+
+def _title(item: dict[str, Any]) -> str:
+    return wording.shown(str(item.get("snippet", {}).get("title", "")))

@@ -1,0 +1,308 @@
+"""What an answer means for the frontier: the same live and when the raw log is replayed, so
+idempotent.
+
+searches      key "<keyword>#<page token>", payload Search → channels, and the next page
+channels      key channel id: found, never asked for by itself
+uploads       key channel id, payload Uploads: pages of the uploads list → videos
+videos        key video id: metadata → transcripts, for those that pass the cheap filters
+transcripts   key video id
+statistics    key video id: counts to be read again → refresh, for those that are left out
+refresh       key video id: metadata to be read again
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Collection, Iterable, Sequence
+from typing import Any
+
+import msgspec
+import pyarrow as pa
+
+from kb.core.profile.youtube import YouTubeSection
+from kb.store.frontier import Frontier
+from kb.store.rawlog import Envelope
+from kb.youtube.parse import answers as parse
+from kb.youtube.parse.answers import PO_TOKEN
+from kb.youtube.ytdlp.tracks import TrackLanguage
+
+SEARCHES, CHANNELS, UPLOADS, VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS = (
+    "searches",
+    "channels",
+    "uploads",
+    "videos",
+    "transcripts",
+    "refresh",
+    "statistics",
+)
+# raw kinds
+RAW_SEARCH, RAW_LIST, RAW_VIDEOS, RAW_TRANSCRIPTS, RAW_STATISTICS = (
+    "search",
+    "playlist_items",
+    "videos",
+    "transcripts",
+    "statistics",
+)
+RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES = "ytdlp_info", "ytdlp_playlists", "ytdlp_subtitles"
+FINAL = {"ok", "none", "disabled", "unavailable", "age_restricted"}
+UNJUDGED = "videos not judged"  # cursor: taken in by what asks for no transcript
+BEYOND = "beyond search_pages"  # why a page of a search is skipped
+
+_log = logging.getLogger("kb.youtube")
+
+Wanted = Callable[[Any], Iterable[str]]
+"""Picks from parsed videos the ids of those whose transcript is worth asking for."""
+
+
+def nothing(rows: Any) -> Sequence[str]:
+    """For what asks for no transcript."""
+    return ()
+
+
+class SearchItem(msgspec.Struct):
+    """A page of a search. `channels` is how many it found, None before it was answered."""
+
+    q: str
+    token: str | None = None
+    page: int = 1
+    channels: int | None = None
+
+
+class Uploads(msgspec.Struct):
+    """A place in a channel's uploads list: the next page's token, and how many were read.
+
+    `mark` is an earlier token, to find out that the list goes round.
+    """
+
+    playlist: str
+    token: str | None = None
+    pages: int = 0
+    mark: str | None = None
+
+
+class Transcript(msgspec.Struct):
+    """`po_token`: the day (UTC) on which the track asked for a PO token, "2026-11-20"."""
+
+    po_token: str | None = None
+
+
+PAYLOADS: dict[str, type[msgspec.Struct]] = {
+    SEARCHES: SearchItem,
+    UPLOADS: Uploads,
+    TRANSCRIPTS: Transcript,
+}
+
+
+def uploads_list(channel_id: str, profile: YouTubeSection) -> str:
+    """The id of a channel's uploads list: UU…, or UULF… which leaves Shorts out."""
+    return ("UULF" if profile.uploads == "no_shorts" else "UU") + channel_id[2:]
+
+
+def channel_of(playlist: str) -> str:
+    """The channel of an uploads list."""
+    return "UC" + (playlist[4:] if playlist.startswith("UULF") else playlist[2:])
+
+
+class Reducer:
+    """Takes envelopes into the frontier. `mine` tells a part's channels, `gone` are purged."""
+
+    def __init__(
+        self,
+        profile: YouTubeSection,
+        wanted: Wanted,
+        mine: Callable[[str], bool],
+        gone: Collection[str],
+    ) -> None:
+        self._profile, self._wanted, self._mine, self._gone = profile, wanted, mine, gone
+        self._language = TrackLanguage(profile.language, profile.translate)
+        self._ways = {
+            RAW_SEARCH: self._search,
+            RAW_LIST: self._list,
+            RAW_VIDEOS: self._videos,
+            RAW_TRANSCRIPTS: self._transcript,
+            RAW_STATISTICS: self._statistics,
+            RAW_INFO: self._info,
+            RAW_SUBTITLES: self._subtitles,
+            RAW_PLAYLISTS: self._playlist,
+        }
+
+    @property
+    def wants(self) -> bool:
+        """Whether any video's transcript may be asked for."""
+        return self._wanted is not nothing
+
+    def __call__(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
+        """The effect of one envelope; other raw kinds have none."""
+        way = self._ways.get(kind)
+        if way is not None:
+            way(frontier, envelope)
+
+    def _search(self, frontier: Frontier, envelope: Envelope) -> None:
+        params = envelope.request.params
+        keyword, token = str(params.get("q", "")), params.get("pageToken")
+        key = search_key(keyword, token)
+        known = frontier.get(SEARCHES, key)
+        page = known[1].page if known and known[1] else 1
+        hits = [key for key in parse.channel_hits(envelope.response) if key.startswith("UC")]
+        frontier.add(CHANNELS, hits)
+        frontier.done(CHANNELS, *hits)
+        mine = [channel for channel in hits if self._mine(channel)]
+        frontier.add(UPLOADS, [(key, self._from_the_top(key)) for key in mine])
+        following = parse.next_page(envelope.response)
+        if following and hits:
+            after = SearchItem(keyword, following, page + 1)
+            frontier.add(SEARCHES, [(search_key(keyword, following), after)])
+        frontier.add(SEARCHES, [(key, None)])
+        frontier.payload(SEARCHES, key, SearchItem(keyword, token, page, len(hits)))
+        frontier.done(SEARCHES, key)
+
+    def _from_the_top(self, channel: str) -> Uploads:
+        return Uploads(uploads_list(channel, self._profile))
+
+    def _list(self, frontier: Frontier, envelope: Envelope) -> None:
+        params = envelope.request.params
+        playlist, token = str(params.get("playlistId", "")), params.get("pageToken")
+        channel = channel_of(playlist)
+        known = frontier.get(UPLOADS, channel)
+        if known is None:
+            at = Uploads(playlist, token)
+            frontier.add(UPLOADS, [(channel, at)])
+        else:
+            at = known[1]
+            if (at.playlist, at.token) != (playlist, token) or known[0] == "done":
+                # An answer of another machine, or a page that was read before: its videos count,
+                # the place in the list stays.
+                self._add_videos(frontier, envelope.response)
+                return
+        if envelope.status == 404:
+            self._no_list(frontier, channel, playlist)
+            return
+        new = self._add_videos(frontier, envelope.response)
+        following = self._next_of(at, parse.next_page(envelope.response), new)
+        later_round = frontier.cursor("round", 1) > 1
+        if following is None or (later_round and new == 0):
+            # Lists are newest first: in a later round a page of known videos ends it.
+            frontier.payload(UPLOADS, channel, self._from_the_top(channel))
+            frontier.done(UPLOADS, channel)
+            return
+        pages = at.pages + 1
+        # The token after every 1st, 2nd, 4th, 8th … page is remembered: where pages go round it
+        # comes again.
+        mark = following if pages & (pages - 1) == 0 else at.mark
+        frontier.payload(UPLOADS, channel, Uploads(playlist, following, pages, mark))
+        frontier.mark(UPLOADS, [channel], "todo")
+
+    def _no_list(self, frontier: Frontier, channel: str, playlist: str) -> None:
+        """Not every channel has a list without Shorts; one without any list has no uploads."""
+        if not playlist.startswith("UULF"):
+            frontier.skip(UPLOADS, channel, "not_found")
+            return
+        frontier.payload(UPLOADS, channel, Uploads("UU" + playlist[4:]))
+        frontier.mark(UPLOADS, [channel], "todo")
+
+    def _next_of(self, at: Uploads, following: str | None, new: int) -> str | None:
+        """The token of the next page; None at the end, also of a list that goes round."""
+        if following is None or new or following not in (at.mark, at.token):
+            return following
+        _log.warning(
+            "the list %s goes round: page %s leads back to one that was read; taken as its end",
+            at.playlist,
+            at.pages + 1,
+        )
+        return None
+
+    def _add_videos(self, frontier: Frontier, response: Any) -> int:
+        keys = [key for key in parse.listed(response) if key not in self._gone]
+        return frontier.add(VIDEOS, keys)
+
+    def _videos(self, frontier: Frontier, envelope: Envelope) -> None:
+        asked = parse.requested(envelope.request.params)
+        frontier.add(VIDEOS, asked)
+        frontier.done(VIDEOS, *asked)
+        frontier.done(REFRESH, *asked)
+        if self.wants:
+            for rows in parse.videos_of(envelope):
+                self.judge(frontier, rows)
+        else:
+            frontier.set_cursor(UNJUDGED, True)
+
+    def _statistics(self, frontier: Frontier, envelope: Envelope) -> None:
+        params = envelope.request.params
+        frontier.add(REFRESH, parse.missing(params, envelope.response))
+        asked = parse.requested(params)
+        frontier.add(STATISTICS, asked)
+        frontier.done(STATISTICS, *asked)
+        # Counts alone decide nothing: a crawl judges them with the metadata.
+        frontier.set_cursor(UNJUDGED, True)
+
+    def _info(self, frontier: Frontier, envelope: Envelope) -> None:
+        """An imported video is not asked for; a crawl judges whether its transcript is."""
+        key = str(envelope.response["id"])
+        frontier.add(VIDEOS, [key])
+        frontier.done(VIDEOS, key)
+        frontier.set_cursor(UNJUDGED, True)
+
+    def _subtitles(self, frontier: Frontier, envelope: Envelope) -> None:
+        key, language = str(envelope.response["video_id"]), str(envelope.response["language"])
+        if self._language.spoken(language):
+            frontier.add(TRANSCRIPTS, [key])
+            frontier.done(TRANSCRIPTS, key)
+
+    def _playlist(self, frontier: Frontier, envelope: Envelope) -> None:
+        keys = (str(entry["id"]) for entry in envelope.response["entries"])
+        frontier.add(VIDEOS, [key for key in keys if key not in self._gone])
+
+    def judge(self, frontier: Frontier, videos: pa.Table) -> None:
+        """Add the transcripts that are worth asking for, of parsed videos."""
+        keys = [key for key in self._wanted(videos) if key not in self._gone]
+        frontier.add(TRANSCRIPTS, keys)
+
+    def _transcript(self, frontier: Frontier, envelope: Envelope) -> None:
+        note_transcripts(frontier, [envelope])
+
+
+def note_transcripts(frontier: Frontier, envelopes: Sequence[Envelope]) -> None:
+    """Take outcomes of transcripts in, many at a time."""
+    marks = [_outcome(envelope.response) for envelope in envelopes]
+    frontier.add(TRANSCRIPTS, [key for key, *_ in marks])
+    frontier.mark_each(TRANSCRIPTS, marks)
+    for envelope, (key, _, reason) in zip(envelopes, marks, strict=True):
+        if reason == PO_TOKEN:
+            frontier.payload(TRANSCRIPTS, key, Transcript((envelope.fetched_at or "")[:10]))
+
+
+def with_po_token(frontier: Frontier) -> int:
+    """Videos whose transcript asks for a PO token, as far as they were asked for."""
+    items = frontier.items(TRANSCRIPTS, "skipped")
+    return sum(reason == PO_TOKEN for _, _, reason, _ in items)
+
+
+def _outcome(response: Any) -> tuple[str, str, str | None]:
+    """What an answer about a transcript says of its item: (key, status, reason)."""
+    answer = response if isinstance(response, dict) else {}
+    key = str(answer.get("video_id", ""))
+    if answer.get("outcome") in FINAL:
+        return key, "done", None
+    if answer.get("outcome") == PO_TOKEN:
+        return key, "skipped", PO_TOKEN
+    return key, "error", str(answer.get("reason") or "failed")
+
+
+def without_channels(frontier: Frontier, keywords: Iterable[str]) -> list[str]:
+    """The keywords whose search was answered and found no channel."""
+    barren = []
+    for word in dict.fromkeys(keywords):
+        status, page, _ = frontier.get(SEARCHES, search_key(word, None)) or ("", None, None)
+        if status == "done" and page is not None and page.channels == 0:
+            barren.append(word)
+    return barren
+
+
+def crawled(frontier: Frontier) -> int:
+    """Videos that the API answered for in all runs, missing ones among them."""
+    return frontier.counts(VIDEOS).get("done", 0)
+
+
+def search_key(keyword: str, token: str | None) -> str:
+    """The frontier's key of a page of a search."""
+    return f"{keyword}#{token or ''}"

@@ -1,0 +1,231 @@
+"""Newest answers about videos and transcripts → the rows that the stages judge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.schema.tables import table
+from kb.store.buckets import RawKind
+from kb.store.frontier import Frontier
+from kb.store.layout import Layout
+from kb.youtube.parse import answers as parse
+from kb.youtube.parse.join import FROM_FILE, one_row_each
+from kb.youtube.parse.view_rule import view_rule
+from kb.youtube.ytdlp import info, tracks
+from kb.youtube.ytdlp.tracks import ENGLISH, TrackLanguage
+
+VIDEOS = "videos"  # kind in the frontier
+HELPERS = ("missing", "game_label_id", "game_label", "transcript_outcome")
+KINDS = {
+    "videos": RawKind(parse.videos, key=("video_id",), bucket="video_id"),
+    "statistics": RawKind(parse.statistics, key=("video_id",), bucket="video_id"),
+    "ytdlp_info": RawKind(info.rows, key=("video_id",), bucket="video_id"),
+    "ytdlp_subtitles": RawKind(tracks.rows, key=("video_id", "track", "format"), bucket="video_id"),
+    "transcripts": RawKind(parse.transcripts, key=("video_id",), bucket="video_id", prefer="final"),
+}
+WATCH = "https://www.youtube.com/watch?v="
+
+
+def assemble(
+    newest: dict[str, pa.Table],
+    words: Callable[[Any], pa.Array[Any]],
+    language: TrackLanguage = ENGLISH,
+) -> dict[str, pa.Table]:
+    """Videos joined with what is known of their transcripts, and the transcripts that were had.
+
+    `words` counts the words of each list of texts; `language` chooses among imported tracks.
+    Adds to the parsed columns: `link`, `width`, `height` (px; the largest stream's when known, else
+    the embed frame's), `fps`, `view_rule`, `age_restricted`, `game_label_id`, `game_label`,
+    `transcript_outcome` (null: not asked), `transcript_kind`, `word_count`.
+    """
+    videos = one_row_each(newest.get("videos"), newest.get("ytdlp_info"), newest.get("statistics"))
+    outcomes = tracks.with_imported(
+        newest.get("transcripts"),
+        newest.get("ytdlp_subtitles"),
+        newest.get("ytdlp_info"),
+        language,
+    )
+    transcripts = _usable(outcomes, words)
+    if videos is None:
+        return {"youtube/transcripts": _tracks(transcripts)}
+    return {
+        "youtube/videos": _joined(videos, transcripts),
+        "youtube/transcripts": _tracks(transcripts),
+    }
+
+
+def unanswered(root: Path) -> Iterator[tuple[str, str]]:
+    """Videos whose metadata could not be had after all tries, with the reason: (key, reason)."""
+    path = Layout(root).state("youtube")
+    if not path.exists():
+        return
+    frontier = Frontier(path, readonly=True)
+    try:
+        for key, _, reason, _ in frontier.items(VIDEOS, "error", "skipped"):
+            yield key, reason or "failed"
+    finally:
+        frontier.close()
+
+
+def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
+    at = pc.index_in(
+        videos["video_id"].combine_chunks(), value_set=transcripts["video_id"].combine_chunks()
+    )
+    side = (
+        transcripts.take(at).combine_chunks()
+        if transcripts.num_rows
+        else _nothing(transcripts, videos.num_rows)
+    )
+    outcome = _column(side, "outcome")
+    if FROM_FILE in videos.column_names:
+        # Nobody will read the label of a video that only a file tells of: keywords decide.
+        alone = pc.and_(_column(videos, FROM_FILE), pc.is_null(outcome))
+        outcome = pc.if_else(alone, tracks.NOT_IMPORTED, outcome)
+        videos = videos.drop_columns([FROM_FILE])
+    width, height, fps = _size(videos, side)
+    had = pc.fill_null(pc.equal(outcome, "ok"), False)
+    not_imported = pc.fill_null(pc.equal(outcome, tracks.NOT_IMPORTED), False)
+    final = pc.and_not(parse.is_final(outcome), not_imported)
+    kind = pc.if_else(had, _column(side, "kind"), pc.if_else(final, "none", "unknown"))
+    restricted = pc.or_(
+        pc.equal(pc.fill_null(_column(videos, "yt_rating"), ""), "ytAgeRestricted"),
+        pc.equal(pc.fill_null(outcome, ""), "age_restricted"),
+    )
+    own: dict[str, Any] = {
+        "link": pc.binary_join_element_wise(WATCH, _column(videos, "video_id"), ""),
+        "width": width,
+        "height": height,
+        "fps": fps,
+        "age_restricted": restricted,
+        "game_label_id": _column(side, "game_label_id"),
+        "game_label": _column(side, "game_label"),
+        "transcript_outcome": outcome,
+        "transcript_kind": kind,
+        "word_count": pc.if_else(had, _column(side, "word_count"), pa.scalar(None, pa.int64())),
+        "problems": _renamed(_column(videos, "problems")),
+    }
+    for name, column in own.items():
+        if name in videos.column_names:
+            videos = videos.set_column(videos.column_names.index(name), name, column)
+        else:
+            videos = videos.append_column(name, column)
+    return videos.append_column("view_rule", view_rule(videos))
+
+
+def _size(videos: pa.Table, side: pa.Table) -> tuple[Any, Any, Any]:
+    """Width and height in px, from one place, and the frame rate: of the watch page's largest
+    stream, else of an imported file's, else the embed frame's, which has no rate.
+    """
+    width, height = _column(videos, "embed_width"), _column(videos, "embed_height")
+    fps: Any = pa.nulls(videos.num_rows, pa.int64())
+    for rows, prefix in ((videos, "stream"), (side, "player")):
+        if f"{prefix}_width" not in rows.column_names:
+            continue
+        own = [_column(rows, f"{prefix}_{name}") for name in ("width", "height", "fps")]
+        sized = pc.and_(pc.is_valid(own[0]), pc.is_valid(own[1]))
+        width, height = pc.if_else(sized, own[0], width), pc.if_else(sized, own[1], height)
+        fps = pc.coalesce(own[2], fps)
+    return width, height, fps
+
+
+def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.Table:
+    """Outcomes with a readable video id, and `word_count`.
+
+    An `ok` whose kind, language or cues can't be read counts as failed, one without a word as none.
+    """
+    if rows is None:
+        names = table("youtube/transcripts")
+        fields = [
+            (column.name, column.parsed.arrow()) for column in (*names.columns, *names.inputs)
+        ]
+        return pa.schema([*fields, ("word_count", pa.int64())]).empty_table()
+    rows = parse.with_cues(rows.filter(pc.is_valid(rows["video_id"])))
+    whole = pc.and_(
+        pc.and_(pc.is_valid(rows["cues"]), pc.is_valid(rows["kind"])),
+        pc.is_valid(rows["language"]),
+    )
+    broken = pc.and_(pc.equal(rows["outcome"], "ok"), pc.invert(whole))
+    counted = _words(_column(rows, "cues"), words)
+    empty = pc.and_(pc.equal(rows["outcome"], "ok"), pc.fill_null(pc.equal(counted, 0), False))
+    outcome = pc.if_else(broken, "failed", pc.if_else(empty, "none", rows["outcome"]))
+    rows = rows.set_column(
+        rows.column_names.index("outcome"), "outcome", pc.fill_null(outcome, "failed")
+    )
+    return rows.append_column("word_count", counted)
+
+
+def _tracks(transcripts: pa.Table) -> pa.Table:
+    transcripts = transcripts.filter(pc.equal(transcripts["outcome"], "ok"))
+    automatic = pc.fill_null(pc.equal(_column(transcripts, "original_kind"), "asr"), False)
+    cues = _without_overlap(_column(transcripts, "cues"), automatic)
+    transcripts = transcripts.set_column(transcripts.column_names.index("cues"), "cues", cues)
+    return transcripts.select(table("youtube/transcripts").names())
+
+
+def _without_overlap(cues: pa.Array[Any], automatic: pa.Array[Any]) -> pa.Array[Any]:
+    """Lists of cues; in automatic ones a cue ends where the next one starts, as it is shown on
+    while that is spoken.
+    """
+    flat = pc.list_flatten(cues)
+    if len(flat) < 2:
+        return cues
+    start, length = flat.field("start_s"), flat.field("duration_s")
+    track = pc.list_parent_indices(cues)
+    gap = pc.round(pc.subtract(start.slice(1), start.slice(0, len(start) - 1)), 3)
+    within = pc.and_(
+        pc.equal(track.slice(1), track.slice(0, len(track) - 1)), automatic.take(track.slice(1))
+    )
+    before_last = pc.if_else(
+        pc.and_(within, pc.greater_equal(gap, 0)),
+        pc.min_element_wise(gap, length.slice(0, len(length) - 1)),
+        length.slice(0, len(length) - 1),
+    )
+    length = pa.concat_arrays([before_last, length.slice(len(length) - 1)])
+    fitted = pa.StructArray.from_arrays(
+        [start, length, flat.field("text")], names=["start_s", "duration_s", "text"]
+    )
+    sizes = pc.fill_null(pc.list_value_length(cues), 0).cast(pa.int32())
+    return pa.ListArray.from_arrays(
+        pa.concat_arrays([pa.array([0], pa.int32()), pc.cumulative_sum(sizes)]), fitted
+    )
+
+
+def _words(cues: pa.Array[Any], words: Callable[[Any], pa.Array[Any]]) -> pa.Array[Any]:
+    """Words of the texts of each list of cues."""
+    flat = pc.list_flatten(cues)
+    counts = pc.list_value_length(cues)
+    starts = pc.cumulative_sum(pc.fill_null(counts, 0).cast(pa.int32()))
+    offsets = (
+        pa.concat_arrays([pa.array([0], pa.int32()), starts])
+        if len(cues)
+        else pa.array([0], pa.int32())
+    )
+    return words(pa.ListArray.from_arrays(offsets, flat.field("text")))
+
+
+def _renamed(problems: pa.Array[Any]) -> pa.Array[Any]:
+    """What could not be read as embed_width was needed as width."""
+    flat = pc.list_flatten(problems)
+    if not len(flat):
+        return problems
+    column = pc.replace_substring_regex(flat.field("column"), "^embed_", "")
+    renamed = pa.StructArray.from_arrays(
+        [column, flat.field("reason"), flat.field("value")], names=["column", "reason", "value"]
+    )
+    lengths = pc.fill_null(pc.list_value_length(problems), 0).cast(pa.int32())
+    offsets = pa.concat_arrays([pa.array([0], pa.int32()), pc.cumulative_sum(lengths)])
+    return pa.ListArray.from_arrays(offsets, renamed)
+
+
+def _nothing(like: pa.Table, rows: int) -> pa.Table:
+    return pa.table({field.name: pa.nulls(rows, field.type) for field in like.schema})
+
+
+def _column(rows: pa.Table, name: str) -> Any:
+    column = rows.column(name)
+    return column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()

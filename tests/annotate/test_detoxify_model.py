@@ -1,0 +1,81 @@
+"""Models of other shapes than `original`: of Detoxify's other architectures,
+with more outputs than classes.
+"""
+
+from __future__ import annotations
+
+import pyarrow as pa
+import pytest
+
+from kb.annotate import backends
+from kb.annotate.detoxify_model import load_detoxify
+from kb.annotate.scores import CATEGORIES, text_hashes
+from kb.annotate.toxicity import ToxicityScorer
+from kb.core.errors import MissingModel
+from tests.annotate.made import UNBIASED, WORDS, checkpoint_of, make_checkpoint
+
+BACKENDS = (backends.open_runner, backends.torch_runner)
+TEXTS = ["hello there", "you are a stupid idiot", " ".join(WORDS * 3), "creeper", "ünïcode 方块"]
+
+
+@pytest.fixture(scope="module", params=["roberta", "albert"])
+def sixteen(request, tmp_path_factory):
+    """A checkpoint as `unbiased` and `unbiased-small`: 16 outputs,
+    of which the first 7 are classes.
+    """
+    folder = tmp_path_factory.mktemp(request.param)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+        yield checkpoint_of(make_checkpoint(folder / "model", request.param, UNBIASED, outputs=16))
+
+
+def test_more_outputs_than_classes_are_read_as_detoxify_reads_them(sixteen):
+    detoxify = load_detoxify(sixteen)
+    expected = [detoxify.predict(text) for text in TEXTS]
+    assert max(row["insult"] for row in expected) - min(row["insult"] for row in expected) > 0.05, (
+        "scores that don't differ show nothing"
+    )
+    runners = [make(sixteen, "fp32", "cpu", 1) for make in BACKENDS]
+    assert [runner.name for runner in runners] == ["onnxruntime", "torch"]
+    for runner in runners:
+        assert runner.meta.classes == UNBIASED
+        for row, theirs in zip(runner.score(TEXTS), expected, strict=True):
+            assert row == pytest.approx([theirs[name] for name in UNBIASED], abs=1e-4), runner.name
+    assert all(len(row) == 7 for row in backends.open_runner(sixteen, "int8").score(TEXTS))
+
+
+def test_a_class_that_only_some_models_have_is_kept_and_counts(sixteen, make_run):
+    """`sexual_explicit` is a class of `unbiased`; a lower one of `original` would else be called
+    the largest.
+    """
+    run = make_run(model=str(sixteen.path))
+    scorer = ToxicityScorer.open(run, "reddit")
+    scorer.annotate([TEXTS])
+    columns = scorer.columns(pa.array(TEXTS))
+    detoxify = load_detoxify(sixteen)
+    for n, text in enumerate(TEXTS):
+        theirs = detoxify.predict(text)
+        assert columns["toxicity_sexual_explicit"][n].as_py() == pytest.approx(
+            theirs["sexual_explicit"], abs=1e-4
+        )
+        assert columns["toxicity"][n].as_py() == pytest.approx(max(theirs.values()), abs=1e-4)
+
+
+def test_a_class_that_the_model_lacks_is_null_and_one_without_toxicity_is_exit_2(
+    make_run, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    run = make_run(
+        model=str(make_checkpoint(tmp_path / "two", classes=("toxic", "spam"), outputs=2))
+    )
+    ToxicityScorer.open(run, "wiki").annotate([TEXTS])
+    found = ToxicityScorer.open(run, "wiki").lookup(text_hashes(pa.array(TEXTS)))
+    assert found["toxicity"].null_count == 0
+    assert all(found[name].null_count == len(TEXTS) for name in CATEGORIES[1:])
+    foreign = make_run(
+        model=str(make_checkpoint(tmp_path / "foreign", classes=("spam", "ham"), outputs=2))
+    )
+    with pytest.raises(MissingModel, match="no class 'toxicity'") as error:
+        ToxicityScorer.open(foreign, "youtube").annotate([TEXTS])
+    assert error.value.exit_code == 2
+    assert not (run.root / "annotations/youtube").exists()
