@@ -66,7 +66,7 @@ def clean(p: Profile) -> Clean:
         kinds={of: raw_kind(of, links) for of in KINDS},
         assemble=assemble,
         chains=(
-            each("reddit/posts", "post_id", posts(p), "t3_", POST, told=("type",)),
+            each("reddit/posts", "post_id", posts(p), "t3_", POST, described_by=("type",)),
             each("reddit/comments", "comment_id", comments(p), "t1_", COMMENT, relate=with_posts),
         ),
         scorer=toxicity,

@@ -21,7 +21,7 @@ from kb.core.verdict import Summary
 from kb.crawl.job import Parts
 from kb.filters.chain import Clean
 from kb.filters.clean import run_clean
-from kb.filters.released import stages
+from kb.filters.topic import released_stages
 from kb.pairs.restore import TextRestore
 from kb.reddit.dumps.files import Dumps, find_dumps
 from kb.reddit.restore.job import ThreadRestore
@@ -36,7 +36,12 @@ ROWS = ("videos", "transcripts", "posts", "comments", "pairs", "filled", "differ
 def clean(p: Profile) -> Clean:
     """Raw answers to the tables of every available video: what is released was judged."""
     shipped: Clean = load(str(locate("youtube"))).clean(p)
-    chain = replace(shipped.chains[0], stages=stages(p.section(YouTubeSection)), scores={}, told=())
+    chain = replace(
+        shipped.chains[0],
+        stages=released_stages(p.section(YouTubeSection)),
+        scores={},
+        described_by=(),
+    )
     return replace(shipped, chains=(chain,), scorer=None)
 
 

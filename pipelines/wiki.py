@@ -64,7 +64,7 @@ def clean(p: Profile) -> Clean:
         source="wiki",
         kinds=KINDS,
         assemble=partial(assemble, url=p.section(Wiki).url),
-        chains=(pages(stages(p), also=also, told=told),),
+        chains=(pages(stages(p), also=also, described_by=told),),
         follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in tables.PARTS),
         scorer=toxicity,
         side_files=SideFiles(partial(tables.read_pages, rules=rules), tables.size),

@@ -20,15 +20,22 @@ from kb.core.verdict import Summary
 from kb.export import layouts
 from kb.filters.chain import Chain, Clean, Follow
 from kb.filters.judgement import Predicate
-from kb.filters.predicates import AtLeast, In, NotTrue, RatioAtLeast, none_above, passes
+from kb.filters.predicates import (
+    AtLeast,
+    In,
+    NotTrue,
+    RatioAtLeast,
+    none_above,
+    passes,
+    transcript_required,
+)
 from kb.filters.topic import Topic
-from kb.filters.transcripts import required
 from kb.youtube.connector.ids import Part
 from kb.youtube.parse.assemble import HELPERS, KINDS, assemble, unanswered
 from kb.youtube.parse.view_rule import kept_rules
 from kb.youtube.ytdlp.tracks import TrackLanguage
 
-TOLD = ("title", "channel_id", "channel_title")  # of a video that is left out
+DESCRIBED_BY = ("title", "channel_id", "channel_title")  # of a video that is left out
 SCORES = {"title": "toxicity_title", "description": "toxicity_description"}
 THERE = NotTrue("missing", stage="missing", reason="missing")
 
@@ -60,13 +67,20 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
         Topic(section.game_ids, section.category_ids, section.words, gate(p)),
         *gate(p),
         *none_above(limit, SCORES),
-        *(required() if section.transcripts == "required" else ()),
+        *(transcript_required() if section.transcripts == "required" else ()),
     )
 
 
 def clean(p: Profile) -> Clean:
     """Raw answers to videos and transcripts."""
-    rows = Chain("youtube/videos", "video_id", stages(p), scores=SCORES, helpers=HELPERS, told=TOLD)
+    rows = Chain(
+        "youtube/videos",
+        "video_id",
+        stages(p),
+        scores=SCORES,
+        helpers=HELPERS,
+        described_by=DESCRIBED_BY,
+    )
     section = p.section(YouTubeSection)
     return Clean(
         source="youtube",

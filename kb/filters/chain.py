@@ -1,4 +1,4 @@
-"""What a pipeline's `clean(p)` returns, and how a chain of stages sorts rows into four answers."""
+"""What a pipeline's `clean(p)` returns, and how a chain of stages judges rows."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from kb.filters.judgement import SCORED, Judgement, Predicate, one
 from kb.schema.tables import table
 from kb.store.buckets import RawKind
 
-WHOSE = ("title", "channel_id", "channel_title", "type")  # columns of shared/rejected
+DESCRIBED_BY = ("title", "channel_id", "channel_title", "type")  # columns of shared/rejected
 VERDICTS = ("rejected", "failed", "pending")
 
 
 class Scorer(Protocol):
-    """Scores of texts, kept beside the rows (kb.annotate.toxicity)."""
+    """Scores of texts, stored apart from the rows (kb.annotate.toxicity)."""
 
     def check(self, run: Run, source: str) -> str:
         """A key that stands for the model in workers; "" when the profile scores nothing.
@@ -44,8 +44,8 @@ class Chain:
     column to the column of its largest toxicity category, and they are joined before the stage
     SCORED. `helpers` are columns that stages use and no table has. A tombstone names the
     key, or what is in one of the columns `also` (a page's title). `relate` gets the rows and the
-    tables that were kept before, and adds what hangs on these (comments need to know their posts).
-    `told` are columns that a rejected row keeps, so that it says whose it was.
+    tables that were kept before, and adds what depends on these (comments need their posts).
+    `described_by` are columns that a rejected row keeps, so that readers see what it was.
     """
 
     table: str
@@ -56,7 +56,7 @@ class Chain:
     helpers: tuple[str, ...] = ()
     also: tuple[str, ...] = ()
     relate: Callable[[pa.Table, Mapping[str, pa.Table]], pa.Table] | None = None
-    told: tuple[str, ...] = ()
+    described_by: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -71,11 +71,11 @@ class Follow:
 
 
 class SideFiles(NamedTuple):
-    """Files that lie beside the raw log and that its answers name: captured pages.
+    """Files outside the raw log that its answers name: captured pages.
 
-    `read` gets the data root, what `assemble` gave, and whether the tables that follow are wanted
-    as well; it returns the tables with what the files say. `size` is how much there is, in bytes of
-    compressed raw data, so that a bucket's share fits into memory.
+    `read` takes the data root, the joined tables, and whether the tables that follow are wanted
+    as well; it returns the tables with the content of the files. `size` is their size in bytes of
+    compressed raw data, which decides the number of buckets.
     """
 
     read: Callable[[Path, dict[str, Any], bool], dict[str, Any]]
@@ -86,11 +86,11 @@ class SideFiles(NamedTuple):
 class Clean:
     """Raw answers → clean tables of one source.
 
-    `assemble` gets the newest rows of each kind (of one bucket) and returns rows by table name.
-    `unanswered` gives keys that have no row, with the reason: they count as failed; so does
+    `assemble` takes the newest rows of each kind (of one bucket) and returns rows by table name.
+    `unanswered` yields keys without a row, with the reason: they count as failed, and so does
     such a key that is pending for one of the reasons `ended_by_failure`. `complete` adds columns
-    that hang on what else of a bucket was kept (how many comments a post has); `about` adds to the
-    summary what the data root says, `figures` what the fresh folder of clean tables does.
+    that depend on what else of a bucket was kept (the number of comments of a post). `about` adds
+    figures of the data root to the summary, `figures` those of the new clean tables.
     """
 
     source: str
@@ -107,8 +107,8 @@ class Clean:
     figures: Callable[[Path], dict[str, Any]] | None = None
 
 
-class Sorted(NamedTuple):
-    """Rows of one chain by answer; all but `kept` have the columns of shared/<verdict>."""
+class Judged(NamedTuple):
+    """Rows of one chain by outcome; all but `kept` have the columns of shared/<verdict>."""
 
     kept: pa.Table
     rejected: pa.Table
@@ -116,9 +116,9 @@ class Sorted(NamedTuple):
     pending: pa.Table
 
 
-def sort_rows(
+def judge_chain(
     rows: pa.Table, chain: Chain, join: Callable[[pa.Table], pa.Table], *, until: str = ""
-) -> Sorted:
+) -> Judged:
     """Run the chain over rows. `join` adds the scores before the stage SCORED.
 
     `until` names a stage to stop before: the rows that reach it are `kept`. Raises SchemaMismatch
@@ -153,7 +153,7 @@ def sort_rows(
         pa.concat_tables([table(f"shared/{verdict}").arrow().empty_table(), *out[verdict]])
         for verdict in VERDICTS
     ]
-    return Sorted(rows, *done)
+    return Judged(rows, *done)
 
 
 def _verdicts(
@@ -163,14 +163,14 @@ def _verdicts(
         chain.prefix, rows.column(chain.key).cast(pa.string()).combine_chunks(), ""
     )
     size = rows.num_rows
-    whole = pa.table(
+    verdicts = pa.table(
         {
             "key": key,
             "stage": pa.repeat(stage, size),
             "reason": judged.reason,
             "value": judged.value,
             "threshold": pa.repeat(pa.scalar(judged.threshold, pa.string()), size),
-            **{name: _told(rows, name, chain) for name in WHOSE},
+            **{name: _description(rows, name, chain) for name in DESCRIBED_BY},
             "matched": _or_nothing(judged.matched, size),
             "unmatched": _or_nothing(judged.unmatched, size),
         }
@@ -184,14 +184,14 @@ def _verdicts(
         if isinstance(judged.verdict, str) and judged.verdict != verdict:
             continue
         schema = table(f"shared/{verdict}").arrow()
-        hits = whole.filter(hit).select(schema.names)
+        hits = verdicts.filter(hit).select(schema.names)
         if hits.num_rows:
             yield verdict, hits.cast(schema)
 
 
-def _told(rows: pa.Table, name: str, chain: Chain) -> pa.Array[Any]:
-    """A column of the rows as text, where the chain tells it."""
-    if name not in chain.told or name not in rows.column_names:
+def _description(rows: pa.Table, name: str, chain: Chain) -> pa.Array[Any]:
+    """A column of the rows as text, null unless the chain describes its rows with it."""
+    if name not in chain.described_by or name not in rows.column_names:
         return _or_nothing(None, rows.num_rows)
     return one(rows, name).cast(pa.string())
 

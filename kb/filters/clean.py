@@ -1,12 +1,12 @@
 """`kb <source> filter`: raw answers → clean/<source>/, every record kept, rejected, failed or
 pending.
 
-    parse      a task a raw segment: rows spread over buckets (kb.store.buckets)
-    texts      a task a bucket: texts that reach the toxicity stage; what has no score yet is scored
-    sort       a task a bucket: newest rows joined, stages in order, part files written
+    decode   a task per raw segment: rows partitioned into buckets
+    texts    a task per bucket: texts that reach the toxicity stage, scored if they have no score
+    judge    a task per bucket: newest rows joined, judged by stages in order, written
 
-Workers get paths and names only: they load the pipeline by its path. The folder clean/<source>
-takes the old one's place whole, after the counts were checked. Tombstones are left out.
+The steps of a task are in kb.filters.tasks. Workers get paths and names only, and load the pipeline
+by its path. clean/<source> is replaced in one step after the counts were checked.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import CountMismatch, DamagedData, FatalError
 from kb.core.verdict import Summary, Tally
 from kb.filters.chain import VERDICTS, Clean
-from kb.filters.lost import unanswered
-from kb.filters.tasks import FilterJob, parse_segment, sort_bucket, spec_of, texts_of
+from kb.filters.tasks import FilterJob, collect_texts, decode_segment, filter_bucket, spec_of
+from kb.filters.unanswered import unanswered
 from kb.schema.tables import table
 from kb.store import buckets, mending, rawlog, tally, tombstones
 from kb.store.atomic import write_text
@@ -40,7 +40,7 @@ from kb.store.shards import write_table
 
 
 def run_clean(run: Run, source: str) -> Summary:
-    """Sort a source's raw answers. Returns the tally, the stages' counts and what was odd.
+    """Filter a source's raw answers. Returns the tally, counts by stage, and anomalies.
 
     Raises FatalError without raw data, CountMismatch, WriterLocked, DiskFull, and what the scorer
     raises without its model.
@@ -59,7 +59,7 @@ def run_clean(run: Run, source: str) -> Summary:
         job = job._replace(work=str(work), buckets=buckets.how_many(size), scores=key)
         with make_executor(run.engine, run.processes(size), run.scheduler) as executor:
             try:
-                parsed = _parse(run, job, segments, executor)
+                decoded = _decode(run, job, segments, executor)
             except DamagedData as error:
                 _suspect(run, source, error)
                 raise
@@ -68,8 +68,8 @@ def run_clean(run: Run, source: str) -> Summary:
             with manifest.replacing(run.root, f"clean/{source}", inputs=raw) as build:
                 fresh = build.folder
                 job = job._replace(out=str(fresh))
-                counts = _sort(run, job, executor)
-                summary = _summary(spec, fresh, parsed, counts, key)
+                counts = _judge(run, job, executor)
+                summary = _summary(spec, fresh, decoded, counts, key)
                 summary |= spec.about(run.root) if spec.about is not None else {}
                 summary |= spec.figures(fresh) if spec.figures is not None else {}
                 write_text(fresh / "summary.json", json.dumps(summary, indent=1) + "\n")
@@ -88,7 +88,7 @@ def texts(run: Run, source: str) -> Iterator[pa.Array[Any]]:
         job = job._replace(work=str(work), buckets=buckets.how_many(size))
         with make_executor(run.engine, run.processes(size), run.scheduler) as executor:
             try:
-                _parse(run, job, segments, executor)
+                _decode(run, job, segments, executor)
             except DamagedData as error:
                 _suspect(run, source, error)
                 raise
@@ -113,7 +113,7 @@ def _job(run: Run, source: str) -> FilterJob:
 
 
 class _work:
-    """A folder for rows on their way, gone at the end."""
+    """A temporary folder for partitioned rows."""
 
     def __init__(self, job: FilterJob) -> None:
         self.path = Layout(Path(job.root)).filtering(job.source)
@@ -145,16 +145,16 @@ def _size(root: Path, spec: Clean, segments: list[tuple[str, Path]]) -> int:
     return size + (spec.side_files.size(root) if spec.side_files is not None else 0)
 
 
-def _parse(
+def _decode(
     run: Run, job: FilterJob, segments: list[tuple[str, Path]], executor: Any
 ) -> Counter[str]:
     """Counts of rows, and of unknown keys as "?<path>"."""
     total: Counter[str] = Counter()
     tasks = ((job, kind, str(path), place) for place, (kind, path) in enumerate(segments))
     damaged: list[tuple[int, int]] = []  # segment, and the first byte that can't be read
-    with run.progress.task(f"parse {job.source}", total=len(segments), unit="raw files") as task:
+    with run.progress.task(f"decode {job.source}", total=len(segments), unit="raw files") as task:
         for number, done in enumerate(
-            map_in_order(executor, parse_segment, tasks, window=2 * run.workers)
+            map_in_order(executor, decode_segment, tasks, window=2 * run.workers)
         ):
             total["rows"] += done["rows"]
             total.update({f"?{path}": count for path, count in done["unknown"].items()})
@@ -193,19 +193,19 @@ def _suspect(run: Run, source: str, error: DamagedData) -> None:
 
 def _texts(run: Run, job: FilterJob, executor: Any, *, keep: bool) -> Iterator[pa.Array[Any]]:
     tasks = ((job, number, keep) for number in range(job.buckets))
-    for path in map_in_order(executor, texts_of, tasks, window=2 * run.workers):
+    for path in map_in_order(executor, collect_texts, tasks, window=2 * run.workers):
         with pa.ipc.open_file(path) as file:
             for number in range(file.num_record_batches):
                 yield file.get_batch(number).column(0)
         Path(path).unlink()
 
 
-def _sort(run: Run, job: FilterJob, executor: Any) -> Counter[str]:
+def _judge(run: Run, job: FilterJob, executor: Any) -> Counter[str]:
     total: Counter[str] = Counter()
     spec = spec_of(job)
     tasks = ((job, number) for number in range(job.buckets))
     with run.progress.task(f"filter {job.source}", total=job.buckets, unit="parts") as task:
-        for done in map_in_order(executor, sort_bucket, tasks, window=2 * run.workers):
+        for done in map_in_order(executor, filter_bucket, tasks, window=2 * run.workers):
             total.update(done)
             task.advance(1, kept=total["kept"], rejected=total["rejected"])
     if spec.unanswered is not None:
@@ -233,7 +233,7 @@ def _write_empty(out: Path, spec: Clean) -> None:
 
 
 def _summary(
-    spec: Clean, folder: Path, parsed: Counter[str], counts: Counter[str], key: str
+    spec: Clean, folder: Path, decoded: Counter[str], counts: Counter[str], key: str
 ) -> Summary:
     """The numbers of the written files, by table. Raises CountMismatch when the workers' differ."""
     tables = {table(chain.table).short: chain.prefix for chain in spec.chains}
@@ -244,7 +244,7 @@ def _summary(
         raise CountMismatch(
             f"{spec.source}: the files hold {asdict(total)},"
             f" but the workers counted {dict(counts)}",
-            hint="this is a defect of Lorecrawl; no output was replaced",
+            hint="this is a bug in Lorecrawl; no output was replaced",
         )
     summary = Summary(
         command=f"{spec.source} filter",
@@ -267,7 +267,7 @@ def _summary(
         for name in sorted(kept, key=lambda name: vocabulary.place(table(name).short))
     }
     summary["unknown_keys"] = {
-        path[1:]: count for path, count in sorted(parsed.items()) if path.startswith("?")
+        path[1:]: count for path, count in sorted(decoded.items()) if path.startswith("?")
     }
     if key:  # of the models whose scores are there, the one whose scores decided; releases name it
         summary["model"], _, summary["revision"] = key.rpartition("@")

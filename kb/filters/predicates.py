@@ -214,3 +214,26 @@ def passes(predicates: Sequence[Predicate], rows: pa.Table) -> pa.Array[Any]:
     for predicate in predicates:
         good = pc.and_(good, pc.is_null(predicate.judge(rows).reason))
     return good
+
+
+NO_TRANSCRIPT = ("none", "disabled", "unavailable", "age_restricted")
+
+
+def transcript_required() -> tuple[Predicate, ...]:
+    """Stage `transcript`: a video without one is rejected.
+
+    It is pending while the transcript was not fetched yet or needs a PO token, and failed when all
+    tries failed.
+    """
+    return (
+        Waits(
+            "transcript_outcome",
+            ("failed",),
+            stage="transcript",
+            reason="transcript",
+            verdict="failed",
+        ),
+        Waits("transcript_outcome", ("po_token",), stage="transcript", reason="po_token"),
+        Waits("transcript_kind", ("unknown",), stage="transcript", reason="transcript"),
+        NotIn("transcript_outcome", NO_TRANSCRIPT, stage="transcript"),
+    )

@@ -1,8 +1,15 @@
-"""What a worker does for `kb <source> filter`: parse one segment, or look for texts in one bucket,
-or sort it.
+"""What a worker does for `kb <source> filter`, in the order in which a row travels:
 
-A task is a `FilterJob` and the name of a segment or the number of a bucket; the pipeline is loaded
-by its path. Nothing here holds more than a bucket.
+    decode     lines of a raw segment to rows                            } a task per segment:
+    partition  rows to buckets by key                                    } `decode_segment`
+    latest     the newest row of each key of a bucket                    )
+    join       rows of all kinds to rows of the clean tables             ) a task per bucket:
+    judge      each row is kept, rejected, failed or pending             ) `filter_bucket`
+    write      one part file per table and verdict                       )
+
+`collect_texts` does `latest`, `join` and a part of `judge` before, to find the texts that need a
+toxicity score. A task is a `FilterJob` and the name of a segment or the number of a bucket; the
+pipeline is loaded by its path. No function holds more than a bucket.
 """
 
 from __future__ import annotations
@@ -11,6 +18,7 @@ import json
 import shutil
 import uuid
 from collections import Counter
+from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,7 +29,7 @@ import pyarrow.compute as pc
 from kb.core import pipeline
 from kb.core.errors import FatalError
 from kb.core.profile import Profile
-from kb.filters.chain import VERDICTS, Chain, Clean, Sorted, declared_columns, sort_rows
+from kb.filters.chain import VERDICTS, Chain, Clean, Judged, declared_columns, judge_chain
 from kb.filters.judgement import SCORED
 from kb.schema.tables import table
 from kb.store import buckets, tombstones
@@ -30,7 +38,7 @@ from kb.store.shards import write_table
 
 
 class FilterJob(NamedTuple):
-    """What a worker needs to know; plain strings and numbers."""
+    """What a worker needs to know, as plain strings and numbers."""
 
     pipeline: str
     profile: str
@@ -41,11 +49,11 @@ class FilterJob(NamedTuple):
     out: str
     buckets: int
     scores: str
-    tombstones: int  # when their file was changed, so that no process trusts an older one
+    tombstones: int  # their version, so that no process uses an older one
 
 
 @cache
-def _load(path: str, profile: str, profile_path: str, source: str) -> Clean:
+def _pipeline_spec(path: str, profile: str, profile_path: str, source: str) -> Clean:
     made = Profile.model_validate({**json.loads(profile), "path": profile_path})
     spec = pipeline.load(path).clean(made)
     if not isinstance(spec, Clean) or spec.source != source:
@@ -54,10 +62,11 @@ def _load(path: str, profile: str, profile_path: str, source: str) -> Clean:
 
 
 def spec_of(job: FilterJob) -> Clean:
-    return _load(job.pipeline, job.profile, job.profile_path, job.source)
+    return _pipeline_spec(job.pipeline, job.profile, job.profile_path, job.source)
 
 
-def parse_segment(job: FilterJob, kind: str, segment: str, number: int) -> dict[str, Any]:
+def decode_segment(job: FilterJob, kind: str, segment: str, number: int) -> dict[str, Any]:
+    """Decode a raw segment and partition its rows; counts and damage as in `buckets.spread`."""
     with full_disk_is_resumable(Path(job.work)):
         return buckets.spread(
             spec_of(job).kinds[kind],
@@ -70,151 +79,61 @@ def parse_segment(job: FilterJob, kind: str, segment: str, number: int) -> dict[
         )
 
 
-def texts_of(job: FilterJob, number: int, keep: bool) -> str:
-    """Write the texts of a bucket that reach their toxicity stage to a file; its path.
+def collect_texts(job: FilterJob, number: int, keep: bool) -> str:
+    """Write the texts of a bucket that reach their toxicity stage to a file; return its path.
 
-    `keep`: the bucket is sorted afterwards, so what was assembled stays for that.
+    With `keep` the joined rows stay for `filter_bucket`.
     """
     spec = spec_of(job)
     path = str(Path(job.work, f"texts-{number:06d}.arrow"))
     schema = pa.schema([("text", pa.string())])
     with full_disk_is_resumable(Path(job.work)), pa.ipc.new_file(path, schema) as file:
         with buckets.without_collecting():
-            rows, counts = _assembled(job, spec, number, whole=keep)
+            rows, counts = join(job, spec, number, follows=keep)
         if keep:
             _keep(job, spec, number, rows, counts)
-        for chain, done in _walk(job, spec, rows, lambda chain, rows: rows, dry=True)[0]:
+        for chain, judged in judge(spec, rows, lambda chain, rows: rows, until_scores=True)[0]:
             for column in chain.scores or ():
-                for chunk in done.kept.column(column).chunks:
+                for chunk in judged.kept.column(column).chunks:
                     file.write_batch(pa.record_batch([chunk.cast(pa.string())], schema=schema))
     return path
 
 
-def sort_bucket(job: FilterJob, number: int) -> dict[str, int]:
-    """Sort one bucket and write its part files; counts for the summary."""
+def filter_bucket(job: FilterJob, number: int) -> dict[str, int]:
+    """Join, judge and write one bucket; return counts for the summary."""
     spec = spec_of(job)
 
-    def join(chain: Chain, rows: pa.Table) -> pa.Table:
-        return _join(job, spec, chain, rows)
+    def score(chain: Chain, rows: pa.Table) -> pa.Table:
+        return add_scores(job, spec, chain, rows)
 
     with buckets.without_collecting():
-        rows, counts = _assembled(job, spec, number, whole=True)
-    done, follows = _walk(job, spec, rows, join)
-    whole = {chain.table: result.kept for chain, result in done}
+        rows, counts = join(job, spec, number, follows=True)
+    judged, follows = judge(spec, rows, score)
+    kept = {chain.table: result.kept for chain, result in judged}
     if spec.complete is not None:
-        whole = spec.complete(whole)
-    for chain, result in done:
+        kept = spec.complete(kept)
+    for chain, result in judged:
         counts["crawled"] += sum(part.num_rows for part in result)
         counts["kept"] += result.kept.num_rows
         counts[f"kept {chain.table}"] += result.kept.num_rows
-        _write(job, chain.table, number, declared_columns(whole[chain.table], chain))
+        write(job, chain.table, number, declared_columns(kept[chain.table], chain))
     for name, followed in follows.items():
         counts[f"kept {name}"] += followed.num_rows
-        _write(job, name, number, followed)
-    for verdict in VERDICTS if done else ():  # a bucket may be empty
-        out = pa.concat_tables([getattr(result, verdict) for _, result in done])
+        write(job, name, number, followed)
+    for verdict in VERDICTS if judged else ():  # a bucket may be empty
+        out = pa.concat_tables([getattr(result, verdict) for _, result in judged])
         counts[verdict] += out.num_rows
-        for entry in (
-            out.group_by(["stage"]).aggregate([([], "count_all")]).to_pylist()
-            if verdict == "rejected"
-            else ()
-        ):
-            counts[f"stage {entry['stage']}"] += entry["count_all"]
-        _write(job, f"shared/{verdict}", number, out)
+        if verdict == "rejected":
+            for entry in out.group_by(["stage"]).aggregate([([], "count_all")]).to_pylist():
+                counts[f"stage {entry['stage']}"] += entry["count_all"]
+        write(job, f"shared/{verdict}", number, out)
     return dict(counts)
 
 
-def _assembled(
-    job: FilterJob, spec: Clean, number: int, *, whole: bool
-) -> tuple[dict[str, pa.Table], Counter[str]]:
-    """The rows of a bucket by table, and its counts; those that were kept, if any were.
+def latest(job: FilterJob, spec: Clean, number: int) -> tuple[dict[str, pa.Table], Counter[str]]:
+    """The newest rows of a bucket by kind, and how many older ones it had.
 
-    Without `whole` the tables that follow others may be empty.
-    """
-    kept = _place(job, number)
-    if kept.is_dir():
-        return _read_kept(kept)
-    newest, counts = _newest(job, spec, number)
-    if not newest:
-        return {}, counts
-    rows = spec.assemble(newest)
-    gone = removed_keys(job.root, job.source, job.tombstones)
-    for chain in spec.chains:
-        if chain.table in rows:
-            rows[chain.table] = _without(rows[chain.table], chain, gone)
-    if spec.side_files is not None:
-        rows = spec.side_files.read(Path(job.root), rows, whole)
-    return rows, counts
-
-
-def _place(job: FilterJob, number: int) -> Path:
-    return Path(job.work, "assembled", str(number))
-
-
-def _keep(
-    job: FilterJob, spec: Clean, number: int, rows: dict[str, pa.Table], counts: Counter[str]
-) -> None:
-    """Keep what was assembled, in place of the rows that it was assembled of.
-
-    The folder appears whole, so a task that is done again by another worker finds one or the other.
-    """
-    place = _place(job, number)
-    if place.is_dir():
-        return
-    fresh = place.with_name(f".{number}.{uuid.uuid4().hex[:8]}")
-    fresh.mkdir(parents=True)
-    for name, part in rows.items():
-        path = fresh / f"{name.replace('/', '.')}.arrow"
-        with pa.ipc.new_file(str(path), part.schema) as file:
-            file.write_table(part)
-    (fresh / "counts.json").write_text(json.dumps([list(rows), counts]))
-    fresh.rename(place)
-    for kind, about in spec.kinds.items():
-        if about.bucket:  # all buckets read the others
-            shutil.rmtree(Path(job.work, kind, str(number)), ignore_errors=True)
-
-
-def _read_kept(place: Path) -> tuple[dict[str, pa.Table], Counter[str]]:
-    names, counts = json.loads((place / "counts.json").read_text())
-    rows = {}
-    for name in names:
-        with pa.ipc.open_file(
-            pa.memory_map(str(place / f"{name.replace('/', '.')}.arrow"))
-        ) as file:
-            rows[name] = file.read_all()
-    return rows, Counter(counts)
-
-
-def _walk(
-    job: FilterJob, spec: Clean, rows: dict[str, pa.Table], join: Any, dry: bool = False
-) -> tuple[list[tuple[Chain, Sorted]], dict[str, pa.Table]]:
-    """Run the chains of a bucket; `dry` stops each that has scores before its scored stage."""
-    kept: dict[str, pa.Table] = {}
-    done = []
-    for chain in spec.chains:
-        if chain.table not in rows:
-            continue
-        mine = rows[chain.table]
-        if chain.relate is not None:
-            mine = chain.relate(mine, kept)
-        until = SCORED if dry and chain.scores else ""
-        result = sort_rows(mine, chain, partial(join, chain), until=until)
-        kept[chain.table] = result.kept
-        done.append((chain, result))
-    follows = {}
-    for follow in spec.follow if not dry else ():
-        if follow.table in rows and follow.of in kept:
-            mine = rows[follow.table]
-            there = pc.is_in(
-                mine.column(follow.on), kept[follow.of].column(follow.on).combine_chunks()
-            )
-            follows[follow.table] = mine.filter(there)
-    return done, follows
-
-
-def _newest(job: FilterJob, spec: Clean, number: int) -> tuple[dict[str, pa.Table], Counter[str]]:
-    """The newest rows of a bucket by kind, those that any bucket may need among them,
-    and how many older ones it had.
+    Kinds without a bucket are read by every bucket, as far as its other rows name theirs.
     """
     counts: Counter[str] = Counter()
     newest: dict[str, pa.Table] = {}
@@ -234,11 +153,135 @@ def _newest(job: FilterJob, spec: Clean, number: int) -> tuple[dict[str, pa.Tabl
     return newest, counts
 
 
-def _without(rows: pa.Table, chain: Chain, gone: frozenset[str]) -> pa.Table:
-    if not gone:
+def join(
+    job: FilterJob, spec: Clean, number: int, *, follows: bool
+) -> tuple[dict[str, pa.Table], Counter[str]]:
+    """The rows of a bucket by table, without purged ones, and its counts.
+
+    Returns the rows that `collect_texts` kept, if it did. Without `follows` the tables that follow
+    others may be empty.
+    """
+    folder = _kept_folder(job, number)
+    if folder.is_dir():
+        return _read_kept(folder)
+    newest, counts = latest(job, spec, number)
+    if not newest:
+        return {}, counts
+    rows = spec.assemble(newest)
+    purged = purged_keys(job.root, job.source, job.tombstones)
+    for chain in spec.chains:
+        if chain.table in rows:
+            rows[chain.table] = _without_purged(rows[chain.table], chain, purged)
+    if spec.side_files is not None:
+        rows = spec.side_files.read(Path(job.root), rows, follows)
+    return rows, counts
+
+
+def judge(
+    spec: Clean,
+    rows: dict[str, pa.Table],
+    score: Callable[[Chain, pa.Table], pa.Table],
+    *,
+    until_scores: bool = False,
+) -> tuple[list[tuple[Chain, Judged]], dict[str, pa.Table]]:
+    """Run the chains of a bucket, and keep the rows of tables that follow them.
+
+    `until_scores` stops each chain that has scores before its scored stage.
+    """
+    kept: dict[str, pa.Table] = {}
+    judged = []
+    for chain in spec.chains:
+        if chain.table not in rows:
+            continue
+        own = rows[chain.table]
+        if chain.relate is not None:
+            own = chain.relate(own, kept)
+        until = SCORED if until_scores and chain.scores else ""
+        result = judge_chain(own, chain, partial(score, chain), until=until)
+        kept[chain.table] = result.kept
+        judged.append((chain, result))
+    follows = {}
+    for follow in spec.follow if not until_scores else ():
+        if follow.table in rows and follow.of in kept:
+            own = rows[follow.table]
+            is_kept = pc.is_in(
+                own.column(follow.on), kept[follow.of].column(follow.on).combine_chunks()
+            )
+            follows[follow.table] = own.filter(is_kept)
+    return judged, follows
+
+
+def add_scores(job: FilterJob, spec: Clean, chain: Chain, rows: pa.Table) -> pa.Table:
+    """The rows with the largest category of each scored text, and the categories that the table
+    declares; null when nothing is scored.
+    """
+    declared = table(chain.table).names()
+    for column, largest in chain.scores.items():
+        if not job.scores or spec.scorer is None:
+            rows = rows.append_column(largest, pa.nulls(rows.num_rows, pa.float32()))
+            continue
+        texts = rows.column(column).combine_chunks()
+        scores = spec.scorer.scores(job.scores, Path(job.root), job.source, texts.cast(pa.string()))
+        top = pc.max_element_wise(
+            *(scores.column(name).combine_chunks() for name in scores.column_names)
+        )
+        rows = rows.append_column(largest, top.cast(pa.float32()))
+        for name in scores.column_names:
+            if f"{largest}_{name}" in declared:
+                rows = rows.append_column(f"{largest}_{name}", scores.column(name))
+    return rows
+
+
+def write(job: FilterJob, name: str, number: int, rows: pa.Table) -> None:
+    """Write the rows of a bucket as a part of a table, if there are any. Raises DiskFull."""
+    if rows.num_rows:
+        path = Path(job.out, table(name).short, f"part-{number:05d}.parquet")
+        write_table(path, rows, name, sync=False)
+
+
+def _kept_folder(job: FilterJob, number: int) -> Path:
+    return Path(job.work, "joined", str(number))
+
+
+def _keep(
+    job: FilterJob, spec: Clean, number: int, rows: dict[str, pa.Table], counts: Counter[str]
+) -> None:
+    """Keep joined rows instead of the rows they were joined from.
+
+    The folder appears in one step, so a task that another worker repeats sees one or the other.
+    """
+    folder = _kept_folder(job, number)
+    if folder.is_dir():
+        return
+    fresh = folder.with_name(f".{number}.{uuid.uuid4().hex[:8]}")
+    fresh.mkdir(parents=True)
+    for name, part in rows.items():
+        path = fresh / f"{name.replace('/', '.')}.arrow"
+        with pa.ipc.new_file(str(path), part.schema) as file:
+            file.write_table(part)
+    (fresh / "counts.json").write_text(json.dumps([list(rows), counts]))
+    fresh.rename(folder)
+    for kind, about in spec.kinds.items():
+        if about.bucket:  # every bucket reads the others
+            shutil.rmtree(Path(job.work, kind, str(number)), ignore_errors=True)
+
+
+def _read_kept(folder: Path) -> tuple[dict[str, pa.Table], Counter[str]]:
+    names, counts = json.loads((folder / "counts.json").read_text())
+    rows = {}
+    for name in names:
+        with pa.ipc.open_file(
+            pa.memory_map(str(folder / f"{name.replace('/', '.')}.arrow"))
+        ) as file:
+            rows[name] = file.read_all()
+    return rows, Counter(counts)
+
+
+def _without_purged(rows: pa.Table, chain: Chain, purged: frozenset[str]) -> pa.Table:
+    if not purged:
         return rows
     bare = pa.array(
-        [key.removeprefix(chain.prefix) for key in gone if key.startswith(chain.prefix)],
+        [key.removeprefix(chain.prefix) for key in purged if key.startswith(chain.prefix)],
         pa.string(),
     )
     for name in (chain.key, *chain.also):
@@ -247,31 +290,6 @@ def _without(rows: pa.Table, chain: Chain, gone: frozenset[str]) -> pa.Table:
 
 
 @cache
-def removed_keys(root: str, source: str, changed: int) -> frozenset[str]:
+def purged_keys(root: str, source: str, version: int) -> frozenset[str]:
+    """The keys of tombstones; cached by the version of their file."""
     return frozenset(tombstones.keys(Path(root), source))
-
-
-def _join(job: FilterJob, spec: Clean, chain: Chain, rows: pa.Table) -> pa.Table:
-    """The rows with the largest category of each scored text,
-    and those categories that the table has; null when nothing is scored.
-    """
-    declared = table(chain.table).names()
-    for column, largest in chain.scores.items():
-        if not job.scores or spec.scorer is None:
-            rows = rows.append_column(largest, pa.nulls(rows.num_rows, pa.float32()))
-            continue
-        texts_of = rows.column(column).combine_chunks()
-        got = spec.scorer.scores(job.scores, Path(job.root), job.source, texts_of.cast(pa.string()))
-        top = pc.max_element_wise(*(got.column(name).combine_chunks() for name in got.column_names))
-        rows = rows.append_column(largest, top.cast(pa.float32()))
-        for name in got.column_names:
-            if f"{largest}_{name}" in declared:
-                rows = rows.append_column(f"{largest}_{name}", got.column(name))
-    return rows
-
-
-def _write(job: FilterJob, name: str, number: int, rows: pa.Table) -> None:
-    if rows.num_rows:
-        write_table(
-            Path(job.out, table(name).short, f"part-{number:05d}.parquet"), rows, name, sync=False
-        )

@@ -15,8 +15,9 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core.profile.youtube import YouTubeSection
 from kb.filters.judgement import Judgement, Predicate, malformed, nothing, one, text
-from kb.filters.predicates import passes
+from kb.filters.predicates import NotTrue, Present, passes
 
 _EDGE = r"[^\pL\pN_]"
 
@@ -207,3 +208,31 @@ def _listed(parts: list[pa.Array[Any]]) -> pa.Array[Any]:
     nothing_said = pa.scalar(None, pa.string())
     listed: pa.Array[Any] = pc.if_else(pc.equal(joined, ""), nothing_said, joined)
     return listed
+
+
+# A video without one of these counts as missing.
+_NEEDED = ("view_count", "duration_s", "width", "height")
+
+
+class Evidence(Topic):
+    """What shows the topic now. It rejects nothing, because released videos were judged before."""
+
+    def fill(self, rows: pa.Table) -> pa.Table:
+        """Add `topic_evidence`; "none" where nothing shows the topic any more."""
+        rows = super().fill(rows)
+        position = rows.column_names.index("topic_evidence")
+        shown = pc.fill_null(rows["topic_evidence"], "none")
+        return rows.set_column(position, "topic_evidence", shown)
+
+    def judge(self, rows: pa.Table) -> Judgement:
+        """All pass."""
+        return Judgement(nothing(rows), nothing(rows), None)
+
+
+def released_stages(section: YouTubeSection) -> tuple[Predicate, ...]:
+    """The stages of videos that were released and are read again: what still exists passes."""
+    return (
+        NotTrue("missing", stage="missing", reason="missing"),
+        *(Present(column, stage="missing") for column in _NEEDED),
+        Evidence(section.game_ids, section.category_ids, section.words),
+    )

@@ -20,8 +20,7 @@ from kb.core.profile import DEFAULT, Profile, load_profile
 from kb.pairs import keywords
 from kb.pairs.keyword_list import NEVER, Keyword
 from kb.sandbox.speech import Speech, grammar, names_topic
-from kb.sandbox.youtube.case_rules import CaseRules, cases_by, rules_of
-from kb.sandbox.youtube.cases import Case
+from kb.sandbox.youtube.cases import Case, CaseRules, cases_by, rules_of
 
 OWN = "world.toml"  # a profile's own choice of names, beside it
 OTHER_LABEL = "UCsandboxOtherGame00001a"

@@ -1,16 +1,15 @@
-"""The sandbox's services on loopback: one threading server a service, each on a port of its own.
+"""Serves the sandbox on loopback: one threading server per service, each on a port of its own.
 
 with Sandbox(World()) as sandbox:
     os.environ |= sandbox.settings()
     sandbox.faults.add("/youtube/v3/search", status=503)
-    sandbox.gone("youtube")      # nobody listens any more
-    sandbox.back("youtube")      # … and again, on the same port
+    sandbox.servers["youtube"].stop()      # connections are refused
+    sandbox.servers["youtube"].start()     # … and accepted again, on the same port
 """
 
 from __future__ import annotations
 
 import contextlib
-import importlib
 import threading
 from collections.abc import Sequence
 from typing import Any, Self
@@ -18,15 +17,31 @@ from typing import Any, Self
 from werkzeug.serving import WSGIRequestHandler, make_server
 
 from kb.sandbox import toxicity
-from kb.sandbox.faults import Faults, Wsgi
+from kb.sandbox.faults import Faults, Ledger, Wsgi
+from kb.sandbox.reddit import service as reddit
+from kb.sandbox.wiki import service as wiki
 from kb.sandbox.world import World
+from kb.sandbox.youtube import service as youtube
+from kb.sandbox.zenodo import service as zenodo
 
-SERVICES = ("youtube", "wiki", "reddit", "zenodo")
+SERVICES: dict[str, Any] = {"youtube": youtube, "wiki": wiki, "reddit": reddit, "zenodo": zenodo}
 HOST = "127.0.0.1"
 
 
+class _RequestHandler(WSGIRequestHandler):
+    """Logs no requests to stderr, as they are in the ledger."""
+
+    def handle(self) -> None:
+        with contextlib.suppress(OSError):  # of connections that the fault plan broke
+            super().handle()
+
+    def log(self, type: str, message: str, *args: Any) -> None:
+        if type == "error" and "Error on request" in message:
+            super().log(type, message, *args)
+
+
 class Server:
-    """One WSGI application on a loopback port, served by a thread a request."""
+    """One WSGI application on a loopback port, with a thread for each request."""
 
     def __init__(self, application: Wsgi) -> None:
         self.application = application
@@ -36,26 +51,13 @@ class Server:
 
     @property
     def url(self) -> str:
-        """The root, without a slash at its end."""
+        """The root, without a trailing slash."""
         return f"http://{HOST}:{self.port}"
 
     def start(self) -> Server:
         """Listen, on the same port as before if there was one. Raises OSError."""
-
-        class Quiet(WSGIRequestHandler):
-            """Requests are in the ledger, not on stderr."""
-
-            def handle(self) -> None:
-                """Connections that the fault plan broke have no more to say."""
-                with contextlib.suppress(OSError):
-                    super().handle()
-
-            def log(self, type: str, message: str, *args: Any) -> None:
-                if type == "error" and "Error on request" in message:
-                    super().log(type, message, *args)
-
         self._server = make_server(
-            HOST, self.port, self.application, threaded=True, request_handler=Quiet
+            HOST, self.port, self.application, threaded=True, request_handler=_RequestHandler
         )
         self._server.daemon_threads = True
         self._server.block_on_close = False  # a held request must not keep the server from ending
@@ -80,36 +82,28 @@ class Server:
 class Sandbox:
     """The services over one world, with one fault plan and one ledger."""
 
-    def __init__(
-        self,
-        world: World | None = None,
-        services: Sequence[str] = SERVICES,
-    ) -> None:
+    def __init__(self, world: World | None = None, services: Sequence[str] = tuple(SERVICES)):
         self.world = world or World()
         self.faults = Faults()
-        self.servers: dict[str, Server] = {}
-        self._modules: dict[str, Any] = {}
-        for name in services:
-            self._modules[name] = importlib.import_module(f"kb.sandbox.{name}.service")
-            self.servers[name] = Server(self._modules[name].app(self.world, self.faults))
+        self.servers = {
+            name: Server(SERVICES[name].app(self.world, self.faults)) for name in services
+        }
 
     @property
-    def ledger(self) -> Any:
-        """Every request so far (kb.sandbox.ledger.Ledger)."""
+    def ledger(self) -> Ledger:
+        """Every request so far."""
         return self.faults.ledger
 
     def settings(self, *, model: bool = False) -> dict[str, str]:
-        """The settings that point at the services; `model`: the tiny toxicity model's too, made
-        when there is none.
+        """The settings that point at the services; with `model` also at the tiny toxicity model,
+        which is made on first use.
 
         Raises MissingExtra for `model` without the extra that it needs.
         """
         values = {"KB_CONTACT": "sandbox@lorecrawl.invalid"}
         for name, server in self.servers.items():
-            values |= self._modules[name].settings(server.url)
-        if model:
-            values |= toxicity.settings()
-        return values
+            values |= SERVICES[name].settings(server.url)
+        return values | (toxicity.settings() if model else {})
 
     def start(self) -> Self:
         """Listen."""
@@ -118,7 +112,7 @@ class Sandbox:
         return self
 
     def stop(self) -> None:
-        """Release what is held and stop listening."""
+        """Release held requests and stop listening."""
         self.faults.clear()
         for server in self.servers.values():
             server.stop()

@@ -8,7 +8,7 @@ import tomllib
 from pathlib import Path
 
 from kb.sandbox.toxicity import DATA
-from kb.sandbox.wiki import service
+from kb.sandbox.wiki.recorded import DATA as WIKI
 from kb.sandbox.world import World
 
 WORDS = tomllib.loads((DATA / "words.toml").read_text(encoding="utf-8"))
@@ -27,7 +27,7 @@ def demo_texts() -> list[str]:
         found += [post["title"], post["selftext"]]
     for comment in (*world.reddit.comments.values(), *comments.values()):
         found.append(comment["body"])
-    for page in sorted(Path(service.DATA, "html").rglob("*.html")):
+    for page in sorted(Path(WIKI, "html").rglob("*.html")):
         bare = re.sub(r"(?s)<(script|style).*?</\1>|<[^>]+>", " ", page.read_text(encoding="utf-8"))
         found.append(" ".join(html.unescape(bare).split()))
     storable = [re.sub("[\0\ud800-\udfff]", "\ufffd", text) for text in found if text]

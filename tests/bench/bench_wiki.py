@@ -221,7 +221,7 @@ def test_pictures_beside_the_browser_alone(make_pool, wiki, tmp_path, body, heig
         return [min(spent) for held in (cpu, wall) for spent in held.values()]
 
     def ours(browser):
-        screenshot.take(browser, tmp_path / "page.png", 1280, height)
+        screenshot.take_screenshot(browser, tmp_path / "page.png", 1280, height)
 
     def alone(browser):
         for top in range(0, height, screenshot.TILE):

@@ -39,7 +39,7 @@ from kb.filters import clean, tasks
 HEAVY = ("pandas", "torch", "transformers", "onnxruntime", "selenium", "PIL", "matplotlib", "dask")
 
 def heavy(*task):
-    tasks.parse_segment(*task)
+    tasks.decode_segment(*task)
     import pyarrow
     assert pyarrow.array([None, 1.5]).null_count == 1
     return [name for name in HEAVY if name in sys.modules]

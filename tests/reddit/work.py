@@ -21,7 +21,7 @@ from kb.reddit.connector.importer import import_dumps
 from kb.reddit.connector.refresh import refresh
 from kb.reddit.connector.source import crawl
 from kb.reddit.restore.reconstruct import rebuild
-from kb.sandbox.ledger import LoggedRequest
+from kb.sandbox.faults import LoggedRequest
 from kb.sandbox.server import Sandbox
 from tests.youtube.job import Job
 

@@ -26,7 +26,7 @@ from kb.release.downloaded import find
 from kb.schema import table
 from kb.store import tombstones
 from tests.reddit.dumped import write
-from tests.reddit.test_from_dumps import archived
+from tests.reddit.restore.test_tables import archived
 from tests.reddit.work import NOW, rows, texts
 from tests.release.conftest import a_run
 from tests.release.made import build

@@ -8,8 +8,7 @@ from collections import Counter
 import pytest
 
 from kb.core import clock
-from kb.sandbox.nouns import Noun
-from kb.sandbox.speech import MUSIC, Speech, grammar
+from kb.sandbox.speech import MUSIC, Noun, Speech, grammar
 from kb.sandbox.world import World
 from kb.sandbox.youtube.cases import Track
 

@@ -23,7 +23,7 @@ from kb.core.sources import SOURCES
 from kb.filters.clean import run_clean
 from kb.sandbox.reddit.subreddit import Subreddit
 from kb.sandbox.server import Sandbox
-from kb.sandbox.wiki.recorded import Recorded
+from kb.sandbox.wiki.recorded import RecordedWiki
 from kb.sandbox.world import World
 from kb.search import wiki_passages
 from kb.search.answers import search
@@ -80,7 +80,7 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Known]:
     }
     with pytest.MonkeyPatch.context() as patch, Sandbox(world, services=SOURCES) as sandbox:
         patch.setenv("KB_NOW", NOW)
-        patch.setattr(Recorded, "html", _sections(Recorded.html, places["wiki"]))
+        patch.setattr(RecordedWiki, "html", _sections(RecordedWiki.html, places["wiki"]))
         work = Work(sandbox, tmp_path_factory.mktemp("known"), listings=("new",), search=())
         work.crawl()
         _room("youtube").crawl(work.run(), None, None, None)
@@ -126,7 +126,7 @@ def _sections(
     """Each page gets sections more, one for each action; every second one is in a table."""
     taken: dict[str, int] = {}
 
-    def html(self: Recorded, title: str, later: bool) -> str | None:
+    def html(self: RecordedWiki, title: str, later: bool) -> str | None:
         text = plain(self, title, later)
         page = self.pages(later).get(title)
         if text is None or page is None or page.get("redirect"):

@@ -16,7 +16,7 @@ from kb.core.context import Run
 from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.sandbox.server import Sandbox
-from kb.sandbox.youtube import errors
+from kb.sandbox.youtube import resources as errors
 from kb.youtube.connector.quota import PACIFIC
 from pipelines import youtube
 from tests.youtube.job import Job

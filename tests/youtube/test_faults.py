@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from kb.sandbox.server import Sandbox
-from kb.sandbox.youtube import errors
+from kb.sandbox.youtube import resources as errors
 from kb.sandbox.youtube.service import KEY
 from tests.sandbox.domains import of_case
 from tests.youtube import walls

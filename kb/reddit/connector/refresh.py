@@ -119,7 +119,7 @@ class RedditRefresh(RedditSource):
         if self._closed:
             raise Retryable(
                 f"Reddit gave none of {len(items)} posts and comments that were there"
-                " (a closed subreddit?); nothing is taken for gone"
+                " (a closed subreddit?); nothing is treated as deleted"
             )
 
     @cached_property
@@ -150,7 +150,7 @@ class RedditRefresh(RedditSource):
         _log.warning(
             f"Reddit gave only {self.answered - self.missing} of {self.answered} ids: look there"
             " whether they are gone before `kb purge reddit` removes them here;"
-            " `kb refresh reddit --again` asks for them once more"
+            " `kb refresh reddit --again` asks for them again"
         )
 
     def _seek(self, frontier: Frontier) -> None:

@@ -89,7 +89,7 @@ def chunks(
 
 
 def read_object(line: bytes) -> dict[str, Any] | None:
-    """The object of a line; None when it is no object, or nested so deeply that reading it could
+    """The object of a line; None if it is not an object, or nested so deeply that reading it could
     end the process.
     """
     try:

@@ -19,7 +19,7 @@ import msgspec
 
 from kb.core.engine import Inline
 from kb.reddit.dumps.chunks import Chunk, chunks
-from kb.reddit.dumps.containers import ReadProgress
+from kb.reddit.dumps.containers import CHUNK, ReadProgress
 from kb.reddit.dumps.cursor import (
     KIND,
     DumpCursor,
@@ -132,7 +132,9 @@ def _extracted(
         return not job.lease or Path(job.lease).exists()
 
     source = chunks(Path(job.file), progress, cursor.offset, may_go_on)
-    for block in _blocks(source, BLOCK if window > 1 else 1):
+    # A limit may end anywhere: nothing behind it is read.
+    least = BLOCK if window > 1 else 1 if job.limit else CHUNK // 2
+    for block in _blocks(source, least):
         waiting.append((block, state, executor.submit(extract, block, rules, state, limit)))
         if len(waiting) < window:
             continue
@@ -146,14 +148,14 @@ def _extracted(
         yield from first_result()
 
 
-def _blocks(source: Iterable[Chunk], most: int) -> Iterator[list[Chunk]]:
+def _blocks(source: Iterable[Chunk], least: int) -> Iterator[list[Chunk]]:
     """Chunks together, so that handing them to other processes costs little."""
     block: list[Chunk] = []
     size = 0
     for chunk in source:
         block.append(chunk)
         size += chunk.end - chunk.begin
-        if size >= most:
+        if size >= least:
             yield block
             block, size = [], 0
     if block:

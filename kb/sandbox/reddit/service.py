@@ -9,7 +9,9 @@ from __future__ import annotations
 import base64
 import html
 import json
+import re
 import threading
+from html import escape
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -17,8 +19,8 @@ from typing import Any
 import zstandard
 from werkzeug.wrappers import Request, Response
 
+from kb.sandbox.faults import Faults
 from kb.sandbox.invented_ids import ELSEWHERE, OTHER_SUBREDDIT, PEOPLE
-from kb.sandbox.reddit.permalinks import permalink
 from kb.sandbox.reddit.subreddit import START, Subreddit
 from kb.sandbox.world import World
 
@@ -32,14 +34,14 @@ def settings(url: str) -> dict[str, str]:
     return {"REDDIT_CLIENT_ID": CLIENT, "REDDIT_CLIENT_SECRET": SECRET, "KB_REDDIT_ENDPOINT": url}
 
 
-def app(world: World, faults: Any = None) -> Any:
+def app(world: World, faults: Faults) -> Any:
     """The WSGI application."""
     service = RedditService(world.reddit)
 
     def serve(environ: dict[str, Any], start_response: Any) -> Any:
         return service.answer(Request(environ))(environ, start_response)
 
-    return faults.wrap("reddit", serve) if faults is not None else serve
+    return faults.wrap("reddit", serve)
 
 
 class RedditService:
@@ -301,3 +303,26 @@ def _list(children: list[dict[str, Any]], after: str | None = None) -> dict[str,
 def _json(body: Any, status: int = 200, headers: dict[str, str] | None = None) -> Response:
     data = body if isinstance(body, bytes) else json.dumps(body)
     return Response(data, status, headers or {}, content_type="application/json; charset=UTF-8")
+
+
+_PERMALINK = re.compile(r"r/(\w+)/comments/(\w+)(?:/([^/]*)(?:/(\w+))?)?")
+
+
+def permalink(subreddit: Subreddit, path: str) -> Response | None:
+    """The page under a permalink; None for another path, and 404 for what is not there."""
+    match = _PERMALINK.fullmatch(path)
+    if match is None:
+        return None
+    name, post, _, comment = match.groups()
+    above = subreddit.shown(f"t3_{post}")
+    below = subreddit.shown(f"t1_{comment}") if comment else None
+    elsewhere = below is not None and below["link_id"] != f"t3_{post}"
+    lost = above is None or (comment and below is None) or elsewhere
+    if above is None or lost or name.lower() != subreddit.name.lower():
+        return Response("<!DOCTYPE html><title>page not found</title>", 404, mimetype="text/html")
+    text = f"<h1>{escape(above['title'])}</h1>\n<p>{escape(above['selftext'])}</p>"
+    parts = [f'<article id="t3_{post}">{text}</article>']
+    if below is not None:
+        parts.append(f'<article id="t1_{comment}"><p>{escape(below["body"])}</p></article>')
+    page = "\n".join(["<!DOCTYPE html>", f"<title>{escape(above['title'])}</title>", *parts])
+    return Response(page.encode("utf-8", "replace"), mimetype="text/html")

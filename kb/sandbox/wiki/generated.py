@@ -16,16 +16,15 @@ from typing import Any, NamedTuple
 from kb.core import clock
 from kb.core.templates import environment
 from kb.sandbox.domain import CLASSES, Domain
-from kb.sandbox.nouns import Noun
-from kb.sandbox.speech import Cast
-from kb.sandbox.wiki.recorded import HOST, Recorded, name_of
+from kb.sandbox.speech import Cast, Noun
+from kb.sandbox.wiki.recorded import HOST, RecordedWiki, name_of
 
 PAGES = 10  # each costs a second or two of a browser's time
 TEMPLATES = Path(__file__).parent.with_name("templates") / "wiki"
 MAIN = "Main Page"
 _RECORDED_SITE = "Brinewick Wiki"
 _FIRST_ID = 1_000
-# Recorded pictures, by the names that these pages give them.
+# RecordedWiki pictures, by the names that these pages give them.
 _FILES = {
     "Face": "Saltstone_face",
     "View": "Harbour_at_dawn",
@@ -36,7 +35,7 @@ _FILES = {
 _MADE = re.compile(rf"(?<![A-Za-z])({'|'.join(_FILES)})(?=[._])")
 
 
-class NamedEntry(NamedTuple):
+class GeneratedPage(NamedTuple):
     """A page: its id, its subject with what kind of thing that is, titles that lead to it."""
 
     id: int
@@ -50,7 +49,7 @@ class NamedEntry(NamedTuple):
         return self.noun.title[:1].upper() + self.noun.title[1:]
 
 
-class Named(Recorded):
+class GeneratedWiki(RecordedWiki):
     """The wiki of a domain, with pages for the first `n` of its names."""
 
     def __init__(self, domain: Domain, n: int = PAGES) -> None:
@@ -107,7 +106,7 @@ class Named(Recorded):
                 pages |= {page["title"]: page for page in self._described(entry, edited)}
         return pages
 
-    def _described(self, entry: NamedEntry, edited: bool) -> list[dict[str, Any]]:
+    def _described(self, entry: GeneratedPage, edited: bool) -> list[dict[str, Any]]:
         """What the API says of a page and of the redirects to it."""
         day = "2024-05-02" if edited else "2024-01-12"
         made = []
@@ -156,7 +155,7 @@ class Named(Recorded):
             said["categories"] = [{"ns": 14, "title": f"Category:{one}"} for one in kinds if one]
         return said
 
-    def _rendered(self, entry: NamedEntry, page: dict[str, Any], later: bool) -> str:
+    def _rendered(self, entry: GeneratedPage, page: dict[str, Any], later: bool) -> str:
         domain, place = self.domain, self.entries.index(entry)
         others = [one for one in self.entries if one.template == "entity" and one is not entry]
         others = others[place:] + others[:place]
@@ -200,7 +199,7 @@ def _environment() -> Any:
     return environment(TEMPLATES, {"name": name_of}, autoescape=True)
 
 
-def _entries(domain: Domain, n: int, alone: bool) -> list[NamedEntry]:
+def _entries(domain: Domain, n: int, alone: bool) -> list[GeneratedPage]:
     """The pages, ten ids apart; without recorded ones a main page and a short one too."""
     fit = re.compile(r"\w[\w '(),.!&-]*")
     nouns = {noun.title: noun for noun in domain.speech.nouns}
@@ -214,10 +213,10 @@ def _entries(domain: Domain, n: int, alone: bool) -> list[NamedEntry]:
         redirects = tuple(one[:1].upper() + one[1:] for one in names if one.lower() not in taken)
         template = "entity" if place < n else "short"
         entries.append(
-            NamedEntry(_FIRST_ID + 10 * place, noun, kind.capitalize(), redirects, template)
+            GeneratedPage(_FIRST_ID + 10 * place, noun, kind.capitalize(), redirects, template)
         )
     if alone:
-        entries.insert(0, NamedEntry(1, Noun(MAIN), "", (), "main"))
+        entries.insert(0, GeneratedPage(1, Noun(MAIN), "", (), "main"))
     return entries
 
 

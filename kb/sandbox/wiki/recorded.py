@@ -21,7 +21,7 @@ KINDS = ("Things", "Places", "Words")
 _LATER = {"Lamp buoy": "lamp-float", "Charts": None}
 
 
-class Recorded:
+class RecordedWiki:
     """Pages by title, files by path, answers by name. `redirect`: a title that leads to another."""
 
     redirect = "Rock salt"

@@ -15,17 +15,16 @@ from typing import Any
 
 from werkzeug.wrappers import Request, Response
 
+from kb.sandbox.faults import Faults
 from kb.sandbox.world import World
-from kb.sandbox.youtube import errors
 from kb.sandbox.youtube import resources as answers
+from kb.sandbox.youtube import resources as errors
 from kb.sandbox.youtube.web import YouTubeWeb
 
 KEY = "sandbox-youtube-key-that-opens-nothing"
 MOST_HITS = 500
 PARTS = {
     "search": {"snippet", "id"},
-    "channels": {"snippet", "contentDetails", "statistics", "brandingSettings", "id"},
-    "playlists": {"snippet", "status", "contentDetails", "id"},
     "playlistItems": {"snippet", "contentDetails", "status", "id"},
     "videos": {"snippet", "contentDetails", "status", "statistics", "player", "id"},
     "videos:batchGetStats": {"snippet", "contentDetails", "statistics", "id"},
@@ -37,7 +36,7 @@ def settings(url: str) -> dict[str, str]:
     return {"YOUTUBE_API_KEY": KEY, "KB_YOUTUBE_ENDPOINT": url, "KB_YOUTUBE_WEB": url}
 
 
-def app(world: World, faults: Any = None) -> Any:
+def app(world: World, faults: Faults) -> Any:
     """The WSGI application."""
     api, web = DataApi(world), YouTubeWeb(world)
 
@@ -48,7 +47,7 @@ def app(world: World, faults: Any = None) -> Any:
         )
         return response(environ, start_response)
 
-    return faults.wrap("youtube", serve) if faults is not None else serve
+    return faults.wrap("youtube", serve)
 
 
 class ApiRefusal(Exception):
@@ -127,35 +126,6 @@ class DataApi:
             **tokens,
         )
         return {**body, "regionCode": "US"}
-
-    def _channels(self, request: Request, parts: set[str]) -> dict[str, Any]:
-        wanted = _ids(request)
-        channels = [one for one in self.world.youtube.channels if one.id in wanted]
-        return answers.page(
-            "channel",
-            [_item("channel", one.id, answers.channel_parts(one), parts) for one in channels],
-            len(channels),
-            5,
-        )
-
-    def _playlists(self, request: Request, parts: set[str]) -> dict[str, Any]:
-        owner, wanted = request.args.get("channelId"), _list(request, "id")
-        if not owner and not wanted:
-            raise ApiRefusal(errors.no_filter())
-        channels = [
-            one
-            for one in self.world.youtube.channels
-            if one.listed and (one.id == owner or one.uploads in wanted)
-        ]
-        return answers.page(
-            "playlist",
-            [
-                _item("playlist", one.uploads, answers.playlist_parts(one), parts)
-                for one in channels
-            ],
-            len(channels),
-            5,
-        )
 
     def _playlistItems(self, request: Request, parts: set[str]) -> dict[str, Any]:
         playlist = request.args.get("playlistId", "")

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import html
 import json
+from functools import partial
+from typing import Any
 
 from werkzeug.wrappers import Request, Response
 
-from kb.sandbox.speech import MUSIC, ROLLING, word_starts
+from kb.sandbox.json_templates import written
 from kb.sandbox.world import World
-from kb.sandbox.youtube.player import player_answer, signature
-from kb.sandbox.youtube.watch_page import PAGE_KEY, watch_page
+from kb.sandbox.youtube.catalogue import Video
+from kb.sandbox.youtube.player import is_gone, player_answer, signature
 
 
 class YouTubeWeb:
@@ -69,12 +71,7 @@ class YouTubeWeb:
                 "", 200, mimetype="text/html"
             )  # what the real service answers to an unknown or altered address, or without a token
         cues = self.world.youtube.cues(video, track, request.args.get("tlang"))
-        return Response(
-            word_timed(cues, automatic=track.kind == "asr")
-            if request.args.get("fmt") == "srv3"
-            else timed_text(cues),
-            content_type="text/xml; charset=UTF-8",
-        )
+        return Response(timed_text(cues), content_type="text/xml; charset=UTF-8")
 
 
 def _refusal(message: str) -> Response:
@@ -94,22 +91,74 @@ def timed_text(cues: list[tuple[float, float, str]]) -> str:
     return f'<?xml version="1.0" encoding="utf-8" ?><transcript>{lines}</transcript>'
 
 
-def word_timed(cues: list[tuple[float, float, str]], *, automatic: bool) -> str:
-    """Cues as XML in the form `srv3`: times in ms, and of an automatic track each word's own."""
-    lines = []
-    for start, length, text in cues:
-        inner = html.escape(text)
-        if automatic and text != MUSIC:
-            words = text.split()
-            at = [round(second * 1000) for second in word_starts(words, length / ROLLING)]
-            first, *rest = (html.escape(word) for word in words)
-            inner = f'<s ac="0">{first}</s>' + "".join(
-                f'<s t="{ms}" ac="0"> {word}</s>' for ms, word in zip(at[1:], rest, strict=True)
-            )
-        mark = ' w="1"' if automatic else ""
-        start_ms, shown_ms = round(start * 1000), round(length * 1000)
-        lines.append(f'<p t="{start_ms}" d="{shown_ms}"{mark}>{inner}</p>\n')
-    return (
-        '<?xml version="1.0" encoding="utf-8" ?><timedtext'
-        f' format="3">\n<body>\n{"".join(lines)}</body>\n</timedtext>\n'
+PAGE_KEY = "sandbox_page_key"  # every page shows it; the player wants it back
+_part = partial(written, "youtube/watch_page.json")
+
+
+def watch_page(video: Video | None, key: str) -> str:
+    """The page of a video: settings with the key, the first player answer, the page's data."""
+    config = _part("settings", {"key": PAGE_KEY})
+    player = player_answer(video, key)
+    for track in (
+        player.get("captions", {})
+        .get("playerCaptionsTracklistRenderer", {})
+        .get("captionTracks", [])
+    ):
+        track["name"] = {"simpleText": track["name"]["runs"][0]["text"]}  # as the page writes it
+    title = (
+        html.escape(video.title if video else "YouTube")
+        .replace("\x00", "")
+        .encode("utf-8", "replace")
+        .decode()
     )
+    padding = "\n".join(
+        f".ytd-part-{number}{{margin:0 auto;padding:{number % 9}px;color:#0f0f0f}}"
+        for number in range(250)
+    )
+    return (
+        f'<!DOCTYPE html><html lang="en"><head><title>{title} -'
+        f" YouTube</title><style>{padding}</style>"
+        f'<script nonce="sandbox">(function() {{window.ytcfg = {{}};ytcfg.set({_script(config)});'
+        f' }})();</script></head><body dir="ltr">'
+        f'<script nonce="sandbox">var ytInitialPlayerResponse = {_script(player)};var meta ='
+        " document.createElement('meta');</script>"
+        '<script nonce="sandbox">var ytInitialData ='
+        f" {_script(_page_data(video, key))};</script></body></html>"
+    )
+
+
+def _script(value: Any) -> str:
+    return json.dumps(value).replace("<", "\\u003c").replace("&", "\\u0026")
+
+
+def _page_data(video: Video | None, key: str) -> Any:
+    if video is None or is_gone(video):
+        return _part("gone", {"id": key})
+    row, panels = None, []
+    if video.label:
+        # The label has stood in two places over the years; videos of odd number have the older one.
+        browse, name = video.label
+        values = {"name": name, "endpoint": _part("channel", {"id": browse})}
+        if video.number % 2:
+            row = _part("label_row", values)
+        else:
+            panels = [_part("label_panel", values)]
+    values = {
+        **_of(video),
+        "description": video.description,
+        "owner": _part("channel", {"id": video.channel.id}),
+        "row": row,
+        "panels": panels,
+        "related": [_part("related", _of(other)) for other in video.channel.videos[:8]],
+    }
+    return _part("there", values)
+
+
+def _of(video: Video) -> dict[str, Any]:
+    return {
+        "id": video.id,
+        "title": video.title,
+        "length": f"{video.seconds // 60}:{video.seconds % 60:02d}",
+        "channel_id": video.channel.id,
+        "channel_title": video.channel.title,
+    }

@@ -41,12 +41,9 @@ class ZenodoError(HTTPException):
         status: int,
         message: str,
         errors: list[dict[str, Any]] | None = None,
-        headers: dict[str, str] | None = None,
     ) -> None:
         body = {"status": status, "message": message} | ({"errors": errors} if errors else {})
-        super().__init__(
-            response=Response(json.dumps(body), status, headers, mimetype="application/json")
-        )
+        super().__init__(response=Response(json.dumps(body), status, mimetype="application/json"))
         self.code = status
 
 

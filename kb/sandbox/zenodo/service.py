@@ -18,6 +18,8 @@ from werkzeug.exceptions import BadRequest, HTTPException
 from werkzeug.routing import Map, Rule
 from werkzeug.wrappers import Request, Response
 
+from kb.sandbox.faults import Faults
+from kb.sandbox.world import World
 from kb.sandbox.zenodo.answers import (
     Deposition,
     ZenodoError,
@@ -32,8 +34,6 @@ from kb.sandbox.zenodo.answers import (
 )
 
 TOKEN = "sandbox-deposit-token"
-MOST_FILES = 100
-MOST_BYTES = 50 * 10**9
 _UNAUTHORIZED = (
     "The server could not verify that you are authorized to access the URL requested."
     " You either supplied the wrong credentials (e.g. a bad password),"
@@ -47,12 +47,10 @@ def settings(url: str) -> dict[str, str]:
     return {"KB_ZENODO_ENDPOINT": url, "ZENODO_TOKEN": TOKEN}
 
 
-def app(world: Any = None, faults: Any = None) -> Any:
-    """The WSGI application, with a store of its own that is its `.deposits`."""
-    service = Deposits(token=TOKEN)
-    if not hasattr(faults, "wrap"):
-        return service
-    wrapped = faults.wrap("zenodo", service)
+def app(world: World, faults: Faults) -> Any:
+    """The WSGI application; its `deposits` hold what was uploaded."""
+    service = Deposits()
+    wrapped: Any = faults.wrap("zenodo", service)
     wrapped.deposits = service
     return wrapped
 
@@ -60,10 +58,8 @@ def app(world: Any = None, faults: Any = None) -> Any:
 class Deposits:
     """The service: a WSGI callable with its deposits in `by_id`."""
 
-    def __init__(self, token: str = TOKEN) -> None:
-        self.token = token
+    def __init__(self) -> None:
         self.by_id: dict[int, Deposition] = {}
-        self.deposits = self
         self._numbers = itertools.count(100_001)
         self._lock = threading.RLock()
         base = "/api/deposit/depositions"
@@ -73,7 +69,6 @@ class Deposits:
                 Rule(base, endpoint=self._create, methods=["POST"]),
                 Rule(f"{base}/<int:number>", endpoint=self._get, methods=["GET"]),
                 Rule(f"{base}/<int:number>", endpoint=self._update, methods=["PUT"]),
-                Rule(f"{base}/<int:number>", endpoint=self._delete, methods=["DELETE"]),
                 Rule(f"{base}/<int:number>/files", endpoint=self._files, methods=["GET"]),
                 Rule(
                     f"{base}/<int:number>/files/<file>", endpoint=self._remove, methods=["DELETE"]
@@ -124,7 +119,7 @@ class Deposits:
         ) or request.args.get("access_token", "")
         if not given:
             raise ZenodoError(401, _UNAUTHORIZED)
-        if given != self.token:
+        if given != TOKEN:
             raise ZenodoError(403, "Invalid access token.")
 
     def _list(self, request: Request) -> Response:
@@ -134,10 +129,8 @@ class Deposits:
             for one in self.by_id.values()
             if status is None or one.submitted == (status == "published")
         ]
-        start = (request.args.get("page", 1, int) - 1) * (size := request.args.get("size", 10, int))
-        return as_json(
-            [self._shown(one, request) for one in reversed(wanted)][start : start + size]
-        )
+        newest = wanted[::-1][: request.args.get("size", 10, int)]
+        return as_json([self._shown(one, request) for one in newest])
 
     def _create(self, request: Request) -> Response:
         metadata = checked_metadata(json_body(request).get("metadata", {}), whole=False)
@@ -173,10 +166,6 @@ class Deposits:
         deposit.metadata = checked_metadata(body["metadata"], whole=False)
         return as_json(self._shown(deposit, request))
 
-    def _delete(self, request: Request, number: int) -> Response:
-        del self.by_id[self._draft(number).id]
-        return Response(status=204)
-
     # -- files -----------------------------------------------------------------------------------
 
     def _files(self, request: Request, number: int) -> Response:
@@ -203,10 +192,6 @@ class Deposits:
         data = request.get_data(cache=False)
         if request.content_length is not None and len(data) != request.content_length:
             raise BadRequest("The request body was cut off.")
-        if name not in deposit.files and len(deposit.files) >= MOST_FILES:
-            raise ZenodoError(400, f"The deposit has more than {MOST_FILES} files.")
-        if sum(map(len, deposit.files.values())) + len(data) > MOST_BYTES:
-            raise ZenodoError(413, "Quota limit exceeded.")
         deposit.files[name] = data
         return as_json(file_stored(deposit, name, request), 201)
 

@@ -135,17 +135,17 @@ def capture(
     if page["truncated"]:
         raise ItemFinal("too_many_elements", str(rules["max_elements"]))
     crops = {
-        e["id"]: screenshot.snapped(e["box"])
+        e["id"]: screenshot.pixel_box(e["box"])
         for e in extraction["elements"]
         if e["kind"] == "sprite" and e.get("css") and e["visible"]
     }
     html = browser.script(_HTML)
     watch.lap("html")
     # Each picture has the time of a page, so that a tall one does not fail on a busy machine.
-    browser.allow(browser.page_seconds * (1 + screenshot.tiles(page["height"])))
-    sprites = screenshot.take(browser, shot, page["width"], page["height"], crops)
+    browser.allow(browser.page_seconds * (1 + screenshot.count_tiles(page["height"])))
+    sprites = screenshot.take_screenshot(browser, shot, page["width"], page["height"], crops)
     if browser.script(_MEASURE) != [page["width"], page["height"]]:
-        raise Retryable("page_moved: its size changed while it was pictured")
+        raise Retryable("page_moved: its size changed during the screenshot")
     watch.lap("screenshot")
     return Captured(extraction, html, settled, sprites, watch.seconds)
 

@@ -1,8 +1,10 @@
-"""The whole page as one PNG: taken in tiles, checked, and joined in bounded memory.
+"""Takes a screenshot of a whole page: tiles from the browser, checked and joined to one PNG.
 
-A graphics path with a limit repeats or blanks what lies beyond it without a word. So every tile
-of a tall page shows the first rows of the next one too, which are compared, and the last one is
-compared with a thin strip of the same place, taken by itself: that one lies beyond any limit.
+A graphics path with a size limit silently repeats or blanks whatever lies beyond it. Each tile of a
+tall page therefore overlaps the next one by a strip, and the two are compared. The end of the last
+tile is compared with a strip captured separately, which is small enough for any limit.
+
+The image is written a tile at a time, so memory does not grow with the height of the page.
 """
 
 from __future__ import annotations
@@ -10,25 +12,30 @@ from __future__ import annotations
 import base64
 import io
 import math
+import struct
+import zlib
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from kb.core.errors import Retryable
 from kb.wiki.browser.browser import Browser
-from kb.wiki.capture.png import Box, PixelRows, PngWriter
 
-# CSS px. A browser paints the whole page anew for each picture, so that few tall ones cost least;
-# a tile with its strip keeps within the lowest limit that was seen, 8,192.
+# CSS px. The browser paints the whole page for every tile, so few tall tiles are cheapest. A tile
+# with its strip stays within 8,192, the lowest limit observed.
 STRIP = 16
 TILE = 8192 - STRIP
 MAX_CROP = 2048
+_COMPRESSION = 4  # screenshots are flat: higher levels gain little
+_FILTER_UP = 2  # PNG filter: each byte is the difference to the one above
+
+Box = tuple[int, int, int, int]
 
 
-def snapped(box: Iterable[float]) -> Box:
-    """(left, top, right, bottom) of a box (x, y, width, height) as the browser paints it: edges go
-    to the nearest pixel.
+def pixel_box(box: Iterable[float]) -> Box:
+    """Convert (x, y, width, height) to (left, top, right, bottom) with edges on whole pixels, as
+    the browser paints them.
     """
     x, y, width, height = box
     return (
@@ -39,42 +46,42 @@ def snapped(box: Iterable[float]) -> Box:
     )
 
 
-def take(
+def take_screenshot(
     browser: Browser, path: Path, width: int, height: int, crops: dict[int, Box] | None = None
 ) -> dict[int, bytes]:
-    """Write the image to `path`; the PNG bytes of each crop.
+    """Write the screenshot to `path` and return the PNG bytes of each crop.
 
-    `width` and `height` are the page's (CSS px, one image px each). Raises Retryable when the
-    image is not the page.
+    `width` and `height` are the page's, in CSS px, which equal image px. Raises Retryable when the
+    image does not match the page.
     """
-    # While the browser takes a picture, a thread joins the one before.
-    with PngWriter(path, width, height) as whole, ThreadPoolExecutor(1) as thread:
-        joint = _Joint(whole, width, crops or {})
-        behind: Future[None] | None = None
-        for top, rows, more in _pictures(height):
-            data = _capture(browser, top, width, rows + more)
-            if behind is not None:
-                behind.result()
-            behind = thread.submit(joint.add, data, top, rows, more)
-        if behind is not None:
-            behind.result()
-    return {key: encode(piece) for key, piece in joint.pieces.items()}
+    # One thread joins a tile while the browser captures the next one.
+    with PngWriter(path, width, height) as png, ThreadPoolExecutor(1) as thread:
+        joiner = _TileJoiner(png, width, crops or {})
+        joining: Future[None] | None = None
+        for top, rows, overlap in _tiles(height):
+            data = _capture(browser, top, width, rows + overlap)
+            if joining is not None:
+                joining.result()
+            joining = thread.submit(joiner.add, data, top, rows, overlap)
+        if joining is not None:
+            joining.result()
+    return {key: encode_png(piece) for key, piece in joiner.pieces.items()}
 
 
-def tiles(height: int) -> int:
-    """How many pictures a page of so many CSS px takes, the strip included."""
-    return len(list(_pictures(height)))
+def count_tiles(height: int) -> int:
+    """Return how many captures a page of `height` CSS px takes, including the separate strip."""
+    return len(list(_tiles(height)))
 
 
-def encode(image: Any) -> bytes:
-    """A small Pillow image as PNG bytes."""
-    held = io.BytesIO()
-    image.save(held, "PNG", optimize=False)
-    return held.getvalue()
+def encode_png(image: Any) -> bytes:
+    """Encode a small Pillow image as PNG."""
+    buffer = io.BytesIO()
+    image.save(buffer, "PNG", optimize=False)
+    return buffer.getvalue()
 
 
-def _pictures(height: int) -> Iterator[tuple[int, int, int]]:
-    """(top, rows, rows of the next tile that it shows too) of each picture."""
+def _tiles(height: int) -> Iterator[tuple[int, int, int]]:
+    """Yield (top, rows, rows shared with the next tile) of each capture."""
     for top in range(0, height, TILE):
         rows = min(TILE, height - top)
         yield top, rows, min(STRIP, height - top - rows)
@@ -83,35 +90,101 @@ def _pictures(height: int) -> Iterator[tuple[int, int, int]]:
         yield height - strip, 0, strip
 
 
-class _Joint:
-    """Where pictures are compared, joined and cropped, from top to bottom."""
+class _TileJoiner:
+    """Compares, joins and crops the tiles of a page, from top to bottom."""
 
-    def __init__(self, whole: PngWriter, width: int, crops: dict[int, Box]) -> None:
+    def __init__(self, png: PngWriter, width: int, crops: dict[int, Box]) -> None:
         from PIL import Image
 
-        self._whole, self._width, self._crops = whole, width, crops
+        self._png, self._width, self._crops = png, width, crops
         self.pieces: dict[int, Any] = {
             key: Image.new("RGB", (right - left, bottom - top))
             for key, (left, top, right, bottom) in crops.items()
             if 0 < right - left <= MAX_CROP and 0 < bottom - top <= MAX_CROP
         }
-        self._below: Any = None
+        self._strip: Any = None  # what the next tile must begin with
 
-    def add(self, data: bytes, top: int, rows: int, more: int) -> None:
-        """Append the first `rows` of a picture (PNG bytes). Raises Retryable."""
-        tile = PixelRows.read(data, self._width, rows + more)
-        if self._below is not None:
-            _compare(self._below, tile.part((0, 0, self._width, self._below.height)))
+    def add(self, data: bytes, top: int, rows: int, overlap: int) -> None:
+        """Append the first `rows` of a tile (PNG bytes). Raises Retryable."""
+        width, end = self._width, rows + overlap
+        tile = decode_tile(data, width, end)
+        if self._strip is not None:
+            _compare(self._strip, tile.crop((0, 0, width, self._strip.height)))
         if not rows:
             return
-        end = rows + more
-        self._below = tile.part((0, end - (more or min(STRIP, rows)), self._width, end))
-        self._whole.add(tile, rows)
+        self._strip = tile.crop((0, end - (overlap or min(STRIP, rows)), width, end))
+        self._png.add(tile.crop((0, 0, width, rows)))
         for key, piece in self.pieces.items():
             left, upper, right, lower = self._crops[key]
             if upper < top + rows and lower > top:
                 box = left, max(upper, top) - top, right, min(lower, top + rows) - top
-                piece.paste(tile.part(box), (0, max(upper, top) - upper))
+                piece.paste(tile.crop(box), (0, max(upper, top) - upper))
+
+
+def decode_tile(data: bytes, width: int, height: int) -> Any:
+    """Decode PNG bytes to a Pillow RGB image. Raises Retryable for damage or another size."""
+    from PIL import Image
+
+    try:
+        with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
+            # The header's size is checked before any pixel is decoded.
+            if image.size != (width, height):
+                size = "{} × {} instead of {} × {} px".format(*image.size, width, height)
+                raise Retryable(f"screenshot_size: {size}")
+            return image.convert("RGB")
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise Retryable(f"screenshot_damaged: {error}") from None
+
+
+class PngWriter:
+    """Writes a PNG from top to bottom; leaving the block completes the file.
+
+    Pillow can only encode an image that is in memory as a whole.
+    """
+
+    def __init__(self, path: Path, width: int, height: int) -> None:
+        self._path, self._width, self._height, self._rows = path, width, height, 0
+        self._compressor = zlib.compressobj(_COMPRESSION)
+        self._last_row: Any = None
+
+    def __enter__(self) -> Self:
+        self._file = self._path.open("wb")
+        self._file.write(b"\x89PNG\r\n\x1a\n")
+        # Eight bits per channel, colour type 2 (RGB), not interlaced (PNG specification, 11.2.2).
+        header = struct.pack(">IIBBBBB", self._width, self._height, 8, 2, 0, 0, 0)
+        self._write_chunk(b"IHDR", header)
+        return self
+
+    def add(self, image: Any) -> None:
+        """Append a Pillow RGB image. Raises Retryable when its width differs."""
+        from PIL import Image, ImageChops
+
+        width, height = image.size
+        if width != self._width:
+            raise Retryable(f"screenshot_size: a tile of {width} in an image of {self._width} px")
+        above = Image.new("RGB", image.size)
+        above.paste(image, (0, 1))
+        if self._last_row is not None:
+            above.paste(self._last_row, (0, 0))
+        differences = ImageChops.subtract_modulo(image, above).tobytes()
+        # One byte with the filter's number precedes each row.
+        rows = Image.new("L", (1 + 3 * width, height), _FILTER_UP)
+        rows.paste(Image.frombuffer("L", (3 * width, height), differences), (1, 0))
+        self._write_chunk(b"IDAT", self._compressor.compress(rows.tobytes()))
+        self._last_row = image.crop((0, height - 1, width, height))
+        self._rows += height
+
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        with self._file:
+            if kind is None:
+                if self._rows != self._height:
+                    raise Retryable(f"screenshot_size: {self._rows} rows of {self._height}")
+                self._write_chunk(b"IDAT", self._compressor.flush())
+                self._write_chunk(b"IEND", b"")
+
+    def _write_chunk(self, name: bytes, data: bytes) -> None:
+        self._file.write(struct.pack(">I", len(data)) + name + data)
+        self._file.write(struct.pack(">I", zlib.crc32(data, zlib.crc32(name))))
 
 
 def _capture(browser: Browser, top: int, width: int, rows: int) -> bytes:
@@ -127,9 +200,9 @@ def _capture(browser: Browser, top: int, width: int, rows: int) -> bytes:
     return base64.b64decode(answer["data"])
 
 
-def _compare(one: Any, other: Any) -> None:
-    """Two images of the same rows: what repeats or blanks shows."""
+def _compare(expected: Any, actual: Any) -> None:
+    """Raise Retryable unless two images of the same rows are equal."""
     from PIL import ImageChops
 
-    if ImageChops.difference(one, other).getbbox():
+    if ImageChops.difference(expected, actual).getbbox():
         raise Retryable("screenshot_repeats: a tile does not show its part of the page")

@@ -23,7 +23,7 @@ from kb.store.layout import Layout
 from kb.wiki import urls
 from kb.wiki.browser.pool import Pool
 from kb.wiki.capture.page import Captured, capture, check_shown
-from kb.wiki.capture.screenshot import snapped
+from kb.wiki.capture.screenshot import pixel_box
 from kb.wiki.connector.hosts import WikiHosts
 from kb.wiki.errors import Challenge, NotNow, NotShown, PageRefused
 
@@ -111,7 +111,7 @@ def _look_at_front_page(web: WikiHosts) -> None:
         web.attempt(lambda: web.get(f"{web.root}/", {}), service="the wiki")
     except ItemFinal as error:
         raise Blocked(
-            f"the wiki refuses us ({error.reason})", hint="wait and run the same command again"
+            f"the wiki blocks requests ({error.reason})", hint="wait and run the same command again"
         ) from None
 
 
@@ -179,7 +179,7 @@ def _store(root: Path, item: Item, captured: Captured, shot: Path) -> dict[str, 
     for element, data in sorted(captured.sprites.items()):
         name = hashlib.sha256(data).hexdigest()
         sprites[str(element)] = name
-        left, top, right, bottom = snapped(captured.extraction["elements"][element]["box"])
+        left, top, right, bottom = pixel_box(captured.extraction["elements"][element]["box"])
         captured.extraction["elements"][element]["crop"] = [right - left, bottom - top]
         sidefiles.write_named(images / f"{name}.png", data)
     files = wanted_files(captured.extraction)

@@ -1,0 +1,238 @@
+"""Options that each command takes and refuses; signals while one runs."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from kb.cli import main
+from kb.cli.app import leaves
+from kb.cli.framework.options import COMMON, DESCRIBED, SHARED
+from tests.cli.conftest import clean_environment
+
+COMMANDS = dict(leaves())
+
+
+@pytest.mark.parametrize("option", DESCRIBED)
+def test_what_differs_by_command_is_described_for_each(option: str) -> None:
+    """Not one sentence for all: what --limit counts, what --again reads, what --json holds."""
+    helps = {
+        name: parameter.help
+        for name, command in COMMANDS.items()
+        for parameter in command.params
+        if parameter.name == option
+    }
+    assert len(helps) >= 10
+    assert all(helps.values()), [name for name, text in helps.items() if not text]
+    assert len(set(helps.values())) > len(helps) / 2
+
+
+CLUSTER = {"workers", "engine", "scheduler"}
+
+
+SOURCES = ("youtube", "wiki", "reddit")
+
+
+# What has an effect on each command, besides the common options; all else is refused.
+APPLIES = {
+    "youtube crawl": {"workers", "limit", "wait", "again", "pipeline"},
+    "youtube check": {"limit", "wait", "again"},
+    "youtube import": {"limit"},
+    "wiki crawl": {"workers", "limit", "wait", "again", "pipeline"},
+    "reddit crawl": {"limit", "wait", "again"},
+    "reddit import": {*CLUSTER, "limit", "again"},
+    "reddit reconstruct": {"workers", "limit", "wait", "again"},
+    **{f"{source} filter": {*CLUSTER, "limit", "pipeline"} for source in SOURCES},
+    **{f"annotate {source}": {*CLUSTER, "limit", "pipeline"} for source in SOURCES},
+    **{f"{source} export": {"engine", "scheduler", "pipeline"} for source in SOURCES},
+    **{f"purge {source}": CLUSTER for source in SOURCES},
+    "pairs": {*CLUSTER, "limit", "again", "pipeline"},
+    "links": {*CLUSTER, "again", "pipeline"},
+    "release": {"pipeline"},
+    "release publish": {"wait", "pipeline"},
+    "report": {"workers"},
+    "index": {"again"},
+    "search": {"limit"},
+    "query": {"limit"},
+    "restore": {"workers", "limit", "wait", "again"},
+    "refresh youtube": {"limit", "wait"},
+    "refresh reddit": {*CLUSTER, "limit", "wait", "again"},
+    "demo": CLUSTER,
+}
+
+
+WITHOUT = {
+    "models fetch": {"data", "profile"},
+    "profile new": {"data", "profile"},
+    "sandbox": {"json"},
+    "mcp": {"json"},
+}
+
+
+VALUES = {"workers": "2", "limit": "3", "engine": "local", "scheduler": "tcp://127.0.0.1:1"} | {
+    "pipeline": "mine.py",
+    "data": "here",
+    "profile": "minecraft",
+}
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_a_command_takes_what_has_an_effect_on_it_and_refuses_the_rest(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    wanted = (set(COMMON) - WITHOUT.get(name, set())) | APPLIES.get(name, set())
+    options = {parameter.name for parameter in COMMANDS[name].params}
+    assert options & set(SHARED) == wanted
+    for option in sorted(set(SHARED) - wanted):
+        given = [f"--{option}", *([VALUES[option]] if option in VALUES else [])]
+        with pytest.raises(SystemExit) as ended:
+            main([*name.split(), *given])
+        assert ended.value.code == 2
+        line = capsys.readouterr().err
+        assert line.count("\n") == 1
+        assert f"`kb {name}` has no --{option}; it is an option of `kb " in line
+        for other in re.findall(r"option of (.*?);", line)[0].split(" and "):
+            for path in re.findall(r"`kb ([a-z ]+)`", other):
+                assert option in {parameter.name for parameter in COMMANDS[path].params}
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_option_before_a_groups_command_is_not_dropped(kb: Any) -> None:
+    answer = kb("pairs", "--data", "elsewhere", "keywords")
+    assert answer.returncode == 2
+    assert "`kb pairs keywords --data …`" in answer.stderr
+
+
+# Two commands of the usual make: one that looks at the stop flag between items, one that is blocked
+# in a wait. A shell without job control starts background jobs, this suite perhaps, with SIGINT
+# ignored, and children inherit that.
+PROGRAM = """
+import signal, sys, threading
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from kb.cli.framework.exit_codes import run_to_exit_code
+from kb.cli.framework.command import command, group
+from kb.core import clock, signals
+from kb.core.verdict import Summary
+
+app = group("Test.")
+
+def block():
+    while True:  # a signal between the call and the wait in it would be seen when the wait ends
+        threading.Event().wait(0.05)
+
+@command(app, examples=["x"])
+def crawl(run):
+    '''Crawl.'''
+    done = 0
+    try:
+        while True:
+            signals.stop.check()
+            done += 1
+            if done == 1:
+                print("ready", flush=True)
+            clock.sleep(0.01)
+    except signals.Interrupted as stopped:
+        stopped.summary = Summary(crawled=done > 0)
+        raise
+
+@command(app, examples=["x"])
+def deaf(run):
+    '''An item that takes for ever.'''
+    print("ready", flush=True)
+    while not signals.stop.wait(0.05):
+        pass
+    print("asked", flush=True)
+    block()
+
+@command(app, examples=["x"], resumable=False)
+def query(run):
+    '''Blocked in something that knows no flag.'''
+    print("ready", flush=True)
+    block()
+
+sys.exit(run_to_exit_code(lambda: app(prog_name="x", standalone_mode=False)))
+"""
+
+
+def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    environment = {**clean_environment(), "PYTHONPATH": str(Path(__file__).parents[2])}
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, *arguments],
+        cwd=folder,
+        env=environment,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    return process
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_crawl_finishes_the_item_in_hand_and_says_how_to_go_on(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    process = start(tmp_path, "crawl")
+    process.send_signal(number)
+    out, err = process.communicate(timeout=30)
+    assert process.returncode == 3
+    assert err == f"kb: stopped by {number.name}; run the same command to resume\n"
+    assert out == f"1 crawled, stopped by {number.name}\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_query_ends_at_once(tmp_path: Path, number: signal.Signals) -> None:
+    process = start(tmp_path, "query")
+    process.send_signal(number)
+    out, err = process.communicate(timeout=30)
+    assert (process.returncode, out) == (3, "")
+    assert err.count("\n") == 1
+
+
+def test_a_second_ctrl_c_does_not_wait_for_the_item(tmp_path: Path) -> None:
+    process = start(tmp_path, "deaf")
+    process.send_signal(signal.SIGINT)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "asked\n"
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 3
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_a_command_is_still_being_loaded(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    """Whatever is imported when it comes: here the command tree, which says so and waits."""
+    (tmp_path / "typer.py").write_text(
+        'import time\nprint("importing", flush=True)\nwhile True:\n    time.sleep(0.05)\n'
+    )
+    program = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
+        " from kb.cli import main; main()"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, "youtube", "crawl", "--json"],
+        cwd=tmp_path,
+        env={**clean_environment(), "PYTHONPATH": f"{tmp_path}:{Path(__file__).parents[2]}"},
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "importing\n"
+    process.send_signal(number)
+    out, err = process.communicate(timeout=30)
+    assert process.returncode == 3
+    assert err == f"kb: stopped by {number.name}; run the same command to resume\n"
+    assert json.loads(out) == {"stopped": f"stopped by {number.name}"}

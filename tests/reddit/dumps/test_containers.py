@@ -1,0 +1,236 @@
+"""The same records in every container give the same things, also cut off, empty or killed."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zstandard
+
+from kb.core.errors import LimitReached
+from kb.reddit.connector.importer import import_dumps
+from kb.reddit.dumps import containers
+from kb.reddit.dumps.containers import ReadProgress, memory
+from kb.store import rawlog
+from tests.reddit.dumped import import_killed, imported, post, run_in, write
+
+Pack = Callable[[bytes], bytes]
+
+
+def plain(data: bytes) -> bytes:
+    return data
+
+
+def zstd(data: bytes) -> bytes:
+    """Two frames."""
+    half = data.find(b"\n", len(data) // 2) + 1
+    return b"".join(map(frame, filter(None, (data[:half], data[half:]))))
+
+
+def frame(data: bytes) -> bytes:
+    """With a checksum, as `zstd` writes it."""
+    return zstandard.ZstdCompressor(write_checksum=True).compress(data)
+
+
+def members(data: bytes) -> bytes:
+    """Two members, the first of which ends in the middle of a line."""
+    half = len(data) // 2
+    return gzip.compress(data[:half]) + gzip.compress(data[half:])
+
+
+def blocks(data: bytes, rows: int = 100) -> bytes:
+    lines = data.splitlines()
+    return b"".join(block(lines[at : at + rows]) for at in range(0, len(lines), rows))
+
+
+def block(rows: list[bytes]) -> bytes:
+    at, table = 0, [len(rows)]
+    for row in rows:
+        table += [at, len(row)]
+        at += len(row)
+    made = frame(struct.pack(f"<{len(table)}I", *table) + b"".join(rows))
+    return struct.pack("<I", len(made)) + made
+
+
+PACKS = [plain, zstd, members, blocks]
+each = pytest.mark.parametrize("pack", PACKS)
+
+
+def joined(records: list[Any], end: bytes = b"\n") -> bytes:
+    return b"".join(json.dumps(record).encode() + end for record in records)
+
+
+def records(number: int, size: int = 40) -> list[dict[str, Any]]:
+    chance = os.urandom(size * number)
+    return [
+        post(
+            f"p{n:05d}",
+            selftext=chance[n * size : (n + 1) * size].hex(),
+            subreddit="Minecraft" if n % 3 else "gardening",
+        )
+        for n in range(number)
+    ]
+
+
+def took(root: Path, files: list[Path], **options: Any) -> dict[str, Any]:
+    return import_dumps(run_in(root, **options), files)
+
+
+def raw(root: Path) -> list[Any]:
+    """What an import wrote, but for the dump's name and place, which are the container's."""
+    return [
+        (envelope.fetched_at, envelope.response)
+        for envelope in rawlog.read(root, "reddit", "dumps")
+    ]
+
+
+@each
+def test_every_container_is_known_by_its_content(tmp_path: Path, pack: Pack) -> None:
+    """Under names that say something else, several in one command."""
+    data = joined(records(700))
+    (tmp_path / "a.gz").write_bytes(data)
+    (tmp_path / "b.jsonl").write_bytes(pack(data))
+    key = "0123456789abcdef" * 4
+    for name in ("a.gz", "b.jsonl"):
+        state = tmp_path / name[0] / "state"
+        state.mkdir(parents=True)
+        (state / "reddit.key").write_text(key)
+        done = took(tmp_path / name[0], [tmp_path / name])
+        assert (done["crawled"], done["lines"]) == (466, 700)
+        assert (done["bad_lines"], done["truncated_files"]) == (0, 0)
+    assert raw(tmp_path / "b") == raw(tmp_path / "a")
+    assert took(tmp_path / "c", [tmp_path / "a.gz", tmp_path / "b.jsonl"])["crawled"] == 932
+
+
+@each
+@pytest.mark.parametrize(
+    ("start", "end", "last"),
+    [
+        (b"", b"\r\n", b"\r\n"),
+        (b"\xef\xbb\xbf", b"\n", b"\n"),
+        (b"", b"\n", b""),
+        (b"\n ", b"\n", b"\n\n"),
+    ],
+    ids=["CRLF", "byte order mark", "no last line end", "blank lines"],
+)
+def test_line_ends_and_marks_change_nothing(
+    tmp_path: Path, pack: Pack, start: bytes, end: bytes, last: bytes
+) -> None:
+    made = records(30)
+    data = start + joined(made, end).removesuffix(end) + last
+    (tmp_path / "x").write_bytes(pack(data))
+    done = took(tmp_path, [tmp_path / "x"])
+    assert [data["id"] for _, data in imported(tmp_path)] == [
+        one["id"] for one in made if one["subreddit"] == "Minecraft"
+    ]
+    assert (done["bad_lines"], done["truncated_files"]) == (0, 0)
+
+
+@each
+def test_an_empty_dump_holds_nothing(tmp_path: Path, pack: Pack) -> None:
+    (tmp_path / "x").write_bytes(pack(b""))
+    done = took(tmp_path, [tmp_path / "x"])
+    assert (done["crawled"], done["lines"], done["truncated_files"]) == (0, 0, 0)
+
+
+@each
+@pytest.mark.parametrize("cut", [1, 300, 9_000])
+def test_a_file_that_is_cut_off_is_counted_and_completed_later(
+    tmp_path: Path, pack: Pack, cut: int
+) -> None:
+    whole, place = pack(joined(records(900))), tmp_path / "x"
+    if pack is plain:
+        cut += 1  # without its last line end alone it is whole
+    place.write_bytes(whole[:-cut])
+    done = took(tmp_path, [place])
+    assert done["truncated_files"] == 1
+    assert 300 <= done["crawled"] < 601
+    place.write_bytes(whole)
+    assert took(tmp_path, [place])["truncated_files"] == 0
+    assert len({data["id"] for _, data in imported(tmp_path)}) == 600
+
+
+@each
+def test_damage_in_the_middle_is_counted_and_never_fatal(tmp_path: Path, pack: Pack) -> None:
+    whole = pack(joined(records(900)))
+    broken = whole[: len(whole) * 2 // 3] + b"\xff" * 40 + whole[len(whole) * 2 // 3 + 40 :]
+    (tmp_path / "x").write_bytes(broken)
+    done = took(tmp_path, [tmp_path / "x"])
+    assert done["truncated_files"] + done["bad_lines"] > 0
+    assert 200 < done["crawled"] < 601
+
+
+@each
+def test_a_limit_stops_anywhere_and_the_next_run_resumes(tmp_path: Path, pack: Pack) -> None:
+    (tmp_path / "x").write_bytes(pack(joined(records(450))))
+    for _ in range(2):
+        with pytest.raises(LimitReached):
+            took(tmp_path, [tmp_path / "x"], limit=130)
+    assert took(tmp_path, [tmp_path / "x"])["crawled"] == 40
+    assert len(imported(tmp_path)) == 300
+
+
+@each
+def test_a_killed_import_takes_each_record_once(tmp_path: Path, pack: Pack) -> None:
+    dump = tmp_path / "x"
+    dump.write_bytes(pack(joined(records(6_000, 300))))
+    import_killed(tmp_path, dump, (1, 4))
+    ids = [data["id"] for _, data in imported(tmp_path)]
+    assert len(ids) == len(set(ids)) == 4_000
+
+
+@each
+def test_pieces_stay_small(tmp_path: Path, pack: Pack) -> None:
+    """One letter 40 million times swells from a few KB in every container."""
+    (tmp_path / "x").write_bytes(pack(joined([post("a")]) + b'{"b": "' + b"x" * 40_000_000))
+    if pack is blocks:
+        return  # a row comes whole: its block says where it ends
+    sizes = [len(piece) for piece in containers.pieces(tmp_path / "x", ReadProgress())]
+    assert max(sizes) < 5_000_000
+    assert sum(sizes) > 40_000_000
+
+
+def test_zeros_behind_the_last_gzip_member_are_padding(tmp_path: Path) -> None:
+    (tmp_path / "x").write_bytes(members(joined([post("a")])) + bytes(70_000))
+    done = took(tmp_path, [tmp_path / "x"])
+    assert (done["crawled"], done["truncated_files"]) == (1, 0)
+    (tmp_path / "x").write_bytes(members(joined([post("a")])) + b"something else")
+    assert took(tmp_path, [tmp_path / "x"])["truncated_files"] == 1
+
+
+def test_a_block_that_would_fill_the_memory_is_damage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(containers, "_LARGEST", 1 << 20)
+    large = block([b"x" * 3_000_000])
+    overlap = zstandard.compress(struct.pack("<5I", 2, 0, 700_000, 0, 700_000) + b"x" * 700_000)
+    for data in (large, struct.pack("<I", len(overlap)) + overlap):
+        (tmp_path / "x").write_bytes(block([json.dumps(post("a")).encode()]) + data)
+        progress = ReadProgress()
+        assert len(list(containers.pieces(tmp_path / "x", progress))) == 1
+        assert "damaged block" in progress.problem
+
+
+def archived(path: Path, *keys: str) -> Path:
+    """A dump with a window of 2^31 bytes, as the archives make them: one block as it is."""
+    content = b"".join(json.dumps(post(key)).encode() + b"\n" for key in keys)
+    header = b"\x28\xb5\x2f\xfd" + bytes([0, (31 - 10) << 3])
+    path.write_bytes(header + ((len(content) << 3) | 1).to_bytes(3, "little") + content)
+    return path
+
+
+def test_the_window_of_a_dump_counts(tmp_path: Path) -> None:
+    wide, small = archived(tmp_path / "RS_a.zst", "aaa"), write(tmp_path / "b.zst", [post("bbb")])
+    assert 1 << 31 <= memory(wide) < (1 << 31) + (1 << 28)
+    assert memory(small) < 1 << 28
+    behind = tmp_path / "c.zst"  # a frame without content comes first in some files
+    behind.write_bytes(b"\x50\x2a\x4d\x18" + (5).to_bytes(4, "little") + b"-" * 5)
+    with behind.open("ab") as file:
+        file.write(wide.read_bytes())
+    assert memory(behind) == memory(wide)

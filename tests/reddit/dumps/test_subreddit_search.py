@@ -1,0 +1,80 @@
+"""Records of one subreddit are found however its name is written."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as some
+
+from kb.reddit.connector.importer import import_dumps
+from kb.reddit.dumps.chunks import Chunk
+from kb.reddit.dumps.subreddit_search import CHECKED, SubredditSearch
+from tests.reddit.dumped import imported, post, run_in, write
+
+
+def test_a_space_after_the_colon_and_none(tmp_path):
+    tight = json.dumps(post("tight"), separators=(",", ":")).encode()
+    assert (
+        import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", [tight, post("wide")])])[
+            "crawled"
+        ]
+        == 2
+    )
+
+
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize(
+    ("own", "others"), [(None, None), ("t5_2r05i", "t5_2qhw1"), ("t5_2r05i", "t5_2r05i"), (7, [7])]
+)
+def test_every_spelling_of_the_name_in_any_order(tmp_path, order, own, others):
+    other = post("x", subreddit="gardening", selftext="leaf " * 200, subreddit_id=others)
+    named = [
+        post(key, subreddit=name, subreddit_id=own)
+        for key, name in zip(
+            "abcd", ("Minecraft", "minecraft", "MineCraft", "MINECRAFT"), strict=True
+        )
+    ]
+    lines = [named[0], *[other] * 3_000, *named[1:3], *[other] * 3_000, named[3]]
+    import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", lines[::order])])
+    assert sorted(data["id"] for _, data in imported(tmp_path)) == ["a", "b", "c", "d"]
+
+
+LINE = some.one_of(
+    some.builds(
+        lambda key, name: json.dumps({"id": key, "subreddit": name, "title": "t"}).encode(),
+        some.text("abc", min_size=1, max_size=5),
+        some.sampled_from(["Minecraft", "minecraft", "mINECRAFT", "pics", "MinecraftBuilds"]),
+    ),
+    some.binary(max_size=20).filter(
+        lambda line: (
+            b"\n" not in line
+            and b"\r" not in line
+            and line.strip()
+            and not line.strip().startswith(b"{")
+        )
+    ),
+)
+
+
+@given(some.lists(LINE, max_size=30), some.sampled_from([0, CHECKED]))
+def test_search_finds_what_reading_every_line_finds(lines, start):
+    chunk = b"".join(line + b"\n" for line in lines)
+    taken = []
+    found = SubredditSearch("Minecraft")(
+        Chunk(start, b"x" + chunk + b"x", 1, len(chunk) + 1),
+        lambda _, record: taken.append(record["id"]),
+    )
+    wanted = [
+        json.loads(line)["id"]
+        for line in lines
+        if line.startswith(b"{") and json.loads(line)["subreddit"].lower() == "minecraft"
+    ]
+    assert taken == wanted
+    assert found.lines == len(lines)
+    bad = [n for n, line in enumerate(lines) if not line.startswith(b"{")]
+    assert found.bad_lines == len(bad)
+    assert found.first_bad == (
+        start + sum(len(line) + 1 for line in lines[: bad[0]]) if bad else None
+    )

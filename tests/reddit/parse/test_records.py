@@ -1,0 +1,254 @@
+"""Real answers of 2016 to 2026 through the parsing of live ones, with their values."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from kb.core.errors import DamagedData
+from kb.core.profile import load_profile
+from kb.reddit.parse import answers as parse
+from kb.store.rawlog import Envelope, Request, encode
+from tests.reddit.cassettes import Exchange, read
+
+Row = dict[str, Any]
+LINKS = load_profile("minecraft").section("reddit").links
+THINGS = {  # what is in each cassette: state and kind → how many different ones
+    "TestComment.test_attributes": {"there t1": 1},
+    "TestComment.test_invalid": {"missing t1": 1},
+    "TestComment.test_parent__chain": {"there t1": 32, "there t3": 1},
+    "TestComment.test_refresh__deleted_comment": {"there t1": 1, "there t3": 1},
+    "TestComment.test_refresh__with_reply_sort_and_limit": {
+        "there t1": 4,
+        "there t3": 1,
+        "stub t1": 6,
+    },
+    "TestCommentForest.test_replace__all": {
+        "there t1": 541,
+        "there t3": 1,
+        "stub t1": 24,
+        "missing t1": 2,
+    },
+    "TestCommentForest.test_replace__on_direct_comment": {"there t1": 146, "there t3": 1},
+    "TestListingGenerator.test_exhaust_items": {"there t1": 990, "there t3": 11},
+    "TestReddit.test_info": {"there t1": 100, "there t3": 97, "missing t3": 3},
+    "TestReddit.test_info_url": {"there t3": 25},
+    "TestRedditorListings.test_overview__top": {"there t1": 100},
+    "TestSubmission.test_comments": {"there t1": 2, "there t3": 1},
+    "TestSubmission.test_crosspost": {"there t3": 2},
+    "TestSubmission.test_delete": {"there t1": 4, "there t3": 1},
+    "TestSubmission.test_duplicates": {"there t3": 4},
+    "TestSubmission.test_edit__experimental": {"there t3": 1},
+    "TestSubmission.test_hide_multiple_in_batches": {"there t3": 100},
+    "TestSubreddit.test_search": {"there t3": 6},
+    "TestSubreddit.test_submit__nsfw": {"there t3": 1},
+    "TestSubreddit.test_submit__url_selftext": {"there t3": 1},
+    "TestSubreddit.test_submit_poll": {"there t3": 1},
+    "TestSubredditListings.test_new": {"there t3": 100},
+    "TestSubredditListings.test_top": {"there t3": 100},
+    "TestSubredditStreams.test_comments__with_pause": {"there t1": 17},
+}
+
+
+def _kind(exchange: Exchange) -> str:
+    for part, kind in (
+        ("api/info", "info"),
+        ("morechildren", "morechildren"),
+        ("/comments/", "comments"),
+    ):
+        if part in exchange.path:
+            return kind if not exchange.path.startswith("/r/") else "listings"
+    return "listings"
+
+
+def read_rows(kind: str, line: bytes) -> list[Row]:
+    """The rows of an answer but for the marks of what was read."""
+    rows = [row for part in parse.rows([line], kind, LINKS) for row in part.to_pylist()]
+    return [row for row in rows if row["state"] not in parse.MARKS]
+
+
+@pytest.fixture
+def rows(recorded: Path) -> Callable[[str], list[Row]]:
+    """Rows of all answers of a cassette."""
+
+    def of(name: str) -> list[Row]:
+        found: list[Row] = []
+        for exchange in read(recorded / "reddit" / f"{name}.json"):
+            if exchange.status != 200 or "access_token" in exchange.path:
+                continue
+            kind, params = _kind(exchange), {**exchange.query, **exchange.form}
+            if kind == "comments":
+                params["article"] = exchange.path.split("/")[2]
+            request, answer = Request(exchange.path, params), json.loads(exchange.body)
+            found += read_rows(kind, encode(Envelope("2026-01-01T00:00:00Z", request, 200, answer)))
+        return found
+
+    return of
+
+
+def one(found: list[Row], name: str) -> Row:
+    return next(row for row in found if row["fullname"] == name)
+
+
+@pytest.mark.parametrize("name", THINGS)
+def test_every_thing_of_every_answer_is_a_row_without_a_problem(
+    rows: Callable[[str], list[Row]], name: str
+) -> None:
+    found = rows(name)
+    different = {
+        (row["state"], row["fullname"]) for row in found if not row["fullname"].startswith("t5_")
+    }
+    assert Counter(f"{state} {full[:2]}" for state, full in different) == THINGS[name]
+    assert [row["problems"] for row in found if row["problems"]] == []
+    assert all(row["post_id"] for row in found if row["state"] != "missing")
+    for row in found:
+        if row["state"] == "there":
+            assert row["created_utc"].year > 2004
+            assert isinstance(row["score"], int)
+
+
+def test_names_that_info_leaves_out_are_missing(rows: Callable[[str], list[Row]]) -> None:
+    found = rows("TestReddit.test_info")
+    assert {
+        row["fullname"]
+        for row in found
+        if row["state"] == "missing" and row["fullname"][:2] != "t5"
+    } == {"t3_5dec66", "t3_5dec67", "t3_5dec68"}
+    assert Counter(row.get("gone") for row in found if row["state"] == "there") == {
+        None: 180,
+        "deleted": 9,
+        "removed": 8,
+    }
+    assert rows("TestComment.test_invalid")[0]["fullname"] == "t1_0"
+
+
+def test_types_of_a_page_of_today(rows: Callable[[str], list[Row]]) -> None:
+    found = rows("TestSubmission.test_hide_multiple_in_batches")
+    assert Counter(row["type"] for row in found) == {
+        "image": 50,
+        "video": 25,
+        "gallery": 14,
+        "text": 6,
+        "link": 5,
+    }
+    assert Counter(row["link_kind"] for row in found) == {
+        "image": 50,
+        "video": 25,
+        "general": 5,
+        None: 20,
+    }
+    assert all(0 <= row["upvote_ratio"] <= 1 for row in found)
+    assert all(row["source_url"] for row in found if row["type"] != "text")
+
+
+def test_a_poll(rows: Callable[[str], list[Row]]) -> None:
+    row = one(rows("TestSubreddit.test_submit_poll"), "t3_ga3hiq")
+    assert (row["type"], row["poll_options"], row["source_url"]) == (
+        "poll",
+        ["Yes", "No", "3", "4", "5", "6"],
+        None,
+    )
+    assert (row["title"], row["created_utc"].year, row["upvote_ratio"]) == ("Test Poll", 2020, 1.0)
+
+
+def test_a_crosspost_has_its_parents_type(rows: Callable[[str], list[Row]]) -> None:
+    found = rows("TestSubmission.test_crosspost")
+    parent, copy = one(found, "t3_6vx01b"), one(found, "t3_6vx8n0")
+    assert (parent["is_crosspost"], copy["is_crosspost"]) == (False, True)
+    assert parent["type"] == copy["type"] == "text"
+    assert parent["text"] == "crossposting"
+    assert one(rows("TestSubmission.test_crosspost__nsfw"), "t3_c27k7n")["over_18"] is True
+
+
+def test_what_was_deleted_or_removed(rows: Callable[[str], list[Row]]) -> None:
+    found = rows("TestSubmission.test_delete")
+    assert {row["fullname"]: row["gone"] for row in found} == {
+        "t3_4b1tfm": "deleted",
+        "t1_d1616q2": "deleted",
+        "t1_d1680wu": None,
+        "t1_d1628v0": None,
+        "t1_d162ara": None,
+    }
+    assert one(found, "t1_d1680wu")["parent_id"] == "t1_d1616q2"
+    assert one(found, "t1_d1616q2")["author_hash"] is None
+    row = one(rows("TestSubreddit.test_submit__url_selftext"), "t3_1kh35wk")
+    assert (row["type"], row["link_kind"], row["gone"], row["gone_value"]) == (
+        "link",
+        "general",
+        "removed",
+        "reddit",
+    )
+    assert row["source_url"] == "https://praw.readthedocs.org/en/stable/"
+
+
+def test_a_comment(rows: Callable[[str], list[Row]]) -> None:
+    row = rows("TestComment.test_attributes")[0]
+    assert (
+        row["fullname"],
+        row["post_id"],
+        row["parent_id"],
+        row["score"],
+        row["created_utc"].timestamp(),
+    ) == (
+        "t1_cklhv0f",
+        "2gmzqe",
+        "t1_cklfmye",
+        1,
+        1411010034,
+    )
+    assert row["text"].startswith("Yes it does. That fix is also in the master branch")
+
+
+def test_old_listings_lack_what_came_later(rows: Callable[[str], list[Row]]) -> None:
+    found = rows("TestSubredditListings.test_new")
+    assert {row["upvote_ratio"] for row in found} == {None}
+    assert {(row["type"], row["over_18"]) for row in found} >= {("text", False)}
+
+
+def test_no_name_is_left_of_a_recorded_answer(recorded: Path) -> None:
+    from kb.reddit.parse.anonymize import Scrubber
+
+    scrubber = Scrubber(b"k" * 64)
+    for path in sorted((recorded / "reddit").glob("*.json")):
+        for exchange in read(path):
+            if exchange.status != 200 or not exchange.body.startswith(("{", "[")):
+                continue
+            names = _authors(json.loads(exchange.body))
+            left = _authors(scrubber.scrub(json.loads(exchange.body)))
+            assert not {name for name in names if len(name) > 3} & left, path.name
+
+
+def _authors(value: Any) -> set[str]:
+    """Names of people in an answer, by the fields that hold them; `[deleted]` is none."""
+    found: set[str] = set()
+    if isinstance(value, list):
+        return found.union(*map(_authors, value)) if value else found
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            if (
+                name in ("author", "link_author", "author_fullname")
+                and isinstance(inner, str)
+                and inner != "[deleted]"
+            ):
+                found.add(inner)
+            else:
+                found |= _authors(inner)
+    return found
+
+
+def test_a_raw_line_of_another_writer_may_hold_what_arrow_cannot(tmp_path: Path) -> None:
+    line = (
+        b'{"fetched_at":"2026-11-20T00:00:00Z","request":{"endpoint":"info",'
+        b'"params":{"id":"t3_a"}},"status":200,"response":'
+        b'{"kind":"Listing","data":{"children":[{"kind":"t3","data":{"id":"a",'
+        b'"title":"half \\\\ud83d a face","selftext":"nul \\\\u0000"}}]}}}'
+    ).replace(b"\\\\u", b"\\u")
+    (found,) = read_rows("info", line)
+    assert (found["title"], found["text"]) == ("half \ufffd a face", "nul \ufffd")
+    with pytest.raises(DamagedData):
+        read_rows("info", line.replace(b"half", b"h\xe4lf"))

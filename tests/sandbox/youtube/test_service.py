@@ -1,0 +1,295 @@
+"""The sandbox's Data API through the real client, and its answers beside the recorded ones."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from googleapiclient.errors import HttpError
+
+from kb.sandbox.server import Sandbox
+from kb.sandbox.youtube import resources as errors
+from tests.sandbox.conftest import make_client
+from tests.sandbox.domains import of_case
+
+PARTS = {
+    "playlistItems": "snippet",
+    "videos": "snippet,contentDetails,status,statistics",
+}
+
+
+def pages(call: Any, **arguments: Any) -> list[dict[str, Any]]:
+    found, token = [], None
+    while True:
+        answer = call(**arguments, pageToken=token).execute()
+        found.append(answer)
+        if not (token := answer.get("nextPageToken")):
+            return found
+
+
+def test_every_upload_of_a_channel_is_listed_fifty_a_page(services: Sandbox, data_api: Any) -> None:
+    channel = services.world.youtube.channels[0]
+    answers = pages(
+        data_api.playlistItems().list,
+        part="contentDetails",
+        playlistId=channel.uploads,
+        maxResults=50,
+    )
+    assert [len(answer["items"]) for answer in answers] == [50, 50, 31]
+    ids = [item["contentDetails"]["videoId"] for answer in answers for item in answer["items"]]
+    assert set(ids) == {video.id for video in channel.videos}
+    assert (
+        len(ids) == len(set(ids)) + 1
+    )  # an upload while paging shifts one entry onto the next page again
+    assert services.ledger.units() == 3
+
+
+def test_search_finds_channels_up_to_five_hundred() -> None:
+    from kb.sandbox.world import World
+
+    with Sandbox(World(n_channels=640, n_videos=0), services=["youtube"]) as services:
+        answers = pages(
+            make_client(services).search().list,
+            part="snippet",
+            q="Minecraft",
+            type="channel",
+            maxResults=50,
+        )
+        assert sum(len(answer["items"]) for answer in answers) == 500
+        assert services.ledger.units("search") == len(answers) == 10
+        assert services.ledger.units("general") == 0
+        assert (
+            make_client(services)
+            .search()
+            .list(part="snippet", q="chess", type="channel")
+            .execute()["items"]
+            == []
+        )
+
+
+def test_videos_leave_out_what_is_gone_and_hidden(services: Sandbox, data_api: Any) -> None:
+    world = services.world.youtube
+    gone, hidden, plain = (
+        of_case(world, name)[0]
+        for name in ("gone between listing and reading", "likes hidden", "manual")
+    )
+    answer = (
+        data_api.videos()
+        .list(part="id,statistics", id=f"{plain.id},{gone.id},{hidden.id}")
+        .execute()
+    )
+    assert [item["id"] for item in answer["items"]] == [plain.id, hidden.id]
+    assert set(answer["items"][0]) == {"kind", "etag", "id", "statistics"}
+    assert "likeCount" not in answer["items"][1]["statistics"]
+    assert answer["items"][0]["statistics"]["viewCount"] == plain.view_count
+
+
+@pytest.mark.parametrize(
+    ("name", "frame", "size"),
+    [
+        ("Short", {"maxHeight": 720}, ("405", "720")),
+        ("manual", {"maxWidth": 1280}, ("1280", "720")),
+        ("four by three", {"maxWidth": 1280, "maxHeight": 720}, ("960", "720")),
+        ("manual", {}, (None, None)),
+    ],
+)
+def test_the_embed_has_the_shape_of_the_video(
+    services: Sandbox, data_api: Any, name: str, frame: dict[str, int], size: tuple[str, str]
+) -> None:
+    video = of_case(services.world.youtube, name)[0]
+    player = (
+        data_api.videos().list(part="player", id=video.id, **frame).execute()["items"][0]["player"]
+    )
+    assert (player.get("embedWidth"), player.get("embedHeight")) == size
+
+
+def test_text_that_json_can_only_escape_travels(services: Sandbox, data_api: Any) -> None:
+    for name in (
+        "NUL in the title",
+        "lone surrogate in the title",
+        "right-to-left title",
+        "emoji in the title",
+    ):
+        video = of_case(services.world.youtube, name)[0]
+        assert (
+            data_api.videos()
+            .list(part="snippet", id=video.id)
+            .execute()["items"][0]["snippet"]["title"]
+            == video.title
+        )
+
+
+def refusal(call: Any) -> tuple[int, str]:
+    with pytest.raises(HttpError) as caught:
+        call.execute()
+    return caught.value.status_code, json.loads(caught.value.content)["error"]["errors"][0][
+        "reason"
+    ]
+
+
+def test_refusals_are_googles(services: Sandbox, data_api: Any) -> None:
+    world, ids = services.world, list(services.world.youtube.videos)
+    assert refusal(
+        data_api.playlistItems().list(part="snippet", playlistId=world.youtube.channels[4].uploads)
+    ) == (
+        404,
+        "playlistNotFound",
+    )
+    assert refusal(
+        data_api.playlistItems().list(
+            part="snippet", playlistId="UULF" + world.youtube.channels[5].id[2:]
+        )
+    ) == (404, "playlistNotFound")
+    assert refusal(data_api.videos().list(part="snippet", id=",".join(ids[:51]))) == (
+        400,
+        "invalidFilters",
+    )
+    assert refusal(data_api.videos().list(part="nothing", id=ids[0])) == (400, "unknownPart")
+    assert refusal(
+        data_api.search().list(part="snippet", q="x", type="channel", maxResults=51)
+    ) == (
+        400,
+        "invalidParameter",
+    )
+    assert refusal(make_client(services, "wrong").videos().list(part="snippet", id=ids[0])) == (
+        400,
+        "keyInvalid",
+    )
+
+
+def test_each_bucket_ends_with_its_own_answer_and_begins_again_the_next_pacific_day(
+    services: Sandbox, data_api: Any
+) -> None:
+    from datetime import UTC, datetime
+
+    world, one = services.world, next(iter(services.world.youtube.videos))
+    world.quota |= {"search": 1, "general": 2}
+    world.now = datetime(2026, 11, 20, 7, 59, tzinfo=UTC)  # 23:59 in California
+    search = data_api.search().list(part="snippet", q="Minecraft", type="channel")
+    video = data_api.videos().list(part="snippet", id=one)
+    search.execute()
+    with pytest.raises(HttpError) as caught:
+        search.execute()
+    error = json.loads(caught.value.content)["error"]
+    assert (caught.value.status_code, error["errors"][0]["reason"]) == (429, "rateLimitExceeded")
+    assert "PerDay" in error["details"][0]["metadata"]["quota_limit"]
+    video.execute()
+    video.execute()
+    assert refusal(video) == (403, "quotaExceeded")
+    world.now = datetime(2026, 11, 20, 8, 0, tzinfo=UTC)
+    search.execute()
+    video.execute()
+    assert (services.ledger.units(), services.ledger.units("search")) == (3, 2)
+
+
+@pytest.mark.parametrize(
+    ("when", "day"),
+    [
+        ("2026-03-08T09:59:00+00:00", "2026-03-08"),
+        ("2026-07-01T06:59:00+00:00", "2026-06-30"),
+        ("2026-07-01T07:00:00+00:00", "2026-07-01"),
+        ("2026-11-01T08:30:00+00:00", "2026-11-01"),
+        ("2026-11-02T07:30:00+00:00", "2026-11-01"),
+    ],
+)
+def test_the_pacific_day_knows_summer_time(when: str, day: str) -> None:
+    from datetime import datetime
+
+    from kb.sandbox.world import World
+
+    world = World()
+    world.now = datetime.fromisoformat(when)
+    assert world.pacific_day() == day
+
+
+def form(value: Any) -> Any:
+    """Keys and types of a JSON value; of a list its first element's."""
+    if isinstance(value, dict):
+        return {name: form(inner) for name, inner in value.items()}
+    if isinstance(value, list):
+        return [form(value[0])] if value else []
+    return type(value).__name__
+
+
+def lacking(real: Any, made: Any, path: str = "") -> list[str]:
+    """Where the sandbox's answer lacks a field of the recorded one, or has it in another type."""
+    if isinstance(real, dict) and isinstance(made, dict):
+        return [
+            found
+            for name in real
+            for found in (
+                [f"{path}.{name} is absent"]
+                if name not in made
+                else lacking(real[name], made[name], f"{path}.{name}")
+            )
+        ]
+    if isinstance(real, list) and isinstance(made, list):
+        return lacking(real[0], made[0], path + "[]") if real and made else []
+    return [] if type(real) is type(made) else [f"{path}: {real!r} and {made!r}"]
+
+
+# What the recordings have and today's answers have not, or what depends on the item.
+GONE = {
+    "dislikeCount",
+    "defaultLanguage",
+    "trackingAnalyticsAccountId",
+    "unsubscribedTrailer",
+    "image",
+    "standard",
+    "maxres",
+    "country",
+    "nextPageToken",
+    "prevPageToken",
+}
+
+
+@pytest.mark.parametrize(
+    ("file", "method", "query"),
+    [
+        (
+            "search/search_channels.json",
+            "search",
+            {"q": "Minecraft", "type": "channel", "part": "snippet", "maxResults": 3},
+        ),
+        (
+            "playlist_items/playlist_items_paged_1.json",
+            "playlistItems",
+            {"part": PARTS["playlistItems"]},
+        ),
+        ("videos/video_api_response.json", "videos", {"part": PARTS["videos"]}),
+        ("videos/videos_info_multi.json", "videos", {"part": "snippet,player"}),
+    ],
+)
+def test_answers_have_the_recorded_form(
+    recorded: Path, services: Sandbox, data_api: Any, file: str, method: str, query: dict[str, Any]
+) -> None:
+    channel = services.world.youtube.channels[0]
+    more = {
+        "playlistItems": {"playlistId": channel.uploads},
+    }
+    one = of_case(services.world.youtube, "manual")[0]
+    query |= more.get(method, {"id": one.id} if method == "videos" else {})
+    made = getattr(data_api, method)().list(**query).execute()
+    made["items"] = [item for item in made["items"] if item["snippet"]["title"] != "Private video"]
+    real = json.loads((recorded / "youtube" / file).read_text(encoding="utf-8"))
+    assert [
+        line
+        for line in lacking(form(real), form(made))
+        if not any(f".{name}" in line for name in GONE)
+    ] == []
+
+
+@pytest.mark.parametrize(
+    ("file", "make"),
+    [
+        ("errors/error_response_400_key_invalid.json", "key_invalid"),
+        ("errors/error_permission_403.json", "key_missing"),
+    ],
+)
+def test_errors_have_the_recorded_form(recorded: Path, file: str, make: str) -> None:
+    code, made = getattr(errors, make)()
+    real = json.loads((recorded / "youtube" / file).read_text(encoding="utf-8"))
+    assert code == real["error"]["code"]
+    assert lacking(form(real), form(made)) == []

@@ -1,0 +1,82 @@
+"""Media types by bytes, sizes by headers, frames within limits."""
+
+from __future__ import annotations
+
+import io
+import zlib
+
+import pytest
+from PIL import Image
+
+from kb.wiki.capture.images import inspect, media_type
+
+
+def picture(kind: str, size=(8, 6), frames: int = 1, **options) -> bytes:
+    held = io.BytesIO()
+    images = [Image.new("RGB", size, (n * 40, 20, 99)) for n in range(frames)]
+    images[0].save(held, kind, save_all=frames > 1, append_images=images[1:], **options)
+    return held.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (picture("PNG"), ("image/png", 8, 6, ())),
+        (picture("JPEG"), ("image/jpeg", 8, 6, ())),
+        (picture("WEBP"), ("image/webp", 8, 6, ())),
+        (picture("GIF"), ("image/gif", 8, 6, ())),
+        (picture("GIF", frames=3, duration=[100, 200, 300]), ("image/gif", 8, 6, (100, 200, 300))),
+        (picture("PNG", frames=2, duration=[500, 250]), ("image/png", 8, 6, (500, 250))),
+        (
+            (
+                b'<?xml version="1.0"?><svg width="30" height="20px" xmlns="x">'
+                b"<script>alert(1)</script></svg>"
+            ),
+            ("image/svg+xml", 30, 20, ()),
+        ),
+        (b'<svg xmlns="x" viewBox="0 0 9 9"/>', ("image/svg+xml", None, None, ())),
+    ],
+)
+def test_inspect(data, expected):
+    found = inspect(data, 10_000)
+    assert (found.media_type, found.width, found.height, found.frames) == expected
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"<html><body>Not found</body></html>",
+        b"GIF",
+        picture("PNG")[:20],
+        b"\x89PNG\r\n\x1a\nrubbish",
+    ],
+)
+def test_no_picture(data):
+    assert inspect(data, 10_000) is None
+
+
+def test_large_pictures_are_not_decoded():
+    """Above the limit the size is known and the frames are not looked at."""
+    found = inspect(picture("GIF", (50, 50), frames=3, duration=100), 2000)
+    assert (found.width, found.height, found.frames) == (50, 50, ())
+    huge = picture("PNG")
+    head = b"IHDR" + (60_000).to_bytes(4, "big") * 2 + huge[24:29]
+    huge = huge[:12] + head + zlib.crc32(head).to_bytes(4, "big") + huge[33:]
+    found = inspect(huge, 2000)
+    assert (found.media_type, found.width, found.height) == ("image/png", 60_000, 60_000)
+
+
+def test_cut_off_animation_keeps_the_frames_that_are_there():
+    data = picture("GIF", (64, 64), frames=4, duration=[100, 200, 300, 400])
+    found = inspect(data[: len(data) * 6 // 10], 10_000)
+    assert (
+        found is None
+        or (1 <= len(found.frames) < 4 and found.frames == (100, 200, 300)[: len(found.frames)])
+        or found.frames == ()
+    )
+
+
+def test_the_type_is_in_the_bytes_not_in_the_name():
+    assert media_type(picture("JPEG")) == "image/jpeg"
+    assert media_type(b"<!DOCTYPE html><svg-like>") is None
