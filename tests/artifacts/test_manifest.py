@@ -23,14 +23,14 @@ from kb.store import lock
 from kb.store.checksums import digest
 from kb.store.parquet import read_table
 from kb.store.shards import write_table
-from tests.artifacts import small_root
+from tests.filters import full_root
 from tests.filters.made import run_at
 
 
 @pytest.fixture(scope="module")
 def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("complete") / "data"
-    small_root.make(root)
+    full_root.make(root)
     return root
 
 
@@ -52,7 +52,7 @@ READERS = {
     "minedojo": lambda root: minedojo.youtube(run_at(root)),
     "pairs": pairs,
     "query": connect,
-    "purge": lambda root: small_root.purge(root, small_root.GONE),
+    "purge": lambda root: full_root.purge(root, full_root.GONE),
 }
 
 

@@ -36,6 +36,6 @@ def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
     if isinstance(about.get("subscribers"), int):
         said += f", {about['subscribers']:,} subscribers"
     if about.get("over18"):
-        mend = "its posts will be rejected at the stage nsfw"
-        return OnlineAnswer(WARNING, "reddit.subreddit", f"{said}, for adults only", mend, 0)
+        fix = "its posts will be rejected at the stage nsfw"
+        return OnlineAnswer(WARNING, "reddit.subreddit", f"{said}, for adults only", fix, 0)
     return OnlineAnswer(NOTE, "reddit.subreddit", said)

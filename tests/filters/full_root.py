@@ -1,4 +1,4 @@
-"""A small data root of ten videos: filtered, paired and exported."""
+"""A data root in which one video is in every folder, for tests of purges, damage and indexes."""
 
 from __future__ import annotations
 
@@ -14,18 +14,25 @@ GONE, OTHER = "AAAAAAAAAA1", "AAAAAAAAAA2"
 
 
 def make(root: Path) -> None:
-    """Raw data, clean tables, pairs and exports."""
+    """The texts of the video GONE are found nowhere else."""
     keys = [GONE, OTHER, *(f"BBBBBBBBB{number:02d}" for number in range(8))]
-    videos = [video(key, snippet__title=f"Minecraft {key}") for key in keys]
-    put(root, "videos", (MONDAY, {"id": ",".join(keys)}, listing(*videos)))
-    cues = [[at * 3, 3, f"we dig down and a creeper comes along number {at}"] for at in range(12)]
-    put(root, "transcripts", *(transcript(key, cues=cues) for key in keys))
+    put(root, "videos", (MONDAY, {"id": ",".join(keys)}, listing(*map(_video, keys))))
+    put(root, "transcripts", *(transcript(key, cues=_cues(key)) for key in keys))
     run = run_at(root)
     run_clean(run, "youtube")
     build(run)
     parquet.export(run, "youtube")
     parquet.export(run, "pairs")
     minedojo.youtube(run)
+
+
+def _video(key: str) -> dict[str, object]:
+    return video(key, snippet__title="Zanzibar marmalade" if key == GONE else f"Minecraft {key}")
+
+
+def _cues(key: str) -> list[list[object]]:
+    words = "quinquereme of nineveh" if key == GONE else "we dig down a little"
+    return [[at * 3, 3, f"{words} and a creeper comes along number {at}"] for at in range(12)]
 
 
 def purge(root: Path, *keys: str) -> None:
