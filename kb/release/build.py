@@ -59,7 +59,7 @@ def _release(run: Run, only: Sequence[str]) -> Summary:
     lacking = " and ".join(run.profile.release.unsigned())
     if lacking:
         _log.warning(
-            "the profile names no %s; `kb release publish` will refuse what is made without:"
+            "the profile has no %s; `kb release publish` refuses a release without it:"
             " add [[release.creators]] and release.contact",
             lacking.replace("a ", "").replace(" and ", " and no "),
         )
