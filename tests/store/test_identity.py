@@ -117,7 +117,7 @@ def test_two_first_crawls_with_different_profiles_are_not_both_begun(tmp_path: P
         assert other.stdout and other.stdout.readline() == "noted\n"  # noqa: PT018
         with lock.writer(root, "wiki"):
             belonging.note(root, load_profile("minecraft"))  # the same one is fine
-            said = rf"another process \(pid {other.pid}\) begins .* 'minecraft', not 'stardew'"
+            said = rf"another process \(pid {other.pid}\) is starting .* 'minecraft', not 'stardew'"
             with pytest.raises(OtherService, match=said):
                 belonging.note(root, mine)
     finally:
