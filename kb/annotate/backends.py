@@ -142,5 +142,5 @@ def torch_runner(checkpoint: Checkpoint, precision: str, device: str, threads: i
     tokenizer.no_truncation()
     budget = TOKEN_BUDGET if device == "cpu" else 32 * TOKEN_BUDGET
     network = torch_network(detoxify.model, device, precision)
-    again = partial(exact, checkpoint, threads) if precision == "fp32" else None
-    return Runner("torch", network, tokenizer, meta, budget, again)
+    in_float64 = partial(exact, checkpoint, threads) if precision == "fp32" else None
+    return Runner("torch", network, tokenizer, meta, budget, in_float64)

@@ -138,10 +138,10 @@ def _fetched(model: Published) -> Checkpoint:
         path, [("its published digest", model.sha256)], f"delete it and run `{command}` again"
     )
     for name, expected in model.files:
-        beside = folder / name
-        if not beside.is_file() or (expected and sha256_of(beside) != expected):
+        file = folder / name
+        if not file.is_file() or (expected and sha256_of(file) != expected):
             raise MissingModel(
-                f"{beside} is missing or not the published file", hint=f"run `{command}` again"
+                f"{file} is missing or not the published file", hint=f"run `{command}` again"
             )
     check_model_files(folder, f"run `{command}` again")
     return Checkpoint(path, model.name, digest)

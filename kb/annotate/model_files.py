@@ -62,10 +62,12 @@ def problem_of(path: Path, name: str = "") -> str:
     name = name or path.name
     try:
         if name.endswith(".json"):
-            held = _object(path)
-            if name == "tokenizer.json" and not isinstance(held.get("model"), dict):
+            content = _object(path)
+            if name == "tokenizer.json" and not isinstance(content.get("model"), dict):
                 return "tokenizer.json is no tokenizer"
-            return f"{name} is empty" if not held and name in ("config.json", "vocab.json") else ""
+            return (
+                f"{name} is empty" if not content and name in ("config.json", "vocab.json") else ""
+            )
         if name.endswith(".txt"):
             return _problem_of_words(path, name)
         head = path.read_bytes()[:64].lstrip().lower() if path.is_file() else b""
@@ -96,10 +98,10 @@ def _problem_of_words(path: Path, name: str) -> str:
 
 
 def _object(path: Path) -> dict[str, Any]:
-    held = json.loads(path.read_text(encoding="utf-8"))
-    if not isinstance(held, dict):
+    content = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(content, dict):
         raise ValueError(path.name)  # noqa: TRY004  as for what is no JSON
-    return held
+    return content
 
 
 def _largest_number(path: Path) -> int:
@@ -111,8 +113,8 @@ def _largest_number(path: Path) -> int:
             (number for number in _object(path).values() if isinstance(number, int)), default=-1
         )
     if path.name == "tokenizer.json":
-        held = _object(path)
-        names = held["model"].get("vocab") or ()
+        content = _object(path)
+        names = content["model"].get("vocab") or ()
         known = (
             [len(names) - 1]
             if isinstance(names, list)
@@ -120,7 +122,7 @@ def _largest_number(path: Path) -> int:
         )
         added = [
             entry.get("id", -1)
-            for entry in held.get("added_tokens") or ()
+            for entry in content.get("added_tokens") or ()
             if isinstance(entry, dict)
         ]
         return max((*known, *added), default=-1)

@@ -158,7 +158,7 @@ class ToxicityScorer:
                     waiting.append(hashes)
                     yield job, texts
 
-            scored = again = 0
+            scored = exact = 0
             for result in map_in_order(
                 executor, score_chunk, tasks(), 1 if local else 2 * self.run.workers + 2
             ):
@@ -166,7 +166,7 @@ class ToxicityScorer:
                 self.scores.write(hashes, result["scores"], result["precisions"], result["classes"])
                 chunks.written(hashes)
                 chunks.took(result["seconds"])
-                scored, again = scored + len(hashes), again + result["again"]
+                scored, exact = scored + len(hashes), exact + result["again"]
                 task.advance(
                     len(hashes), tokens_per_s=round(result["tokens"] / max(result["seconds"], 1e-9))
                 )
@@ -175,7 +175,7 @@ class ToxicityScorer:
             raise LimitReached(
                 f"--limit: {scored} texts scored", hint="run the same command to resume"
             )
-        return AnnotationCounts(chunks.texts, scored, chunks.texts - scored, again)
+        return AnnotationCounts(chunks.texts, scored, chunks.texts - scored, exact)
 
     def _threads(self) -> int:
         return self.run.workers if self.run.engine == "local" else 0

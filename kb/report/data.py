@@ -179,14 +179,14 @@ class ReportData:
 
     def channels(self, n: int) -> Channels | None:
         """The `n` channels with most videos, and how many there are; None when none is named."""
-        whole = self.rows(
+        sums = self.rows(
             "youtube/videos",
             "WITH c AS (SELECT count(*) AS n FROM {t} WHERE channel_id IS NOT NULL"
             " GROUP BY channel_id), s AS (SELECT n, sum(n) OVER () AS whole, sum(n) OVER"
             " (ORDER BY n DESC ROWS UNBOUNDED PRECEDING) - n AS before FROM c)"
             " SELECT sum(n), count(*), count(*) FILTER (before * 2 < whole) FROM s",
         )
-        if not whole or not whole[0][0]:
+        if not sums or not sums[0][0]:
             return None
         largest = self.rows(
             "youtube/videos",
@@ -194,7 +194,7 @@ class ReportData:
             " WHERE channel_id IS NOT NULL GROUP BY channel_id"
             f" ORDER BY n DESC, channel_id LIMIT {n}",
         )
-        return Channels(int(whole[0][0]), whole[0][1], whole[0][2], largest)
+        return Channels(int(sums[0][0]), sums[0][1], sums[0][2], largest)
 
     def funnel(self, name: str) -> Funnel | None:
         """The stages of a table, None when nothing was filtered."""

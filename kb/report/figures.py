@@ -181,13 +181,13 @@ def toxicity(
     source, _, rows = table.partition("/")
     threshold = profile.toxicity.threshold(source)
     sheet, axes = canvas(3.1)
-    look = {"align": "edge", "edgecolor": "white", "linewidth": 0.6}
+    style = {"align": "edge", "edgecolor": "white", "linewidth": 0.6}
     for counts, label, color, hatch in (
         (kept, "kept", BLUE, None),
         (dropped, "dropped for it", ORANGE, "////"),
     ):
         if sum(counts):
-            axes.bar(_SCORES[:-1], counts, 0.05, color=color, hatch=hatch, label=label, **look)
+            axes.bar(_SCORES[:-1], counts, 0.05, color=color, hatch=hatch, label=label, **style)
     axes.set_yscale("log")
     axes.set_ylim(0.6, max(*kept, *dropped) * 3)
     axes.yaxis.set_major_formatter(lambda value, _: number(value))

@@ -135,10 +135,10 @@ def _letters_alone() -> Iterator[None]:
     """
     from fontTools import subset
 
-    whole = subset.load_font
+    load = subset.load_font
 
     def bare(*args: Any, **options: Any) -> Any:
-        font = whole(*args, **options)
+        font = load(*args, **options)
         for tag in set(font.keys()) - _IN_PDF - {"GlyphOrder"}:
             del font[tag]
         return font
@@ -147,7 +147,7 @@ def _letters_alone() -> Iterator[None]:
     try:
         yield
     finally:
-        subset.load_font = whole
+        subset.load_font = load
 
 
 def readable(text: str) -> str:

@@ -98,7 +98,7 @@ def page(data: ReportData, profile: Profile) -> tuple[Figure, ...]:
         return ()
     crop = _crop(data, number, width, shown)
     image = _screenshot(data, shot, width, shown)
-    whole = DrawnBox(0, 0, width, shown)
+    shown_part = DrawnBox(0, 0, width, shown)
     source = f"Source: {url}"
     part = "" if shown >= height else f" The first {shown:.0f} of {height:,} pixels are shown."
     return (
@@ -108,7 +108,13 @@ def page(data: ReportData, profile: Profile) -> tuple[Figure, ...]:
             f"Boxes of visible elements as the browser laid them out, of texts a box a line.{part} "
             f"The dark frame is the part shown in its own size. {source}",
             f"The page {title} with outlines around its elements: {_counted(boxes)}.",
-            _drawn(_part(image, whole, whole), whole, boxes, WIDTH / width * _CSS, frame=crop),
+            _drawn(
+                _part(image, shown_part, shown_part),
+                shown_part,
+                boxes,
+                WIDTH / width * _CSS,
+                frame=crop,
+            ),
             ("kind", "boxes"),
             _counts(boxes),
             screen=True,
@@ -121,7 +127,7 @@ def page(data: ReportData, profile: Profile) -> tuple[Figure, ...]:
             f"texts line by line. {source}",
             f"Part of the page {title} in its own size, with outlines around its elements: "
             f"{_counted(_inside(boxes, crop))}.",
-            _drawn(_part(image, whole, crop), crop, _inside(boxes, crop), 1.0),
+            _drawn(_part(image, shown_part, crop), crop, _inside(boxes, crop), 1.0),
             ("kind", "boxes"),
             _counts(_inside(boxes, crop)),
             screen=True,
@@ -261,11 +267,11 @@ def _legend(sheet: Any, kinds: list[str], points: float) -> None:
     )
 
 
-def _part(image: Any, whole: DrawnBox, part: DrawnBox) -> Any:
-    """The part of a screenshot of `whole`, in its own pixels; None without a screenshot."""
+def _part(image: Any, full: DrawnBox, part: DrawnBox) -> Any:
+    """The part of a screenshot of `full`, in its own pixels; None without a screenshot."""
     if image is None:
         return None
-    ratio = image.width / whole.width
+    ratio = image.width / full.width
     edges = (part.x, part.y, part.x + part.width, part.y + part.height)
     return image.crop(tuple(round(edge * ratio) for edge in edges))
 
