@@ -178,14 +178,14 @@ def oldest_due(days: int, older_than: int | None) -> datetime | None:
 
 
 def due_parts(
-    things: Known, gone: Collection[str], oldest: datetime | None, again: bool
+    things: Known, purged_names: Collection[str], oldest: datetime | None, with_missing: bool
 ) -> list[Path]:
     """What is due of each share, with `again` what is missing as well; without `oldest` all that is
     there.
 
     `place` is "0" or "1" and the post: posts first, then comments post by post.
     """
-    purged, parts = pa.array(sorted(gone), pa.string()), []
+    purged, parts = pa.array(sorted(purged_names), pa.string()), []
     by: list[tuple[str, Literal["ascending", "descending"]]]
     by = [(name, "ascending") for name in _ORDER]
     for number, rows in enumerate(things):
@@ -196,7 +196,11 @@ def due_parts(
         )
         # What is missing or was deleted by its author stays so; a removal may be taken back.
         here = pc.and_(rows["there"], pc.fill_null(pc.not_equal(rows["gone"], "deleted"), True))
-        due = pc.or_(pc.and_(old, here), pc.invert(rows["there"])) if again else pc.and_(old, here)
+        due = (
+            pc.or_(pc.and_(old, here), pc.invert(rows["there"]))
+            if with_missing
+            else pc.and_(old, here)
+        )
         rows = rows.filter(pc.and_(due, pc.invert(pc.is_in(rows["fullname"], value_set=purged))))
         rank = pc.if_else(pc.starts_with(rows["fullname"], "t3_"), "0", "1")
         place = pc.binary_join_element_wise(rank, pc.fill_null(rows["post_id"], ""), "")

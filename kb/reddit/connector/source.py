@@ -84,7 +84,7 @@ class RedditSource(Plain):
 
     def discover(self, frontier: Frontier) -> None:
         """The profile's listings; with --again a new round of them."""
-        if not discover.seed(frontier, self.section, self.span, again=self.run.again):
+        if not discover.seed(frontier, self.section, self.span, new_round=self.run.again):
             self.run.progress.say("reddit: nothing left to read; --again starts a new round")
 
     def leave_out(self, phase: Phase, item: Item) -> str | None:

@@ -44,26 +44,26 @@ def chunks(
     says no, `progress.stopped` is set and nothing more comes.
     """
     parts: list[bytes] = []  # a line that goes on in the next piece
-    held = 0  # their bytes
+    waiting = 0  # their bytes
     at = 0  # of the next byte to give
     for piece in pieces(path, progress):
         if not goes_on():
             progress.stopped = True
             return
-        begin = max(0, skip - at - held)
+        begin = max(0, skip - at - waiting)
         if begin:
             # Only the part of the piece from `skip` on is wanted; what was held lies before it.
-            at, parts, held = at + held + min(begin, len(piece)), [], 0
+            at, parts, waiting = at + waiting + min(begin, len(piece)), [], 0
         end = piece.rfind(b"\n", begin) + 1
         if end <= begin:
             parts.append(piece[begin:])
-            held += len(parts[-1])
-            if held > LONGEST:
+            waiting += len(parts[-1])
+            if waiting > LONGEST:
                 parts = []
             continue
-        if held:
+        if waiting:
             begin = piece.find(b"\n") + 1
-            size = held + begin
+            size = waiting + begin
             if size > LONGEST:
                 progress.lines += 1
                 progress.count_damaged(1, at)
@@ -74,10 +74,10 @@ def chunks(
         if begin < end:
             yield Chunk(at, piece, begin, end)
             at += end - begin
-        held = len(piece) - end
-        parts = [piece[end:]] if held else []
+        waiting = len(piece) - end
+        parts = [piece[end:]] if waiting else []
     rest = b"".join(parts)
-    if held <= LONGEST and not rest.strip():
+    if waiting <= LONGEST and not rest.strip():
         return
     if read_object(rest) is not None:
         yield Chunk(at, rest + b"\n", 0, len(rest) + 1)

@@ -162,14 +162,14 @@ def _of_blocks(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
         size = int.from_bytes(head, "little")
         block = file.read(min(size, _LARGEST))
         try:
-            rows, whole = _rows(engine, block)
+            rows, complete = _rows(engine, block)
         except zstandard.ZstdError as error:
             progress.truncated, progress.problem = True, f"damaged block: {error}"
             return
         step = max(1, len(rows) * CHUNK // (sum(map(len, rows)) + 1))
         for begin in range(0, len(rows), step):
             yield b"\n".join([*rows[begin : begin + step], b""])
-        if len(block) < size or not whole:
+        if len(block) < size or not complete:
             progress.truncated, progress.problem = True, "the last block is cut off"
             return
 
@@ -248,18 +248,18 @@ def _compressed(file: BinaryIO) -> Iterator[bytes]:
         size = (1 - single) + (0, 1, 2, 4)[flags & 3] + (single, 2, 4, 8)[flags >> 6]
         yield head + described + file.read(size)
         head = file.read(3)
-        waiting, held = [head], 0
+        waiting, buffered = [head], 0
         while len(head) == 3:
             block = int.from_bytes(head, "little")
             size = 1 if block >> 1 & 3 == _REPEATED else block >> 3
             # The head of the next block comes along: one call for both, and no copy of a large one.
             body = file.read(size + (checksum if block & 1 else 3))
             waiting.append(body)
-            held += size
+            buffered += size
             if block & 1:
                 break
-            if held >= _PIECE or len(waiting) == _BLOCKS:
+            if buffered >= _PIECE or len(waiting) == _BLOCKS:
                 yield body if len(waiting) == 1 else b"".join(waiting)
-                waiting, held = [], 0
+                waiting, buffered = [], 0
             head = body[-3:]
         yield b"".join(waiting)

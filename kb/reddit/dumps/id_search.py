@@ -35,16 +35,16 @@ _FEWEST, _MOST = 20, 32  # the table's size as a power of two; a checksum has 32
 
 
 def write_index(
-    names: Iterable[str], trees: Iterable[str], folder: Path, gone: Collection[str] = ()
+    names: Iterable[str], trees: Iterable[str], folder: Path, purged: Collection[str] = ()
 ) -> None:
     """Write full names, and bare ids of posts that are wanted with all comments, for `ById`.
 
-    What is in `gone` is not wanted.
+    Names in `purged` are not wanted.
     """
     numbers = {kind: array("Q") for kind in (POSTS, COMMENTS, TREES)}
     sums, long = array("L"), set()
     for name in chain(names, (f"{TREES}_{key}" for key in trees)):
-        if name in gone:
+        if name in purged:
             continue
         prefix, _, key = name.partition("_")
         kind, value = _OF.get(prefix, TREES), key.encode()
@@ -62,7 +62,7 @@ def write_index(
         for kind, values in numbers.items():
             write_bytes(fresh / kind, array("Q", sorted(set(values))).tobytes())
         write_bytes(fresh / _LONG, "".join(f"{line}\n" for line in sorted(long)).encode())
-        write_bytes(fresh / _GONE, "".join(f"{name}\n" for name in sorted(gone)).encode())
+        write_bytes(fresh / _GONE, "".join(f"{name}\n" for name in sorted(purged)).encode())
         write_bytes(fresh / _BITS, bytes(bits))
 
 
@@ -72,7 +72,7 @@ class IdIndex:
     def __init__(self, folder: Path) -> None:
         self._sorted = {kind: _numbers(folder / kind) for kind in (POSTS, COMMENTS, TREES)}
         self._long = frozenset((folder / _LONG).read_text().splitlines())
-        self.gone = frozenset((folder / _GONE).read_text().splitlines())
+        self.purged = frozenset((folder / _GONE).read_text().splitlines())
         self.bits = _mapped(folder / _BITS)
         self.shift = 32 - (8 * len(self.bits) - 1).bit_length()
         self.trees = bool(self._sorted[TREES]) or any(line.startswith(TREES) for line in self._long)
@@ -113,7 +113,7 @@ class ById(SubredditSearch):
         yield from hits
 
     def _hits(
-        self, data: bytes, begin: int, found: Any, prefix: int, kinds: Sequence[str]
+        self, data: bytes, begin: int, positions: Any, prefix: int, kinds: Sequence[str]
     ) -> list[int]:
         """Where wanted ids are among what stands behind colons; `prefix` bytes of it are no id.
 
@@ -121,7 +121,7 @@ class ById(SubredditSearch):
         """
         bits, shift, find = self._kept.bits, self._kept.shift, data.find
         hits = []
-        for _, _, colon in found:
+        for _, _, colon in positions:
             at = begin + colon + 1 + prefix
             if data[at - 1 - prefix] == 0x20:  # a space behind the colon
                 at += 1

@@ -70,7 +70,7 @@ class SubredditSearch:
     def __call__(self, chunk: Chunk, take: Take) -> ChunkMatches:
         """What a chunk holds; its records are given to `take`, in order."""
         offset, data, begin, end = chunk
-        lines, whole = _counted(chunk)
+        lines, well_formed = _counted(chunk)
         stop = begin
         taken = 0
         hits: set[int] = set()  # where lines begin that were read
@@ -88,7 +88,7 @@ class SubredditSearch:
                 taken += 1
                 take(offset + stop - begin, record)
         every = offset < CHECKED or 2 * taken >= lines
-        if len(hits) < lines and (every or whole < lines):
+        if len(hits) < lines and (every or well_formed < lines):
             at = begin
             for line in _lines(chunk):
                 if (
@@ -191,13 +191,15 @@ def _counted(chunk: Chunk) -> tuple[int, int]:
     file = io.BytesIO(chunk.data)
     file.seek(chunk.begin)
     try:
-        whole = [line[0] == 0x7B and (line[-2] == 0x7D or line[-3:] == b"}\r\n") for line in file]
+        well_formed = [
+            line[0] == 0x7B and (line[-2] == 0x7D or line[-3:] == b"}\r\n") for line in file
+        ]
     except IndexError:  # an empty line, or a part of one
         file.seek(chunk.begin)
-        whole = [line[:1] == b"{" and line[-3:].rstrip(b"\r\n")[-1:] == b"}" for line in file]
+        well_formed = [line[:1] == b"{" and line[-3:].rstrip(b"\r\n")[-1:] == b"}" for line in file]
     if chunk.end < len(chunk.data):
-        whole.pop()  # a part of a line
-    return len(whole), whole.count(True)
+        well_formed.pop()  # a part of a line
+    return len(well_formed), well_formed.count(True)
 
 
 def _lines(chunk: Chunk) -> list[bytes]:

@@ -124,20 +124,22 @@ def reduce(folder: str, number: int) -> None:
     # stand in the order of the kinds.
     rows = pa.concat_tables(parts)
     by = ("fetched_at", "live", "dump")
-    found = newest(rows, ["fullname"], by)
+    latest = newest(rows, ["fullname"], by)
     # An answer that only says that a comment is gone may not say of which post it was; an older one
     # does.
-    said = newest(
+    with_post = newest(
         rows.filter(pc.not_equal(pc.fill_null(rows["post_id"], ""), "")), ["fullname"], by
     )
-    post = said["post_id"].take(pc.index_in(found["fullname"], said["fullname"].combine_chunks()))
-    there = pc.equal(found["state"], "there")
-    found = found.set_column(found.column_names.index("post_id"), "post_id", post)
-    found = found.select(["fullname", "post_id", "fetched_at", "live", "gone"])
-    found = found.append_column("there", there)
+    post = with_post["post_id"].take(
+        pc.index_in(latest["fullname"], with_post["fullname"].combine_chunks())
+    )
+    there = pc.equal(latest["state"], "there")
+    latest = latest.set_column(latest.column_names.index("post_id"), "post_id", post)
+    latest = latest.select(["fullname", "post_id", "fetched_at", "live", "gone"])
+    latest = latest.append_column("there", there)
     with (
         full_disk_is_resumable(Path(folder)),
-        pa.ipc.new_file(str(Path(folder, f"{number:06d}.arrow")), found.schema) as file,
+        pa.ipc.new_file(str(Path(folder, f"{number:06d}.arrow")), latest.schema) as file,
     ):
-        file.write_table(found)
+        file.write_table(latest)
     shutil.rmtree(Path(folder, "rows", str(number)))
