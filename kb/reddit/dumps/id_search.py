@@ -8,7 +8,7 @@ finds them, at the same rate, and the id decides.
 
     ids/posts, comments, trees      sorted numbers of eight bytes, one an id
     ids/long                        ids that are longer, one a line
-    ids/gone                        full names that were purged: never taken, whoever asks
+    ids/gone                        purged full names, which are never extracted
     ids/bits                        a bit for each checksum; at most one of 32 is set
 """
 
@@ -37,7 +37,7 @@ _FEWEST, _MOST = 20, 32  # the table's size as a power of two; a checksum has 32
 def write_index(
     names: Iterable[str], trees: Iterable[str], folder: Path, purged: Collection[str] = ()
 ) -> None:
-    """Write full names, and bare ids of posts that are wanted with all comments, for `ById`.
+    """Write full names, and bare ids of posts wanted with all comments, for `ById`.
 
     Names in `purged` are not wanted.
     """
@@ -89,7 +89,7 @@ class IdIndex:
 class ById(SubredditSearch):
     """Finds posts and comments by id in chunks of a dump, and the comments of some posts.
 
-    With a `subreddit` only lines of it are looked at; `state` is what such a search has learned.
+    With a `subreddit` only its lines are searched; `state` is what such a search has learned.
     """
 
     def __init__(
@@ -100,11 +100,11 @@ class ById(SubredditSearch):
         self._ids = finder(b'"id":')
         self._links = finder(b'"link_id":') if kept.trees else None
 
-    def _found(self, data: bytes, begin: int, end: int) -> Iterable[int]:
-        return super()._found(data, begin, end) if self._name else self._any(data, begin, end)
+    def _positions(self, data: bytes, begin: int, end: int) -> Iterable[int]:
+        return super()._positions(data, begin, end) if self._name else self._any(data, begin, end)
 
     def _any(self, data: bytes, begin: int, end: int) -> Iterator[int]:
-        """Where wanted ids are, in order, whatever the subreddit."""
+        """Positions of wanted ids of any subreddit, in order."""
         part = memoryview(data)[begin:end]
         hits = self._hits(data, begin, self._ids(part), 0, (POSTS, COMMENTS, TREES))
         if self._links is not None:
@@ -115,9 +115,10 @@ class ById(SubredditSearch):
     def _hits(
         self, data: bytes, begin: int, positions: Any, prefix: int, kinds: Sequence[str]
     ) -> list[int]:
-        """Where wanted ids are among what stands behind colons; `prefix` bytes of it are no id.
+        """Positions of wanted ids among the values behind colons, without their first `prefix`
+        bytes.
 
-        The loop runs for every line, so it calls little.
+        The loop runs for every line, so it calls few functions.
         """
         bits, shift, find = self._kept.bits, self._kept.shift, data.find
         hits = []
