@@ -47,7 +47,7 @@ def open_runner(
     if precision == "int8":
         if compiled is None:
             raise MissingModel(
-                f"{checkpoint.path} can't be scored in int8: its graph can't be made",
+                f"{checkpoint.path} can't be scored in int8: its graph can't be built",
                 hint="use bf16 or fp32",
             )
         return int8_runner(compiled, threads)
@@ -125,7 +125,7 @@ def choose_device(wanted: str, precision: str = "fp32") -> str:
             return "cuda"
     if wanted == "cuda":
         raise SettingError(
-            "--device cuda: torch sees no GPU here",
+            "--device cuda: torch finds no GPU",
             hint="use --device auto, or install a CUDA build of torch",
         )
     return "cpu"

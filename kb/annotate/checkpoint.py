@@ -93,7 +93,7 @@ def find_checkpoint(settings: Settings) -> Checkpoint:
             f"there is no checkpoint {path}", hint="see KB_TOXICITY_MODEL, or run `kb models fetch`"
         )
     expected = _known_digests(path, settings.kb_toxicity_sha256)
-    digest = _verify(path, expected, "get the file again from where it came from")
+    digest = _verify(path, expected, "download the file again")
     if not expected and digest not in KNOWN:
         quoted = shlex.quote(str(path))
         raise MissingModel(
@@ -131,7 +131,7 @@ def _fetched(model: Published) -> Checkpoint:
     path = folder / model.checkpoint
     if not path.is_file():
         raise MissingModel(
-            f"the toxicity model {model.name!r} is not on this machine",
+            f"the toxicity model {model.name!r} is not installed",
             hint=f'run `{command}`, or set toxicity = "off" in the profile',
         )
     digest = _verify(
@@ -155,7 +155,7 @@ def _known_digests(path: Path, setting: str | None) -> list[tuple[str, str]]:
         given = words[0].lower().removeprefix("sha256:")
         if not _DIGEST.fullmatch(given):
             raise SettingError(
-                "KB_TOXICITY_SHA256 is no sha256",
+                "KB_TOXICITY_SHA256 is not a SHA-256 digest",
                 hint=f"give the 64 hex digits that `sha256sum {path.name}` prints",
             )
         known.append(("KB_TOXICITY_SHA256", given))
@@ -164,7 +164,7 @@ def _known_digests(path: Path, setting: str | None) -> list[tuple[str, str]]:
             match = _DIGEST.search(beside.read_text(encoding="utf-8", errors="replace"))
             if not match:
                 raise MissingModel(
-                    f"{beside} holds no sha256",
+                    f"{beside} contains no SHA-256 digest",
                     hint=f"write it with `sha256sum {path.name} > {beside.name}`",
                 )
             known.append((beside.name, match.group().lower()))

@@ -32,7 +32,7 @@ WINDOW = 512  # tokens that every published model reads at once
 def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
     """The `detoxify.Detoxify` object of a verified checkpoint, in evaluation mode.
 
-    Raises MissingExtra, and MissingModel when the file is no Detoxify checkpoint.
+    Raises MissingExtra, and MissingModel when the file is not a Detoxify checkpoint.
     """
     need_extra()
     with _quiet():
@@ -59,7 +59,7 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
             if out_of_memory.is_out_of_memory(error):
                 raise
             raise MissingModel(
-                f"{checkpoint.path} is no Detoxify checkpoint ({type(error).__name__})",
+                f"{checkpoint.path} is not a Detoxify checkpoint ({type(error).__name__})",
                 hint="KB_TOXICITY_MODEL must be a Detoxify model name or checkpoint;"
                 " see `kb models fetch`",
             ) from error
@@ -108,7 +108,7 @@ def _read(checkpoint: Checkpoint, device: str) -> Any:
         if hashlib.file_digest(file, "sha256").hexdigest() != checkpoint.sha256:
             raise MissingModel(
                 f"{checkpoint.path} was changed after it was verified",
-                hint="get the file again from where it came from",
+                hint="download the file again",
             )
         file.seek(0)
         # Detoxify's files hold a dictionary of JSON values and one of tensors: this is enough.
@@ -147,8 +147,8 @@ def _same_weights(model: Any, state: dict[str, Any], checkpoint: Checkpoint) -> 
     ]
     if broken:
         raise MissingModel(
-            f"{checkpoint.path} is broken: {broken[0]} holds what is no number",
-            hint="get the file again from where it came from",
+            f"{checkpoint.path} is broken: {broken[0]} contains values that are not numbers",
+            hint="download the file again",
         )
     own = model.model.state_dict()
     wrong = [name for name in own if name not in state and not name.endswith("position_ids")]
@@ -168,8 +168,8 @@ def _reason(error: Exception) -> str:
 
 def _misfit(checkpoint: Checkpoint, why: str) -> MissingModel:
     return MissingModel(
-        f"{checkpoint.path} doesn't fit the configuration beside it: {why}",
-        hint="put the config.json and tokenizer of its base model beside it",
+        f"{checkpoint.path} does not match its config.json: {why}",
+        hint="put the config.json and tokenizer of its base model into its folder",
     )
 
 

@@ -103,7 +103,7 @@ def _receive(session: HttpSession, address: str, part: Path, task: Any) -> None:
             total = response.headers.get("Content-Range", "").rpartition("/")[2]
             if total != str(have):
                 part.unlink()
-                raise Retryable("the part on disk is longer than the file")
+                raise Retryable("the partial download is longer than the file")
             return
         if response.status_code not in (200, 206):
             raise FatalError(

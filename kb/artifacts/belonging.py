@@ -80,7 +80,7 @@ def load(root: Path, bound: Remembered) -> tuple[Profile, str]:
         else:
             raise ProfileError(
                 f"{root} was made with the profile {bound.name!r} of {bound.file}, which is gone",
-                hint="say where it is now with --profile FILE; the data root remembers it",
+                hint="name its new location with --profile FILE; the data root remembers it",
             )
     check(root, profile)
     return profile, said
@@ -105,7 +105,7 @@ def _note(root: Path, profile: Profile) -> None:
     old = _read(root)
     if old is not None and old.name != profile.name and (pid := lock.another(root)):
         raise OtherService(
-            f"another process (pid {pid}) begins {root} with the profile {old.name!r},"
+            f"another process (pid {pid}) is starting {root} with the profile {old.name!r},"
             f" not {profile.name!r}",
             hint="use another --data folder, or wait for it",
         )
@@ -145,7 +145,7 @@ def note_if_stored(root: Path, profile: Profile) -> None:
 
 
 def _read(root: Path) -> Remembered | None:
-    mend = "delete it, then name the profile once: --profile NAME|FILE"
+    mend = "delete it, then name the profile once with --profile NAME|FILE"
     return notes.read(Layout(root).profile, Remembered, mend=mend)
 
 

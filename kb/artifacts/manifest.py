@@ -197,7 +197,7 @@ def check_folder(folder: Path) -> None:
     if found is not None:
         root, artifact = found
         lost += [one for one in missing(root, artifact.name) if one.parent == folder]
-    _refuse(sorted(lost), found[1].hint if found is not None else "put it back from a copy")
+    _refuse(sorted(lost), found[1].hint if found is not None else "restore it from a copy")
 
 
 def _refuse(lost: list[Path], hint: str) -> None:

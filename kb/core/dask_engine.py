@@ -138,7 +138,7 @@ class _Future(Future[Any]):
             return self._wait(timeout)
         except KilledWorker as error:
             raise FatalError(
-                "several Dask workers died of the same task",
+                "several Dask workers died on the same task",
                 hint="they may need more memory; see their logs",
             ) from error
         # What a task itself raises is not one of these.

@@ -63,7 +63,7 @@ def make_executor(
                 yield pool
             except BrokenExecutor as error:
                 raise FatalError(
-                    "a worker process was killed, most often as memory ran out",
+                    "a worker process was killed, probably because memory ran out",
                     hint="try fewer --workers; the same command resumes",
                 ) from error
             except BaseException:

@@ -21,7 +21,7 @@ KbError                     exit  what follows
 │   ├── QuotaSpent                a quota is used up until `reset_at`
 │   ├── Blocked                   the service blocks us (429 without end, captcha, consent wall)
 │   ├── Unreachable               no connection to the service
-│   ├── DiskFull                  no room to write
+│   ├── DiskFull                  no space left to write
 │   ├── LimitReached              --limit items were done
 │   └── Interrupted               SIGINT or SIGTERM
 └── ItemError               -     about one item; never leaves a stage

@@ -52,6 +52,6 @@ def licence(spdx: str) -> Licence:
         return KNOWN[spdx]
     except KeyError:
         raise ProfileError(
-            f"{spdx!r} is no licence that a release can carry",
+            f"{spdx!r} is not a licence that a release can use",
             hint=f"known: {', '.join(sorted(KNOWN))}",
         ) from None

@@ -33,7 +33,7 @@ def load(path: str) -> ModuleType:
     name = "kb_pipeline_" + Path(path).stem
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
-        raise SettingError(f"{path} is no Python file")
+        raise SettingError(f"{path} is not a Python file")
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)

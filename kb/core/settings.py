@@ -255,7 +255,7 @@ class Settings(BaseSettings):
         if self.kb_contact and not _CONTACT.search(self.kb_contact):
             raise SettingError(
                 f"KB_CONTACT is {wording.shown(self.kb_contact)}:"
-                " must be or hold an e-mail or web address",
+                " must contain an e-mail or web address",
                 hint="such as me@example.org or https://example.org/about;"
                 " services see it in the User-Agent",
             )

@@ -31,7 +31,7 @@ class Tally:
             raise CountMismatch(
                 f"{what}: {self.crawled} crawled, but {self.kept} kept + {self.rejected} rejected"
                 f" + {self.failed} failed + {self.pending} pending = {answered}",
-                hint="this is a defect of Lorecrawl; no output was replaced",
+                hint="this is a bug in Lorecrawl; no output was replaced",
             )
         return self
 

@@ -143,7 +143,7 @@ WORDS: dict[str, Word] = {
     "keywords": Word("Keywords that were looked for.", "{n} keywords"),
     "profile keywords.keywords": Word("Rows that are proposed.", "{n} rows proposed"),
     "not_proposed": Word(
-        "Titles of the wiki that can be no keyword, or are in the list already.",
+        "Titles of the wiki that can be no keyword, or are already in the list.",
         "{n} titles left out",
     ),
     "not_proposed_by": Word("The same by reason."),

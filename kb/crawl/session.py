@@ -52,7 +52,7 @@ class CrawlSession:
                 answer.kind, answer.endpoint, answer.params, answer.status, answer.response
             )
         except RecursionError:
-            why = f"an answer nested too deep to be kept at {answer.endpoint}"
+            why = f"an answer nested too deeply to be stored at {answer.endpoint}"
             raise Retryable(why) from None
 
     def requests(self) -> tuple[int, int]:

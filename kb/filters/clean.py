@@ -244,7 +244,7 @@ def _summary(
         raise CountMismatch(
             f"{spec.source}: the files hold {asdict(total)},"
             f" but the workers counted {dict(counts)}",
-            hint="this is a defect of Lorecrawl; no output was replaced",
+            hint="this is a bug in Lorecrawl; no output was replaced",
         )
     summary = Summary(
         command=f"{spec.source} filter",

@@ -31,7 +31,7 @@ def check_kept(run: Run, source: str, summary: Summary) -> None:
         hint=f"see `kb query 'SELECT * FROM clean.{source}_{verdict}'` and the rules of"
         f" [{source}] in {run.profile.path}"
         if verdict == "rejected"
-        else f"run `kb {source} crawl`, which tries again what failed",
+        else f"run `kb {source} crawl`, which retries what failed",
     )
     error.summary = summary
     raise error

@@ -62,7 +62,7 @@ def attempt(
     except Retryable as error:
         if error.throttled:
             stop = blocked(
-                f"the service turns us away {tries} times in a row ({error})",
+                f"the service rejects requests {tries} times in a row ({error})",
                 error.after,
                 waited=patience > PATIENCE_S,
             )
@@ -75,15 +75,14 @@ def attempt(
             ) from error
         if service is not None:
             raise Unreachable(
-                f"{service} gives no usable answer: {error.reason}",
+                f"{service} returns no usable answer: {error.reason}",
                 hint="the same command resumes",
             ) from error
         raise
 
 
 def blocked(what: str, after: float | None = None, *, waited: bool = False) -> Blocked:
-    """The error for a service that turns us away, with the time to come back: in `after` seconds,
-    if it said so.
+    """The error for a service that rejects requests; it may name the seconds to wait (`after`).
 
     `waited`: to wait for that did not help, or would not.
     """
@@ -95,7 +94,8 @@ def blocked(what: str, after: float | None = None, *, waited: bool = False) -> B
             after=after,
         )
     return Blocked(
-        what, hint=f"it names no time; run the same command after {back}, or from another address"
+        what,
+        hint=f"it names no time; try again after {back}, or from another address",
     )
 
 

@@ -232,7 +232,7 @@ def place(url: str) -> str:
 
 def _stray(url: str) -> FatalError:
     why = ", which is not https" if in_the_clear(url) else ""
-    return FatalError(f"a service leads to {place(url)}{why}", hint="nothing was sent there")
+    return FatalError(f"a service redirects to {place(url)}{why}", hint="nothing was sent there")
 
 
 def _as_it_is(request: requests.PreparedRequest) -> requests.PreparedRequest:

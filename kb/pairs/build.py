@@ -67,7 +67,7 @@ def build(run: Run) -> Summary:
             # What a run had not cleared when it was killed behind its last rename.
             for left in Layout(run.root).pairing.glob("*"):
                 shutil.rmtree(left, ignore_errors=True)
-            run.progress.say("pairs are made of all transcripts; nothing is new")
+            run.progress.say("pairs are up to date")
             return _summary(known, run.root)
         work = Layout(run.root).pairing / mark
         if run.again:

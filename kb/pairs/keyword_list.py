@@ -163,8 +163,8 @@ def check_lists(folder: Path, names: Sequence[str], section: Pairs | None) -> li
         every += [(name, row) for row in rows]
         found += [Finding(ERROR, name, one.line, "", one.what, one.mend) for one in problems]
         if not rows and not problems:
-            mend = "write one a line: keyword, tab, kind"
-            found.append(Finding(ERROR, name, 0, "", "the list holds no keyword", mend))
+            mend = "write one per line: keyword, tab, kind"
+            found.append(Finding(ERROR, name, 0, "", "the list contains no keyword", mend))
     broken = bool(found)
     found += _duplicates(every)
     found += _kinds(every)
@@ -215,7 +215,7 @@ def _kinds(every: list[Placed]) -> Iterator[Finding]:
             continue
         close = difflib.get_close_matches(kind, known, n=1, cutoff=0.8)
         if close:
-            what = f"the kind {kind!r} stands only here"
+            what = f"the kind {kind!r} occurs only once"
             yield _at(WARNING, place, what, f"did you mean {close[0]!r}?")
 
 
@@ -250,6 +250,8 @@ def _helpless(every: list[Placed], section: Pairs | None) -> Iterator[Finding]:
     if not every or (section and section.include):
         return
     if all(row.keyword.reach is not None for _, row in every):
-        what = "every keyword has a rule, so that none makes a pair"
-        mend = "near waits for a keyword without a rule: leave it empty where a word is yours alone"
+        what = "every keyword has a rule, so none can make a pair"
+        mend = (
+            "near needs keywords without a rule nearby: leave the rule empty for unmistakable words"
+        )
         yield _at(ERROR, every[0], what, mend)

@@ -1,7 +1,7 @@
 """Rows of a keyword list, proposed from what a wiki calls its pages, for a person to strike from.
 
 A page's title is the keyword, its redirects are further forms, its category the kind, and an
-everyday word gets the rule `near`. What can't be matched, or is in the list already, is left out
+everyday word gets the rule `near`. What can't be matched, or is already in the list, is left out
 and counted.
 """
 
@@ -59,9 +59,9 @@ def propose(pages: Iterable[PageNames], taken: Iterable[str] = ()) -> Proposal:
         folded = phrase(name)
         why = _unfit(name, folded)
         if not why and folded in known:
-            why = "in the list already"
+            why = "already in the list"
         if not why and folded in titles:
-            why = "another page has the name"
+            why = "another page has this name"
         if why:
             found.left[why] += 1
             continue

@@ -124,7 +124,7 @@ def make(
     owner.pop("", None)
     owner.update(dict.fromkeys(banned, EXCLUDED))
     if not names:
-        raise ProfileError(f"{where}: there is no keyword to match")
+        raise ProfileError(f"{where}: there are no keywords to match")
     ordered = sorted(owner)
     return Keywords(
         tuple(every[name] for name in names), tuple(ordered), tuple(owner[form] for form in ordered)

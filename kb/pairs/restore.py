@@ -73,7 +73,7 @@ class TextRestore:
             self.run.profile.section(Pairs)
         if len(self.content.of("pairs")) > 1:
             raise SettingError(
-                "several folders of pairs",
+                "several folders contain pairs",
                 hint="restore one index at a time, each into its own --data",
             )
         return needed
@@ -172,7 +172,7 @@ def _read(index: Path) -> pa.Table:
         lacking = [name for name in names if any(name not in schema.names for schema in schemas)]
         if lacking:
             raise SettingError(
-                f"--from-index: {index} is no index of pairs, it has no column {lacking[0]!r}"
+                f"--from-index: {index} is not an index of pairs: it has no column {lacking[0]!r}"
             )
         rows = pa.concat_tables(parquet.read_table(file, columns=names) for file in files)
     except (pa.ArrowInvalid, OSError) as error:

@@ -127,7 +127,7 @@ def _bytes(home: Path, path: str) -> tuple[bytes, str]:
         return file.read_bytes(), str(file)
     except OSError as error:
         raise DamagedData(
-            f"{file} can't be read: {error.strerror}", hint="put it back from a copy"
+            f"{file} can't be read: {error.strerror}", hint="restore it from a copy"
         ) from None
 
 

@@ -59,7 +59,7 @@ def _release(run: Run, only: Sequence[str]) -> Summary:
     if lacking:
         _log.warning(
             "the profile names no %s; `kb release publish` will refuse what is made without:"
-            " add [[release.creators]] and release.contact to it",
+            " add [[release.creators]] and release.contact",
             lacking.replace("a ", "").replace(" and ", " and no "),
         )
     facts = [write(run, folder) for folder in exports]

@@ -61,7 +61,7 @@ def changes(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> Ch
     except (pa.ArrowInvalid, ValueError, OSError) as error:
         raise DamagedData(
             f"{before} can't be read: {error}",
-            hint="remove it: then what changed since that version is no longer known",
+            hint="remove it; changes since that version will be unknown",
         ) from None
     return Changes(
         version=before.stem,

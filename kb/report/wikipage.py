@@ -180,7 +180,7 @@ def _screenshot(data: ReportData, shot: str, width: float, shown: float) -> Any:
             high = min(opened.height, round(shown * opened.width / width))
             return opened.crop((0, 0, opened.width, high)).convert("RGB")
     except (OSError, SyntaxError, ValueError) as error:  # what Pillow raises for a damaged file
-        hint = "put it back from a copy, or remove it: the figure then has the boxes alone"
+        hint = "restore it from a copy, or remove it: the figure then has the boxes alone"
         raise DamagedData(f"the screenshot {path} can't be read: {error}", hint=hint) from None
 
 

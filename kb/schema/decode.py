@@ -101,7 +101,7 @@ class ColumnReader:
             fetched_at, status = envelope["fetched_at"], envelope["status"]
             params, response = envelope["request"].get("params") or {}, envelope["response"]
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise DamagedData(f"a raw line is no envelope: {error!r}") from None
+            raise DamagedData(f"a raw line is not an envelope: {error!r}") from None
         return self.decoded(fetched_at, holdable(params), status, holdable(response))
 
     def decoded(

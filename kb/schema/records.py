@@ -142,7 +142,7 @@ def _loaded(text: bytes) -> Any:
     try:
         return json.loads(text)
     except ValueError as error:
-        raise DamagedData(f"a raw line is no envelope: {error!r}") from None
+        raise DamagedData(f"a raw line is not an envelope: {error!r}") from None
 
 
 def _each(column: pa.Array[Any]) -> Iterator[bytes]:

@@ -118,9 +118,7 @@ def tables() -> dict[str, Table]:
         declared = load_table(path)
         expected = f"{path.parent.name}/{path.stem}"
         if declared.name != expected:
-            raise SchemaMismatch(
-                f"{path}: `name` is {declared.name!r}, the file's place says {expected!r}"
-            )
+            raise SchemaMismatch(f"{path}: `name` is {declared.name!r}, its path says {expected!r}")
         found[declared.name] = declared
     return found
 

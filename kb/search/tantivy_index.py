@@ -247,5 +247,5 @@ def _checking_disk(folder: Path) -> Iterator[None]:
         yield
     except ValueError as error:
         if shutil.disk_usage(folder).free < _LEAST_ROOM:
-            raise DiskFull(f"no room to write {folder}", hint=FULL_HINT) from error
+            raise DiskFull(f"no space left to write {folder}", hint=FULL_HINT) from error
         raise

@@ -39,7 +39,7 @@ def advice(path: Path) -> str:
         case ("tombstones.parquet", _, "raw" | "state", *_):
             return "run `kb verify --repair`: its copy takes its place"
     command = _made_by(path)
-    return f"run `{command}` again" if command else "put it back from a copy"
+    return f"run `{command}` again" if command else "restore it from a copy"
 
 
 def _made_by(path: Path) -> str:

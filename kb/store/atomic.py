@@ -33,11 +33,11 @@ def full_disk_is_resumable(path: Path) -> Iterator[None]:
         if error.errno in _FULL or any(
             f"[errno {number}]" in str(error).lower() for number in _FULL
         ):
-            raise DiskFull(f"no room to write {path}", hint=FULL_HINT) from error
+            raise DiskFull(f"no space left to write {path}", hint=FULL_HINT) from error
         raise
     except Exception as error:
         if getattr(error, "sqlite_errorname", "") in SQLITE_FULL:
-            raise DiskFull(f"no room to write {path}", hint=FULL_HINT) from error
+            raise DiskFull(f"no space left to write {path}", hint=FULL_HINT) from error
         raise
 
 

@@ -106,9 +106,7 @@ def spread(
     except DamagedData as error:
         if getattr(error, "path", None) is not None:
             raise
-        named = DamagedData(
-            f"{segment}: {error}", hint="move the file away, or copy it again from where it came"
-        )
+        named = DamagedData(f"{segment}: {error}", hint="move the file away, or copy it again")
         named.path = segment  # type: ignore[attr-defined]
         raise named from None
     return {

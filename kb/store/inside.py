@@ -21,6 +21,6 @@ def inside(root: Path, path: str) -> Path:
     if not is_inside(root, path):
         raise DamagedData(
             f"the wiki's data name {path!r}, which is not in {Layout(root).raw(CAPTURED)}",
-            hint="the raw files that say so are not of a crawl: move them away",
+            hint="those raw files are not from a crawl: move them away",
         )
     return root / path

@@ -95,7 +95,7 @@ def decode(line: bytes) -> Envelope:
     try:
         return _decoder.decode(line)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise DamagedData(f"a raw line is no envelope: {error}") from None
+        raise DamagedData(f"a raw line is not an envelope: {error}") from None
 
 
 class Frames:

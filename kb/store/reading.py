@@ -115,7 +115,7 @@ def filtered(root: Path, source: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         said, why = None, str(error)
     else:
-        why = "it is no object"
+        why = "it is not an object"
     if not isinstance(said, dict):
         raise DamagedData(
             f"{path} can't be read: {why}", hint=advice(path.parent / "videos" / path.name)

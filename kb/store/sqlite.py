@@ -54,17 +54,17 @@ def told(error: sqlite3.DatabaseError, path: Path) -> Exception:
     if isinstance(error, (sqlite3.ProgrammingError, sqlite3.IntegrityError)):
         return error
     if name in SQLITE_FULL:
-        return DiskFull(f"no room to write {path}", hint=FULL_HINT)
+        return DiskFull(f"no space left to write {path}", hint=FULL_HINT)
     if name.startswith(("SQLITE_BUSY", "SQLITE_LOCKED")):
         said = f"the state {path} can't be read: {error}"
-        return FatalError(said, hint="another program holds it: try again in a moment")
+        return FatalError(said, hint="another program uses it: try again in a moment")
     if name.startswith(("SQLITE_CANTOPEN", "SQLITE_READONLY", "SQLITE_PERM")):
         why = _not_allowed(path) or str(error)
-        hint = "whoever runs kb must be able to read and write it and its folder"
+        hint = "kb needs permission to read and write it and its folder"
         return FatalError(f"the state {path} can't be opened: {why}", hint=hint)
     if name.startswith("SQLITE_IOERR"):
         said = f"the state {path} can't be read: {error}"
-        return FatalError(said, hint="look after the disk, then run the same command again")
+        return FatalError(said, hint="check the disk, then run the same command again")
     return DamagedData(f"the state {path} can't be read: {error}", hint=REBUILT)
 
 

@@ -134,7 +134,7 @@ def _load(file: Path) -> pa.Table:
         f"{file} can't be read: {why}",
         hint=f"remove it: {whole} holds the purged keys as well"
         if whole
-        else "put it back from a copy: without it, what was purged would come back",
+        else "restore it from a copy: without it, purged content would return",
     )
 
 

@@ -98,7 +98,7 @@ class FileVerifier:
         elif name.endswith(".parquet"):
             self._parquet("tombstones" if name == "tombstones.parquet" else "state", path)
         elif name.endswith(".json"):
-            self._json("state", path, "move it away, or put it back from a copy")
+            self._json("state", path, "move it away, or restore it from a copy")
         elif name.endswith(sidefiles.ASIDE):
             self._look.whole("set aside", path)
         elif name.endswith((*_OF_STATE, ".txt")) or name == ".gitkeep":

@@ -160,7 +160,7 @@ def _tombstones(root: Path, one: VerifyFinding) -> str:
         if other != one.path and other.is_file() and other.stat().st_size and _holds(other):
             write_bytes(one.path, other.read_bytes())
             return f"{one.path} is its copy {other} again"
-    return f"{one.path} could not be mended: no copy of it is whole; put it back from a copy"
+    return f"{one.path} could not be mended: no copy of it is whole; restore it from a copy"
 
 
 def _holds(path: Path) -> bool:

@@ -71,7 +71,7 @@ def _look_again(look: Look, root: Path, busy: Busy, progress: Progress) -> None:
     }
     look.drop(held)
     for pid in sorted({pid for one in held for pid in busy.holders(one.path)}):
-        progress.say(f"another process (pid {pid}) is writing: what is on its way is not told")
+        progress.say(f"another process (pid {pid}) is writing: its unfinished files are not listed")
 
 
 def _size(path: Path) -> int:

@@ -99,7 +99,7 @@ def test_what_a_verified_file_would_run_is_not_run(tmp_path):
     made = make_checkpoint(
         tmp_path / "model", change=lambda held: held["config"].update(extra=Bomb())
     )
-    with pytest.raises(MissingModel, match="no Detoxify checkpoint"):
+    with pytest.raises(MissingModel, match="not a Detoxify checkpoint"):
         load_detoxify(checkpoint_of(made))
     assert not mark.exists()
 
@@ -232,7 +232,7 @@ def test_a_file_that_is_no_checkpoint_is_exit_2(copied):
     import torch
 
     torch.save({"weights": 1}, copied)
-    with pytest.raises(MissingModel, match="no Detoxify checkpoint"):
+    with pytest.raises(MissingModel, match="not a Detoxify checkpoint"):
         load_detoxify(find(copied, kb_toxicity_sha256=sha256_of(copied)))
 
 

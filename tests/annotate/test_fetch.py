@@ -186,7 +186,7 @@ def test_unknown_model_is_exit_2(run):
 def test_what_was_fetched_is_found_and_a_broken_one_names_the_command(run, monkeypatch):
     monkeypatch.setitem(PUBLISHED, "mine", MODEL)
     chosen = load_settings(dotenv=False, kb_toxicity_model="mine")
-    with pytest.raises(MissingModel, match="not on this machine") as error:
+    with pytest.raises(MissingModel, match="is not installed") as error:
         find_checkpoint(chosen)
     assert "kb models fetch mine" in error.value.hint
     fetch(run, "mine")

@@ -260,7 +260,7 @@ def test_keywords_are_proposed_from_the_crawled_wiki(
     assert called(*words, "--json") == 0
     summary = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert summary["keywords"] == 0
-    assert summary["not_proposed_by"]["in the list already"] == len(proposed)
+    assert summary["not_proposed_by"]["already in the list"] == len(proposed)
 
 
 def called(*words: str) -> int:

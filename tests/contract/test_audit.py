@@ -32,8 +32,8 @@ LINES = {
     "5 no checksums": (
         "store/test_parquet.py: of_2000_changed_bits_in_raw_and_parquet_none_is_silent",
         "store/test_parquet.py: a_footer_is_told_by_itself",
-        "query/test_views.py: a_changed_bit_never_changes_an_answer",
-        "reader/test_damage.py: a_changed_bit_is_told_by_rows_and_by_counts",
+        "query/test_execute.py: a_changed_bit_never_changes_an_answer",
+        "reader/test_tables.py: a_changed_bit_is_told_by_rows_and_by_counts",
         "search/test_search.py: a_damaged_index_is_told",
         "youtube/test_damage.py: a_flipped_bit_never_makes_another_answer",
     ),
@@ -42,7 +42,7 @@ LINES = {
         "youtube/test_damage.py: whoever_reads_raw_data_names_what_is_damaged",
     ),
     "7 a stopped demo rejects pages for good": (
-        "wiki/test_crawl.py: services_on_other_ports_are_the_same_wiki",
+        "wiki/connector/test_source.py: services_on_other_ports_are_the_same_wiki",
     ),
     "8 exports take no lock": (
         "crash/test_two_at_once.py: the_second_names_the_first_and_nothing_comes_back",
@@ -55,11 +55,11 @@ LINES = {
     ),
     "10 a path in raw data leaves the root": (
         "wiki/test_export.py: no_path_in_data_leads_out_of_the_data_root",
-        "reader/test_damage.py: no_path_in_data_leads_out_of_its_folder",
+        "reader/test_screenshots.py: no_path_in_data_leads_out_of_its_folder",
     ),
     "11 a changed picture under its old name": (
-        "wiki/test_crawl.py: lost_images_and_captures_are_in_no_release_and_asked_for_again",
-        "wiki/test_crawl.py: verify_finds_them_and_repair_has_them_again",
+        "wiki/connector/test_source.py: lost_images_and_captures_are_asked_for_again",
+        "wiki/connector/test_source.py: verify_finds_them_and_repair_has_them_again",
     ),
     "12 a checkpoint verified by its own name": (
         "annotate/test_checkpoint.py: a_files_own_name_proves_nothing",
@@ -83,7 +83,7 @@ LINES = {
     ),
     "17 terminal escapes from data": (
         "core/test_terminal.py: nothing_on_stderr_or_stdout_acts",
-        "cli/test_query.py: nothing_of_the_data_acts_on_the_terminal",
+        "query/test_formats.py: nothing_of_the_data_acts_on_the_terminal",
     ),
     "leases and temporary files": (
         "crash/test_chaos.py: killed_and_run_again_it_is_as_if_nothing_had_been",
@@ -95,14 +95,14 @@ LINES = {
         "store/test_complete.py: pairs_that_lost_a_shard_are_made_again_as_the_line_says",
     ),
     "a second purge of the wiki by title": (
-        "wiki/test_crawl.py: purge_leaves_nothing",
+        "wiki/connector/test_source.py: purge_leaves_nothing",
         "reddit/test_refresh_purge.py: a_purge_that_was_cut_off_goes_on",
     ),
     "words of data in card and licence": (
         "release/test_release.py: words_of_the_data_are_never_markup_nor_lines",
     ),
     "STUN, redirects, plain http": (
-        "wiki/test_polite.py: a_page_reaches_no_stun_server",
+        "wiki/browser/test_browser.py: a_page_reaches_no_stun_server",
         "net/test_redirects.py: a_service_that_leads_elsewhere_is_not_followed",
         "core/test_settings.py: a_wrong_value_is_named_and_not_shown",
     ),

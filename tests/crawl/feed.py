@@ -87,7 +87,7 @@ def _judged(response: requests.Response) -> Any:
     if response.status_code == 404:
         raise ItemFinal("taken_back")
     if response.status_code == 403:
-        raise Blocked("the feed turns us away", hint="come back later", after=60.0)
+        raise Blocked("the feed rejects requests", hint="come back later", after=60.0)
     try:
         return response.json()
     except ValueError:

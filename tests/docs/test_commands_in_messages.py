@@ -14,7 +14,7 @@ import pytest
 
 from kb.cli.app import TREE
 from kb.cli.framework.messages import set_options, with_options
-from tests.cli.test_help import COMMANDS
+from tests.cli.test_app import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ("youtube", "wiki", "reddit")

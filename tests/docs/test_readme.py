@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from kb.cli.app import TREE
-from tests.cli.test_help import COMMANDS
+from tests.cli.test_app import COMMANDS
 from tests.installed import outside
 
 ROOT = Path(__file__).resolve().parents[2]

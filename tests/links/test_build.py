@@ -252,7 +252,7 @@ def test_the_release_has_ids_and_counts(run: Run, here: Here) -> None:
     write_table(next(folder.glob("links-*.parquet")), rows, "links/links", released=True)
     done = here("release", *at)
     assert done.code == 1
-    assert "column key holds something else" in done.err
+    assert "column key contains other values" in done.err
 
 
 @pytest.mark.parametrize(

@@ -107,7 +107,7 @@ def test_a_session_with_hosts_goes_nowhere_else(sandbox: Sandbox, elsewhere: Els
     root = sandbox.servers["wiki"].url
     with (
         HttpSession(load_settings(dotenv=False), hosts={host_of(root)}) as session,
-        pytest.raises(FatalError, match="a service leads to http://localhost"),
+        pytest.raises(FatalError, match="a service redirects to http://localhost"),
     ):
         send(session, "GET", f"{root}/api.php", headers={"Authorization": "Bearer ours"})
     assert elsewhere.asked == []

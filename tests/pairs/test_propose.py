@@ -35,8 +35,8 @@ def test_titles_redirects_and_categories_become_rows() -> None:
     assert found.left == {
         "no word": 1,
         "too long to be said": 1,
-        "in the list already": 1,
-        "another page has the name": 1,
+        "already in the list": 1,
+        "another page has this name": 1,
     }
 
 

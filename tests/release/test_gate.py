@@ -257,7 +257,7 @@ def test_wiki_under_a_licence_that_no_release_can_carry(tmp_path: Path) -> None:
     (line,) = refused(tmp_path, profile=profile)
     assert line.startswith(
         "licence: wiki/LICENSE: the pages name https://wiki.example.org/terms,"
-        " which is no licence that a release can carry"
+        " which is not a licence that a release can use"
     )
 
 
@@ -290,10 +290,7 @@ def test_undeclared_files(tmp_path: Path, source: str, name: str) -> None:
     build(tmp_path, sources=(source,))
     (tmp_path / "release" / source / name).write_text("text")
     assert refused(tmp_path) == [
-        (
-            f"undeclared file: {source}/{name}: is nothing that an export or a release"
-            " writes; remove it"
-        )
+        f"undeclared file: {source}/{name}: is not part of a release; remove it"
     ]
 
 
@@ -305,7 +302,7 @@ def test_links_are_not_followed(tmp_path: Path) -> None:
             tmp_path / ("nowhere" if name == "DATASHEET.md" else "outside")
         )
     assert refused(tmp_path) == [
-        f"undeclared file: youtube/{name}: is a link; a release has files of its own"
+        f"undeclared file: youtube/{name}: is a link; a release needs real files"
         for name in ("DATASHEET.md", "README.md", "extra.txt")
     ]
 
@@ -322,10 +319,13 @@ def test_sample_in_json_with_content(tmp_path: Path) -> None:
             {"post_id": "somebody wrote this"},
             "content: {}: column post_id holds text that is no id",
         ),
-        ({"type": "poem"}, "content: {}: column type holds something else than "),
-        ({"score": "many"}, "undescribed: {}: column score holds something else than int64"),
+        ({"type": "poem"}, "content: {}: column type contains other values than "),
+        ({"score": "many"}, "undescribed: {}: column score contains other values than int64"),
         ({"post_id": None}, "null: {}: column post_id has rows without a value"),
-        ({"created_utc": "soon"}, "undescribed: {}: column created_utc holds something else than "),
+        (
+            {"created_utc": "soon"},
+            "undescribed: {}: column created_utc contains other values than ",
+        ),
     ):
         path.write_text(json.dumps([rows[0] | edit, *rows[1:]]))
         wanted = line.format("reddit/posts.sample.json")

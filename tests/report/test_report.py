@@ -339,7 +339,7 @@ def test_a_damaged_picture_is_named(tmp_path: Path) -> None:
         cut(shot)
     with pytest.raises(DamagedData, match=r"the screenshot .* can't be read") as caught:
         report(a_run(tmp_path))
-    assert "put it back from a copy, or remove it" in caught.value.hint
+    assert "restore it from a copy, or remove it" in caught.value.hint
     assert not (tmp_path / "report").exists()
 
 

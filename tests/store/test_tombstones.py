@@ -149,4 +149,4 @@ def test_a_damaged_file_is_no_empty_one(tmp_path: Path, how: str) -> None:
     spoil(copy)
     with pytest.raises(DamagedData, match="can't be read") as error:
         tombstones.keys(tmp_path, "youtube")
-    assert error.value.hint.startswith("put it back from a copy")
+    assert error.value.hint.startswith("restore it from a copy")

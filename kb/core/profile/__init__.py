@@ -105,7 +105,7 @@ def load_profile(name: str | Path) -> Profile:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ProfileError(f"profile {path} is not valid TOML: {error}", hint=check) from None
     except RecursionError:
-        raise ProfileError(f"profile {path} is nested too deep to be read", hint=check) from None
+        raise ProfileError(f"profile {path} is nested too deeply", hint=check) from None
     if "path" in data:
         raise ProfileError(f"profile {path}: unknown key 'path'")
     try:

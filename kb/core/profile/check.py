@@ -72,7 +72,7 @@ def check_file(path: Path, *, publishing: bool = True) -> Checked:
         named = tuple(re.findall(r'"([^"\n/]+\.tsv)"', text))
         return Checked(None, named, [_syntax(path, text, str(error))])
     except RecursionError:
-        return _unread(path, "is nested too deep to be read", "write its tables in their own lines")
+        return _unread(path, "is nested too deeply", "write its tables in their own lines")
     lines = key_lines(text)
 
     def at(level: str, key: str, what: str, mend: str) -> Finding:

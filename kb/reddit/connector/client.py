@@ -78,7 +78,7 @@ class Limiter:
         if left > PATIENCE_S:
             back = clock.stamp(clock.now() + timedelta(seconds=math.ceil(left)))
             raise Blocked(
-                f"Reddit's window is used up: it opens again in {left:.0f} s, at {back}",
+                f"Reddit's rate limit is used up: it resets in {left:.0f} s, at {back}",
                 hint="run the same command then, or add --wait",
                 after=left,
             )

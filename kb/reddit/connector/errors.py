@@ -51,7 +51,7 @@ def consequence(error: wrong.PrawcoreException, path: str) -> Exception:
             return broken
         return Retryable(f"{type(broken).__name__} at {path}", unreachable=True)
     if isinstance(error, wrong.BadJSON):
-        return Retryable(f"an answer at {path} was cut off or is no JSON")
+        return Retryable(f"an answer at {path} is truncated or not JSON")
     if isinstance(error, wrong.Redirect):
         return ItemFinal("redirect", error.path)
     if isinstance(error, wrong.ResponseException):
@@ -61,7 +61,7 @@ def consequence(error: wrong.PrawcoreException, path: str) -> Exception:
 
 def too_deep(path: str) -> Retryable:
     """An answer whose nesting ends Python's stack."""
-    return Retryable(f"an answer nested too deep to be read at {path}")
+    return Retryable(f"an answer nested too deeply to be read at {path}")
 
 
 def no_subreddit(name: str, fact: ItemFinal) -> FatalError:
@@ -79,7 +79,7 @@ def _of_status(response: Any, path: str) -> KbError:
     if status == 403 and b"<html" in response.content[:2_000].lower():
         # The API answers in JSON; a page comes from what guards it.
         return Blocked(
-            "Reddit's network protection turns us away (HTTP 403 with a page)",
+            "Reddit's network protection rejects requests (HTTP 403 with a page)",
             hint="run the same command later, from a network that Reddit accepts",
         )
     if token:
@@ -149,7 +149,7 @@ def problem(path: str, answer: Any) -> str:
         if "error" in answer and "data" not in answer:
             return f"error {answer['error']}"
     if is_deeper(answer, DEEPEST):
-        return "an answer nested too deep to be read"
+        return "an answer nested too deeply to be read"
     return (
         ""
         if _expected(path.strip("/").split("/"), answer)

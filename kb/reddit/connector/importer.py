@@ -97,7 +97,7 @@ def import_files(run: Run, job: ImportJob, files: Sequence[Path]) -> Summary:
         if cursor.done:
             run.progress.say(
                 f"{one.file}: already imported ({cursor.things} posts and comments); --again"
-                " imports it once more"
+                " imports it again"
             )
         else:
             todo.append(msgspec.structs.replace(one, round=round))

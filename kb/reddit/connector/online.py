@@ -36,6 +36,6 @@ def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
     if isinstance(about.get("subscribers"), int):
         answer += f", {about['subscribers']:,} subscribers"
     if about.get("over18"):
-        fix = "its posts are rejected at the stage nsfw"
+        fix = "its posts will be rejected at the stage nsfw"
         return OnlineAnswer(WARNING, "reddit.subreddit", f"{answer}, for adults only", fix, 0)
     return OnlineAnswer(NOTE, "reddit.subreddit", answer)

@@ -119,7 +119,7 @@ class RedditRefresh(RedditSource):
         if self._closed:
             raise Retryable(
                 f"Reddit returned none of {len(items)} posts and comments that existed"
-                " (a closed subreddit?); none is marked as missing"
+                " (a closed subreddit?); nothing is treated as deleted"
             )
 
     @cached_property

@@ -118,7 +118,7 @@ def _reader(path: Path) -> Read:
     raise SettingError(
         f"{path} is not a dump: it is neither zstd, zst_blocks nor gzip, and does not start with"
         " a JSON object",
-        hint="give RS_* and RC_* files, or files of one subreddit",
+        hint="name RS_* and RC_* files, or files of one subreddit",
     )
 
 

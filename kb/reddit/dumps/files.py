@@ -43,8 +43,8 @@ def find_dumps(run: Run, paths: Sequence[Path]) -> DumpFiles:
         others = sorted(set(there) - set(dumps))
         if not dumps:
             raise SettingError(
-                f"{path} holds no dumps ({len(others)} other files)",
-                hint="give a folder of RS_* and RC_* files, or of files of one subreddit",
+                f"{path} contains no dumps ({len(others)} other files)",
+                hint="name a folder of RS_* and RC_* files, or of files of one subreddit",
             )
         if others:
             names = ", ".join(file.name for file in others[:_SHOWN])

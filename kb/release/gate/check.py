@@ -125,9 +125,9 @@ def _layout(folder: ReleaseFolder) -> list[GateProblem]:
     ]
     for path in strays(folder):
         what = (
-            "is a link; a release has files of its own"
+            "is a link; a release needs real files"
             if path.is_symlink()
-            else "is nothing that an export or a release writes; remove it"
+            else "is not part of a release; remove it"
         )
         problems.append(GateProblem("undeclared file", f"{folder.source}/{path.name}", what))
     return problems

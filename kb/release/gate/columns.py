@@ -63,7 +63,7 @@ def check_rows(path: Path, declared: Table, source: str) -> list[GateProblem]:
         try:
             values = _array([row.get(field.name) for row in rows], field.type)
         except (pa.ArrowException, ValueError, TypeError):
-            what = f"column {field.name} holds something else than {column.type}"
+            what = f"column {field.name} contains other values than {column.type}"
             problems.append(GateProblem("undescribed", where, what))
             continue
         ids_only = RELEASES[source].ids_only and declared.source == source
@@ -156,7 +156,7 @@ def _odd(
         return GateProblem(
             "content",
             where,
-            f"column {column.name} holds something else than {', '.join(column.values)}",
+            f"column {column.name} contains other values than {', '.join(column.values)}",
         )
     if (
         column.pattern
@@ -165,7 +165,7 @@ def _odd(
         ).as_py()
     ):
         return GateProblem(
-            "content", where, f"column {column.name} holds something else than {column.pattern}"
+            "content", where, f"column {column.name} contains other values than {column.pattern}"
         )
     return None
 

@@ -105,7 +105,7 @@ class DepositService:
             raise failure(error, url) from None
         if answer.is_redirect or 300 <= answer.status_code < 400:
             raise FatalError(
-                f"the deposit service leads elsewhere ({answer.status_code})",
+                f"the deposit service redirects ({answer.status_code})",
                 hint="nothing was sent there; check KB_ZENODO_ENDPOINT",
             )
         said = message(content, str(answer.reason or "").replace(self._token, redact.MARK))
@@ -116,7 +116,7 @@ class DepositService:
         if answer.status_code == 403:
             raise Forbidden(
                 f"the deposit service refused (403): {said}",
-                hint="look at the draft there, then run the same command again",
+                hint="check the draft there, then run the same command again",
             )
         if answer.status_code == 429:
             raise self._limited(answer.headers)
@@ -130,7 +130,7 @@ class DepositService:
         if answer.status_code in (404, 410):
             raise Gone(
                 f"the deposit service answered {answer.status_code}: {said}",
-                hint="the deposit may have been removed by hand",
+                hint="the deposit may have been deleted manually",
             )
         if not 200 <= answer.status_code < 300:
             raise FatalError(
@@ -141,9 +141,7 @@ class DepositService:
             body = json.loads(content) if content else {}
             msgspec.convert(body, shape)
         except (ValueError, RecursionError):
-            raise Retryable(
-                "an answer that the deposit API does not give", unreachable=True
-            ) from None
+            raise Retryable("an unexpected answer of the deposit API", unreachable=True) from None
         return body
 
     def _is_ours(self, url: str) -> bool:

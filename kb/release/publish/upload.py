@@ -101,7 +101,7 @@ class Upload:
                 self.service.get(known["id"])
             except Gone:
                 self.run.progress.say(
-                    f"the deposit {known['id']} of {self.folder.source} is gone; a new one is made"
+                    f"deposit {known['id']} of {self.folder.source} is gone; creating a new one"
                 )
                 return {key: what for key, what in known.items() if key in ("draft", "creating")}
         return known

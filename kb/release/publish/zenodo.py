@@ -109,7 +109,7 @@ class Zenodo:
             said = repr(taken[:100]) if isinstance(taken, str) else "of another form"
             raise FatalError(
                 f"the deposit service took the licence {said} instead of {metadata['license']!r}",
-                hint="look at the draft; it was not published",
+                hint="check the draft; it was not published",
             )
         return answer
 

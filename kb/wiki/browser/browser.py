@@ -18,8 +18,7 @@ from urllib3.exceptions import HTTPError
 
 from kb.core.errors import MissingExtra, Retryable
 from kb.wiki.browser import process_guard
-from kb.wiki.browser.chromium import INSTALL, Programs
-from kb.wiki.browser.driver import START_SECONDS, DriverProcess
+from kb.wiki.browser.chromium import INSTALL, START_SECONDS, DriverProcess, Programs
 from kb.wiki.errors import PageTimeout, of_browser
 
 # What Chromium would ask its maker by itself, and what pages may make it fetch ahead.

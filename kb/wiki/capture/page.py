@@ -145,7 +145,7 @@ def capture(
     browser.allow(browser.page_seconds * (1 + screenshot.count_tiles(page["height"])))
     sprites = screenshot.take_screenshot(browser, shot, page["width"], page["height"], crops)
     if browser.script(_MEASURE) != [page["width"], page["height"]]:
-        raise Retryable("page_moved: its size changed while it was pictured")
+        raise Retryable("page_moved: its size changed during the screenshot")
     watch.lap("screenshot")
     return Captured(extraction, html, settled, sprites, watch.seconds)
 

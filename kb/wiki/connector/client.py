@@ -129,13 +129,13 @@ class WikiApi:
             )
         except PageRefused as error:
             raise Blocked(
-                f"the wiki's API refuses us ({error.reason})",
+                f"the wiki's API blocks requests ({error.reason})",
                 hint="wait and run the same command again",
             ) from None
         except ItemFinal as error:
             raise FatalError(
                 f"the wiki's API at {self.endpoint} does not answer: {error}",
-                hint="look at the address in a browser",
+                hint="open the URL in a browser",
             ) from None
         try:
             value = msgspec.json.decode(answer.body)
@@ -143,7 +143,7 @@ class WikiApi:
             what = answers.quoted(answer.body[:1000].decode("utf-8", "replace"))
             # A page in place of an answer that does not end is a challenge: we are turned away.
             page = answer.body.lstrip()[:1] == b"<"
-            raise Retryable(f"{self.endpoint} gives no JSON but {what}", throttled=page) from None
+            raise Retryable(f"{self.endpoint} returns no JSON but {what}", throttled=page) from None
         refusal = value.get("error") if isinstance(value, dict) else None
         if isinstance(refusal, dict) and refusal:
             code = str(refusal.get("code"))
@@ -180,9 +180,7 @@ class _Circle:
 
 
 def _endless(step: str) -> Retryable:
-    return Retryable(
-        f"the wiki's API goes in a circle: it says again to continue at {answers.quoted(step)}"
-    )
+    return Retryable(f"the wiki's API loops: it continues again at {answers.quoted(step)}")
 
 
 def _step(going: Mapping[str, str | int]) -> str:
@@ -236,7 +234,7 @@ def find_endpoint(web: WikiHosts, url: str, *, known: bool = False) -> str:
         page = web.attempt(lambda: web.get(f"{url}/", {}), service="the wiki")
     except PageRefused as error:
         raise Blocked(
-            f"the wiki refuses us ({error.reason})", hint="wait and run the same command again"
+            f"the wiki blocks requests ({error.reason})", hint="wait and run the same command again"
         ) from None
     except ItemFinal as error:
         raise FatalError(f"{url} does not answer as a wiki: {error}") from None
@@ -247,9 +245,9 @@ def find_endpoint(web: WikiHosts, url: str, *, known: bool = False) -> str:
     if not front.href:
         raise FatalError(
             f"{url} has no EditURI link: it is not a MediaWiki, or answers with a challenge page",
-            hint="give the root of a MediaWiki as KB_WIKI_URL or wiki.url in the profile",
+            hint="set KB_WIKI_URL, or wiki.url in the profile, to the root of a MediaWiki",
         )
     parts = urlsplit(urljoin(page.url, front.href))
     if parts.hostname != urlsplit(page.url).hostname:
-        raise FatalError(f"the EditURI link of {url} leads to another host, {parts.hostname}")
+        raise FatalError(f"the EditURI link of {url} points to another host, {parts.hostname}")
     return urlunsplit((parts.scheme, parts.netloc, parts.path, "", ""))

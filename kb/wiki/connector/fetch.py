@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
+from functools import partial
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
 from kb.core import signals
+from kb.core.errors import ItemFinal, Retryable
 from kb.core.profile.wiki import Wiki
 from kb.crawl.source import Answer
 from kb.store import rawlog
 from kb.store.frontier import Frontier, Item
+from kb.store.layout import BELOW, Layout
+from kb.wiki import urls
 from kb.wiki.browser.pool import Pool
+from kb.wiki.capture import images
 from kb.wiki.connector import discover
 from kb.wiki.connector.client import BATCH, WikiApi
 from kb.wiki.connector.hosts import WikiHosts
-from kb.wiki.connector.originals import fetch_original
 from kb.wiki.connector.render import show_page
+from kb.wiki.errors import NoPicture
 from kb.wiki.parse import answers
 
 LONGEST = 5000  # bytes of titles in one address; servers refuse longer ones
@@ -149,3 +154,56 @@ def _by_title(answer: Answer) -> dict[str, dict[str, Any]]:
     pages = {page.get("title"): page for page in query.get("pages", [])}
     asked = ((title, names.get(title, title)) for title in answer.params["titles"])
     return {title: pages[name] for title, name in asked if name in pages}
+
+
+def fetch_original(
+    web: WikiHosts, section: Wiki, item: Item, page: dict[str, Any]
+) -> dict[str, Any]:
+    """The answer to be recorded; `page` is what the wiki says of the file, empty where nothing.
+
+    The file goes into raw/wiki/images, named by what is in it. Raises Blocked.
+    """
+    info = (page.get("imageinfo") or [{}])[0]
+    answer: dict[str, Any] = {
+        "key": item.key,
+        "title": item.payload.title if info else None,
+        "license": urls.file_licence(page),
+        "description": info.get("descriptionurl"),
+    }
+    folder = Layout(web.run.root).images
+    inspect = partial(images.inspect, max_pixels=section.max_pixels)
+    reason, value, challenge = "", None, ""
+    known = filter(None, (info.get("url"), item.key, item.payload.src))
+    for url in dict.fromkeys(map(web.today, known)):
+        if not web.allowed(url):
+            reason, value = "robots", url
+            continue
+        try:
+            sha256, image, size = web.attempt(
+                partial(web.download, url, folder, section.max_file_bytes, inspect)
+            )
+        except NoPicture as error:
+            challenge = error.reason
+            continue
+        except ItemFinal as error:
+            reason, value = reason or error.reason, value or error.value
+            continue
+        except Retryable as error:
+            # One image that the server can't give is no reason to stop: the next run asks again.
+            return {**answer, "outcome": "failed", "reason": str(error)}
+        return {
+            **answer,
+            "outcome": "stored",
+            "sha1": info.get("sha1"),
+            "url": url,
+            "sha256": sha256,
+            "bytes": size,
+            "media_type": image.media_type,
+            "path": str(BELOW.images / f"{sha256}.{image.extension}"),
+            "width": image.width,
+            "height": image.height,
+            "frames": list(image.frames),
+        }
+    if challenge:
+        return {**answer, "outcome": "failed", "reason": challenge}
+    return {**answer, "outcome": "final", "reason": reason, "value": value}

@@ -113,7 +113,7 @@ class WikiHosts:
         if self._robots is not None and self._robots.named and not self._robots.allows(url):
             raise Blocked(
                 f"the wiki's robots.txt names {PRODUCT} and bars {url}",
-                hint="ask the wiki's operators; nothing more is read",
+                hint="ask the wiki's operators for permission",
             )
 
     # -- requests --------------------------------------------------------------------------------

@@ -34,7 +34,7 @@ def _rules(option: str, namespaces: Collection[int] | None, columns: tuple[str, 
     return IdRules(
         option=option,
         noun="titles",
-        hint="write one title a line, or name a list of all titles of a wiki's dumps",
+        hint="write one title per line, or name a list of all titles from the wiki's dumps",
         columns=(*columns, "url", "page_title"),
         tables=(("pages",),),
         parse=partial(_title, namespaces),

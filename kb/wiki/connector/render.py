@@ -111,7 +111,7 @@ def _look_at_front_page(web: WikiHosts) -> None:
         web.attempt(lambda: web.get(f"{web.root}/", {}), service="the wiki")
     except ItemFinal as error:
         raise Blocked(
-            f"the wiki refuses us ({error.reason})", hint="wait and run the same command again"
+            f"the wiki blocks requests ({error.reason})", hint="wait and run the same command again"
         ) from None
 
 

@@ -82,7 +82,7 @@ def check(run: Run, ids: Path) -> Summary:
     kept = place.with_suffix(".json")
     if kept.is_file() and not run.again:
         known = msgspec.json.decode(kept.read_bytes(), type=CheckCounts)
-        run.progress.say(f"{ids}: checked at {known.checked_at}; --again asks anew")
+        run.progress.say(f"{ids}: checked at {known.checked_at}; --again checks again")
         return _summary(known.by_year, bad_lines, kept)
     if run.again and kept.is_file():
         kept.unlink()

@@ -90,7 +90,7 @@ class YouTubeApi:
         except Retryable as error:
             if error.throttled and self._opened.probing(self._lane):
                 raise blocked(
-                    f"the YouTube API still turns us away ({error})", error.after
+                    f"the YouTube API still rejects requests ({error})", error.after
                 ) from None
             raise
 

@@ -74,7 +74,7 @@ def meaning(status: int, body: Any, bucket: str, after: float | None = None) -> 
         return ItemFinal("not_found" if status == 404 else facts[0], str(status))
     if status == 403 and not reasons:
         return retry.blocked(
-            "the YouTube API turns us away (403 without a reason)", after, waited=True
+            "the YouTube API rejects requests (403 without a reason)", after, waited=True
         )
     return Retryable(f"{shown} ({status})", after=after)
 

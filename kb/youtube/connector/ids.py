@@ -26,7 +26,7 @@ def _video_id(entry: ListedId) -> str | None:
 RULES = IdRules(
     option="--ids",
     noun="video ids",
-    hint="write one a line: 11 characters, or a video's address",
+    hint="write one per line: 11 characters, or a video's URL",
     columns=("video_id", "videoid", "youtube_id", "vid", "id", "key", "url", "link"),
     tables=(("videos",), ("pairs",)),
     parse=_video_id,

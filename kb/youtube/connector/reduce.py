@@ -205,7 +205,7 @@ class Reducer:
         if following is None or new or following not in (at.mark, at.token):
             return following
         _log.warning(
-            "the list %s goes round: page %s leads back to one that was read; taken as its end",
+            "the list %s loops: page %s leads back to an earlier page, which is taken as the end",
             at.playlist,
             at.pages + 1,
         )

@@ -137,7 +137,7 @@ class YouTubeSource(Plain):
         if ids and only in ("channels", "uploads"):
             raise SettingError(
                 f"--ids skips discovery, so there is nothing to do for --only {only}",
-                hint="leave one of the two away",
+                hint="drop one of the two",
             )
         self.run, self.profile = run, run.profile.section(YouTubeSection)
         self.phases = [

@@ -61,7 +61,7 @@ def import_folders(run: Run, folders: Sequence[Path]) -> Summary:
     for folder in folders:
         if not folder.is_dir():
             raise SettingError(
-                f"{folder} is not a folder", hint="give the folders that yt-dlp wrote to"
+                f"{folder} is not a folder", hint="name the folders that yt-dlp wrote to"
             )
     with open_session(run, YouTubeSource(run), asks=False) as session:
         work = _Import(run, session)
@@ -73,8 +73,7 @@ def import_folders(run: Run, folders: Sequence[Path]) -> Summary:
         if not (work.counts["imported_files"] or work.counts["known_files"]):
             nothing = FatalError(
                 f"nothing to import in {', '.join(map(str, folders))}: {work.why()}",
-                hint="yt-dlp writes what is needed with --write-info-json --write-subs"
-                " --write-auto-subs",
+                hint="run yt-dlp with --write-info-json --write-subs --write-auto-subs",
             )
             nothing.summary = work.summary()
             raise nothing

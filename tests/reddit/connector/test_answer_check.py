@@ -109,7 +109,7 @@ def test_the_deepest_answer_that_is_read(innermost: Any) -> None:
     for _ in range(DEEPEST - 1):
         answer = {"x": answer}
     assert problem("elsewhere", answer) == ""
-    assert problem("elsewhere", {"x": answer}) == "an answer nested too deep to be read"
+    assert problem("elsewhere", {"x": answer}) == "an answer nested too deeply to be read"
 
 
 def test_a_message_in_place_of_info_makes_nothing_missing(

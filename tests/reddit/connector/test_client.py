@@ -93,7 +93,7 @@ def test_wait_sleeps_through_it(few: Work, monkeypatch: pytest.MonkeyPatch) -> N
         few.crawl(limit=1, wait=True, progress=said)
     assert monotonic() - start >= 1
     assert len(said.lines) == 1
-    assert said.lines[0].startswith("waiting 1 s: Reddit's window is used up")
+    assert said.lines[0].startswith("waiting 1 s: Reddit's rate limit is used up")
 
 
 def test_a_short_wait_is_said_once(few: Work) -> None:

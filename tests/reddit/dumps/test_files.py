@@ -115,5 +115,5 @@ def test_folders_are_searched_and_other_files_counted(
     assert said in capsys.readouterr().err
     assert import_dumps(run, [place])["crawled"] == 0
     (tmp_path / "none").mkdir()
-    with pytest.raises(SettingError, match="holds no dumps"):
+    with pytest.raises(SettingError, match="contains no dumps"):
         find_dumps(run, [tmp_path / "none"])

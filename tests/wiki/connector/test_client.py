@@ -11,8 +11,7 @@ import pytest
 from werkzeug.wrappers import Response
 
 from kb.core.errors import Blocked, FatalError, Retryable
-from kb.wiki.browser.browser import reach
-from kb.wiki.connector.client import WikiApi, find_endpoint
+from kb.wiki.connector.client import WikiApi
 from kb.wiki.connector.hosts import WikiHosts
 from tests.wiki.small import SmallWiki
 
@@ -77,11 +76,11 @@ def test_an_answer_of_another_shape_is_no_answer(wiki, api, answer) -> None:
 def test_html_instead_of_json_is_shown(wiki, api) -> None:
     wiki.hook = lambda request: Response("<html>\n checking your browser</html>")
     with pytest.raises(
-        Blocked, match=r'/w/api.php gives no JSON but "<html> checking your browser</html>"'
+        Blocked, match=r'/w/api.php returns no JSON but "<html> checking your browser</html>"'
     ):
         api.site()
     wiki.hook = lambda request: Response("busy")
-    with pytest.raises(Retryable, match=r'/w/api.php gives no JSON but "busy"'):
+    with pytest.raises(Retryable, match=r'/w/api.php returns no JSON but "busy"'):
         api.site()
     wiki.hook = lambda request: {"error": {"code": "internal_api_error_Foo", "info": "x"}}
     with pytest.raises(Retryable, match="internal_api_error_Foo"):
@@ -124,35 +123,3 @@ def test_a_list_that_goes_in_a_circle_ends(wiki, api, web) -> None:
     }
     with pytest.raises(Retryable, match="goes in a circle"):
         listed(WikiApi(api.endpoint, web), kept)
-
-
-def test_robots_rule_the_api_only_where_they_name_us(wiki, web, api) -> None:
-    """MediaWiki's etiquette rules API clients; most wikis bar the folder of their scripts to all
-    crawlers.
-    """
-    # the contact is test@example.org
-    wiki.robots = "User-agent: *\nDisallow: /w/\n\nUser-agent: example\nDisallow: /\n"
-    web.read_robots()
-    web.barred(find_endpoint(web, wiki.url))
-    assert web.allowed(f"{wiki.url}/wiki/Alpha")
-    assert not web.allowed(f"{wiki.url}/w/index.php")
-    wiki.robots = "User-agent: lorecrawl\nDisallow: /w/\n"
-    web.read_robots()
-    with pytest.raises(Blocked, match=r"names lorecrawl and bars http.*/w/api.php"):
-        web.barred(find_endpoint(web, wiki.url))
-    wiki.robots = "User-agent: Lorecrawl/9\nDisallow: /\n"
-    web.read_robots()
-    with pytest.raises(Blocked) as error:
-        find_endpoint(web, wiki.url)
-    assert error.value.exit_code == 3
-
-
-def test_both_schemes_of_a_wiki_are_the_same_place() -> None:
-    """KB_WIKI_URL=http://… for a wiki that names its pages with https, and the other way round."""
-    for scheme in ("http", "https"):
-        hosts, origins = reach(f"{scheme}://wiki.example", ("pictures.example",))
-        assert hosts == ["wiki.example:80", "wiki.example:443", "pictures.example"]
-        assert origins[:2] == ["http://wiki.example", "https://wiki.example"]
-        assert "https://pictures.example" in origins
-    assert reach("http://127.0.0.1:81", ())[0] == ["127.0.0.1:81"]
-    assert reach("http://[::1]:81", ())[0] == ["[::1]:81"]

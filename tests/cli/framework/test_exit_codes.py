@@ -1,11 +1,10 @@
-"""Exit codes and the one line that goes with them."""
+"""Exit codes, and the line on stderr that goes with them."""
 
 from __future__ import annotations
 
 import errno
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -16,7 +15,6 @@ import pytest
 from kb.cli.framework.command import Behavior, _call
 from kb.cli.framework.options import Options
 from kb.core import errors
-from kb.core.resources import folder
 from tests.cli.conftest import clean_environment
 
 
@@ -142,112 +140,6 @@ def test_wrong_usage_is_exit_2_with_a_guess_and_writes_nothing(
     for word in words:
         assert word in answer.stderr
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_wrong_setting_names_itself_and_not_its_value(kb: Any) -> None:
-    answer = kb("status", env={"KB_YOUTUBE_ENDPOINT": "http://user:hunter2@127.0.0.1:1"})
-    assert answer.returncode == 2
-    assert "KB_YOUTUBE_ENDPOINT" in answer.stderr
-    assert "hunter2" not in answer.stderr + answer.stdout
-
-
-@pytest.mark.parametrize(
-    "env",
-    [
-        {"KB_YOUTUBE_ENDPOINT": "http://127.0.0.1:99999"},
-        {"KB_YOUTUBE_ENDPOINT": "http://127.0.0.1:8 0"},
-        {"KB_CONTACT": "a\nb@example.org"},
-        {"KB_CONTACT": "snow☃man@example.org"},
-    ],
-)
-def test_a_wrong_setting_is_found_before_anything_is_written(
-    kb: Any, tmp_path: Path, env: dict[str, str]
-) -> None:
-    web = "http://127.0.0.1:9"
-    answer = kb(
-        "youtube",
-        "crawl",
-        env={"YOUTUBE_API_KEY": "k", "KB_YOUTUBE_ENDPOINT": web, "KB_YOUTUBE_WEB": web} | env,
-    )
-    assert answer.returncode == 2, answer.stderr
-    assert answer.stderr.count("\n") == 1
-    assert next(name for name in env) in answer.stderr
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_name_that_is_no_setting_is_a_warning(kb: Any, tmp_path: Path) -> None:
-    (tmp_path / ".env").write_text("YOUTUBE_APIKEY=hunter2\n")
-    answer = kb("status", "--quiet")
-    assert answer.returncode == 0
-    assert answer.stderr == (
-        "warning: YOUTUBE_APIKEY in .env is no setting and has no effect;"
-        " did you mean YOUTUBE_API_KEY?\n"
-    )
-    assert kb("query", "SELECT 1 AS n", "--json").stdout == '[{"n":1}]\n'
-
-
-@pytest.mark.parametrize("source", ["youtube", "wiki", "reddit"])
-def test_a_contact_that_is_none_is_found_before_anything_is_written(
-    kb: Any, tmp_path: Path, source: str
-) -> None:
-    keys = dict.fromkeys(("YOUTUBE_API_KEY", "REDDIT_CLIENT_ID", "REDDIT_CLIENT_SECRET"), "hunter2")
-    answer = kb(source, "crawl", env={**keys, "KB_CONTACT": "me"})
-    assert answer.returncode == 2
-    assert answer.stderr.startswith('kb: KB_CONTACT is "me": must be or hold an e-mail or web')
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_empty_settings_change_nothing(kb: Any, tmp_path: Path) -> None:
-    plain = kb("status")
-    assert (
-        kb(
-            "status",
-            env={"KB_DATA": "", "KB_PROFILE": "", "KB_TOXICITY_MODEL": "", "KB_CONTACT": ""},
-        ).stdout
-        == plain.stdout
-    )
-    assert str(tmp_path / "data") in plain.stdout
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code"),
-    [
-        (["purge", "youtube"], 2),
-        (["purge", "wiki", "--ids", "gone.txt"], 2),
-        (["refresh", "youtube"], 2),
-        (["report"], 2),
-        (["youtube", "filter", "--profile", "off.toml"], 2),
-        (["youtube", "export"], 2),
-        (["release"], 2),
-        (["pairs"], 2),
-        (["query", "FROM youtube_videos"], 2),
-        (["query", "--tables"], 2),
-        (["status"], 2),
-    ],
-)
-def test_a_data_root_that_is_not_there_is_not_made(
-    kb: Any, tmp_path: Path, arguments: list[str], code: int
-) -> None:
-    shipped = folder("profiles") / "minecraft"
-    shutil.copytree(shipped, tmp_path / "profile")
-    text = (
-        (shipped / "profile.toml")
-        .read_text(encoding="utf-8")
-        .replace('toxicity = "on"', 'toxicity = "off"')
-    )
-    (tmp_path / "profile" / "off.toml").write_text(text, encoding="utf-8")
-    arguments = ["profile/off.toml" if word == "off.toml" else word for word in arguments]
-    answer = kb(*arguments, "--data", "mistyped", env={"YOUTUBE_API_KEY": "k"})
-    assert answer.returncode == code, answer.stderr
-    assert not (tmp_path / "mistyped").exists()
-    assert answer.stderr.count("\n") == 1, answer.stderr
-
-
-def test_a_file_as_data_root_is_refused(kb: Any, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    answer = kb("status", "--data", "file")
-    assert answer.returncode == 2
-    assert "not a folder" in answer.stderr
 
 
 def test_a_reader_that_leaves_early_is_no_failure(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from youtube_transcript_api import YouTubeTranscriptApi
 from kb.sandbox.server import Sandbox
 from kb.sandbox.youtube import player, web
 from tests.sandbox.domains import of_case
-from tests.sandbox.test_data_api import form, lacking
+from tests.sandbox.youtube.test_service import form, lacking
 from tests.youtube import walls
 
 

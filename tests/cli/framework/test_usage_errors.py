@@ -1,10 +1,22 @@
-"""Commands in the wrong place: the message names what may be meant."""
+"""Wrong commands and options get a suggestion."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import pytest
 
 from kb.cli import main
+
+
+def test_an_option_of_a_sibling_is_looked_for_there_first(kb: Any) -> None:
+    answer = kb("youtube", "export", "--limit", "3", "--wait", "--again")
+    assert answer.returncode == 2
+    assert "`kb youtube export` has no --limit" in answer.stderr
+    assert "of `kb youtube crawl`, `kb youtube check`, `kb youtube import` and" in answer.stderr
+    answer = kb("youtube", "crawl", "--titles", "x")
+    assert "`kb youtube crawl` has no --titles; it is an option of `kb wiki crawl`" in answer.stderr
+
 
 EACH = "`kb youtube {0}`, `kb wiki {0}` or `kb reddit {0}`"
 

@@ -288,7 +288,7 @@ def copied(whole, make_run, tmp_path):
 
 
 @pytest.mark.parametrize("damage", [emptied, changed, Path.unlink])
-def test_lost_images_and_captures_are_in_no_release_and_asked_for_again(whole, copied, damage):
+def test_lost_images_and_captures_are_asked_for_again(whole, copied, damage):
     """As the advice says: crawl, filter, and all is as it was."""
     root, found = copied.root, whole[2]
     sprites = {

@@ -1,16 +1,115 @@
-"""SIGINT and SIGTERM end a command with exit code 3 and one line, whatever it is doing."""
+"""Options that each command takes and refuses; signals while one runs."""
 
 from __future__ import annotations
 
 import json
+import re
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from kb.cli import main
+from kb.cli.app import leaves
+from kb.cli.framework.options import COMMON, DESCRIBED, SHARED
 from tests.cli.conftest import clean_environment
+
+COMMANDS = dict(leaves())
+
+
+@pytest.mark.parametrize("option", DESCRIBED)
+def test_what_differs_by_command_is_described_for_each(option: str) -> None:
+    """Not one sentence for all: what --limit counts, what --again reads, what --json holds."""
+    helps = {
+        name: parameter.help
+        for name, command in COMMANDS.items()
+        for parameter in command.params
+        if parameter.name == option
+    }
+    assert len(helps) >= 10
+    assert all(helps.values()), [name for name, text in helps.items() if not text]
+    assert len(set(helps.values())) > len(helps) / 2
+
+
+CLUSTER = {"workers", "engine", "scheduler"}
+
+
+SOURCES = ("youtube", "wiki", "reddit")
+
+
+# What has an effect on each command, besides the common options; all else is refused.
+APPLIES = {
+    "youtube crawl": {"workers", "limit", "wait", "again", "pipeline"},
+    "youtube check": {"limit", "wait", "again"},
+    "youtube import": {"limit"},
+    "wiki crawl": {"workers", "limit", "wait", "again", "pipeline"},
+    "reddit crawl": {"limit", "wait", "again"},
+    "reddit import": {*CLUSTER, "limit", "again"},
+    "reddit reconstruct": {"workers", "limit", "wait", "again"},
+    **{f"{source} filter": {*CLUSTER, "limit", "pipeline"} for source in SOURCES},
+    **{f"annotate {source}": {*CLUSTER, "limit", "pipeline"} for source in SOURCES},
+    **{f"{source} export": {"engine", "scheduler", "pipeline"} for source in SOURCES},
+    **{f"purge {source}": CLUSTER for source in SOURCES},
+    "pairs": {*CLUSTER, "limit", "again", "pipeline"},
+    "links": {*CLUSTER, "again", "pipeline"},
+    "release": {"pipeline"},
+    "release publish": {"wait", "pipeline"},
+    "report": {"workers"},
+    "index": {"again"},
+    "search": {"limit"},
+    "query": {"limit"},
+    "restore": {"workers", "limit", "wait", "again"},
+    "refresh youtube": {"limit", "wait"},
+    "refresh reddit": {*CLUSTER, "limit", "wait", "again"},
+    "demo": CLUSTER,
+}
+
+
+WITHOUT = {
+    "models fetch": {"data", "profile"},
+    "profile new": {"data", "profile"},
+    "sandbox": {"json"},
+    "mcp": {"json"},
+}
+
+
+VALUES = {"workers": "2", "limit": "3", "engine": "local", "scheduler": "tcp://127.0.0.1:1"} | {
+    "pipeline": "mine.py",
+    "data": "here",
+    "profile": "minecraft",
+}
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_a_command_takes_what_has_an_effect_on_it_and_refuses_the_rest(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    wanted = (set(COMMON) - WITHOUT.get(name, set())) | APPLIES.get(name, set())
+    options = {parameter.name for parameter in COMMANDS[name].params}
+    assert options & set(SHARED) == wanted
+    for option in sorted(set(SHARED) - wanted):
+        given = [f"--{option}", *([VALUES[option]] if option in VALUES else [])]
+        with pytest.raises(SystemExit) as ended:
+            main([*name.split(), *given])
+        assert ended.value.code == 2
+        line = capsys.readouterr().err
+        assert line.count("\n") == 1
+        assert f"`kb {name}` has no --{option}; it is an option of `kb " in line
+        for other in re.findall(r"option of (.*?);", line)[0].split(" and "):
+            for path in re.findall(r"`kb ([a-z ]+)`", other):
+                assert option in {parameter.name for parameter in COMMANDS[path].params}
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_option_before_a_groups_command_is_not_dropped(kb: Any) -> None:
+    answer = kb("pairs", "--data", "elsewhere", "keywords")
+    assert answer.returncode == 2
+    assert "`kb pairs keywords --data …`" in answer.stderr
+
 
 # Two commands of the usual make: one that looks at the stop flag between items, one that is blocked
 # in a wait. A shell without job control starts background jobs, this suite perhaps, with SIGINT

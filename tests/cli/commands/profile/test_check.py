@@ -1,0 +1,168 @@
+"""What is refused or warned about before a crawl."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from kb.sandbox.server import Sandbox
+from tests.cli.commands.profile.conftest import (
+    ERRORS,
+    GOOD,
+    Broken,
+    Typed,
+    row,
+    summary_of,
+    toml,
+    written,
+)
+
+WARNINGS = [
+    toml('["rock garden"]', '["spring"]', 4, 'the everyday word "spring"', "topic_keywords"),
+    toml('["rock garden"]', '["alpines", "Alpines"]', 4, "twice"),
+    toml("[26]", "[99]", 5, "99, which is no category", "26 Howto"),
+    toml("[26]", '[26]\ngame_ids = ["Gardens"]', 6, "no browse id", "begins with UC"),
+    toml("[26]", "[26]\nmin_aspect_ratio = 2", 6, "'youtube.min_aspect_ratio'", "hardly one"),
+    toml("[26]", "[26]\nmax_age_days = 90", 6, "'youtube.max_age_days' is 90", "30 days"),
+    toml("//gardens.wiki", "//gardens.wiki/wiki/Saxifrage", 7, "looks like a page", "the root"),
+    toml("//gardens.wiki", "//wiki.example.org", 7, "the example https://wiki.example.org"),
+    toml("Rock Gardens", "Minecraft", 2, "that of the profile minecraft", "your domain's own"),
+    toml("[reddit]", "page_seconds = 8\n[reddit]", 8, "'wiki.page_seconds'", "settle_seconds"),
+    toml("[release]", 'include = ["water"]\n[release]', 12, 'everyday word "water"', "near"),
+    row("Water\tthing\n", "'Water' is an everyday word and has no rule", "near"),
+    row("Scree\tplace\t\tstone\n", "'stone' is an everyday word", "never"),
+    row("saxifrage\tplace\n", "'saxifrage' stands on line 2", "the first counts"),
+    row("Scree\tplace\t\t!!\n", "the form '!!' has no word"),
+    row("A1\tplant\nA2\tplant\nScree\tplnt\n", "the kind 'plnt' occurs only once", "'plant'"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "contact",
+    ["me@example.org", "you@gmail.com", "https://www.example.com/us", "a@lab.invalid", "FILL-IN"],
+)
+def test_a_placeholder_is_no_contact(
+    contact: str, tmp_path: Path, typed: Typed, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path)
+    path.write_text(GOOD.replace("me@gardens.wiki", contact))
+    assert typed("profile", "check", str(path), "--json") == 2
+    (one,) = summary_of(capsys)["findings"]
+    assert (one["level"], one["line"], one["key"]) == ("error", 13, "release.contact")
+
+
+def test_a_placeholder_in_the_settings_is_seen_unless_all_is_local(
+    tmp_path: Path,
+    typed: Typed,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = written(tmp_path)
+    monkeypatch.setenv("KB_CONTACT", "you@example.com")
+    assert typed("profile", "check", str(path)) == 0  # the sandbox's services
+    for name in ("KB_WIKI_URL", "KB_REDDIT_ENDPOINT", "KB_YOUTUBE_WEB", "KB_YOUTUBE_ENDPOINT"):
+        monkeypatch.delenv(name, raising=False)
+    assert typed("profile", "check", str(path)) == 2
+    assert "KB_CONTACT is the placeholder you@example.com" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("spdx", "mend"),
+    [("CC-BY-4", 'did you mean "CC-BY-4.0"?'), ("MY-LICENCE", "known: CC-BY-4.0, ")],
+)
+def test_a_licence_is_one_that_a_release_can_carry(
+    spdx: str, mend: str, tmp_path: Path, typed: Typed, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path)
+    path.write_text(f'{GOOD}licenses = {{ youtube = "{spdx}" }}\n')
+    assert typed("profile", "check", str(path), "--json") == 2
+    (one,) = summary_of(capsys)["findings"]
+    assert one["key"] == "release.licenses.youtube"
+    assert spdx in one["what"]
+    assert mend in one["mend"]
+    assert typed("links", "--profile", str(path), "--data", str(tmp_path)) == 1  # nothing is there
+
+
+def test_an_everyday_word_that_is_meant_is_no_warning(
+    typed: Typed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    written(tmp_path, row("Water\tthing\talways\tstone\n", "", ""))
+    assert typed("profile", "check", "./profile.toml", "--json") == 0
+    assert "everyday" not in capsys.readouterr().out
+
+
+def test_there_are_thirty() -> None:
+    assert len(ERRORS) >= 30
+
+
+@pytest.mark.parametrize("broken", WARNINGS, ids=lambda one: one.new[:40])
+def test_what_can_hardly_be_meant_is_a_warning(
+    broken: Broken, tmp_path: Path, typed: Typed, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path, broken)
+    assert typed("profile", "check", str(path), "--json") == 0
+    summary = summary_of(capsys)
+    found = [one for one in summary["findings"] if one["level"] == "warning"]
+    (one,) = [one for one in found if broken.said in one["what"]]
+    assert broken.mend in one["mend"]
+    assert one["file"] == broken.file
+    assert len(found) == summary["warnings"] == 1
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *((source, "crawl") for source in ("youtube", "wiki", "reddit")),
+        *((source, "filter") for source in ("youtube", "wiki", "reddit")),
+        ("reddit", "import", "RS_2024-01.zst"),
+        ("youtube", "crawl", "--plan"),
+        ("pairs",),
+    ],
+    ids=" ".join,
+)
+def test_a_broken_list_stops_what_goes_by_the_profile(
+    words: tuple[str, ...],
+    tmp_path: Path,
+    typed: Typed,
+    sandbox: Sandbox,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = written(tmp_path, row("Trough\n", ""))
+    asked = len(sandbox.ledger.requests())
+    assert typed(*words, "--profile", str(path)) == 2
+    assert f"{tmp_path}/keywords.tsv:5: a line has a keyword" in capsys.readouterr().err
+    assert len(sandbox.ledger.requests()) == asked
+
+
+def test_a_broken_list_stops_no_command_that_has_no_use_for_it(
+    tmp_path: Path, typed: Typed
+) -> None:
+    path = written(tmp_path, row("Trough\n", ""))
+    assert typed("status", "--profile", str(path)) == 0
+
+
+def test_a_warning_stops_nothing(
+    tmp_path: Path, typed: Typed, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path, row("Water\tthing\n", ""))
+    assert typed("youtube", "crawl", "--plan", "--profile", str(path)) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_copied_folder_beside_the_shipped_ones_needs_its_own_name(
+    tmp_path: Path, typed: Typed, capsys: pytest.CaptureFixture[str], monkeypatch: Any
+) -> None:
+    from kb.core import profile, resources
+    from kb.core.profile import sense
+
+    profiles = tmp_path / "profiles"
+    (profiles / "garden").mkdir(parents=True)
+    written(profiles / "garden", toml('"garden"', '"minecraft"', 1, ""))
+    for module in (profile, sense, resources):
+        monkeypatch.setattr(module, "folder", lambda name: profiles)
+    assert typed("profile", "check", "garden", "--json") == 2
+    (one,) = [found for found in summary_of(capsys)["findings"] if found["level"] == "error"]
+    assert "the profile's folder is garden" in one["what"]
+    assert 'name = "garden"' in one["mend"]

@@ -1,0 +1,162 @@
+"""Help: quick and complete; the root command and its completion."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from kb.cli import main
+from kb.cli.app import TREE, leaves
+
+# What may be imported before a command runs: a budget in modules, as a time would depend on the
+# machine.
+NOT_FOR_HELP = (
+    "rich",
+    "pydantic",
+    "pydantic_settings",
+    "structlog",
+    "pyarrow",
+    "duckdb",
+    "numpy",
+    "requests",
+    "googleapiclient",
+    "praw",
+    "selenium",
+    "torch",
+    "dask",
+    "distributed",
+    "matplotlib",
+    "PIL",
+    "transformers",
+    "detoxify",
+    "zstandard",
+    "orjson",
+    "msgspec",
+    "werkzeug",
+)
+
+
+COMMANDS = dict(leaves())
+
+
+def imports_of(code: str) -> set[str]:
+    answer = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            (
+                f"import json, sys\ntry:\n    {code}\nexcept SystemExit:\n    pass\n"
+                "print('\\n' + json.dumps(sorted(sys.modules)))"
+            ),
+        ],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return set(json.loads(answer.stdout.splitlines()[-1]))
+
+
+def test_help_imports_nothing_heavy() -> None:
+    loaded = imports_of("from kb.cli import main; main(['--help'])")
+    assert "typer" in loaded
+    assert not loaded & set(NOT_FOR_HELP)
+    specs = {name for source in SOURCES for name in (f"kb.{source}", f"kb.{source}.spec")}
+    assert len([name for name in loaded - specs if name.startswith("kb.")]) <= 15
+    assert len(loaded) < 400
+
+
+# Each command's help in a fork of a process that has loaded what every command loads.
+FORKS = """
+import json, os, sys
+import kb.cli.app
+from kb.cli import main
+for name in json.loads(sys.argv[1]):
+    if os.fork() == 0:
+        try:
+            main([*name.split(), "--help"])
+        except SystemExit:
+            pass
+        print("\\n" + json.dumps({name: sorted(sys.modules)}), flush=True)
+        os._exit(0)
+    os.wait()
+"""
+
+
+@pytest.fixture(scope="module")
+def loaded_by() -> dict[str, set[str]]:
+    """What is loaded once a command has shown its help, by command."""
+    answer = subprocess.run(
+        [sys.executable, "-c", FORKS, json.dumps(sorted(COMMANDS))],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    lines = [json.loads(line) for line in answer.stdout.splitlines() if line.startswith('{"')]
+    return {name: set(loaded) for line in lines for name, loaded in line.items()}
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_a_commands_help_imports_nothing_heavy(name: str, loaded_by: dict[str, set[str]]) -> None:
+    loaded = loaded_by[name]
+    assert "typer" in loaded
+    # typer checks the types of a command's options with pydantic; that's typer's own need.
+    assert not loaded & (set(NOT_FOR_HELP) - {"pydantic"})
+
+
+def test_help_lists_every_group(kb: Any) -> None:
+    answer = kb("--help")
+    assert answer.returncode == 0
+    assert answer.stderr == ""
+    for name, (_, line) in TREE.items():
+        assert re.search(rf"^  {name} +{re.escape(line)}$", answer.stdout, re.MULTILINE), name
+
+
+@pytest.mark.parametrize("words", ["", "youtube", "youtube crawl", "pairs", "query"])
+def test_every_way_to_ask_for_help_shows_the_same(
+    words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def shown(*arguments: str) -> str:
+        with pytest.raises(SystemExit) as ended:
+            main([*arguments])
+        assert ended.value.code == 0
+        return capsys.readouterr().out
+
+    text = shown(*words.split(), "--help")
+    assert text.startswith(f"Usage: kb {words}".rstrip())
+    assert shown(*words.split(), "-h") == text
+    assert shown("help", *words.split()) == text
+
+
+COMPLETED = """
+eval "$(kb --show-completion)"
+complete_after() {
+    COMP_WORDS=(kb "$@"); COMP_CWORD=$#; COMPREPLY=()
+    _kb_completion kb
+    echo "${COMPREPLY[@]}"
+}
+complete_after you
+complete_after youtube cra
+complete_after youtube crawl --only meta
+"""
+
+
+def test_bash_completes_commands_options_and_values(tmp_path: Path) -> None:
+    done = subprocess.run(
+        ["bash", "-c", COMPLETED],
+        env={**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.splitlines() == ["youtube", "crawl", "metadata"]
+
+
+SOURCES = ("youtube", "wiki", "reddit")

@@ -1,0 +1,52 @@
+"""The command's fixture, for tests of what it prints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from kb import query
+from kb.store import tombstones
+from kb.store.shards import write_table
+from tests.cli.conftest import kb  # noqa: F401  a fixture
+
+
+@pytest.fixture
+def root(tmp_path: Path, make_rows) -> Path:  # type: ignore[no-untyped-def]
+    root = tmp_path / "it's [a] *root*"
+    write_table(
+        root / "clean/youtube/videos/part-00000.parquet",
+        make_rows("youtube/videos", 4),
+        "youtube/videos",
+    )
+    write_table(
+        root / "clean/youtube/videos/part-00001.parquet",
+        make_rows("youtube/videos", 3),
+        "youtube/videos",
+    )
+    write_table(
+        root / "clean/youtube/rejected/part-00000.parquet",
+        make_rows("shared/rejected", 2),
+        "shared/rejected",
+    )
+    write_table(
+        root / "release/youtube/videos-00000-of-00001.parquet",
+        make_rows("youtube/videos", 5, released=True),
+        "youtube/videos",
+        released=True,
+    )
+    write_table(
+        root / "release/reddit/posts-00000-of-00001.parquet",
+        make_rows("reddit/posts", 6, released=True),
+        "reddit/posts",
+        released=True,
+    )
+    write_table(root / "pairs/part-00000.parquet", make_rows("pairs/pairs", 1), "pairs/pairs")
+    tombstones.add(root, "youtube", [("gone", "named")])
+    return root
+
+
+def rows(root: Path, sql: str) -> list[tuple[object, ...]]:
+    with query.connect(root) as con:
+        return [tuple(row.values()) for row in query.select(con, sql).read_all().to_pylist()]
