@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from kb.artifacts.build import clear_finished
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.pipeline import load, locate
@@ -18,7 +19,7 @@ from kb.core.sources import PUBLISHED, exported_by
 from kb.crawl.session import open_session
 from kb.export import layouts
 from kb.filters.clean import run_clean
-from kb.pairs.build import build, clear_finished
+from kb.pairs.build import build
 from kb.reddit.connector.source import RedditSource
 from kb.reddit.connector.source import crawl as crawl_reddit
 from kb.release.build import release
@@ -52,7 +53,7 @@ def steps(run: Run) -> Iterator[Step]:
         clean = partial(run_clean, run, source)
         yield Make("clean", f"kb {source} filter", clean, (at.clean(source),), after=source)
     yield Make("pairs", "kb pairs --again", partial(build, again), (at.pairs,))
-    clear_finished(run.root)
+    clear_finished(run.root, "pairs")
     links = partial(load(str(locate("links"))).tables, again)
     yield Make("links", "kb links --again", links, (at.links,))
     for source in SOURCES:

@@ -145,8 +145,8 @@ def note_if_stored(root: Path, profile: Profile) -> None:
 
 
 def _read(root: Path) -> Remembered | None:
-    mend = "delete it, then name the profile once with --profile NAME|FILE"
-    return notes.read(Layout(root).profile, Remembered, mend=mend)
+    fix = "delete it, then name the profile once with --profile NAME|FILE"
+    return notes.read(Layout(root).profile, Remembered, fix=fix)
 
 
 def _holds_data(root: Path) -> bool:

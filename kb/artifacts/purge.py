@@ -28,7 +28,8 @@ from typing import Any, Protocol
 
 import msgspec
 
-from kb.artifacts import indexed, manifest, purge_raw
+from kb.artifacts import index as index_of
+from kb.artifacts import manifest, purge_raw
 from kb.artifacts.purge_raw import Matcher, Names, Strip
 from kb.artifacts.purge_rows import RowLocation, drop_rows, released
 from kb.artifacts.registry import artifact_of
@@ -195,7 +196,7 @@ def connector(source: str) -> Any:
 def unfinished(root: Path, source: str) -> dict[str, str]:
     """The list of an interrupted purge (key → reason), {} if there is none."""
     hint = f"delete it, then run `kb purge {source}` again"
-    return notes.read(Layout(root).purge(source), dict[str, str], mend=hint) or {}
+    return notes.read(Layout(root).purge(source), dict[str, str], fix=hint) or {}
 
 
 def finish(root: Path, source: str) -> None:
@@ -337,7 +338,7 @@ def index(purge: Purge) -> Iterator[PurgeLine]:
     folder = Layout(purge.root).index(purge.rules.source)
     yield from count_files(purge.root, folder, "files, built again by the next search")
     if not purge.dry:
-        indexed.forget(purge.root, purge.rules.source)
+        index_of.remove(purge.root, purge.rules.source)
 
 
 def exports(purge: Purge) -> Iterator[PurgeLine]:

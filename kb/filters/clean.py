@@ -21,7 +21,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from kb.artifacts import belonging, indexed, manifest
+from kb.artifacts import belonging, index, manifest
 from kb.core import pipeline, vocabulary
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
@@ -73,7 +73,7 @@ def run_clean(run: Run, source: str) -> Summary:
                 summary |= spec.about(run.root) if spec.about is not None else {}
                 summary |= spec.figures(fresh) if spec.figures is not None else {}
                 write_text(fresh / "summary.json", json.dumps(summary, indent=1) + "\n")
-        indexed.follow(run.root, source)
+        index.remove_stale(run.root, source)
     return summary
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
@@ -128,13 +127,3 @@ def _read(files: list[Path]) -> pa.Table:
             {"video_id": pa.array([], pa.string()), "duration_s": pa.array([], pa.float64())}
         )
     )
-
-
-def fingerprint(root: Path, *rules: str) -> str:
-    """What the pairs follow from: transcripts, videos and rules, in 16 digits."""
-    whole = hashlib.sha256("\x1f".join(rules).encode())
-    for table in ("transcripts", "videos"):
-        for path in parts(root, table):
-            with path.open("rb") as file:
-                whole.update(path.name.encode() + hashlib.file_digest(file, "sha256").digest())
-    return whole.hexdigest()[:16]

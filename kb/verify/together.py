@@ -8,7 +8,7 @@ from pathlib import Path
 
 import duckdb
 
-from kb.artifacts import indexed, manifest
+from kb.artifacts import manifest
 from kb.core.errors import DamagedData
 from kb.core.sources import PUBLISHED, SOURCES, SPECS
 from kb.store import database, leftovers
@@ -49,8 +49,13 @@ def _lost_tables(look: Look, root: Path) -> None:
 def _lost_indexes(look: Look, root: Path) -> None:
     """Files of indexes that were written and are not there."""
     for source in SOURCES:
-        for path in indexed.missing(root, source):
-            look.missing("index", path, "run `kb index --again`")
+        name, place = f"index/{source}", Layout(root).index(source)
+        with contextlib.suppress(DamagedData):  # told with the manifest
+            lost = manifest.missing(root, name)
+            if manifest.read(root, name) is None and any(place.glob("*.store")):
+                lost = [manifest.path(root, name)]
+            for path in lost:
+                look.missing("index", path, "run `kb index --again`")
 
 
 def _two_answers(look: Look, root: Path, source: str) -> None:

@@ -20,7 +20,7 @@ from kb.pairs.build import build
 from kb.report.data import ReportData
 from kb.store import parquet, tombstones
 from kb.store.shards import write_table
-from tests.crash import killed
+from tests.filters import full_root
 from tests.filters.made import run_at
 from tests.store import flips
 
@@ -29,7 +29,7 @@ from tests.store import flips
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Raw data, clean tables, pairs and exports of ten videos."""
     root = tmp_path_factory.mktemp("flips") / "data"
-    killed.make(root)
+    full_root.make(root)
     tombstones.add(root, "youtube", [("gone", "named")])
     return root
 

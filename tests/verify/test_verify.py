@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from kb.artifacts import manifest
+from kb.artifacts import build, manifest
 from kb.core.errors import FatalError, UsageError
 from kb.core.pipeline import load, locate
 from kb.core.progress import Silent
@@ -293,8 +293,10 @@ def test_a_release_without_its_description_gets_it_where_nothing_is_damaged(root
 
 def test_repair_clears_parts_of_finished_pairs_and_keeps_those_of_others(root: Path) -> None:
     """A repair that was killed behind the last rename of its pairs: nothing of them is damaged."""
-    mark = json.loads((root / "pairs/_summary.json").read_text())["fingerprint"]
-    for name in (mark, "going-on"):
+    made = manifest.read(root, "pairs")
+    assert made is not None
+    parts = build.folder_of(root, "pairs", made.inputs, made.rules)
+    for name in (parts.name, "going-on"):
         part = root / "state/pairs" / name / "plan.json"
         part.parent.mkdir(parents=True)
         part.write_text("{}")

@@ -75,8 +75,8 @@ def check_file(path: Path, *, publishing: bool = True) -> Checked:
         return _unread(path, "is nested too deeply", "write its tables in their own lines")
     lines = key_lines(text)
 
-    def at(level: str, key: str, what: str, mend: str) -> Finding:
-        return Finding(level, path.name, line_of(lines, key), key, what, mend)
+    def at(level: str, key: str, what: str, fix: str) -> Finding:
+        return Finding(level, path.name, line_of(lines, key), key, what, fix)
 
     profile, wrong = _understand(data, path)
     findings = [at(ERROR, one.key, *_described(one, data)) for one in wrong]
@@ -125,7 +125,7 @@ def _leave_out(data: dict[str, Any], keys: list[str]) -> None:
 
 
 def _described(problem: ProfileProblem, data: dict[str, Any]) -> tuple[str, str]:
-    """What is wrong and how to mend it; of a whole section what is said is what is wrong."""
+    """What is wrong and how to fix it; of a whole section what is said is what is wrong."""
     if problem.what == f"'{problem.key}'":
         return problem.line(), ""
     return problem.what, _mend(problem, data)
@@ -141,8 +141,8 @@ def _mend(problem: ProfileProblem, data: dict[str, Any]) -> str:
     section, _, key = problem.key.partition(".")
     given = data.get(section)
     if problem.key in _MEANT and isinstance(given, dict):
-        return _MEANT[problem.key](given.get(key)) or problem.mend
-    return problem.mend
+        return _MEANT[problem.key](given.get(key)) or problem.fix
+    return problem.fix
 
 
 def _lists(data: dict[str, Any]) -> tuple[str, ...]:
@@ -153,8 +153,8 @@ def _lists(data: dict[str, Any]) -> tuple[str, ...]:
     return tuple(one for one in names if isinstance(one, str) and sense.is_beside(one))
 
 
-def _unread(path: Path, what: str, mend: str) -> Checked:
-    finding = Finding(ERROR, path.name, 0, "", f"the profile {path} {what}", mend)
+def _unread(path: Path, what: str, fix: str) -> Checked:
+    finding = Finding(ERROR, path.name, 0, "", f"the profile {path} {what}", fix)
     return Checked(None, (), [finding])
 
 
@@ -162,7 +162,7 @@ def _syntax(path: Path, text: str, said: str) -> Finding:
     place = _AT.search(said)
     line = int(place[1]) if place and place[1] else len(text.splitlines())
     plain = _AT.sub("", said)
-    for begin, what, mend in _IN_WORDS:
+    for begin, what, fix in _IN_WORDS:
         if plain.startswith(begin):
-            return Finding(ERROR, path.name, line, "", f"not valid TOML: {what}", mend)
+            return Finding(ERROR, path.name, line, "", f"not valid TOML: {what}", fix)
     return Finding(ERROR, path.name, line, "", f"not valid TOML: {plain}", "see https://toml.io")

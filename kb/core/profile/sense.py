@@ -1,6 +1,6 @@
 """What a profile may say by its types and can hardly mean: each rule is a few lines of its own.
 
-look(profile, data)    (level, key, what, how to mend it) of everything; `data` is the file as read
+look(profile, data)    (level, key, what, how to fix it) of everything; `data` is the file as read
 publishing(profile)    the same of what only a published release needs
 """
 
@@ -60,14 +60,14 @@ def publishing(profile: Profile) -> Iterator[Said]:
     contact = profile.release.contact
     if contact and contact != FILL_IN and is_placeholder(contact):
         said = f"'release.contact' is the placeholder \"{contact}\""
-        mend = "write an address that you read, for removal requests"
-        yield ERROR, "release.contact", said, mend
+        fix = "write an address that you read, for removal requests"
+        yield ERROR, "release.contact", said, fix
     for source, spdx in profile.release.licenses.items():
         if spdx not in KNOWN:
             key = f"release.licenses.{source}"
             near = difflib.get_close_matches(spdx, KNOWN, n=1, cutoff=0.5)
-            mend = f'did you mean "{near[0]}"?' if near else f"known: {', '.join(sorted(KNOWN))}"
-            yield ERROR, key, f"'{key}' is \"{spdx}\", no SPDX id that a release can carry", mend
+            fix = f'did you mean "{near[0]}"?' if near else f"known: {', '.join(sorted(KNOWN))}"
+            yield ERROR, key, f"'{key}' is \"{spdx}\", no SPDX id that a release can carry", fix
 
 
 def subreddit_meant(given: Any) -> str:
@@ -94,8 +94,8 @@ def _own_name(profile: Profile) -> Iterator[Said]:
     here, name = profile.path.parent, profile.name
     if here.parent == folder("profiles").resolve() and name != here.name:
         said = f"'name' is \"{name}\", and the profile's folder is {here.name}"
-        mend = f'a copied profile needs a name of its own: name = "{here.name}"'
-        yield ERROR, "name", said, mend
+        fix = f'a copied profile needs a name of its own: name = "{here.name}"'
+        yield ERROR, "name", said, fix
         return
     for other in _others(profile):
         if other.name == name:
@@ -114,8 +114,8 @@ def _same_name(profile: Profile, other: Profile) -> Iterator[Said]:
     if differ:
         said += f", and {_listed(differ)} {'differs' if len(differ) == 1 else 'differ'}"
     level = ERROR if len(differ) == len(subjects) else WARNING
-    mend = "another domain needs a name of its own; changed numbers alone may keep it"
-    yield level, "name", said, mend
+    fix = "another domain needs a name of its own; changed numbers alone may keep it"
+    yield level, "name", said, fix
 
 
 def _others(profile: Profile) -> Iterator[Profile]:
@@ -233,8 +233,8 @@ def _youtube(profile: Profile) -> Iterator[Said]:
             yield WARNING, "youtube.game_ids", said, "it begins with UC and has 24 characters"
     if section.max_age_days > 30:
         said = f"'youtube.max_age_days' is {section.max_age_days}"
-        mend = "the API's terms ask to read data again, or remove it, after 30 days"
-        yield WARNING, "youtube.max_age_days", said, mend
+        fix = "the API's terms ask to read data again, or remove it, after 30 days"
+        yield WARNING, "youtube.max_age_days", said, fix
 
 
 def _reddit(profile: Profile) -> Iterator[Said]:
@@ -249,8 +249,8 @@ def _pairs(profile: Profile) -> Iterator[Said]:
     for word in profile.pairs.include:
         if is_everyday(word):
             said = f"'pairs.include' holds the everyday word \"{word}\""
-            mend = "put it into a keyword list, with the rule near, never or always"
-            yield WARNING, "pairs.include", said, mend
+            fix = "put it into a keyword list, with the rule near, never or always"
+            yield WARNING, "pairs.include", said, fix
 
 
 def _twice(key: str, words: tuple[str, ...]) -> Iterator[Said]:
@@ -273,17 +273,17 @@ def _thresholds(profile: Profile) -> Iterator[Said]:
         yield WARNING, "youtube.min_aspect_ratio", said, "wide-screen is 1.78: hardly one passes"
     if wiki and wiki.max_page_height < wiki.viewport_height:
         said = f"'wiki.max_page_height' is {wiki.max_page_height}: nothing passes"
-        mend = f"a page is at least as high as the window, {wiki.viewport_height} CSS px"
-        yield ERROR, "wiki.max_page_height", said, mend
+        fix = f"a page is at least as high as the window, {wiki.viewport_height} CSS px"
+        yield ERROR, "wiki.max_page_height", said, fix
     if wiki and wiki.page_seconds <= wiki.settle_seconds:
         said = f"'wiki.page_seconds' is {wiki.page_seconds:g}"
-        mend = f"more than settle_seconds ({wiki.settle_seconds:g}), or moving pages count as hung"
-        yield WARNING, "wiki.page_seconds", said, mend
+        fix = f"more than settle_seconds ({wiki.settle_seconds:g}), or moving pages count as hung"
+        yield WARNING, "wiki.page_seconds", said, fix
     for source in SOURCES:
         if profile.toxicity.threshold(source) == 0:
             key = f"toxicity.thresholds.{source}"
-            mend = "every text has a score above 0; take the line out to drop none"
-            yield ERROR, key, f"'{key}' is 0: nothing passes", mend
+            fix = "every text has a score above 0; take the line out to drop none"
+            yield ERROR, key, f"'{key}' is 0: nothing passes", fix
 
 
 def _release(profile: Profile) -> Iterator[Said]:

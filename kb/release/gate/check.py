@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import ValidationError
 
-from kb.artifacts import linked, manifest
+from kb.artifacts import manifest, texts
 from kb.artifacts.release_folder import TOMBSTONES, ReleasedTable, ReleaseFolder
 from kb.core import clock
 from kb.core.context import Run
@@ -216,7 +216,7 @@ def _absent(root: Path, folder: ReleaseFolder) -> list[GateProblem]:
 def _older(root: Path) -> list[GateProblem]:
     """Entity tables may name what a filter has dropped since."""
     what = "are older than clean/{}, and may name what was dropped since; run `kb links`"
-    return [GateProblem("rows", "links", what.format(one)) for one in linked.older_than(root)]
+    return [GateProblem("rows", "links", what.format(one)) for one in texts.changed(root, "links")]
 
 
 def _licence(run: Run, folder: ReleaseFolder) -> list[GateProblem]:

@@ -91,7 +91,7 @@ def _check_given(text: str, *, wiki: str | None, subreddit: str | None) -> None:
     for key, (option, value) in given.items():
         if value is not None and key in wrong:
             guess = subreddit_meant(value) if key == "reddit.subreddit" else ""
-            raise SettingError(f"{option} is {value!r}", hint=guess or wrong[key].mend)
+            raise SettingError(f"{option} is {value!r}", hint=guess or wrong[key].fix)
 
 
 def _home() -> Path:

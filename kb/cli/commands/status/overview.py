@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kb.artifacts import linked
+from kb.artifacts import texts
 from kb.artifacts.catalog import Catalog
 from kb.cli.commands.status import held
 from kb.cli.commands.status.next_steps import next_steps
@@ -118,7 +118,7 @@ def _links(catalog: Catalog) -> dict[str, Any]:
     counts = held.rows_of(catalog, "links", "links")
     if not counts:
         return {}
-    older = [] if catalog.is_download else linked.older_than(catalog.path)
+    older = [] if catalog.is_download else texts.changed(catalog.path, "links")
     return {"entities": 0, "links": 0, **counts, "older_than": older}
 
 
