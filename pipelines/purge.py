@@ -79,6 +79,6 @@ def _write_again(run: Run, source: str) -> None:
     if source == "youtube":
         shutil.rmtree(Layout(run.root).pairing, ignore_errors=True)
         layouts.export_again(run, "pairs")
-    load(str(locate("links"))).again(run)
+    load(str(locate("links"))).rebuild(run)
     describe(run, [source, "pairs", "links"])
     report_again(run)

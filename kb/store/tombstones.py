@@ -132,7 +132,7 @@ def _load(file: Path) -> pa.Table:
     whole = next((place for place in places if place != file and _read(place)[0] is not None), None)
     raise DamagedData(
         f"{file} can't be read: {why}",
-        hint=f"remove it: {whole} holds the purged keys as well"
+        hint=f"remove it: {whole} contains the purged keys as well"
         if whole
         else "restore it from a copy: without it, purged content would return",
     )

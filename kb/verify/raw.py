@@ -29,7 +29,7 @@ class SegmentVerifier:
     def __init__(self, look: Look, root: Path, source: str) -> None:
         self._look, self._root, self._source = look, root, source
         self._known = self._offsets()
-        self._crawl = f"run `kb {source} crawl`: it asks again for what that held"
+        self._crawl = f"run `kb {source} crawl`, which fetches its items again"
 
     def file(self, path: Path) -> None:
         """Read a segment in full."""

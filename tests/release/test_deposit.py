@@ -320,7 +320,7 @@ SAID = {"too large": "answered with more than 2 MB", "a redirect": "leads elsewh
 def test_an_odd_answer_is_one_line_and_the_token_goes_nowhere(
     root: Path, service: Sandbox, monkeypatch: pytest.MonkeyPatch, name: str, here: Here
 ) -> None:
-    monkeypatch.setattr("kb.release.publish.answers.MOST", 2 << 20)
+    monkeypatch.setattr("kb.release.publish.service.MOST_BYTES", 2 << 20)
     headers = {"Content-Type": "application/json"}
     odd = {"status": 200, "times": None, "headers": headers, **ODD[name]}
     service.faults.add("/api/deposit", **odd)

@@ -134,8 +134,8 @@ def test_content_hidden_in_a_released_column_of_reddit(tmp_path: Path, text: str
         tmp_path, changed("reddit/comments", lambda row: row.update(score_source=text)), ("reddit",)
     )
     assert (
-        "content: reddit/comments-00000-of-00001.parquet: column score_source holds text"
-        " that is no id"
+        "content: reddit/comments-00000-of-00001.parquet: column score_source contains text"
+        " that is not an id"
     ) in refused(tmp_path)
 
 
@@ -317,7 +317,7 @@ def test_sample_in_json_with_content(tmp_path: Path) -> None:
         ({"mood": "x"}, "undescribed: {}: column mood is not described in schemas/"),
         (
             {"post_id": "somebody wrote this"},
-            "content: {}: column post_id holds text that is no id",
+            "content: {}: column post_id contains text that is not an id",
         ),
         ({"type": "poem"}, "content: {}: column type contains other values than "),
         ({"score": "many"}, "undescribed: {}: column score contains other values than int64"),
@@ -438,7 +438,7 @@ def test_a_name_where_reddit_has_words_and_ids(
     where = f"reddit/{table}-00000-of-00001.parquet"
     rewritten(tmp_path / "release" / where, lambda rows: with_first(rows, column, text))
     (line,) = refused(tmp_path)
-    assert line.startswith(f"content: {where}: column {column} holds ")
+    assert line.startswith(f"content: {where}: column {column} contains ")
     assert text not in line
 
 
@@ -462,12 +462,11 @@ def test_archives_that_are_gone_or_cut_off(tmp_path: Path) -> None:
     screenshots.unlink()
     lines = refused(tmp_path)
     assert (
-        f"checksum: wiki/{screenshots.name}: is in SHA256SUMS but not there; export it again"
-        in lines
+        f"checksum: wiki/{screenshots.name}: is in SHA256SUMS but missing; export it again" in lines
     )
     assert any(
         line.startswith(
-            f"damaged: wiki/{screenshots.name}: is not there; index.ndjson names 12 files in it"
+            f"damaged: wiki/{screenshots.name}: is missing; index.ndjson names 12 files in it"
         )
         for line in lines
     )

@@ -21,7 +21,7 @@ from kb.core.licences import KNOWN
 from kb.release import sample
 from kb.release.build import describe, release
 from kb.release.folders import find
-from kb.release.metadata.render import render
+from kb.release.metadata.text import render
 from kb.store import tombstones
 from tests.release.conftest import a_run
 from tests.release.made import build

@@ -16,8 +16,7 @@ import msgspec
 
 from kb.core.profile import Profile
 from kb.core.sources import SPECS
-from kb.release.metadata.render import ENVIRONMENT, TEMPLATES
-from kb.release.metadata.text import line
+from kb.release.metadata.text import ENVIRONMENT, TEMPLATES, line
 
 
 class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -15,8 +15,16 @@ from urllib.parse import quote
 from kb.core import signals
 from kb.core.errors import FatalError, Retryable, Unreachable
 from kb.net.session import HttpSession
-from kb.release.publish.answers import DepositAnswer, Described, Sent, UploadedFile, latest_draft
-from kb.release.publish.service import TRIES, DepositService, Gone
+from kb.release.publish.service import (
+    TRIES,
+    DepositAnswer,
+    DepositService,
+    Described,
+    Gone,
+    Sent,
+    UploadedFile,
+    latest_draft,
+)
 from kb.store.digests import digest
 
 PAGE = 100

@@ -1,4 +1,4 @@
-"""Rows that a data root holds of a source, for `kb status`: by table and answer, and how old."""
+"""Rows of a source in a data root, for `kb status`: by table and verdict, and their age."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ANSWERS = ("crawled", "kept", "rejected", "failed", "pending", "missing")
 
 
 def answers(root: Path, source: str) -> dict[str, Any]:
-    """The four answers of the last filter, together and by table; nothing before the first."""
+    """The four verdicts of the last filter, in total and by table; empty before the first."""
     by_table = tally(Layout(root).clean(source), SPECS[source].tables)
     if not by_table:
         return {"tally": {}}
@@ -32,13 +32,13 @@ def answers(root: Path, source: str) -> dict[str, Any]:
 
 
 def tables(root: Path, source: str) -> dict[str, int]:
-    """Rows by table of clean/<source>, verdicts too, from the files' footers."""
+    """Rows by table of clean/<source>, verdicts included, from the files' footers."""
     folders = _folders(root, source)
     return _in_order({folder.name: rows(folder) for folder in folders})
 
 
 def rows_of(catalog: Catalog, schema: str, source: str) -> dict[str, int]:
-    """Rows by table of a source in one schema of the catalog: what was released or restored."""
+    """Rows by table of a source in one schema of the catalog, such as release or restored."""
     named = {f"{schema}.{view_name(one)}": one for one in declared().values()}
     counts: dict[str, int] = {}
     for view in catalog.views:
@@ -50,7 +50,7 @@ def rows_of(catalog: Catalog, schema: str, source: str) -> dict[str, int]:
 
 
 def age(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
-    """How old the kept, restored or released rows are, and how many are too old for the profile."""
+    """Age of the kept, restored or released rows, and how many are too old for the profile."""
     max_age = getattr(getattr(run.profile, source), "max_age_days", None)
     limit = clock.now() - timedelta(days=max_age or 0)
     schema = catalog.schema_of(source)
