@@ -12,16 +12,16 @@ from functools import partial
 from pathlib import Path
 
 from kb.artifacts.build import clear_finished
+from kb.artifacts.purge import connector
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.pipeline import load, locate
-from kb.core.sources import PUBLISHED, exported_by
+from kb.core.sources import PUBLISHED, SOURCES, SPECS, exported_by
+from kb.crawl.job import crawl_source
 from kb.crawl.session import open_session
 from kb.export import layouts
 from kb.filters.clean import run_clean
 from kb.pairs.build import build
-from kb.reddit.connector.source import RedditSource
-from kb.reddit.connector.source import crawl as crawl_reddit
 from kb.release.build import release
 from kb.search.build import follow
 from kb.store import mending
@@ -29,10 +29,6 @@ from kb.store.layout import Layout
 from kb.verify.found import Look
 from kb.verify.repair import Crawl, Describe, Make, Step, repaired
 from kb.verify.root import verify as look_at
-from kb.wiki.connector.source import WikiSource
-from kb.youtube.connector.source import YouTubeSource
-
-SOURCES = {"youtube": YouTubeSource, "wiki": WikiSource, "reddit": RedditSource}
 
 
 def verify(run: Run, folder: Path) -> Look:
@@ -68,7 +64,7 @@ def steps(run: Run) -> Iterator[Step]:
 def _set_aside(run: Run, source: str) -> list[str]:
     """Move damaged parts of raw data away, and mark their items to be fetched again."""
     try:
-        with open_session(run, SOURCES[source](run), asks=False, tells=False) as session:
+        with open_session(run, connector(source)(run), asks=False, tells=False) as session:
             session.recorder.look_into_all()
             mending.tell(run.root, source, session.frontier)
     except DamagedData as error:
@@ -77,4 +73,5 @@ def _set_aside(run: Run, source: str) -> list[str]:
 
 
 def _crawl(run: Run, source: str) -> object:
-    return crawl_reddit(run) if source == "reddit" else load(str(locate(source))).crawl(run)
+    own = getattr(load(str(locate(source))), "crawl", None)
+    return own(run) if own is not None else crawl_source(run, SPECS[source])

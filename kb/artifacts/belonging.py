@@ -79,7 +79,7 @@ def load(root: Path, bound: Remembered) -> tuple[Profile, str]:
             said = f"{bound.file} is gone; the shipped profile {bound.name!r} is used"
         else:
             raise ProfileError(
-                f"{root} was made with the profile {bound.name!r} of {bound.file}, which is gone",
+                f"{bound.file}, the profile {bound.name!r} of {root}, is gone",
                 hint="name its new location with --profile FILE; the data root remembers it",
             )
     check(root, profile)

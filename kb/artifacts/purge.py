@@ -35,6 +35,7 @@ from kb.artifacts.purge_rows import RowLocation, drop_rows, released
 from kb.artifacts.registry import artifact_of
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
+from kb.core.source_spec import load_name
 from kb.core.sources import SPECS
 from kb.core.verdict import Summary
 from kb.store import buckets, lock, mending, notes, rawlog, tombstones
@@ -43,6 +44,7 @@ from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import Envelope
 
+BY_NAME = "kb.crawl.purge:rules_by_name"  # the rules of sources that declare none
 _PARALLEL = 64 << 20  # bytes of segments that are worth worker processes, which take a second
 
 
@@ -184,7 +186,8 @@ class Purge:
 
 def rules_of(source: str) -> PurgeRules:
     """The rules of a source, as its spec names them."""
-    rules: PurgeRules = SPECS[source].load(SPECS[source].purge)
+    spec = SPECS[source]
+    rules: PurgeRules = spec.load(spec.purge) if spec.purge else load_name(BY_NAME)(spec)
     return rules
 
 

@@ -186,7 +186,7 @@ def _duplicates(every: list[Placed]) -> Iterator[Finding]:
         name = place[1].keyword.name
         before = first.setdefault(phrase(name), place)
         if before is not place:
-            what = f"{name!r} stands on line {before[1].line} of {before[0]} already"
+            what = f"{name!r} is already on line {before[1].line} of {before[0]}"
             mine, other = place[1].keyword, before[1].keyword
             same = (mine.kind, mine.reach, mine.more) == (other.kind, other.reach, other.more)
             # Only a row that says something else is lost.

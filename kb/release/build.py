@@ -37,7 +37,7 @@ from kb.release.metadata.zenodo import deposit
 from kb.schema import table
 from kb.store import tombstones
 from kb.store.atomic import write_text
-from kb.store.digests import SUMS, listed
+from kb.store.checksums import SUMS, listed
 from kb.store.layout import Layout
 from kb.store.lock import RELEASES
 
@@ -59,7 +59,7 @@ def _release(run: Run, only: Sequence[str]) -> Summary:
     lacking = " and ".join(run.profile.release.unsigned())
     if lacking:
         _log.warning(
-            "the profile names no %s; `kb release publish` will refuse what is made without:"
+            "the profile has no %s; `kb release publish` refuses a release without it:"
             " add [[release.creators]] and release.contact",
             lacking.replace("a ", "").replace(" and ", " and no "),
         )

@@ -11,6 +11,7 @@ import duckdb
 from kb.artifacts import manifest
 from kb.core.errors import DamagedData
 from kb.core.sources import PUBLISHED, SOURCES, SPECS
+from kb.schema.tables import table
 from kb.store import database, leftovers
 from kb.store.advice import advice
 from kb.store.layout import Layout, parquet_files
@@ -18,8 +19,6 @@ from kb.store.reading import scan
 from kb.store.tally import VERDICTS
 from kb.verify import raw, releases
 from kb.verify.found import Look
-
-_KEYS = {"videos": "video_id", "pages": "page_id", "posts": "post_id", "comments": "comment_id"}
 
 
 def compare(look: Look, root: Path) -> None:
@@ -64,7 +63,10 @@ def _two_answers(look: Look, root: Path, source: str) -> None:
     if any(clean in one.path.parents for one in look.of("clean")):
         return  # counting makes sense of whole files only
     keys = [
-        (f"'{prefix}' || {_KEYS[short]}::VARCHAR", parquet_files(clean / short))
+        (
+            f"'{prefix}' || {table(f'{source}/{short}').key[0]}::VARCHAR",
+            parquet_files(clean / short),
+        )
         for short, prefix in SPECS[source].tables.items()
     ]
     keys += [("key", parquet_files(clean / verdict)) for verdict in VERDICTS]

@@ -569,7 +569,7 @@ def test_search_in_python(root: Path) -> None:
     with pytest.raises(UsageError, match="no word to search for"):
         data.search("(((")
     assert all(row["kind"] == "table" for row in data.search("leather", kind="table"))
-    with pytest.raises(UsageError, match="no kind 'tabel'"):
+    with pytest.raises(UsageError, match="unknown kind 'tabel'"):
         data.search("leather", kind="tabel")
     index_of.remove(root, "wiki")
     assert data.search("camel", source="wiki").to_pylist()  # it is made first

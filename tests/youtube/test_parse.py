@@ -192,7 +192,7 @@ def test_batches_are_bounded_and_say_the_same() -> None:
 
 def test_a_line_that_is_no_envelope() -> None:
     for bad in (b"{", b"[]", b'{"a": 1}', b"\xff"):
-        with pytest.raises(DamagedData, match="no envelope"):
+        with pytest.raises(DamagedData, match="not an envelope"):
             rows(bad)
 
 

@@ -64,7 +64,7 @@ def test_a_crawl_across_the_change_says_that_it_mixes_both(job: Job) -> None:
     assert "view counts mix" not in one.stderr
     job.done("refresh", "youtube", "--older-than", "0", "--limit", "10", KB_NOW=AFTER, code=3)
     both = job.kb("youtube", "filter", KB_NOW=AFTER)
-    assert both.stderr.count("view counts mix two measures") == 1
+    assert both.stderr.count("view counts mix two definitions") == 1
     counts = {
         row["view_rule"]: row["n"]
         for row in job.rows("SELECT view_rule, count(*) AS n FROM clean.youtube_videos GROUP BY 1")

@@ -147,7 +147,7 @@ def test_known_ids_alone_leave_no_search_behind(job: Job) -> None:
 def test_ids_of_a_release_s_folder(tmp_path: Path) -> None:
     folder = tmp_path / "release"
     folder.mkdir()
-    with pytest.raises(SettingError, match="holds no released videos or pairs"):
+    with pytest.raises(SettingError, match="contains no released videos or pairs"):
         read_ids(folder)
     for number, key in enumerate(("aaaaaaaaaaa", "bbbbbbbbbbb")):
         rows = pa.table({"video_id": [key], "title": ["t"]})

@@ -106,7 +106,7 @@ class IdFiles:
     def __init__(self, files: list[Path]) -> None:
         columns = [(path, column_of(path, RULES.option, tuple(_PREFIXES))) for path in files]
         self._columns = [(path, column, _PREFIXES[column]) for path, column in columns]
-        self._rows = sum(parquet.footer(path).num_rows for path in files)
+        self._rows = sum(pq.read_metadata(path).num_rows for path in files)
 
     def __len__(self) -> int:
         return self._rows
@@ -129,7 +129,7 @@ def asked_for(
     if ids is None:
         if not release.is_dir():
             raise SettingError(
-                f"there is no release to take ids from at {release}",
+                f"there is no release with ids at {release}",
                 hint="name what to bring back, as in `kb reddit reconstruct --ids release/reddit`, "
                 "or make one first with `kb reddit export`",
             )
@@ -175,7 +175,7 @@ def read_wanted(path: Path, say: Callable[[str], None] | None = None) -> WantedT
         if path.is_dir() or is_parquet(path):
             files = IdFiles(files_of(path, RULES))
             if not len(files):
-                raise SettingError(f"--ids {path} holds no ids", hint=RULES.hint)
+                raise SettingError(f"--ids {path} contains no ids", hint=RULES.hint)
             return WantedThings(files, [])
     listed = read_some(path, RULES, say)
     trees = [key for key in listed.keys if not _NAME.fullmatch(key)]

@@ -33,7 +33,7 @@ WARNINGS = [
     toml("[release]", 'include = ["water"]\n[release]', 12, 'everyday word "water"', "near"),
     row("Water\tthing\n", "'Water' is an everyday word and has no rule", "near"),
     row("Scree\tplace\t\tstone\n", "'stone' is an everyday word", "never"),
-    row("saxifrage\tplace\n", "'saxifrage' stands on line 2", "the first counts"),
+    row("saxifrage\tplace\n", "'saxifrage' is already on line 2", "the first counts"),
     row("Scree\tplace\t\t!!\n", "the form '!!' has no word"),
     row("A1\tplant\nA2\tplant\nScree\tplnt\n", "the kind 'plnt' occurs only once", "'plant'"),
 ]  # fmt: skip

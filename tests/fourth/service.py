@@ -31,9 +31,17 @@ class Service:
             number = int(path.rpartition("=")[2])
             ids = self.ids[(number - 1) * self.page : number * self.page]
             following = number + 1 if number * self.page < len(self.ids) else None
-            return 200, {}, json.dumps({"ids": ids, "next": following}).encode()
+            return (
+                200,
+                {},
+                json.dumps({"notes": [{"id": one} for one in ids], "next": following}).encode(),
+            )
         key = path.rpartition("/")[2]
-        body = {"id": key, "text": f"the text of {key}"}
+        body = {
+            "id": key,
+            "text": f"the text of {key}",
+            "likes": int(key[1:] or 0) if key[1:].isdigit() else 0,
+        }
         return (200, {}, json.dumps(body).encode()) if key in self.ids else (404, {}, b"{}")
 
 
