@@ -21,7 +21,7 @@ from kb.core.cache import cache_root
 from kb.core.errors import MissingExtra, MissingModel, SettingError
 from kb.core.installation import install_extra
 from kb.core.settings import Settings
-from kb.store import digests
+from kb.store import checksums
 from kb.store.reading import SANDBOX_MODEL
 
 EXTRA = ("torch", "transformers", "detoxify", "onnx", "onnxruntime")
@@ -186,6 +186,6 @@ def _verify(path: Path, expected: list[tuple[str, str]], what_to_do: str) -> str
 def sha256_of(path: Path) -> str:
     """SHA-256 of a file, hexadecimal. Raises MissingModel when it can't be read."""
     try:
-        return digests.digest(path)
+        return checksums.digest(path)
     except OSError as error:
         raise MissingModel(f"{path} can't be read: {error.strerror}") from None

@@ -26,7 +26,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -36,22 +36,16 @@ import pyarrow.parquet as pq
 
 from kb.artifacts.registry import ARTIFACTS, Artifact, artifact_of, of_table
 from kb.core.errors import DamagedData
-from kb.store import digests, notes, parquet, rawlog
+from kb.store import checksums, notes, rawlog
 from kb.store.atomic import replacing_folder, write_bytes
+from kb.store.checksums import FileEntry
 from kb.store.layout import Layout, parquet_files, rows_pattern
+from kb.store.parquet import content_digest
 
-NAME = "_manifest.json"  # the underscore hides it from readers of a folder of Parquet
+NAME = checksums.MANIFEST
 SUMMARY = "_summary.json"  # the figures of pairs and links in data roots of older versions
 _SHARD = re.compile(r"(.+)-(\d{5})-of-(\d{5})(\.[a-z]+)")
 _THREADS = 4  # files that are hashed at a time
-
-
-class FileEntry(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A file of an artifact. `sha256` is "" where it is not known; `rows` is for tables."""
-
-    size: int = 0
-    sha256: str = ""
-    rows: int | None = None
 
 
 class Manifest(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -117,6 +111,14 @@ def replacing(
         write(path(root, name), made)
 
 
+def record(folder: Path, name: str) -> None:
+    """Write the manifest of a folder as it is now; of one that grows in place, such as scores.
+
+    Remove the manifest before the files change. Raises DiskFull.
+    """
+    write(folder / NAME, describe(name, folder, Build(folder, {}, "")))
+
+
 def describe(name: str, folder: Path, build: Build) -> Manifest:
     """The manifest of what lies in a folder."""
     files = {str(one.relative_to(folder)): one for one in _files(folder)}
@@ -134,7 +136,7 @@ def write(place: Path, manifest: Manifest) -> None:
 def entry_of(file: Path) -> FileEntry:
     """A file as it is now."""
     rows = pq.read_metadata(file).num_rows if file.suffix == ".parquet" else None
-    return FileEntry(file.stat().st_size, digests.digest(file), rows)
+    return FileEntry(file.stat().st_size, checksums.digest(file), rows)
 
 
 @contextlib.contextmanager
@@ -260,36 +262,6 @@ def note_inputs(root: Path, name: str) -> None:
     """
     if (manifest := read(root, name)) is not None:
         write(path(root, name), msgspec.structs.replace(manifest, inputs=inputs(root, name)))
-
-
-def content_digest(file: Path) -> str:
-    """What tells a file from one with other content: its SHA-256 as the manifest of its artifact or
-    the SHA256SUMS beside it has it. The file is read only where neither says it.
-
-    Files of older versions have a checksum in their footer instead: then it is that, and the size.
-    """
-    size = file.stat().st_size
-    for folder in (file.parent, file.parent.parent):
-        entry = _entries(folder).get(str(file.relative_to(folder)))
-        if entry is not None and entry.sha256 and entry.size == size:
-            return entry.sha256
-    return parquet.fingerprint(file)
-
-
-def _entries(folder: Path) -> dict[str, FileEntry]:
-    try:
-        about = (folder / NAME).stat()
-    except OSError:
-        return {}
-    return _entries_of(folder, about.st_ino, about.st_mtime_ns)
-
-
-@lru_cache(maxsize=64)
-def _entries_of(folder: Path, inode: int, changed: int) -> dict[str, FileEntry]:
-    """The entries of a manifest as it is now; cached, as it is asked for each of its files."""
-    with contextlib.suppress(OSError, msgspec.DecodeError):
-        return msgspec.json.decode((folder / NAME).read_bytes(), type=Manifest).files
-    return {}
 
 
 def _digest_of_input(

@@ -9,6 +9,7 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from kb.artifacts import manifest
 from kb.core.errors import FatalError
@@ -46,7 +47,7 @@ def _how(root: Path, index: Path | None) -> str:
 def rows(path: Path) -> int:
     """Transcripts in a file."""
     with reading([path]):
-        return int(parquet.footer(path).num_rows)
+        return int(pq.read_metadata(path).num_rows)
 
 
 def texts(path: Path, first: int = 0, after: int | None = None) -> Iterator[Text]:

@@ -37,7 +37,7 @@ from kb.release.metadata.zenodo import deposit
 from kb.schema import table
 from kb.store import tombstones
 from kb.store.atomic import write_text
-from kb.store.digests import SUMS, listed
+from kb.store.checksums import SUMS, listed
 from kb.store.layout import Layout
 from kb.store.lock import RELEASES
 

@@ -9,7 +9,7 @@ from kb.core.licences import KNOWN
 from kb.core.resources import PROFILE_FILE
 from kb.core.sources import PUBLISHED
 from kb.schema import Table, released_tables
-from kb.store.digests import SUMS
+from kb.store.checksums import SUMS
 from kb.store.layout import Layout
 
 DEPOSIT = "zenodo.json"

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from kb.core.errors import DamagedData
 from kb.store.atomic import sync_folder, write_bytes
-from kb.store.digests import SUMS, digest, listed, parsed
+from kb.store.checksums import SUMS, digest, listed, parsed
 from kb.store.layout import BELOW, Layout
 
 ASIDE = ".damaged"

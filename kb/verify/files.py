@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -111,7 +110,7 @@ class FileVerifier:
             self._look.whole("set aside", path)
         elif path.suffix == ".parquet" and self._is_listed(path, kind):
             self._parquet(kind, path)
-        elif path.suffix == ".json" and kind != "annotations":
+        elif path.suffix == ".json" and (kind != "annotations" or path.name == manifest.NAME):
             self._json(kind, path, advice(path))
         else:
             self._strange(kind, path)
@@ -167,13 +166,7 @@ class FileVerifier:
         self._look.judged(kind, path, what, advice(path))
 
     def _json(self, kind: str, path: Path, fix: str) -> None:
-        self._look.advance(path.stat().st_size)
-        try:
-            json.loads(path.read_bytes())
-            what = ""
-        except (ValueError, RecursionError) as error:
-            what = f"can't be read: {error}"
-        self._look.judged(kind, path, what, fix)
+        self._look.judged(kind, path, tables.problem(path, self._look.advance), fix)
 
     def _strange(self, kind: str, path: Path) -> None:
         self._look.foreign(kind, path, "no command has written it", "move it away")

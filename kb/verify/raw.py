@@ -11,7 +11,7 @@ import msgspec
 import zstandard
 
 from kb.core.errors import DamagedData
-from kb.store import damage, digests, mending, rawlog, reading, sidefiles
+from kb.store import checksums, damage, mending, rawlog, reading, sidefiles
 from kb.store.layout import BELOW, CAPTURED, Layout
 from kb.verify.found import Look
 
@@ -102,7 +102,7 @@ def state(look: Look, path: Path) -> None:
 def side_file(look: Look, path: Path) -> None:
     """A captured page's file or an image, by what it should be."""
     kind = "images" if path.parent.name == "images" else "captures"
-    if path.name == digests.SUMS or path.name in _CAPTURE or sidefiles.expected(path):
+    if path.name == checksums.SUMS or path.name in _CAPTURE or sidefiles.expected(path):
         if sidefiles.is_whole(path, advance=look.advance) and _unpacks(path):
             look.whole(kind, path)
         else:

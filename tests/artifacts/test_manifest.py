@@ -20,7 +20,7 @@ from kb.pairs.build import build
 from kb.query import connect
 from kb.release.build import exported, release
 from kb.store import lock
-from kb.store.digests import digest
+from kb.store.checksums import digest
 from kb.store.parquet import read_table
 from kb.store.shards import write_table
 from tests.filters import full_root

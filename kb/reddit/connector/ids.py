@@ -106,7 +106,7 @@ class IdFiles:
     def __init__(self, files: list[Path]) -> None:
         columns = [(path, column_of(path, RULES.option, tuple(_PREFIXES))) for path in files]
         self._columns = [(path, column, _PREFIXES[column]) for path, column in columns]
-        self._rows = sum(parquet.footer(path).num_rows for path in files)
+        self._rows = sum(pq.read_metadata(path).num_rows for path in files)
 
     def __len__(self) -> int:
         return self._rows

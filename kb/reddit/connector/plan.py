@@ -7,6 +7,8 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+import pyarrow.parquet as pq
+
 from kb.core.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.plan import PlanPhase, plan, to_read
@@ -18,7 +20,7 @@ from kb.reddit.connector.reduce import PAGES
 from kb.reddit.connector.refresh import due_parts, oldest_due
 from kb.reddit.dumps.files import find_dumps
 from kb.reddit.parse.latest_state import known
-from kb.store import parquet, rawlog, reading, tombstones
+from kb.store import rawlog, reading, tombstones
 from kb.store.layout import Layout
 
 LISTED = 100  # posts a page of a listing
@@ -73,7 +75,7 @@ def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
         known(run, Path(scratch, "known")) as things,
     ):
         parts = due_parts(things, tombstones.keys(run.root, "reddit"), oldest, run.again)
-        due = sum(parquet.footer(part).num_rows for part in parts)
+        due = sum(pq.read_metadata(part).num_rows for part in parts)
     return Summary(_of_ids(run, "refresh reddit", [("posts and comments to refresh", due)]))
 
 

@@ -11,6 +11,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 from duckdb import DuckDBPyConnection
 
 from kb.artifacts import manifest
@@ -23,7 +24,7 @@ from kb.release.metadata.facts import ColumnFacts, DataFile, Facts, TableFacts
 from kb.release.metadata.gaps import gaps
 from kb.schema import Column, released_tables
 from kb.store import database, parquet, tombstones
-from kb.store.digests import digest
+from kb.store.checksums import digest
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import filtered
 from kb.store.tally import VERDICTS
@@ -169,7 +170,7 @@ def _licences(
 def _table(con: DuckDBPyConnection, part: ReleasedTable) -> TableFacts:
 
     files = tuple(
-        DataFile(shard.name, shard.stat().st_size, parquet.footer(shard).num_rows, digest(shard))
+        DataFile(shard.name, shard.stat().st_size, pq.read_metadata(shard).num_rows, digest(shard))
         for shard in part.shards
     )
     names = [str(shard) for shard in part.shards]

@@ -28,7 +28,7 @@ from kb.release.metadata.measure import models
 from kb.release.publish.service import TIMEOUT_S, stray
 from kb.release.publish.upload import Upload, document_of
 from kb.release.publish.zenodo import Zenodo
-from kb.store.digests import SUMS
+from kb.store.checksums import SUMS
 from kb.store.lock import RELEASES, writer
 from kb.store.reading import SANDBOX_MODEL
 

@@ -7,11 +7,12 @@ from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pyarrow.parquet as pq
+
 from kb.artifacts.catalog import Catalog, view_name
 from kb.core import clock, vocabulary
 from kb.core.sources import SPECS
 from kb.schema.tables import tables as declared
-from kb.store import parquet
 from kb.store.layout import Layout, parquet_files
 from kb.store.reading import filtered, reading
 from kb.store.tally import rows, span, tally
@@ -45,7 +46,7 @@ def rows_of(catalog: Catalog, schema: str, source: str) -> dict[str, int]:
         one = named.get(view.full)
         if one is not None and one.source == source and one.short != "missing":
             with reading(view.files):
-                counts[one.short] = sum(parquet.footer(file).num_rows for file in view.files)
+                counts[one.short] = sum(pq.read_metadata(file).num_rows for file in view.files)
     return _in_order(counts)
 
 
