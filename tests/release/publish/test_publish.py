@@ -290,7 +290,11 @@ def test_token_goes_to_no_other_host(root: Path, service: Sandbox) -> None:
 
 
 DEEP = "[" * 100_000 + "]" * 100_000
+
+
 _DEEPISH = '{"license": ' * 400 + "1" + "}" * 400
+
+
 ODD: dict[str, dict[str, Any]] = {
     "deep": {"body": DEEP},
     "deep refusal": {"status": 400, "body": DEEP},
@@ -313,7 +317,7 @@ ODD: dict[str, dict[str, Any]] = {
 }
 
 
-SAID = {"too large": "answered with more than 2 MB", "a redirect": "leads elsewhere (302)"}
+SAID = {"too large": "answered with more than 2 MB", "a redirect": "redirects (302)"}
 
 
 @pytest.mark.parametrize("name", ODD)

@@ -10,8 +10,8 @@ import pytest
 
 from kb.sandbox.youtube.cases import Track
 from tests.sandbox.domains import of_case
+from tests.youtube.connector.test_fetch import CRAWL, finish
 from tests.youtube.job import Job
-from tests.youtube.test_faults import CRAWL, finish
 
 TOMORROW = "2026-11-21T00:30:00Z"  # the day of UTC counts
 EMPTY = {"status": 200, "body": ""}

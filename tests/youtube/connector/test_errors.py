@@ -14,8 +14,8 @@ from kb.store.frontier import Frontier
 from kb.youtube.connector.reduce import SEARCHES, UPLOADS, VIDEOS
 from tests.sandbox.domains import of_case
 from tests.youtube import walls
+from tests.youtube.connector.test_fetch import CRAWL, finish, no_patience
 from tests.youtube.job import Job
-from tests.youtube.test_faults import CRAWL, finish, no_patience
 
 SORRY = {"status": 403, "body": "<html>Sorry... automated queries</html>"}
 ODD = {

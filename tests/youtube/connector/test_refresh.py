@@ -4,8 +4,8 @@ what the service asks.
 
 from __future__ import annotations
 
+from tests.youtube.connector.test_fetch import CRAWL, check
 from tests.youtube.job import Job
-from tests.youtube.test_faults import CRAWL, check
 
 LATER = "2027-01-10T12:00:00Z"
 SOON = "2026-11-29T12:00:00Z"  # metadata may be as old, counts have changed

@@ -11,8 +11,8 @@ from kb.release.folders import find
 from kb.release.metadata.gaps import gaps
 from kb.store import database
 from kb.youtube.parse.view_rule import view_rule
+from tests.youtube.connector.test_fetch import CRAWL
 from tests.youtube.job import Job
-from tests.youtube.test_faults import CRAWL
 
 BEFORE, AFTER = "2026-08-26T23:59:59Z", "2026-08-27T00:00:00Z"
 WIDE, UPRIGHT, SQUARE, UNKNOWN = (1920, 1080), (1080, 1920), (720, 720), (None, None)

@@ -19,8 +19,8 @@ from kb.sandbox.server import Sandbox
 from kb.sandbox.youtube import resources as errors
 from kb.youtube.connector.quota import PACIFIC
 from pipelines import youtube
+from tests.youtube.connector.test_fetch import CRAWL
 from tests.youtube.job import Job
-from tests.youtube.test_faults import CRAWL
 
 UNITS, SEARCHES = 4, 2
 
