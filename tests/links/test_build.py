@@ -31,7 +31,7 @@ from kb.store.shards import write_table
 from kb.verify.root import verify
 from tests.inprocess import Here
 from tests.links import made
-from tests.wiki import made as wiki
+from tests.wiki import handmade_data as wiki
 
 pipeline = load(str(locate("links")))
 NAMES = {"Canidae": Names("Canidae", ("Wolf",))}

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from kb.core import sizes
+from kb.core import terminal
 from kb.core.context import Run
 from kb.core.installation import software_address
 from kb.core.licences import licence
@@ -147,7 +147,8 @@ def _description(run: Run, facts: Facts) -> str:
     tables = "".join(
         (
             f"<li><b>{html.escape(table.table.short)}</b>:"
-            f" {html.escape(table.table.doc)} {table.rows:,} rows, {sizes.shown(table.size)}.</li>"
+            f" {html.escape(table.table.doc)} {table.rows:,} rows,"
+            f" {terminal.size(table.size)}.</li>"
         )
         for table in facts.tables
     )
