@@ -104,9 +104,9 @@ class Document(_Part):
 
 def deposit(run: Run, facts: Facts) -> str:
     """zenodo.json as text."""
-    section, said = run.profile.release, about(run.profile, facts.source)
+    section, prose = run.profile.release, about(run.profile, facts.source)
     metadata = DepositMetadata(
-        title=said.title,
+        title=prose.title,
         description=_description(run, facts),
         creators=tuple(
             DepositCreator(name=one.name, affiliation=one.affiliation, orcid=one.orcid)
@@ -116,7 +116,7 @@ def deposit(run: Run, facts: Facts) -> str:
         license=licence(facts.licence).zenodo,
         version=section.version,
         language=three_letters(language(run)),
-        keywords=tuple(dict.fromkeys((run.profile.title, *said.words, *section.keywords))),
+        keywords=tuple(dict.fromkeys((run.profile.title, *prose.words, *section.keywords))),
         notes=SANDBOX_NOTE if facts.sandbox else None,
         communities=tuple(Community(identifier=one) for one in section.communities) or None,
         related_identifiers=_related(section.homepage) or None,
@@ -143,7 +143,7 @@ def _related(homepage: str | None) -> tuple[Related, ...]:
 
 def _description(run: Run, facts: Facts) -> str:
     """HTML, as Zenodo shows it."""
-    said = about(run.profile, facts.source)
+    prose = about(run.profile, facts.source)
     tables = "".join(
         (
             f"<li><b>{html.escape(table.table.short)}</b>:"
@@ -153,10 +153,10 @@ def _description(run: Run, facts: Facts) -> str:
         for table in facts.tables
     )
     sentences = [
-        said.summary,
-        said.collection,
+        prose.summary,
+        prose.collection,
         f"Read from the source {span(facts.read)}; material from {span(facts.made)}.",
-        f"{said.attribution} {licence(facts.licence).short}",
+        f"{prose.attribution} {licence(facts.licence).short}",
     ]
     return (
         "".join(f"<p>{html.escape(line)}</p>" for line in sentences[:2])
