@@ -1,12 +1,11 @@
-"""The whole job in small, on services that the project invents: every step of the paper's data
-collection, in its order.
+"""The whole job in small, on invented services: every step of the paper's data collection.
 
-Nothing here knows that the services are invented: the steps are the commands that a user types.
+The steps are the commands that a user types; none knows that the services are invented.
 """
 
 from __future__ import annotations
 
-# Commands of `kb`, in order: each source by itself, then what is made of all.
+# Commands of `kb`, in order: each source, then what is made from all of them.
 STEPS = [
     "youtube crawl",
     "youtube filter",
@@ -26,7 +25,7 @@ STEPS = [
     "report",
 ]
 
-# (what it answers, SQL over the shards, the tables that it needs)
+# (question, SQL over the shards, tables that it needs)
 QUERIES = [
     (
         "Where did the transcripts of the kept videos come from?",

@@ -1,7 +1,7 @@
-"""Entities and links: what the profile's keywords name, and where the three sources speak of it.
+"""Entities and links: the profile's keywords, and where the three sources mention them.
 
-The paper's three sources lie side by side; here each keyword leads to its wiki page, its videos
-with the second, and its threads. Words are matched as for the pairs (pipelines/pairs.py).
+The paper has three separate sources; here each keyword links to its wiki page, to seconds in videos
+and to threads. Keywords are matched as for pairs (pipelines/pairs.py).
 
     names      titles and redirects of the wiki's pages, from its raw answers
     tables     clean/ → links/*.parquet
@@ -41,8 +41,8 @@ def tables(run: Run) -> Summary:
     return build(run, lambda: names(run))
 
 
-def again(run: Run) -> None:
-    """Both again, as far as they are there; what can't be made again does not stay."""
+def rebuild(run: Run) -> None:
+    """Rebuild existing entity tables and their release; delete what can't be rebuilt."""
     at = Layout(run.root)
     shutil.rmtree(at.linking, ignore_errors=True)
     if not at.links.exists():
@@ -58,7 +58,7 @@ def again(run: Run) -> None:
 
 
 def names(run: Run) -> Mapping[str, Names]:
-    """What the wiki calls its pages, by title."""
+    """Names of the wiki's pages, by title."""
     return {
         page.title: Names(
             page.title.removeprefix(f"{page.prefix}:"),

@@ -1,9 +1,9 @@
 """Video-text pairs (MineDojo paper, data collection appendix, "video-text pairs"; 640K pairs
 there).
 
-A list of keywords is matched in the transcripts of the kept videos. The matched phrase is grown at
-random to 16–77 CLIP tokens; a moment inside the cues that hold it is the centre of a clip of
-8–16 s. What the paper leaves open is said by the profile: whole words, rules for everyday words,
+A list of keywords is matched in the transcripts of the kept videos. Each match is extended at
+random to 16–77 CLIP tokens; a random moment within the match's cues is the centre of a clip of
+8–16 s. The profile decides what the paper leaves open: whole words, rules for everyday words, and
 which of a video's overlapping clips are kept.
 
     build      transcripts → pairs/*.parquet
@@ -26,25 +26,25 @@ from kb.store.layout import Layout
 
 
 def pairs(run: Run, layout: str) -> Summary:
-    """Make the pairs, then write them in the layout asked for."""
+    """Make the pairs, then write them in the given layout."""
     check(run)
     with belonging.writing(run, "pairs", "release-pairs"):
         try:
             made = build(run)
         except LimitReached:
-            _write(run, layout)  # what is done so far is whole in itself
+            _write(run, layout)  # what is done so far is complete in itself
             raise
         return Summary(made, **_write(run, layout))
 
 
 def refill(run: Run, index: Path) -> Summary:
-    """Texts of a released index, from one's own transcripts."""
+    """Fill in the texts of a released index from your own transcripts."""
     from kb.pairs.restore import refill
 
     return refill(run, index)
 
 
 def _write(run: Run, layout: str) -> dict[str, object]:
-    """The release, or another layout: where it is."""
+    """Write the release or another layout; returns where."""
     made = layouts.export(run, "pairs", layout)
     return {"release": str(Layout(run.root).release("pairs"))} if layout == "parquet" else made

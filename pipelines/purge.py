@@ -52,7 +52,8 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
             removed = list(steps.rows(purge))
             if current:  # what was removed left raw/ and clean/ alike
                 manifest.note_inputs(run.root, clean)
-            scores = drop_unused(run.root, source, texts(run, source))
+            with manifest.editing(run.root, f"annotations/{source}"):
+                scores = drop_unused(run.root, source, texts(run, source))
             _write_again(run, source)
         counts = {"rows": sum(line.count for line in removed), "scores": scores, **purge.counts}
         summary = Summary(command=f"purge {source}", source=source, purged=purge.purged, **counts)
@@ -79,6 +80,6 @@ def _write_again(run: Run, source: str) -> None:
     if source == "youtube":
         shutil.rmtree(Layout(run.root).pairing, ignore_errors=True)
         layouts.export_again(run, "pairs")
-    load(str(locate("links"))).again(run)
+    load(str(locate("links"))).rebuild(run)
     describe(run, [source, "pairs", "links"])
     report_again(run)

@@ -36,7 +36,7 @@ ALLOWED: dict[str, set[str]] = {
     "reader": ASKING | DATA,
     "mcp": {"reader"} | ASKING | DATA,
     "sandbox": ROOMS | GROUND | {"core"},
-    "cli": ROOMS | ASKING | GROUND | {"core", "links", "sandbox", "mcp"},
+    "cli": ROOMS | ASKING | GROUND | {"core", "crawl", "links", "sandbox", "mcp"},
     "pipelines": ROOMS | ASKING | GROUND | {"core", "crawl", "links", "sandbox"},
 }
 

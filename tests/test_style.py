@@ -1,4 +1,4 @@
-"""One formatter, one linter and one type checker over everything, and nothing left to mend."""
+"""One formatter, one linter and one type checker over everything, and nothing left to fix."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from kb.core.cache import cache_root
 from kb.core.errors import MissingExtra, MissingModel, SettingError
 from kb.core.installation import install_extra
 from kb.core.settings import Settings
-from kb.store import digests
+from kb.store import checksums
 from kb.store.reading import SANDBOX_MODEL
 
 EXTRA = ("torch", "transformers", "detoxify", "onnx", "onnxruntime")
@@ -97,7 +97,7 @@ def find_checkpoint(settings: Settings) -> Checkpoint:
     if not expected and digest not in KNOWN:
         quoted = shlex.quote(str(path))
         raise MissingModel(
-            f"nothing says which file {path.name} should be; its name is no proof",
+            f"there is no checksum to verify {path.name} with",
             hint=f"if you trust it, run `sha256sum {quoted} > {quoted}.sha256`",
         )
     check_model_files(
@@ -176,8 +176,8 @@ def _verify(path: Path, expected: list[tuple[str, str]], what_to_do: str) -> str
     for who, wanted in expected:
         if not digest.startswith(wanted):
             raise MissingModel(
-                f"{path} is not the file it should be, or was cut off:"
-                f" its sha256 begins {digest[:12]}, {who} says {wanted[:12]}",
+                f"checksum mismatch of {path}:"
+                f" its SHA-256 starts with {digest[:12]}, but {who} has {wanted[:12]}",
                 hint=what_to_do,
             )
     return digest
@@ -186,6 +186,6 @@ def _verify(path: Path, expected: list[tuple[str, str]], what_to_do: str) -> str
 def sha256_of(path: Path) -> str:
     """SHA-256 of a file, hexadecimal. Raises MissingModel when it can't be read."""
     try:
-        return digests.digest(path)
+        return checksums.digest(path)
     except OSError as error:
         raise MissingModel(f"{path} can't be read: {error.strerror}") from None

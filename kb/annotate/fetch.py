@@ -120,7 +120,7 @@ def _receive(session: HttpSession, address: str, part: Path, task: Any) -> None:
         except requests.RequestException as error:
             raise failure(error, address) from None
         if expected and received != int(expected):
-            raise Retryable(f"{address} was cut off", unreachable=True)
+            raise Retryable(f"the download of {address} is incomplete", unreachable=True)
 
 
 def _write(response: Any, part: Path, mode: str, task: Any) -> int:

@@ -49,8 +49,7 @@ def check_model_files(folder: Path, what_to_do: str) -> None:
         largest = _largest_number(path)
         if isinstance(rows, int) and largest >= rows:
             raise MissingModel(
-                f"{path} has {largest + 1} tokens, the model of the config.json beside it"
-                f" knows {rows}",
+                f"{path} has {largest + 1} tokens, but the model in its config.json knows {rows}",
                 hint=what_to_do,
             )
 

@@ -19,7 +19,7 @@ import duckdb
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.artifacts import purge_rows
+from kb.artifacts import manifest, purge_rows
 from kb.schema.tables import table
 from kb.store import database, parquet
 from kb.store.layout import Layout, parquet_files
@@ -146,9 +146,11 @@ class Scores:
         None when there is nothing.
         """
         parts = sorted(Path(self.folder).glob("part-*.parquet"))
-        path = Path(self.folder) / "toxicity.parquet"
+        folder = Path(self.folder)
+        path = folder / "toxicity.parquet"
         if not parts:
             return path if path.exists() else None
+        (folder / manifest.NAME).unlink(missing_ok=True)  # it describes the previous file
         # DuckDB sorts on disk when memory is short; rows come and go a batch at a time.
         with self._reading() as con, ShardWriter(path, TABLE, in_order=True) as writer:
             rows = con.sql(
@@ -161,6 +163,7 @@ class Scores:
                 writer.write(pa.Table.from_batches([batch]))
         for part in parts:
             part.unlink()
+        manifest.record(folder, f"annotations/{folder.name}")
         return path
 
     @contextlib.contextmanager

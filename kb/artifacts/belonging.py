@@ -79,7 +79,7 @@ def load(root: Path, bound: Remembered) -> tuple[Profile, str]:
             said = f"{bound.file} is gone; the shipped profile {bound.name!r} is used"
         else:
             raise ProfileError(
-                f"{root} was made with the profile {bound.name!r} of {bound.file}, which is gone",
+                f"{bound.file}, the profile {bound.name!r} of {root}, is gone",
                 hint="name its new location with --profile FILE; the data root remembers it",
             )
     check(root, profile)
@@ -145,8 +145,8 @@ def note_if_stored(root: Path, profile: Profile) -> None:
 
 
 def _read(root: Path) -> Remembered | None:
-    mend = "delete it, then name the profile once with --profile NAME|FILE"
-    return notes.read(Layout(root).profile, Remembered, mend=mend)
+    fix = "delete it, then name the profile once with --profile NAME|FILE"
+    return notes.read(Layout(root).profile, Remembered, fix=fix)
 
 
 def _holds_data(root: Path) -> bool:

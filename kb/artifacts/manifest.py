@@ -23,10 +23,10 @@ import contextlib
 import hashlib
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -36,22 +36,16 @@ import pyarrow.parquet as pq
 
 from kb.artifacts.registry import ARTIFACTS, Artifact, artifact_of, of_table
 from kb.core.errors import DamagedData
-from kb.store import digests, notes, parquet, rawlog
+from kb.store import checksums, notes, rawlog
 from kb.store.atomic import replacing_folder, write_bytes
+from kb.store.checksums import FileEntry
 from kb.store.layout import Layout, parquet_files, rows_pattern
+from kb.store.parquet import content_digest
 
-NAME = "_manifest.json"  # the underscore hides it from readers of a folder of Parquet
-SUMMARY = "_summary.json"  # what the commands that make pairs and links report
+NAME = checksums.MANIFEST
+SUMMARY = "_summary.json"  # the figures of pairs and links in data roots of older versions
 _SHARD = re.compile(r"(.+)-(\d{5})-of-(\d{5})(\.[a-z]+)")
 _THREADS = 4  # files that are hashed at a time
-
-
-class FileEntry(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A file of an artifact. `sha256` is "" where it is not known; `rows` is for tables."""
-
-    size: int = 0
-    sha256: str = ""
-    rows: int | None = None
 
 
 class Manifest(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -91,7 +85,7 @@ def path(root: Path, name: str) -> Path:
 def read(root: Path, name: str) -> Manifest | None:
     """The manifest of an artifact; None where it was never made. Raises DamagedData."""
     artifact, place = ARTIFACTS[name], path(root, name)
-    found: Manifest | None = notes.read(place, Manifest, mend=artifact.hint)
+    found: Manifest | None = notes.read(place, Manifest, fix=artifact.hint)
     return _from_older_notes(root, artifact) if found is None else found
 
 
@@ -117,6 +111,14 @@ def replacing(
         write(path(root, name), made)
 
 
+def record(folder: Path, name: str) -> None:
+    """Write the manifest of a folder as it is now; of one that grows in place, such as scores.
+
+    Remove the manifest before the files change. Raises DiskFull.
+    """
+    write(folder / NAME, describe(name, folder, Build(folder, {}, "")))
+
+
 def describe(name: str, folder: Path, build: Build) -> Manifest:
     """The manifest of what lies in a folder."""
     files = {str(one.relative_to(folder)): one for one in _files(folder)}
@@ -134,7 +136,7 @@ def write(place: Path, manifest: Manifest) -> None:
 def entry_of(file: Path) -> FileEntry:
     """A file as it is now."""
     rows = pq.read_metadata(file).num_rows if file.suffix == ".parquet" else None
-    return FileEntry(file.stat().st_size, digests.digest(file), rows)
+    return FileEntry(file.stat().st_size, checksums.digest(file), rows)
 
 
 @contextlib.contextmanager
@@ -232,10 +234,14 @@ def siblings(names: Iterable[str]) -> set[str]:
     return every
 
 
-def inputs(root: Path, name: str) -> dict[str, str]:
-    """The digests of an artifact's inputs as they are now. Raises DamagedData for a lost file."""
-    artifact = ARTIFACTS[name]
-    return {one: _digest_of_input(root, one, artifact.reads) for one in artifact.inputs}
+def inputs(
+    root: Path, name: str, files: Callable[[str], list[Path]] | None = None
+) -> dict[str, str]:
+    """The digests of an artifact's inputs as they are now. `files` finds the files of a table, when
+    they are not those of the data root. Raises DamagedData for a lost file.
+    """
+    artifact, find = ARTIFACTS[name], files or partial(rows, root)
+    return {one: _digest_of_input(root, one, artifact.reads, find) for one in artifact.inputs}
 
 
 def is_current(root: Path, name: str) -> bool:
@@ -258,44 +264,14 @@ def note_inputs(root: Path, name: str) -> None:
         write(path(root, name), msgspec.structs.replace(manifest, inputs=inputs(root, name)))
 
 
-def content_digest(file: Path) -> str:
-    """What tells a file from one with other content: its SHA-256 as the manifest of its artifact or
-    the SHA256SUMS beside it has it. The file is read only where neither says it.
-
-    Files of older versions have a checksum in their footer instead: then it is that, and the size.
-    """
-    size = file.stat().st_size
-    for folder in (file.parent, file.parent.parent):
-        entry = _entries(folder).get(str(file.relative_to(folder)))
-        if entry is not None and entry.sha256 and entry.size == size:
-            return entry.sha256
-    return parquet.fingerprint(file)
-
-
-def _entries(folder: Path) -> dict[str, FileEntry]:
-    try:
-        about = (folder / NAME).stat()
-    except OSError:
-        return {}
-    return _entries_of(folder, about.st_ino, about.st_mtime_ns)
-
-
-@lru_cache(maxsize=64)
-def _entries_of(folder: Path, inode: int, changed: int) -> dict[str, FileEntry]:
-    """The entries of a manifest as it is now; cached, as it is asked for each of its files."""
-    with contextlib.suppress(OSError, msgspec.DecodeError):
-        return msgspec.json.decode((folder / NAME).read_bytes(), type=Manifest).files
-    return {}
-
-
-def _digest_of_input(root: Path, name: str, reads: Iterable[str]) -> str:
+def _digest_of_input(
+    root: Path, name: str, reads: Iterable[str], files: Callable[[str], list[Path]]
+) -> str:
     source = name.removeprefix("raw/")
     if source != name:
         return _digest_of_raw(root, source)
     wanted = [one for one in ARTIFACTS[name].tables if one in reads or not reads]
-    found = {
-        f"{one.partition('/')[2]}/{file.name}": file for one in wanted for file in rows(root, one)
-    }
+    found = {f"{one.partition('/')[2]}/{file.name}": file for one in wanted for file in files(one)}
     return _digest(f"{name} {content_digest(file)}" for name, file in found.items())
 
 
@@ -336,15 +312,16 @@ def _from_older_notes(root: Path, artifact: Artifact) -> Manifest | None:
     kind, _, source = artifact.name.partition("/")
     files: dict[str, FileEntry] = {}
     inputs: dict[str, str] = {}
+    figures: dict[str, Any] = {}
     if kind == "clean":
         named: dict[str, list[str]] | None
-        named = notes.read(folder / "files.json", dict[str, list[str]], mend=artifact.hint)
+        named = notes.read(folder / "files.json", dict[str, list[str]], fix=artifact.hint)
         if named is None and not (folder / "summary.json").is_file():
             return None
         for table, names in (named or {}).items():
             files.update({f"{table}/{one}": FileEntry() for one in names})
         with contextlib.suppress(DamagedData):
-            noted = notes.read(folder / "inputs.json", dict[str, str], mend="") or {}
+            noted = notes.read(folder / "inputs.json", dict[str, str], fix="") or {}
             inputs[f"raw/{source}"] = noted.get("raw", "")
     elif kind == "release":
         place = Layout(root).state_folder() / f"release-{source}.exported"
@@ -352,11 +329,13 @@ def _from_older_notes(root: Path, artifact: Artifact) -> Manifest | None:
             return None
         inputs = {artifact.inputs[0]: place.read_text(encoding="utf-8", errors="replace")}
     elif artifact.name in ("pairs", "links"):
-        if not (folder / SUMMARY).is_file():
+        summary = notes.read(folder / SUMMARY, dict[str, Any], fix=artifact.hint)
+        if summary is None:
             return None
+        figures = summary
         for table in artifact.tables:
             if not Layout(root).rows(table):
                 files[f"{table.partition('/')[2]}-00000-of-00001.parquet"] = FileEntry()
     else:
         return None
-    return Manifest(artifact.name, artifact.command, inputs=inputs, files=files)
+    return Manifest(artifact.name, artifact.command, inputs=inputs, files=files, figures=figures)

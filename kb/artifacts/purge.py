@@ -28,12 +28,14 @@ from typing import Any, Protocol
 
 import msgspec
 
-from kb.artifacts import indexed, manifest, purge_raw
+from kb.artifacts import index as index_of
+from kb.artifacts import manifest, purge_raw
 from kb.artifacts.purge_raw import Matcher, Names, Strip
 from kb.artifacts.purge_rows import RowLocation, drop_rows, released
 from kb.artifacts.registry import artifact_of
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
+from kb.core.source_spec import load_name
 from kb.core.sources import SPECS
 from kb.core.verdict import Summary
 from kb.store import buckets, lock, mending, notes, rawlog, tombstones
@@ -42,6 +44,7 @@ from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import Envelope
 
+BY_NAME = "kb.crawl.purge:rules_by_name"  # the rules of sources that declare none
 _PARALLEL = 64 << 20  # bytes of segments that are worth worker processes, which take a second
 
 
@@ -183,7 +186,8 @@ class Purge:
 
 def rules_of(source: str) -> PurgeRules:
     """The rules of a source, as its spec names them."""
-    rules: PurgeRules = SPECS[source].load(SPECS[source].purge)
+    spec = SPECS[source]
+    rules: PurgeRules = spec.load(spec.purge) if spec.purge else load_name(BY_NAME)(spec)
     return rules
 
 
@@ -195,7 +199,7 @@ def connector(source: str) -> Any:
 def unfinished(root: Path, source: str) -> dict[str, str]:
     """The list of an interrupted purge (key → reason), {} if there is none."""
     hint = f"delete it, then run `kb purge {source}` again"
-    return notes.read(Layout(root).purge(source), dict[str, str], mend=hint) or {}
+    return notes.read(Layout(root).purge(source), dict[str, str], fix=hint) or {}
 
 
 def finish(root: Path, source: str) -> None:
@@ -337,7 +341,7 @@ def index(purge: Purge) -> Iterator[PurgeLine]:
     folder = Layout(purge.root).index(purge.rules.source)
     yield from count_files(purge.root, folder, "files, built again by the next search")
     if not purge.dry:
-        indexed.forget(purge.root, purge.rules.source)
+        index_of.remove(purge.root, purge.rules.source)
 
 
 def exports(purge: Purge) -> Iterator[PurgeLine]:

@@ -68,7 +68,10 @@ def _declared() -> Iterator[Artifact]:
         yield Artifact(f"restored/{source}", (), "kb restore")
     for name in ("pairs", "links"):
         own = tuple(one.name for one in tables().values() if one.source == name)
-        yield Artifact(name, tuple(f"clean/{one}" for one in made_of(name)), f"kb {name}", own)
+        inputs = tuple(f"clean/{one}" for one in made_of(name))
+        linked = tuple(f"{one}/{text.table}" for one in SOURCES for text in SPECS[one].texts)
+        reads = linked if name == "links" else ()
+        yield Artifact(name, inputs, f"kb {name}", own, reads)
     yield Artifact("restored/pairs", (), "kb restore", tables=("pairs/pairs",))
     for name in PUBLISHED:
         own = tuple(one.name for one in tables().values() if one.source == name and one.released)

@@ -27,7 +27,7 @@ from kb.core.resources import PROFILE_FILE
 from kb.core.sources import RELEASES
 from kb.schema.tables import Table, released_tables, table, tables
 from kb.store import parquet
-from kb.store.digests import SUMS, parsed
+from kb.store.checksums import SUMS, parsed
 from kb.store.reading import reading
 
 TOMBSTONES = "tombstones.ndjson"  # readers of `*.parquet` took a Parquet file for a shard

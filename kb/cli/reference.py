@@ -1,4 +1,4 @@
-"""The reference pages, made from what they describe, so that they can't differ from it.
+"""Generates the reference pages from the code that they describe.
 
 python -m kb.cli.reference           writes them (make reference)
 python -m kb.cli.reference --check   exit code 1 when one is out of date
@@ -32,7 +32,7 @@ def pages() -> dict[str, str]:
 
 
 def commands() -> str:
-    """Every command with its own options and examples; the shared options once."""
+    """Every command with its own options and examples; shared options are listed once."""
     from kb.cli.app import context, leaves
     from kb.cli.framework.options import COMMON, DESCRIBED, RUNNING
 
@@ -43,11 +43,11 @@ def commands() -> str:
         if p.name in (*COMMON, *RUNNING) and p.name not in DESCRIBED
     }
     blocks = [
-        "# Commands\n\nAlmost every command has these options; those without one of them say so.\n",
+        "# Commands\n\nAlmost every command has these options; exceptions are noted.\n",
         _option_table([shared[name] for name in COMMON if name in shared]),
         (
-            "Commands that have a use for them also have these, each as it says below."
-            " An option that a command has no use for is refused with exit code 2.\n"
+            "Some commands also have these options, as noted for each of them."
+            " A command refuses any other option with exit code 2.\n"
         ),
         _option_table([shared[name] for name in RUNNING if name in shared]),
     ]
@@ -88,15 +88,15 @@ def _paragraphs(text: str) -> str:
 
 
 def summaries() -> str:
-    """Every name of a summary, as `--json` writes it, and what it counts."""
+    """Every name in a summary, as `--json` writes it, and its meaning."""
     from kb.core.vocabulary import WORDS
 
     lines = [
         "# Summaries\n",
         (
-            "A command ends with one line that names its numbers; `--json` makes it an object."
-            " `crawled`, `kept`, `rejected`, `failed` and `pending` count what `counted` says;"
-            " crawl, filter, export and `kb status` use the same nouns.\n"
+            "A command ends with a summary line; `--json` prints it as an object."
+            " `crawled`, `kept`, `rejected`, `failed` and `pending` count the items named by"
+            " `counted`. Crawl, filter, export and `kb status` use the same nouns.\n"
         ),
         "| name | meaning |",
         "|---|---|",
@@ -115,8 +115,8 @@ def settings() -> str:
     lines = [
         "# Settings\n",
         (
-            "From the environment, or `.env` in the working folder (`.env.example` is a"
-            " start); the environment wins.\n"
+            "Settings come from the environment, or from `.env` in the working folder (copy"
+            " `.env.example`). The environment wins.\n"
         ),
         "| name | meaning | default |",
         "|---|---|---|",
@@ -134,11 +134,11 @@ def profile_keys() -> str:
     lines = [
         "# Profiles\n",
         (
-            "A profile is everything that Lorecrawl knows about a domain, in one TOML file."
-            " `minecraft` and `cooking` ship; `--profile FILE.toml` takes your own."
-            " A section whose source you don't collect may be left out."
-            " `world.toml` beside one lists the keywords that the invented world of `kb sandbox`"
-            " and `kb demo` speaks of; without one it is a random choice of them.\n"
+            "A profile holds everything that Lorecrawl knows about a domain, in one TOML file."
+            " `minecraft` and `cooking` are included; pass your own with `--profile FILE.toml`."
+            " Leave out the sections of sources that you don't collect."
+            " An optional `world.toml` in the same folder lists the keywords used in the invented"
+            " world of `kb sandbox` and `kb demo`; by default they are chosen at random.\n"
         ),
     ]
     return "\n".join([*lines, *_section("", Profile), ""])

@@ -67,7 +67,7 @@ class Settings(BaseSettings):
     model_config = SettingsConfigDict(env_file=None, extra="ignore", frozen=True)
 
     youtube_api_key: SecretStr | None = Field(None, description="YouTube Data API v3 key")
-    reddit_client_id: SecretStr | None = Field(None, description="id of the user's own Reddit app")
+    reddit_client_id: SecretStr | None = Field(None, description="id of your own Reddit app")
     reddit_client_secret: SecretStr | None = Field(
         None, description="its secret; empty for an installed app"
     )
@@ -82,37 +82,33 @@ class Settings(BaseSettings):
         None, description="root of the Data API instead of Google's"
     )
     kb_youtube_web: str | None = Field(
-        None, description="root that stands for the YouTube web site"
+        None, description="root of the YouTube web site instead of youtube.com"
     )
     kb_reddit_endpoint: str | None = Field(
         None, description="root for Reddit's web and OAuth hosts"
     )
     kb_wiki_url: str | None = Field(None, description="the wiki's root instead of the profile's")
     kb_zenodo_endpoint: str | None = Field(None, description="root of the deposit API")
-    kb_models_endpoint: str | None = Field(
-        None, description="root that stands for the hosts of model files"
-    )
+    kb_models_endpoint: str | None = Field(None, description="root of the hosts of model files")
     kb_toxicity_model: str = Field(
         "original", description="Detoxify model name, or a checkpoint file"
     )
-    kb_toxicity_sha256: str | None = Field(
-        None, description="sha256 of a checkpoint file of your own"
-    )
+    kb_toxicity_sha256: str | None = Field(None, description="SHA-256 of your own checkpoint file")
     kb_import_memory_gb: float = Field(
         3,
         gt=0,
-        description="GB that the dumps of an import may take together; one alone is always read",
+        description="memory limit in GB for the dumps of an import; a single dump is always read",
     )
     source_date_epoch: int | None = Field(
         None,
         ge=0,
         le=253_402_300_799,
-        description="build date in releases, seconds since 1970",
+        description="build date of releases, in seconds since 1970",
         examples=[1767225600],
     )
     kb_now: str | None = Field(
         None,
-        description="the date for data and quota days, for tests",
+        description="fixed date for data and quota days, for tests",
         examples=["2026-11-20T12:00:00Z"],
     )
 

@@ -87,7 +87,7 @@ class ReportSpec:
     title       the heading
     tables      tables with a card
     hint        what to run while there is no data
-    figures     the list of functions that draw
+    figures     the functions that draw; by default what each filter stage leaves over
     samples     columns of the sample rows, by table
     only        who knows what no other source names: "only videos"
     color       of the panel with its requests: red, blue, green or grey
@@ -97,7 +97,7 @@ class ReportSpec:
     title: str
     tables: tuple[str, ...]
     hint: str
-    figures: str
+    figures: str = ""
     samples: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     only: str = ""
     color: str = "grey"
@@ -141,7 +141,7 @@ class SourceSpec:
     nouns           kinds of the frontier in the order of work → nouns for messages
     counted         the noun of what a crawl counts
     connector       the crawl frame's Source
-    purge           the rules of `kb purge`
+    purge           the rules of `kb purge`; by default items are removed by name only
     release         the release folder
     report          the report's section
     noted           kinds of the frontier that are never fetched
@@ -173,9 +173,9 @@ class SourceSpec:
     nouns: Mapping[str, str]
     counted: str
     connector: str
-    purge: str
     release: ReleaseSpec
     report: ReportSpec
+    purge: str = ""
     noted: tuple[str, ...] = ()
     refreshed: str = ""
     credential: str = ""

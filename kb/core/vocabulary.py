@@ -25,13 +25,13 @@ class Word(NamedTuple):
 
 WORDS: dict[str, Word] = {
     # The four answers, and what is in them.
-    "command": Word("The command that made the summary."),
+    "command": Word("The command of the summary."),
     "source": Word("youtube, wiki, reddit, pairs or links."),
     "counted": Word(
         "What crawled, kept, rejected, failed and pending count: videos, pages, posts …"
     ),
     "crawled": Word(
-        "Items answered in this run, `missing` ones among them; of a filter all items.",
+        "Items answered in this run, `missing` ones included; for a filter all items.",
         "{n} {counted} crawled",
         always=True,
     ),
@@ -44,16 +44,14 @@ WORDS: dict[str, Word] = {
         "Items that a stage rejected; `stages` has each.", "{n} rejected", always=True
     ),
     "failed": Word(
-        "Items that could not be read after their tries; the next run tries again.", "{n} failed"
+        "Items that could not be read after all tries; the next run tries them again.", "{n} failed"
     ),
-    "pending": Word("Items that are known and wait for their answer.", "{n} pending"),
-    "missing": Word(
-        "Of the crawled ones, those that the service did not return.", "{n} of them missing"
-    ),
+    "pending": Word("Known items without an answer yet.", "{n} pending"),
+    "missing": Word("Crawled items that the service did not return.", "{n} of them missing"),
     "tally": Word("The four answers and `missing` for each table that has a filter."),
     "tables": Word("Kept rows by table."),
     "stages": Word("Rejected items by stage."),
-    "left": Word("Everything that waits for the next run, of all phases together."),
+    "left": Word("Items left for the next run, in all phases."),
     "left_by": Word("The same by phase."),
     "view_rules": Word("Kept videos by how their views were counted (view_rule)."),
     "subtitles": Word("Subtitle files that were imported.", "{n} subtitle files"),
@@ -62,40 +60,36 @@ WORDS: dict[str, Word] = {
     "known_files": Word("Files that were imported before.", "{n} files imported before"),
     "left_out_by": Word("Files that were left out, by reason."),
     "null_columns": Word("Columns that imported files leave null, with the number of videos."),
-    "duplicates": Word("Older or repeated answers; the newest one counts.", "{n} older answers"),
-    "unknown_keys": Word("Keys of answers that schemas/ does not declare, with how often."),
+    "duplicates": Word(
+        "Older or repeated answers; only the newest one is used.", "{n} older answers"
+    ),
+    "unknown_keys": Word("Keys of answers that schemas/ does not declare, with their counts."),
     # What was asked and read.
     "po_token": Word(
         "Videos whose captions need a PO token; a crawl on a later day tries them again.",
         "{n} without captions for want of a PO token",
     ),
     "requests": Word(
-        "Requests sent; without those that the browser sends for a page.", "{n} requests"
+        "Requests sent, not counting those of the browser for a page.", "{n} requests"
     ),
     "units": Word("Quota units spent, searches included.", "{n} quota units"),
     "youtube crawl --plan.units": Word(
         "Units of the general quota; searches have a quota of their own.", "{n} quota units"
     ),
-    "bad_lines": Word("Lines of a given file or dump that can't be read.", "{n} bad lines"),
-    "truncated_files": Word(
-        "Files that are cut off; what is whole in them was read.", "{n} files cut off"
-    ),
-    "foreign_files": Word(
-        "Other files in the folders that were searched for dumps.", "{n} other files"
-    ),
-    "lines": Word("Lines of the dumps that were looked through.", "{n} lines looked through"),
+    "bad_lines": Word("Unreadable lines of an input file or dump.", "{n} bad lines"),
+    "truncated_files": Word("Truncated files; their complete part was read.", "{n} files cut off"),
+    "foreign_files": Word("Files in the given folders that are not dumps.", "{n} other files"),
+    "lines": Word("Lines read from dumps.", "{n} lines looked through"),
     # What `kb profile check` finds.
     "profile": Word("The profile's name."),
-    "errors": Word(
-        "What has to be mended before the profile can be used.", "{n} errors", always=True
-    ),
-    "warnings": Word("What can hardly be meant.", "{n} warnings"),
-    "notes": Word("What is good to know.", "{n} notes"),
-    "findings": Word("Each of them: level, file, line, key, what and how to mend it."),
+    "errors": Word("Problems that prevent the profile from being used.", "{n} errors", always=True),
+    "warnings": Word("Settings that are probably mistakes.", "{n} warnings"),
+    "notes": Word("Other remarks.", "{n} notes"),
+    "findings": Word("Each of them: level, file, line, key, what is wrong and how to fix it."),
     "hits": Word("Each keyword with its kind, rule, matches and examples."),
     # What `kb index` makes and `kb search` finds.
-    "passages": Word("Pieces of texts that a search can find.", "{n} passages"),
-    "indexed": Word("Sources whose index was made; the others' had not changed."),
+    "passages": Word("Indexed pieces of text.", "{n} passages"),
+    "indexed": Word("Sources whose index was rebuilt; the others were up to date."),
     "answers": Word(
         "Each answer: text, snippet, source, kind, key, title, path, score, url, licence, date,"
         " start_s."
@@ -113,89 +107,85 @@ WORDS: dict[str, Word] = {
     "cells": Word("Cells of tables.", "{n} cells"),
     "images": Word("Images.", "{n} images"),
     "facts": Word("Fields of infoboxes.", "{n} facts"),
-    "recipes": Word("Slots of recipes, each thing in them a row.", "{n} slots of recipes"),
-    "wiki crawl.images": Word("Image files that were fetched, of all runs.", "{n} image files"),
+    "recipes": Word("Slots of recipes, one row per item in a slot.", "{n} slots of recipes"),
+    "wiki crawl.images": Word("Image files fetched in all runs.", "{n} image files"),
     "images_failed": Word(
         "Image files that could not be fetched.", "{n} image files not to be had"
     ),
-    "robots": Word("Pages that robots.txt bars.", "{n} barred by robots.txt"),
-    "gone": Word("Pages that left the wiki.", "{n} gone from the wiki"),
-    "there": Word("Videos of a list that are as it says.", "{n} there", always=True),
-    "changed": Word("Videos whose title or duration is another one.", "{n} changed", always=True),
-    "youtube check.gone": Word("Videos that are not there any more.", "{n} gone", always=True),
+    "robots": Word("Pages that robots.txt disallows.", "{n} barred by robots.txt"),
+    "gone": Word("Pages that were deleted from the wiki.", "{n} gone from the wiki"),
+    "there": Word("Videos that match the list.", "{n} there", always=True),
+    "changed": Word("Videos whose title or duration differs.", "{n} changed", always=True),
+    "youtube check.gone": Word("Videos that are no longer available.", "{n} gone", always=True),
     "by_year": Word("The same by year of publication."),
     "posts": Word("Posts.", "{n} posts"),
     "reddit crawl.posts": Word("Posts known so far.", "{n} posts known"),
     "comments": Word("Comments.", "{n} comments"),
     "incomplete_posts": Word(
-        "Posts of which a part of the comments could not be read; the next crawl tries again.",
+        "Posts with comments that could not be read; the next crawl tries again.",
         "{n} incomplete posts",
     ),
-    "comments_unread": Word(
-        "Comments that are known to exist and were not read.", "{n} comments unread"
-    ),
+    "comments_unread": Word("Comments that exist but were not read.", "{n} comments unread"),
     "reddit crawl.outside": Word(
         "Posts outside of --since and --until, left for another crawl.", "{n} outside of the dates"
     ),
-    "placeholders": Word("Comments that stand for a parent that is not there.", "{n} placeholders"),
+    "placeholders": Word("Comments that stand for a missing parent.", "{n} placeholders"),
     "pairs": Word("Pairs of a clip and its text.", "{n} pairs"),
     "clips": Word("Clips.", "{n} clips"),
-    "keywords": Word("Keywords that were looked for.", "{n} keywords"),
-    "profile keywords.keywords": Word("Rows that are proposed.", "{n} rows proposed"),
+    "keywords": Word("Keywords of the list.", "{n} keywords"),
+    "profile keywords.keywords": Word("Proposed rows.", "{n} rows proposed"),
     "not_proposed": Word(
-        "Titles of the wiki that can be no keyword, or are already in the list.",
+        "Titles of the wiki that are unsuitable as keywords or already in the list.",
         "{n} titles left out",
     ),
     "not_proposed_by": Word("The same by reason."),
     "keywords_found": Word("Keywords with a match.", "{n} keywords found"),
     "words": Word("Words of the transcripts.", "{n} words"),
-    "matches": Word("Places where a keyword stands.", "{n} matches"),
+    "matches": Word("Occurrences of keywords.", "{n} matches"),
     "ambiguous": Word("Matches of everyday words.", "{n} of everyday words"),
     "ambiguous_alone": Word(
         "Everyday words without another keyword near them; they make no pair.",
         "{n} everyday words alone",
     ),
-    "excluded": Word("Matches that the keyword list rules out.", "{n} excluded"),
-    "outside": Word("Matches whose clip would leave the video.", "{n} outside of the video"),
+    "excluded": Word("Matches that the keyword list excludes.", "{n} excluded"),
+    "outside": Word("Matches whose clip would exceed the video.", "{n} outside of the video"),
     "entities": Word("Keywords of the profile, each an entity.", "{n} entities"),
     "with_page": Word("Entities that have a page of the wiki.", "{n} with a wiki page"),
     "links": Word(
-        "Places that name an entity, by part of a video, page, post or comment.", "{n} links"
+        "Places that mention an entity: parts of videos, pages, posts, comments.", "{n} links"
     ),
-    "mentions": Word("How often entities are named there.", "{n} mentions"),
-    "filled": Word("Pairs whose text is there again.", "{n} filled"),
-    "differing": Word(
-        "Pairs whose transcript is not the one they were made of.", "{n} with other text"
-    ),
-    "texts": Word("Different texts that were looked at.", "{n} texts"),
+    "mentions": Word("Number of mentions in all places.", "{n} mentions"),
+    "filled": Word("Pairs whose text was filled in.", "{n} filled"),
+    "differing": Word("Pairs whose transcript has changed.", "{n} with other text"),
+    "texts": Word("Distinct texts.", "{n} texts"),
     "scored": Word("Texts that were scored in this run.", "{n} scored", always=True),
-    "known": Word("Texts whose score was there.", "{n} scored before"),
+    "known": Word("Texts with an existing score.", "{n} scored before"),
     "exact_again": Word(
-        "Texts near the threshold, scored again in full.", "{n} scored again in full"
+        "Texts near the threshold that were scored again in fp32.", "{n} scored again in full"
     ),
     "fetched": Word("Files that were fetched.", "{n} files fetched", always=True),
-    "present": Word("Files that were there.", "{n} files there before"),
+    "present": Word("Files that were present already.", "{n} files there before"),
     "files": Word("Files.", "{n} files"),
     "tars": Word("Tar files with screenshots and images.", "{n} tars"),
     "folders": Word("Folders, one deposit each.", "{n} folders"),
     "rows": Word("Rows of tables.", "{n} rows"),
-    "scores": Word("Scores that no text needs any more.", "{n} scores"),
+    "scores": Word("Scores removed because no text needs them any more.", "{n} scores"),
     "purged": Word("Items removed for good.", "{n} removed for good", always=True),
-    "unknown": Word("Names that nothing here bears.", "{n} unknown names"),
+    "unknown": Word("Names that match nothing in the data root.", "{n} unknown names"),
     "bytes": Word("Bytes.", "{n} bytes"),
-    "files_whole": Word("Files that are what was written.", "{n} files whole", always=True),
-    "files_damaged": Word("Files that are not what was written.", "{n} damaged"),
-    "files_missing": Word("Files that something speaks of, and are not there.", "{n} missing"),
-    "files_foreign": Word("Files that no command has written.", "{n} foreign"),
+    "files_whole": Word("Intact files.", "{n} files whole", always=True),
+    "files_damaged": Word("Files with a checksum mismatch or unreadable content.", "{n} damaged"),
+    "files_missing": Word("Files that are referred to but don't exist.", "{n} missing"),
+    "files_foreign": Word("Files that no command writes.", "{n} foreign"),
     "kinds": Word("Files and bytes by kind and state."),
-    "found": Word("Each file that is not whole: kind, state, path, size, what, advice."),
-    "repaired": Word("What --repair has done, and what it could not."),
+    "found": Word("Each problem: kind, state, path, size, what is wrong, advice."),
+    "repaired": Word("What --repair did, and what it could not do."),
     "figures": Word("Figures of the report.", "{n} figures"),
     "deposits": Word("Deposits.", "{n} deposits"),
     "drafts": Word("Deposits that are drafts.", "{n} drafts"),
     "published": Word("Deposits that are published.", "{n} published"),
-    "unchanged": Word("Deposits that were there as they are.", "{n} unchanged"),
-    "uploaded": Word("Files that were sent.", "{n} files uploaded"),
+    "unchanged": Word("Deposits that were up to date.", "{n} unchanged"),
+    "uploaded": Word("Files that were uploaded.", "{n} files uploaded"),
     "steps": Word("Commands that the demo ran.", "{n} steps"),
     "toxicity": Word("Why there are no scores.", "toxicity {n}"),
     "model": Word("The model whose scores decided.", "scored by {n}"),
@@ -205,29 +195,27 @@ WORDS: dict[str, Word] = {
     "path": Word("Where it was written.", "in {n}"),
     "page": Word("The report's page.", "see {n}"),
     "folder": Word("The folder with the model's files, or the one that was read.", "in {n}"),
-    "release": Word("Where the released pairs or links are.", "released in {n}"),
-    "export": Word("Where the other layout was written.", "exported to {n}"),
+    "release": Word("Folder of the released pairs or links.", "released in {n}"),
+    "export": Word("Folder of the other layout.", "exported to {n}"),
     "root": Word("The data root of the demo.", "in {n}"),
     "without": Word("Sections of the report that have no data.", "without {n}"),
     "sandbox_model": Word("Whether scores are those of the sandbox's model.", "sandbox model: {n}"),
     "problems": Word("Why the release was refused."),
     "sources": Word("Each source's rows, passages, links or deposit."),
     "left_out": Word("Why a step of the demo was left out.", "left out: {n}"),
-    "assumed": Word("What the plan had to assume.", "assumed: {n}"),
-    "stopped": Word("Why the command stopped; the same one goes on."),
+    "assumed": Word("Assumptions of the plan.", "assumed: {n}"),
+    "stopped": Word("Why the command stopped; the same command resumes."),
     "error": Word("Why the command failed."),
     # A plan.
-    "phases": Word("What is done to how many items, with requests, units, hours and gb."),
-    "hours": Word("Hours that it takes, at the pace that the services ask for."),
+    "phases": Word("Phases with items, requests, units, hours and gb."),
+    "hours": Word("Duration in hours, at the pace that the services require."),
     "searches": Word("Search requests.", "{n} searches"),
     "calls": Word("Requests of all kinds.", "{n} calls"),
-    "transcript_hours": Word("Hours that the transcripts take.", "{n} hours of transcripts"),
+    "transcript_hours": Word("Duration of the transcripts in hours.", "{n} hours of transcripts"),
     "gb": Word("Gigabytes of raw data.", "{n} GB"),
     "days": Word("Days at today's quotas.", "{n} days"),
-    "searches_left_today": Word(
-        "Searches that today's quota has left.", "{n} searches left today", True
-    ),
-    "units_left_today": Word("Units that today's quota has left.", "{n} units left today", True),
+    "searches_left_today": Word("Searches left in today's quota.", "{n} searches left today", True),
+    "units_left_today": Word("Units left in today's quota.", "{n} units left today", True),
 }
 
 

@@ -107,7 +107,7 @@ def read_some(path: Path, rules: IdRules, say: Callable[[str], None] | None = No
     found = read(path, rules, say)
     if not found.keys:
         bad = f"; bad lines: {found.bad_lines:,}" if found.bad_lines else ""
-        raise SettingError(f"{rules.option} {path} holds no {rules.noun}{bad}", hint=rules.hint)
+        raise SettingError(f"{rules.option} {path} contains no {rules.noun}{bad}", hint=rules.hint)
     return found
 
 
@@ -143,7 +143,7 @@ def files_of(path: Path, rules: IdRules) -> list[Path]:
             return visible
     names = " or ".join(chain.from_iterable(rules.tables))
     raise SettingError(
-        f"{rules.option} {path} holds no released {names}",
+        f"{rules.option} {path} contains no released {names}",
         hint=f"give {rules.option} FILE, or the folder of a release",
     )
 

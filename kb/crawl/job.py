@@ -11,6 +11,7 @@ from typing import Any
 
 from kb.core.context import Run
 from kb.core.errors import Interrupted, KbError, NothingRead, Stopped
+from kb.core.source_spec import SourceSpec
 from kb.core.verdict import Summary
 from kb.crawl.limits import upstream
 from kb.crawl.loop import Loop
@@ -44,6 +45,30 @@ def work(
             error.summary = summarize(session, loop)
             raise
         return summarize(session, loop)
+
+
+def crawl_source(run: Run, spec: SourceSpec) -> Summary:
+    """Crawl a source that counts no more than what it has read. Raises as `work`."""
+    source: Source = spec.load(spec.connector)(run)
+    kinds = [phase.kind for phase in source.phases]
+    counted = [kind for kind, noun in spec.nouns.items() if noun == spec.counted]
+
+    def summary(session: CrawlSession, loop: Loop) -> Summary:
+        counts = {kind: session.frontier.counts(kind) for kind in kinds}
+        left = spec.left_by(counts)
+        return Summary(
+            command=f"{spec.name} crawl",
+            source=spec.name,
+            counted=spec.counted,
+            crawled=sum(loop.answered[kind] for kind in counted),
+            failed=sum(each.get("error", 0) for each in counts.values()),
+            pending=session.frontier.waiting(*counted),
+            requests=session.frontier.requests()[0],
+            left=sum(left.values()),
+            left_by=left,
+        )
+
+    return work(run, source, summary)
 
 
 def check_read(source: Source, loop: Loop) -> None:

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
 from kb.artifacts import purge as steps
 from kb.artifacts import purge_raw
 from kb.artifacts.purge import Purge, PurgeList, PurgeRules
+from kb.artifacts.purge_rows import location_of, shared_locations
 from kb.core.context import Run
 from kb.core.errors import DamagedData
+from kb.core.source_spec import SourceSpec
+from kb.crawl.id_list import IdList, IdRules, ListedId, read
 from kb.crawl.session import open_session
+from kb.schema.tables import table
 from kb.store.layout import Layout
 
 
@@ -32,3 +40,33 @@ def purge_answers(run: Run, rules: PurgeRules, listed: PurgeList | None) -> Purg
             list(steps.answers(purge))
             list(steps.state(purge))
         return purge
+
+
+def _as_text(entry: ListedId) -> str | None:
+    return str(entry.value) if entry.value else None
+
+
+def _read_list(rules: IdRules, path: Path, say: Callable[[str], None] | None = None) -> IdList:
+    return read(path, rules, say)
+
+
+def rules_by_name(spec: SourceSpec) -> PurgeRules:
+    """The rules of a source whose items are removed by name only."""
+    rows = [(short, prefix, table(f"{spec.name}/{short}")) for short, prefix in spec.tables.items()]
+    ids = IdRules(
+        option="--ids",
+        noun=f"ids of {spec.counted}",
+        hint="write one a line",
+        columns=tuple(declared.key[0] for _, _, declared in rows),
+        tables=(tuple(short for short, _, _ in rows),),
+        parse=_as_text,
+    )
+    return PurgeRules(
+        spec.name,
+        partial(_read_list, ids),
+        rows=(
+            *(location_of(one.name, one.key[0], prefix) for _, prefix, one in rows),
+            *shared_locations(spec.name),
+        ),
+        items=tuple(spec.nouns),
+    )

@@ -21,7 +21,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from kb.artifacts import belonging, indexed, manifest
+from kb.artifacts import belonging, index, manifest
 from kb.core import pipeline, vocabulary
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
@@ -73,7 +73,7 @@ def run_clean(run: Run, source: str) -> Summary:
                 summary |= spec.about(run.root) if spec.about is not None else {}
                 summary |= spec.figures(fresh) if spec.figures is not None else {}
                 write_text(fresh / "summary.json", json.dumps(summary, indent=1) + "\n")
-        indexed.follow(run.root, source)
+        index.remove_stale(run.root, source)
     return summary
 
 
@@ -184,8 +184,7 @@ def _suspect(run: Run, source: str, error: DamagedData) -> None:
             source,
             frontier,
             error,
-            f"run `kb {source} crawl`: it sets aside what can't be read"
-            " and asks again for what that held",
+            f"run `kb {source} crawl`: it moves damaged data away and fetches it again",
         )
     finally:
         frontier.close()
@@ -242,7 +241,7 @@ def _summary(
     total = Tally(*(sum(each[name] for each in tallies.values()) for name in names))
     if total.check(spec.source) != Tally(*(counts[name] for name in names)):
         raise CountMismatch(
-            f"{spec.source}: the files hold {asdict(total)},"
+            f"{spec.source}: the files contain {asdict(total)},"
             f" but the workers counted {dict(counts)}",
             hint="this is a bug in Lorecrawl; no output was replaced",
         )

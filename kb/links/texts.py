@@ -78,8 +78,6 @@ def visible_text(path: Path) -> Iterator[TextPart]:
     yield from in_pieces("page", keys, page[taken], texts)
 
 
-TABLES = {name: tuple(one.table for one in spec.texts) for name, spec in SPECS.items()}
-"""The tables of each source whose texts are looked through."""
 _TEXTS = {f"{name}/{one.table}": (spec, one) for name, spec in SPECS.items() for one in spec.texts}
 
 

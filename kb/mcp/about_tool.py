@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from kb.artifacts import catalog, indexed
+from kb.artifacts import catalog, manifest, texts
 from kb.artifacts.catalog import bare
 from kb.core import terminal
 from kb.core.context import Run
@@ -80,11 +80,12 @@ def _day(when: Any) -> str:
 
 def _indexed(run: Run) -> Iterator[str]:
     for source in SOURCES:
-        if not indexed.files(run.root, source):
+        name = f"index/{source}"
+        if not texts.files(run.root, name):
             yield f"{source}: no clean texts"
-        elif indexed.is_current(run.root, source):
-            note = indexed.read(run.root, source)
-            yield f"{source}: {note.passages if note else 0:,} passages"
+        elif texts.is_current(run.root, name):
+            known = manifest.read(catalog.Catalog(run.root.absolute()).workplace, name)
+            yield f"{source}: {known.figures['passages'] if known else 0:,} passages"
         else:
             yield f"{source}: indexed by the first search"
 

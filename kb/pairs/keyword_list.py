@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from kb.core.errors import ProfileError
 from kb.core.profile.base import FILL_IN
-from kb.core.profile.everyday import is_everyday
+from kb.core.profile.everyday_words import is_everyday
 from kb.core.profile.finding import ERROR, NOTE, WARNING, Finding
 from kb.core.profile.pairs import Pairs
 from kb.pairs.keyword_forms import forms
@@ -55,7 +55,7 @@ class KeywordProblem(NamedTuple):
 
     line: int
     what: str
-    mend: str
+    fix: str
 
 
 def scan(path: Path, near_words: int) -> tuple[Sequence[Row], Sequence[KeywordProblem]]:
@@ -98,7 +98,7 @@ def read(path: Path, near_words: int) -> list[Keyword]:
     if problems:
         first = problems[0]
         where = f"{path}:{first.line}: " if first.line else ""
-        raise ProfileError(f"{where}{first.what}", hint=first.mend)
+        raise ProfileError(f"{where}{first.what}", hint=first.fix)
     return [row.keyword for row in rows]
 
 
@@ -110,7 +110,7 @@ def _no_header(line: str) -> tuple[str, str]:
 
 
 def _row(cells: list[str], near_words: int) -> Keyword | tuple[str, str]:
-    """The keyword of a line, or what is wrong with it and how to mend it."""
+    """The keyword of a line, or what is wrong with it and how to fix it."""
     needed = "a line has a keyword, a kind, perhaps a rule and forms, separated by tabs"
     if len(cells) < 2:
         return needed, "this one has no tab"
@@ -134,7 +134,7 @@ def _row(cells: list[str], near_words: int) -> Keyword | tuple[str, str]:
 
 
 def _reach(rule: str, near_words: int) -> int | str | None:
-    """What a rule means, or how to mend it."""
+    """What a rule means, or how to fix it."""
     name, colon, number = rule.partition(":")
     if rule in ("", "always"):
         return None
@@ -161,10 +161,10 @@ def check_lists(folder: Path, names: Sequence[str], section: Pairs | None) -> li
     for name in names:
         rows, problems = scan(folder / name, near_words)
         every += [(name, row) for row in rows]
-        found += [Finding(ERROR, name, one.line, "", one.what, one.mend) for one in problems]
+        found += [Finding(ERROR, name, one.line, "", one.what, one.fix) for one in problems]
         if not rows and not problems:
-            mend = "write one per line: keyword, tab, kind"
-            found.append(Finding(ERROR, name, 0, "", "the list contains no keyword", mend))
+            fix = "write one per line: keyword, tab, kind"
+            found.append(Finding(ERROR, name, 0, "", "the list contains no keyword", fix))
     broken = bool(found)
     found += _duplicates(every)
     found += _kinds(every)
@@ -175,8 +175,8 @@ def check_lists(folder: Path, names: Sequence[str], section: Pairs | None) -> li
     return found
 
 
-def _at(level: str, place: Placed, what: str, mend: str) -> Finding:
-    return Finding(level, place[0], place[1].line, place[1].keyword.name, what, mend)
+def _at(level: str, place: Placed, what: str, fix: str) -> Finding:
+    return Finding(level, place[0], place[1].line, place[1].keyword.name, what, fix)
 
 
 def _duplicates(every: list[Placed]) -> Iterator[Finding]:
@@ -186,7 +186,7 @@ def _duplicates(every: list[Placed]) -> Iterator[Finding]:
         name = place[1].keyword.name
         before = first.setdefault(phrase(name), place)
         if before is not place:
-            what = f"{name!r} stands on line {before[1].line} of {before[0]} already"
+            what = f"{name!r} is already on line {before[1].line} of {before[0]}"
             mine, other = place[1].keyword, before[1].keyword
             same = (mine.kind, mine.reach, mine.more) == (other.kind, other.reach, other.more)
             # Only a row that says something else is lost.
@@ -228,11 +228,11 @@ def _everyday(every: list[Placed]) -> Iterator[Finding]:
         for word in (keyword.name, *keyword.more):
             if is_everyday(word):
                 what = f"{word!r} is an everyday word and has no rule"
-                mend = (
+                fix = (
                     "write near (with another keyword close by), never, or always (it is meant)"
                     " as its rule"
                 )
-                yield _at(WARNING, place, what, mend)
+                yield _at(WARNING, place, what, fix)
 
 
 def _excluded(every: list[Placed], section: Pairs | None) -> Iterator[Finding]:
@@ -251,7 +251,7 @@ def _helpless(every: list[Placed], section: Pairs | None) -> Iterator[Finding]:
         return
     if all(row.keyword.reach is not None for _, row in every):
         what = "every keyword has a rule, so none can make a pair"
-        mend = (
+        fix = (
             "near needs keywords without a rule nearby: leave the rule empty for unmistakable words"
         )
-        yield _at(ERROR, every[0], what, mend)
+        yield _at(ERROR, every[0], what, fix)

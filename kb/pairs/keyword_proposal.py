@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from kb.core.profile.everyday import is_everyday
+from kb.core.profile.everyday_words import is_everyday
 from kb.pairs.keyword_forms import forms
 from kb.pairs.keyword_list import COLUMNS, LONGEST
 from kb.pairs.matching import phrase
@@ -21,7 +21,7 @@ PAGE = "page"  # the kind of a page without a category
 _WORDS = 5  # titles with more words are hardly said so
 _HEAD = """\
 # Proposed from the titles, redirects and categories of {wiki}, one page a line: strike what nobody
-# says or what is not your domain's, mend the kinds, and put the rest into the profile's list.
+# says or what is not your domain's, fix the kinds, and put the rest into the profile's list.
 """
 
 

@@ -7,7 +7,6 @@ text. Releases of earlier versions counted sounds ([Music]) as words of a text.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from kb.artifacts import belonging, manifest
+from kb.artifacts.registry import ARTIFACTS
 from kb.artifacts.restore import WantedContent
 from kb.core import signals
 from kb.core.context import Run
@@ -34,7 +34,6 @@ from kb.pairs.transcripts import VIDEOS
 from kb.schema.conform import conform
 from kb.schema.tables import table
 from kb.store import parquet, tombstones
-from kb.store.atomic import replacing_folder, write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
 from kb.store.reading import reading
@@ -50,7 +49,7 @@ def refill(run: Run, index: Path) -> Summary:
     files = transcripts.parts(run.root, index=index)
     rows = _read(index)
     with belonging.writing(run, "pairs"):
-        return fill(run, rows, files, Layout(run.root).pairs)
+        return fill(run, rows, files, "pairs")
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ class TextRestore:
         """As `RestoreJob.plan`. Raises DamagedData."""
         files = [path for one in self.content.of("pairs") for path in one.shards("pairs")]
         with reading(files):
-            rows = sum(parquet.footer(path).num_rows for path in files)
+            rows = sum(pq.read_metadata(path).num_rows for path in files)
         return PlanPart([PlanPhase("texts of pairs, out of the transcripts", rows)] * self.wanted)
 
     def restore(self) -> Summary:
@@ -93,7 +92,7 @@ class TextRestore:
         rows = _read(folder.path)
         purged = pc.is_in(rows["video_id"].cast(pa.string()), value_set=removed)
         transcripts = parquet_files(at.restored(VIDEOS, "transcripts"))
-        return fill(self.run, rows.filter(pc.invert(purged)), transcripts, at.restored("pairs"))
+        return fill(self.run, rows.filter(pc.invert(purged)), transcripts, "restored/pairs")
 
     def missing(self) -> pa.Table | None:
         """As `RestoreJob.missing`: pairs without text, and whether their video has a transcript."""
@@ -117,8 +116,8 @@ class TextRestore:
         return pa.concat_tables(lists) if lists else None
 
 
-def fill(run: Run, rows: pa.Table, files: Sequence[Path], out: Path) -> Summary:
-    """Rows of an index with the texts of these transcripts → `out`."""
+def fill(run: Run, rows: pa.Table, files: Sequence[Path], name: str) -> Summary:
+    """Rows of an index with the texts of these transcripts, as the artifact `name`."""
     counter = make_tools(run.profile.section(Pairs), run.seed, Keywords((), (), ())).tokens
     places: dict[str, list[int]] = {}
     videos = cast("list[str]", rows["video_id"].to_pylist())
@@ -147,7 +146,7 @@ def fill(run: Run, rows: pa.Table, files: Sequence[Path], out: Path) -> Summary:
                         else:
                             differing += 1
                 task.advance(len(batch), filled=found)
-        _write(run, rows, texts, out)
+        _write(run, rows, texts, name)
     return Summary(
         command="pairs",
         source="pairs",
@@ -155,7 +154,7 @@ def fill(run: Run, rows: pa.Table, files: Sequence[Path], out: Path) -> Summary:
         filled=found,
         differing=differing,
         missing=rows.num_rows - found - differing,
-        path=str(out),
+        path=str(ARTIFACTS[name].folder(run.root)),
     )
 
 
@@ -197,17 +196,16 @@ def _readings(captions: str) -> list[str]:
     return [" ".join(text.split()) for text in dict.fromkeys((spoken, captions))]
 
 
-def _write(run: Run, rows: pa.Table, texts: list[str | None], out: Path) -> None:
-    with replacing_folder(out) as fresh:
-        part = fresh / ".filled.parquet"
+def _write(run: Run, rows: pa.Table, texts: list[str | None], name: str) -> None:
+    with manifest.replacing(run.root, name, inputs={}) as fresh:
+        part = fresh.folder / ".filled.parquet"
         write_table(part, rows.append_column("text", pa.array(texts, pa.string())), "pairs/pairs")
         sorted_shards(
             [part],
-            fresh,
+            fresh.folder,
             "pairs/pairs",
             rows_per_shard=run.profile.release.rows_per_shard,
             released=False,
         )
         part.unlink()
-        note = {"fingerprint": "index", "complete": False}
-        write_text(fresh / manifest.SUMMARY, json.dumps(note) + "\n")
+        fresh.figures = {"complete": False}  # the next `kb pairs` makes its own

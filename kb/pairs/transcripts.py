@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from kb.artifacts import manifest
 from kb.core.errors import FatalError
@@ -47,7 +47,7 @@ def _how(root: Path, index: Path | None) -> str:
 def rows(path: Path) -> int:
     """Transcripts in a file."""
     with reading([path]):
-        return int(parquet.footer(path).num_rows)
+        return int(pq.read_metadata(path).num_rows)
 
 
 def texts(path: Path, first: int = 0, after: int | None = None) -> Iterator[Text]:
@@ -128,13 +128,3 @@ def _read(files: list[Path]) -> pa.Table:
             {"video_id": pa.array([], pa.string()), "duration_s": pa.array([], pa.float64())}
         )
     )
-
-
-def fingerprint(root: Path, *rules: str) -> str:
-    """What the pairs follow from: transcripts, videos and rules, in 16 digits."""
-    whole = hashlib.sha256("\x1f".join(rules).encode())
-    for table in ("transcripts", "videos"):
-        for path in parts(root, table):
-            with path.open("rb") as file:
-                whole.update(path.name.encode() + hashlib.file_digest(file, "sha256").digest())
-    return whole.hexdigest()[:16]

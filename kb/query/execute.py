@@ -15,7 +15,7 @@ from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.core.progress import Progress, Silent
 from kb.query import statements, suggestions
 from kb.query.views import find_views
-from kb.store import parquet
+from kb.store import checksums, parquet
 from kb.store.reading import broken
 
 _BATCH = 10_000  # rows
@@ -64,7 +64,7 @@ def select(
 def _check(views: Sequence[View], progress: Progress) -> None:
     """Raise DamagedData for a checksum mismatch."""
     files = [path for view in views for path in view.files]
-    size = parquet.unread(files)
+    size = checksums.unverified_size(files)
     if size < _QUICK:
         parquet.check(*files)
         return

@@ -13,13 +13,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import duckdb
+import pyarrow.parquet as pq
 
 from kb.artifacts import manifest
 from kb.artifacts.catalog import SCHEMAS, Catalog, View, bare
 from kb.artifacts.release_folder import read_tombstones
 from kb.core.errors import DamagedData
 from kb.query.limits import Limits
-from kb.store import database, parquet
+from kb.store import database
 from kb.store.advice import advice
 from kb.store.reading import escaped, reading, scan
 
@@ -103,7 +104,7 @@ def catalog(root: Path) -> list[ViewInfo]:
             rows, columns = table.num_rows, table.num_columns
         else:
             with reading(view.files):
-                footers = [parquet.footer(path) for path in view.files]
+                footers = [pq.read_metadata(path) for path in view.files]
             columns = len(footers[0].schema.to_arrow_schema())
             rows = sum(footer.num_rows for footer in footers)
         listing.append(ViewInfo(view.schema, view.name, rows, columns, view.doc))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import pyarrow as pa
 
-from kb.artifacts import belonging, indexed
+from kb.artifacts import belonging, texts
 from kb.artifacts.catalog import Catalog
 from kb.core.context import Run
 from kb.core.errors import UsageError
@@ -46,7 +46,9 @@ def find(
     hits = []
     chosen = sources or SOURCES
     indexable = [
-        one for one in opened.catalogs if any(indexed.files(one.path, name) for name in chosen)
+        one
+        for one in opened.catalogs
+        if any(texts.files(one.path, f"index/{name}") for name in chosen)
     ]
     for one in indexable or opened.catalogs:
         ensure(_run(one), chosen)

@@ -142,7 +142,7 @@ class TableView(RowSet):
         if self._dataset is not None or self._is_list:
             return self.dataset.schema
         with reading(self.view.files):
-            parquet.footer(self.view.files[0])
+            pq.read_metadata(self.view.files[0])
             return pq.read_schema(self.view.files[0])
 
     @with_hints
@@ -176,7 +176,7 @@ class TableView(RowSet):
         if self._is_list:
             return int(self.dataset.count_rows())
         with reading(self.view.files):
-            return sum(parquet.footer(path).num_rows for path in self.view.files)
+            return sum(pq.read_metadata(path).num_rows for path in self.view.files)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):

@@ -22,7 +22,7 @@ from kb.reddit.connector.ids import read_wanted
 from kb.reddit.connector.source import INFO
 from kb.reddit.parse import tree
 from kb.reddit.parse.assemble import count_again
-from kb.reddit.parse.latest_state import known
+from kb.reddit.parse.latest_state import latest_state
 from kb.reddit.parse.remove_ids import crossposts_of, drop_parents, strip
 from kb.store import tombstones
 from kb.store.layout import BELOW, Layout
@@ -44,7 +44,7 @@ def find(purge: Purge) -> dict[str, str]:
     that are removed.
     """
     found = dict.fromkeys(purge.listed.keys if purge.listed else (), "named")
-    with known(purge.run, purge.scratch) as things:
+    with latest_state(purge.run, purge.scratch) as things:
         for rows in things:
             lost = rows.filter(pc.or_(pc.invert(rows["there"]), pc.is_valid(rows["gone"])))
             reasons = pc.fill_null(lost["gone"], "missing").to_pylist()

@@ -27,7 +27,7 @@ from kb.core.progress import Task
 from kb.core.sources import PUBLISHED, exported_by, made_of
 from kb.core.verdict import Summary
 from kb.release import folders, history, provenance, sample
-from kb.release.gate import check, checksums
+from kb.release.gate import check
 from kb.release.gate.problem import GateProblem
 from kb.release.metadata import measure
 from kb.release.metadata.card import card, citation, datasheet, law
@@ -37,6 +37,7 @@ from kb.release.metadata.zenodo import deposit
 from kb.schema import table
 from kb.store import tombstones
 from kb.store.atomic import write_text
+from kb.store.checksums import SUMS, listed
 from kb.store.layout import Layout
 from kb.store.lock import RELEASES
 
@@ -58,7 +59,7 @@ def _release(run: Run, only: Sequence[str]) -> Summary:
     lacking = " and ".join(run.profile.release.unsigned())
     if lacking:
         _log.warning(
-            "the profile names no %s; `kb release publish` will refuse what is made without:"
+            "the profile has no %s; `kb release publish` refuses a release without it:"
             " add [[release.creators]] and release.contact",
             lacking.replace("a ", "").replace(" and ", " and no "),
         )
@@ -169,7 +170,7 @@ def _describe(run: Run, folder: ReleaseFolder, task: Task) -> Facts:
         task.advance()
     _tombstones(run, folder)
     sample.write(folder, run.profile.release.sample_mb)
-    checksums.write(folder)
+    write_text(folder.path / SUMS, listed(folder.files()))
     history.note(run.root, folder, facts, version)
     task.advance(3)
     return facts

@@ -9,24 +9,16 @@ from kb.core.licences import KNOWN
 from kb.core.resources import PROFILE_FILE
 from kb.core.sources import PUBLISHED
 from kb.schema import Table, released_tables
-from kb.store.digests import SUMS
+from kb.store.checksums import SUMS
 from kb.store.layout import Layout
 
 DEPOSIT = "zenodo.json"
-MADE = (
-    "README.md",
-    "DATASHEET.md",
-    "CITATION.cff",
-    "LICENSE",
-    "croissant.json",
-    DEPOSIT,
-    TOMBSTONES,
-    EARLIER_TOMBSTONES,
-    PROFILE_FILE,
-    "keywords.tsv",
-    "provenance.json",
-    SUMS,
+# What `kb release` writes into every folder, and what only into some.
+REQUIRED = (
+    *("README.md", "DATASHEET.md", "CITATION.cff", "LICENSE", "croissant.json"),
+    *(PROFILE_FILE, "provenance.json", DEPOSIT, SUMS),
 )
+OPTIONAL = (TOMBSTONES, EARLIER_TOMBSTONES, "keywords.tsv")
 
 
 def find(root: Path) -> list[ReleaseFolder]:
@@ -36,7 +28,7 @@ def find(root: Path) -> list[ReleaseFolder]:
 
 
 def strays(folder: ReleaseFolder) -> list[Path]:
-    """What no export and no release writes, and every link."""
+    """Files that neither an export nor a release writes, and every link."""
     data = set(folder.data)
     return [
         file
@@ -53,12 +45,9 @@ def samples(folder: ReleaseFolder) -> list[tuple[Table, Path]]:
 
 def is_made(name: str, source: str) -> bool:
     """Whether `kb release` writes a file of that name into the source's folder."""
-    texts = {f"LICENSE-{spdx}.txt" for spdx in KNOWN}
-    return (
-        name in MADE
-        or name in texts
-        or name in {sample_name(declared) for declared in released_tables(source)}
-    )
+    licences = {f"LICENSE-{spdx}.txt" for spdx in KNOWN}
+    samples_ = {sample_name(declared) for declared in released_tables(source)}
+    return name in {*REQUIRED, *OPTIONAL, *licences, *samples_}
 
 
 def sample_name(declared: Table) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import shutil
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from kb.artifacts import belonging
@@ -18,6 +19,7 @@ from kb.core.source_spec import ReportSpec, load_name
 from kb.core.sources import SOURCES, SPECS
 from kb.core.verdict import Summary
 from kb.report.data import ReportData
+from kb.report.figures import funnel
 from kb.report.page import ReportSection, page
 from kb.report.style import Figure, applied
 from kb.schema import table
@@ -124,7 +126,9 @@ def _report(run: Run, out: Path | None) -> Summary:
 def _section(run: Run, data: ReportData, source: str) -> ReportSection:
     spec = SECTIONS[source]
     section = ReportSection(source, spec.title)
-    todo: Sequence[Maker] = load_name(spec.figures)
+    todo: Sequence[Maker] = [partial(funnel, name=name) for name in spec.tables]
+    if spec.figures:
+        todo = load_name(spec.figures)
     with run.progress.task(f"report {source}", total=len(todo), unit="figures") as task:
         for make in todo:
             signals.stop.check()

@@ -125,11 +125,11 @@ class ReportData:
         )
         return None if not rows or rows[0][0] is None else float(rows[0][0])
 
-    def histogram(self, name: str, column: str, edges: Sequence[float]) -> list[int]:
-        """Rows between neighbouring edges; the last bin has its upper edge in it."""
-        return self._binned(name, f'"{column}"', edges)
+    def histogram(self, name: str, value: str, edges: Sequence[float]) -> list[int]:
+        """Rows with a value, an SQL expression, between neighbouring edges.
 
-    def _binned(self, name: str, value: str, edges: Sequence[float]) -> list[int]:
+        The last bin includes its upper edge.
+        """
         tests = [
             f"count(*) FILTER (v >= {low!r} AND v {'<=' if high == edges[-1] else '<'} {high!r})"
             for low, high in itertools.pairwise(edges)
@@ -169,13 +169,13 @@ class ReportData:
 
     def kept_scores(self, name: str, columns: Sequence[str], edges: Sequence[float]) -> list[int]:
         """Kept rows by the largest of some scores; rows without any score are in no bin."""
-        return self._binned(name, f"greatest({', '.join(columns)})", edges)
+        return self.histogram(name, f"greatest({', '.join(columns)})", edges)
 
     def dropped_scores(self, name: str, edges: Sequence[float]) -> list[int]:
         """Rows that the toxicity stage dropped, by the score that it dropped them for."""
         where = f"stage = 'toxicity' AND starts_with(key, '{FULL_NAMES.get(name, '')}')"
         value = f"CASE WHEN {where} THEN TRY_CAST(value AS FLOAT) END"
-        return self._binned(f"{name.partition('/')[0]}/rejected", value, edges)
+        return self.histogram(f"{name.partition('/')[0]}/rejected", value, edges)
 
     def channels(self, n: int) -> Channels | None:
         """The `n` channels with most videos, and how many there are; None when none is named."""

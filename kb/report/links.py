@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from kb.core.profile import Profile
 from kb.core.sources import SOURCES, SPECS
-from kb.report.charts import bars
 from kb.report.data import ReportData
-from kb.report.style import GREEN, ORANGE, SKY, Figure, readable, saved
+from kb.report.figures import bar_figure
+from kb.report.style import GREEN, ORANGE, SKY, Figure, readable
 
 _LINKS, _ENTITIES = "links/links", "links/entities"
 _HEAD = ("entity", *SOURCES, "mentions")
@@ -73,19 +73,16 @@ def known(data: ReportData, profile: Profile) -> Figure | None:
     if not by_source:
         return None
     nowhere = data.count(_ENTITIES) - sum(n for n, _ in by_source.values())
-    rows = [(said, *by_source.get(who, (0, ""))) for who, said in _WHO.items()]
-    sheet = bars([row[0] for row in rows], [row[1] for row in rows], unit="entities", colors=SKY)
-    return Figure(
+    rows = [(name, *by_source.get(who, (0, ""))) for who, name in _WHO.items()]
+    return bar_figure(
         "links-known",
         "Who knows what",
         f"Entities by the sources that name them: one source alone names"
         f" {sum(row[1] for row in rows[: len(SOURCES)]):,}, none {nowhere:,}.",
-        "Bars of entities by who names them: "
-        + ", ".join(f"{who} {n:,}" for who, n, _ in rows)
-        + ".",
-        saved(sheet),
-        ("named by", "entities", "the most frequent of them"),
         rows,
+        head=("named by", "entities", "the most frequent of them"),
+        described="entities by who names them",
+        colors=SKY,
     )
 
 
@@ -93,10 +90,9 @@ def _named(
     name: str, title: str, caption: str, rows: list[tuple[object, ...]], color: str
 ) -> Figure:
     labels = [readable(str(row[0])) for row in rows]
-    sheet = bars(labels, [int(str(row[-1])) for row in rows], unit="mentions", colors=color)
-    listed = ", ".join(f"{row[0]} {row[-1]:,}" for row in rows[:10])
-    alt = f"Bars of mentions by entity: {listed}."
-    return Figure(name, title, caption, alt, saved(sheet), _HEAD, rows)
+    return bar_figure(
+        name, title, caption, rows, head=_HEAD, labels=labels, named=10, at=-1, colors=color
+    )
 
 
 FIGURES = (most, least, known)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
-
 from kb.core.profile import Profile
-from kb.report.charts import bars, even, histogram
+from kb.report.charts import even, histogram
 from kb.report.data import ReportData
+from kb.report.figures import bar_figure
 from kb.report.style import GREEN, ORANGE, Figure, canvas, readable, saved
 
 
@@ -17,17 +16,15 @@ def keywords(data: ReportData, profile: Profile) -> Figure | None:
         return None
     total = data.count("pairs/pairs")
     distinct = data.rows("pairs/pairs", "SELECT count(DISTINCT keyword) FROM {t}")[0][0]
-    sheet = bars(
-        [readable(name) for name, _ in top], [n for _, n in top], unit="pairs", colors=GREEN
-    )
-    return Figure(
+    return bar_figure(
         "pairs-keywords",
         "Which keywords are spoken",
         f"{total:,} pairs of {distinct:,} keywords; the {len(top)} most frequent.",
-        "Bars of pairs by keyword: " + ", ".join(f"{name} {n:,}" for name, n in top[:10]) + ".",
-        saved(sheet),
-        ("keyword", "pairs"),
         top,
+        head=("keyword", "pairs"),
+        labels=[readable(name) for name, _ in top],
+        named=10,
+        colors=GREEN,
     )
 
 
@@ -46,16 +43,7 @@ def lengths(data: ReportData, profile: Profile) -> Figure | None:
     tokens = even(low, max(high, low + 1) + 1, 20)
     clips = even(short, max(long, short + 1), 20)
     by_token = data.histogram("pairs/pairs", "token_count", tokens)
-    tests = ", ".join(
-        f"count(*) FILTER (d >= {a!r} AND d {'<=' if b == clips[-1] else '<'} {b!r})"
-        for a, b in itertools.pairwise(clips)
-    )
-    by_clip = [
-        int(n)
-        for n in data.rows(
-            "pairs/pairs", f"SELECT {tests} FROM (SELECT clip_end_s - clip_start_s AS d FROM {{t}})"
-        )[0]
-    ]
+    by_clip = data.histogram("pairs/pairs", "clip_end_s - clip_start_s", clips)
     sheet, axes = canvas(2.7, 2)
     histogram(clips, by_clip, x="clip (seconds)", y="pairs", color=GREEN, axes=axes[0])
     histogram(tokens, by_token, x="text (CLIP tokens)", y="", color=ORANGE, axes=axes[1])

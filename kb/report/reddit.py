@@ -1,20 +1,15 @@
-"""The posts by type (the paper's figure)."""
+"""The figures of Reddit's posts and comments."""
 
 from __future__ import annotations
 
 from functools import partial
 
-from kb.core.profile import Profile
-from kb.report import cloud
-from kb.report.charts import bars
-from kb.report.data import ReportData
-from kb.report.dates import dates
-from kb.report.funnel import funnel
-from kb.report.logarithmic import scores
-from kb.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, SKY, Figure, number, saved
-from kb.report.toxicity import toxicity
+from kb.report.figures import dates, funnel, logarithmic, toxicity, values
+from kb.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, SKY
+from kb.report.word_cloud import words
 
-TYPE_COLORS = {
+_POSTS, _COMMENTS = "reddit/posts", "reddit/comments"
+_TYPES = {
     "text": BLUE,
     "image": ORANGE,
     "video": GREEN,
@@ -22,41 +17,31 @@ TYPE_COLORS = {
     "poll": SKY,
     "gallery": RED,
 }
-
-
-def post_types(data: ReportData, profile: Profile) -> Figure | None:
-    """Shares of post types (the paper's figure)."""
-    top = data.top("reddit/posts", "type", 12)
-    total = sum(n for _, n in top)
-    if not total:
-        return None
-    names, values = [name for name, _ in top], [n for _, n in top]
-    notes = [f"{number(n)}  ({n / total:.0%})" for n in values]
-    sheet = bars(
-        names,
-        values,
-        unit="posts",
-        notes=notes,
-        colors=[TYPE_COLORS.get(name, BLUE) for name in names],
-    )
-    return Figure(
-        "reddit-types",
-        "What kinds of posts there are",
-        f"{total:,} kept posts by type; a crosspost has its parent's type.",
-        "Bars of posts by type: " + ", ".join(f"{name} {n:,}" for name, n in top) + ".",
-        saved(sheet),
-        ("type", "posts"),
-        top,
-    )
-
-
 FIGURES = (
-    partial(funnel, name="reddit/posts"),
-    post_types,
-    scores,
-    partial(dates, table="reddit/posts", column="created_utc", what="made", color=PURPLE),
-    partial(funnel, name="reddit/comments"),
-    partial(toxicity, table="reddit/posts", columns=("toxicity_title", "toxicity_body")),
-    partial(toxicity, table="reddit/comments", columns=("toxicity_body",)),
-    partial(cloud.words, table="reddit/posts", columns=("title", "body")),
+    partial(funnel, name=_POSTS),
+    partial(
+        values,
+        table=_POSTS,
+        column="type",
+        name="reddit-types",
+        title="What kinds of posts there are",  # the paper's figure
+        caption="{total} kept posts by type; a crosspost has its parent's type.",
+        head=("type", "posts"),
+        styles={name: (name, color) for name, color in _TYPES.items()},
+    ),
+    partial(
+        logarithmic,
+        table=_POSTS,
+        column="score",
+        name="reddit-scores",
+        title="How posts were voted",
+        x="score of a post (logarithmic)",
+        unit="points",
+        color=PURPLE,
+    ),
+    partial(dates, table=_POSTS, column="created_utc", what="made", color=PURPLE),
+    partial(funnel, name=_COMMENTS),
+    partial(toxicity, table=_POSTS, columns=("toxicity_title", "toxicity_body")),
+    partial(toxicity, table=_COMMENTS, columns=("toxicity_body",)),
+    partial(words, table=_POSTS, columns=("title", "body")),
 )

@@ -1,4 +1,4 @@
-"""What an invented world speaks of: made of a profile.
+"""Derives the vocabulary and rules of an invented world from a profile.
 
 domain_of(profile)     its names, labels, subreddit, wiki and thresholds; the same each time
 """

@@ -1,5 +1,7 @@
-"""Ids, names and addresses that can't exist on the real services, so that nothing of anybody's is
-taken for the sandbox's, or asked for by mistake. They have the real ones' alphabet and place.
+"""Makes ids and names that cannot exist on the real services.
+
+Nobody's content can be mistaken for the sandbox's, or be requested by accident. They use the
+alphabets of the real ones.
 
 - YouTube's ids are whole bytes in base64url: 8 in the 11 characters of a video's, 16 in the 22
   behind a channel's "UC". The bits that are left over are zero, so neither ends in "x" ever.

@@ -1,4 +1,4 @@
-"""Answers that are written down in data/, in the form of recorded ones, with names for values.
+"""Fills in the answers in data/, which have the form of recorded ones with names for values.
 
 `$name` in a text is the value as text. A text that is nothing else is the value itself, of whatever
 type; a field whose value is None is left out.

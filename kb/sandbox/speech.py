@@ -1,4 +1,4 @@
-"""What people in the invented world say and write: a small grammar over a domain's nouns.
+"""Generates what people in the invented world say and write: a grammar over a domain's nouns.
 
 The rules are in data/speech.toml, and each line of a rule has further rules and nouns in it. A
 video, a post and a wiki page have a cast, a subject and what goes with it, which all their texts
@@ -141,7 +141,9 @@ class Speech:
         self.topics, self.topic = tuple(topic), topic[0]
         self.nouns = [Noun.of(name, mass, singular) for name in names]
         self._weights = [1 / (place + 4) ** 0.8 for place in range(len(names))]
-        self._foreign = {code: said for code, said in given.foreign.items() if code != language}
+        self._foreign = {
+            code: sentences for code, sentences in given.foreign.items() if code != language
+        }
 
     def cast(self, rng: random.Random, size: int = 6) -> Cast:
         """A subject and up to `size` - 1 other nouns, the frequent ones more often."""
@@ -197,7 +199,7 @@ class Speech:
 
         At a speaker's own pace, with pauses; in a video of hours these are long.
         """
-        said: list[Sentence] = []
+        sentences: list[Sentence] = []
         pace = rng.uniform(0.048, 0.062)  # seconds a letter
         pause = 0.6 * max(1.0, seconds / 2_400) ** 1.5
         clock = rng.uniform(0.1, 2.0)
@@ -207,14 +209,14 @@ class Speech:
             length = pace * _letters(text)
             if clock + length > ends:
                 break
-            said.append(Sentence(round(clock, 2), round(length, 2), text))
+            sentences.append(Sentence(round(clock, 2), round(length, 2), text))
             clock += length + rng.uniform(0.3, 1.7) * pause
             if rng.random() < 0.02 and clock + 3 < ends:
-                said.append(Sentence(round(clock, 2), 2.5, MUSIC))
+                sentences.append(Sentence(round(clock, 2), 2.5, MUSIC))
                 clock += 3
         if ends > 0.1:
-            said.append(Sentence(round(ends, 2), round(pace * _letters(closing), 2), closing))
-        return said
+            sentences.append(Sentence(round(ends, 2), round(pace * _letters(closing), 2), closing))
+        return sentences
 
     def _closing(self, rng: random.Random, cast: Cast, language: str) -> str:
         if language in self._foreign:
@@ -242,11 +244,11 @@ class Speech:
         punctuation, five to seven words a cue, each shown until the next but one begins.
         """
         made: list[tuple[float, float, str]] = []
-        for start, length, said in self.talk(rng, cast, seconds, language):
-            if said == MUSIC:
-                made.append((start, length, said))
+        for start, length, sentence in self.talk(rng, cast, seconds, language):
+            if sentence == MUSIC:
+                made.append((start, length, sentence))
                 continue
-            words = (_spoken(said) if automatic else f"{sentence_case(said)}.").split()
+            words = (_spoken(sentence) if automatic else f"{sentence_case(sentence)}.").split()
             size = rng.randint(5, 7) if automatic else 14
             starts = word_starts(words, length)
             for at in range(0, len(words), size):

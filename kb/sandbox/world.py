@@ -1,4 +1,4 @@
-"""One small invented world, the same for a seed on every machine. Services show parts of it.
+"""Holds one small invented world, the same for a seed on every machine.
 
 Nothing in it was taken from a real site: channels, titles, descriptions and speech are put together
 here from the nouns of a domain, the default profile's where none is given.

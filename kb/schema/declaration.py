@@ -14,7 +14,8 @@ that parsing reads and a later rule uses up: it is in no table):
     released    true where the column goes into release/ (default false)
     content     true for what people wrote (titles, texts, addresses, names)
     dictionary  true for low-cardinality columns that Parquet stores with a dictionary
-    values      the words that a text column may hold; the release gate refuses others
+    values      the words that a text column may hold; the release gate refuses others. "<source>"
+                stands for the name of every source
     pattern     a regular expression that each whole text of the column has; checked there as well
     each        a list of words; the block then stands for one column a word, put in place of {}
 """
@@ -24,6 +25,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from kb.core.sources import SOURCES
 from kb.schema.types import parse_type
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -59,6 +61,8 @@ def blocks(data: dict[str, Any], what: str) -> list[dict[str, Any]]:
     for block in data.get(what, []):
         for word in block.get("each", [None]):
             fill = {k: _filled(v, word) if word else v for k, v in block.items() if k != "each"}
+            if fill.get("values") == ["<source>"]:
+                fill["values"] = list(SOURCES)
             found.append(fill)
     return found
 

@@ -13,7 +13,7 @@ import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.artifacts import indexed, linked
+from kb.artifacts import index, manifest, texts
 from kb.artifacts.catalog import NO_TABLES, Catalog
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
@@ -24,6 +24,7 @@ from kb.search.snippet import snippet
 from kb.search.spelling import corrected
 from kb.search.tantivy_index import PassageIndex
 from kb.store import parquet
+from kb.store.layout import Layout
 from kb.store.reading import reading
 
 
@@ -86,14 +87,14 @@ def usable(root: Path, sources: Sequence[str]) -> list[str]:
 
     Raises UsageError for one whose index is not, and where there are no texts.
     """
-    with_rows = [source for source in sources if indexed.files(root, source)]
+    with_rows = [source for source in sources if texts.files(root, f"index/{source}")]
     if not with_rows:
         raise UsageError(
             f"nothing to search: {root} has no texts of {' or '.join(sources)}",
             hint=f"`kb restore` brings back a release's texts; for a data root {NO_TABLES}",
         )
     for source in with_rows:
-        if not indexed.is_current(root, source):
+        if not texts.is_current(root, f"index/{source}"):
             raise UsageError(
                 f"the index of {source} is missing or out of date",
                 hint="run `kb index`",
@@ -102,9 +103,10 @@ def usable(root: Path, sources: Sequence[str]) -> list[str]:
 
 
 def _opened(root: Path, source: str) -> PassageIndex:
-    indexed.check(root, source)
-    note = indexed.read(root, source)
-    return PassageIndex(indexed.folder(root, source), str(note.rules["stemmer"]) if note else "")
+    index.check(root, source)
+    known = manifest.read(Catalog(root.absolute()).workplace, f"index/{source}")
+    stemmer = str(known.figures["stemmer"]) if known is not None else ""
+    return PassageIndex(index.folder(root, source), stemmer)
 
 
 def _answer(
@@ -159,8 +161,17 @@ def restrict(root: Path, name: str, sources: Sequence[str]) -> dict[str, list[st
     Raises UsageError where there are no entity tables, they are older than the clean tables that
     are searched, or no entity has that name; DamagedData.
     """
-    now = {source: note.files for source in sources if (note := indexed.read(root, source))}
-    linked.check(root, now)
+    workplace = Catalog(root.absolute()).workplace
+    if manifest.read(workplace, "links") is not None:
+        manifest.check_complete(workplace, "links")
+        if stale := [one for one in texts.changed(root, "links") if one in sources]:
+            raise UsageError(
+                f"the entity tables in {Layout(workplace).links} are older than the texts of"
+                f" {stale[0]}",
+                hint="run `kb links`",
+            )
+    elif not Catalog(root.absolute()).files("links/entities"):
+        raise UsageError(f"there are no entity tables in {root}", hint="run `kb links` first")
     return keys(root, entity(root, name), sources)
 
 

@@ -8,11 +8,11 @@ else; it is made again where the rows or the rules are others than noted in it
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from kb.artifacts import belonging, indexed
+from kb.artifacts import belonging, manifest, texts
+from kb.artifacts import index as index_of
 from kb.artifacts.catalog import NO_TABLES, Catalog, empty
-from kb.artifacts.indexed import IndexNote
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.profile import Profile
@@ -20,8 +20,9 @@ from kb.core.sources import SOURCES, SPECS
 from kb.core.verdict import Summary
 from kb.search import tantivy_index
 from kb.search.tantivy_index import STEMMERS
-from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
+
+_LAYOUT = 5  # raised when the same texts give another index
 
 
 class BuiltIndex(NamedTuple):
@@ -58,41 +59,43 @@ def follow(run: Run, source: str) -> BuiltIndex | None:
 
     None where the source has no texts: then no index stays either. Raises as `index`.
     """
+    name, root = f"index/{source}", run.root
     with belonging.writing(run, f"index-{source}"):
-        paths = indexed.files(run.root, source)
-        if not paths:
-            indexed.forget(run.root, source)
+        if not texts.files(root, name):
+            index_of.remove(root, source)
             return None
-        rules, note = _rules(run.profile), indexed.read(run.root, source)
-        now, place = indexed.prints(paths), indexed.folder(run.root, source)
-        current = note is not None and note.rules == rules and note.files == now
-        if note and current and not run.again and indexed.is_whole(run.root, source):
-            own = indexed.own(place)
-            if note.own != own:  # the same bytes, copied
-                indexed.write(run.root, source, IndexNote(rules, now, own, note.passages))
-            return BuiltIndex(note.passages, fresh=False)
+        place, workplace = index_of.folder(root, source), Catalog(root.absolute()).workplace
+        stemmer = _stemmer(run.profile)
+        rules, inputs = f"{_LAYOUT} {stemmer}", texts.inputs(root, name)
+        known = None if run.again else manifest.read(workplace, name)
+        if (
+            known is not None
+            and (known.rules, known.inputs) == (rules, inputs)
+            and not index_of.has_unknown_files(place, known)
+            and not index_of.damaged(place, known)
+        ):
+            return BuiltIndex(known.figures["passages"], fresh=False)
         with (
             run.progress.task(f"index {source}", unit="passages") as task,
-            replacing_folder(place) as fresh,
+            manifest.replacing(workplace, name, inputs=inputs, rules=rules) as fresh,
         ):
             spec = SPECS[source]
-            passages = spec.load(spec.passages)(run.profile, run.root)
-            count = tantivy_index.write(fresh, rules["stemmer"], passages, task.advance)
-            indexed.write_into(fresh, IndexNote(rules, now, indexed.own(fresh), count))
+            passages = spec.load(spec.passages)(run.profile, root)
+            count = tantivy_index.write(fresh.folder, stemmer, passages, task.advance)
+            fresh.figures = {"passages": count, "stemmer": stemmer}
     return BuiltIndex(count, fresh=True)
 
 
 def ensure(run: Run, sources: Sequence[str]) -> None:
     """Make the indexes of these sources that are missing or out of date. Raises as `index`."""
     for source in sources:
-        if indexed.files(run.root, source) and not indexed.is_current(run.root, source):
+        name = f"index/{source}"
+        if texts.files(run.root, name) and not texts.is_current(run.root, name):
             run.progress.say(f"the index of {source} is missing or out of date; building it")
             follow(run, source)
 
 
-def _rules(profile: Profile) -> dict[str, Any]:
-    """All that decides what an index holds, besides the rows."""
+def _stemmer(profile: Profile) -> str:
+    """The stemmer of the profile's language, "" where tantivy has none."""
     language = "en" if profile.youtube is None else profile.youtube.language
-    return {
-        "stemmer": STEMMERS.get(language, ""),
-    }
+    return STEMMERS.get(language, "")

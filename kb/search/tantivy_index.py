@@ -20,7 +20,7 @@ import orjson
 import tantivy
 from tantivy import Filter, Occur, Query, Tokenizer
 
-from kb.artifacts import indexed
+from kb.artifacts import index as index_of
 from kb.core.errors import DamagedData, DiskFull
 from kb.search.passage import KINDS, Passage
 from kb.store.atomic import FULL_HINT
@@ -164,7 +164,7 @@ def _open(folder: Path) -> tantivy.Index:
         return tantivy.Index.open(str(folder))
     with tempfile.TemporaryDirectory(prefix="lorecrawl-index-") as scratch:
         for path in folder.iterdir():
-            if path.name not in indexed.LOCKS:
+            if path.name not in index_of.LOCKS:
                 Path(scratch, path.name).symlink_to(path.absolute())
         return tantivy.Index.open(scratch)  # its files are open, and stay
 

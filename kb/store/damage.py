@@ -1,6 +1,6 @@
 """What can't be read in a segment of the raw log, and how it is set aside.
 
-raw/<source>/<kind>/….ndjson.zst.damaged-<offset>      the damaged bytes, for whoever can mend them
+raw/<source>/<kind>/….ndjson.zst.damaged-<offset>      the damaged bytes, for whoever can fix them
 """
 
 from __future__ import annotations

@@ -37,8 +37,8 @@ def remember(root: Path, source: str, **facts: str) -> None:
 
 def noted(root: Path, source: str) -> dict[str, str]:
     """What was noted of a source; empty when nothing was. Raises DamagedData."""
-    mend = "delete it; the next crawl notes its services again"
-    return notes.read(Layout(root).identity(source), dict[str, str], mend=mend) or {}
+    fix = "delete it; the next crawl records its services again"
+    return notes.read(Layout(root).identity(source), dict[str, str], fix=fix) or {}
 
 
 def _host(value: str) -> str:

@@ -223,10 +223,6 @@ class Layout:
         """A source's passages and their words."""
         return self.indexes / source
 
-    def indexed(self, source: str) -> Path:
-        """The clean files that a source's index was made of, and its own."""
-        return self.index(source) / "note.json"
-
 
 BELOW = Layout(Path())
 """The same paths relative to the data root, as rows, plans and messages name them."""

@@ -58,7 +58,7 @@ def note(root: Path, source: str, frontier: Frontier, error: DamagedData, hint: 
     """Suspect the raw segments that an error is about, as far as they can't be read in full.
 
     The error then says `hint`. Where all are whole (they hold what a parser doesn't take) no crawl
-    would find anything to mend.
+    would find anything to fix.
     """
     base = rawlog.folder(root, source, "").resolve()
     paths = getattr(error, "paths", None) or [getattr(error, "path", None)]

@@ -1,4 +1,4 @@
-"""Small notes that a data root keeps in JSON: read as their type, damage told by name and mend."""
+"""Small notes that a data root keeps in JSON: read as their type, damage told by name and fix."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ Note = TypeVar("Note")
 
 
 @overload
-def read(path: Path, kind: type[Note], *, mend: str) -> Note | None: ...
+def read(path: Path, kind: type[Note], *, fix: str) -> Note | None: ...
 @overload
-def read(path: Path, kind: Any, *, mend: str) -> Any: ...
-def read(path: Path, kind: Any, *, mend: str) -> Any:
+def read(path: Path, kind: Any, *, fix: str) -> Any: ...
+def read(path: Path, kind: Any, *, fix: str) -> Any:
     """The note, None where there is none.
 
-    Raises DamagedData with `mend`, what to do about a note that can't be read.
+    Raises DamagedData with `fix`, what to do about a note that can't be read.
     """
     try:
         return msgspec.json.decode(path.read_bytes(), type=kind)
@@ -27,4 +27,4 @@ def read(path: Path, kind: Any, *, mend: str) -> Any:
         return None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, IsADirectoryError) as error:
         why = error.strerror if isinstance(error, OSError) else str(error)
-        raise DamagedData(f"{path} can't be read: {why}", hint=mend) from None
+        raise DamagedData(f"{path} can't be read: {why}", hint=fix) from None

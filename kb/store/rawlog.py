@@ -144,8 +144,8 @@ def _damaged(path: Path, at: int) -> DamagedData:
     source = path.parent.parent.name
     error = DamagedData(
         f"{path} is damaged at byte {at:,}",
-        hint=f"run `kb {source} filter`, then `kb {source} crawl`: it sets aside what can't be"
-        " read and asks again for what that held",
+        hint=f"run `kb {source} filter`, then `kb {source} crawl`: it moves damaged data"
+        " away and fetches it again",
     )
     error.path = path  # type: ignore[attr-defined]
     return error

@@ -26,7 +26,6 @@ from kb.store.frontier import Frontier
 from kb.store.layout import Layout
 
 SANDBOX_MODEL = "lorecrawl_tiny"  # what its scores say means nothing about real texts
-_BATCH = 1024  # rows of a suspect that are decoded at a time
 
 
 @contextlib.contextmanager
@@ -47,23 +46,14 @@ def reading(files: Iterable[Path | str]) -> Iterator[None]:
 def broken(files: Iterable[Path | str]) -> DamagedData | None:
     """The first file that can't be read, as an error; None when all can.
 
-    Checksums and footers first, then every page, a batch at a time, then whether it is the table
-    that its place says.
+    Every page is decoded, then the columns are compared with the table that belongs there.
     """
     paths = [path for path in map(Path, files) if path.suffix != ".ndjson"]
-    for deep in (False, True):
-        for path in paths:
-            try:
-                with parquet.open_file(path, pre_buffer=False) as file:
-                    for _ in (
-                        file.iter_batches(batch_size=_BATCH, use_threads=False) if deep else ()
-                    ):
-                        pass
-            except DamagedData as error:
-                return error
-            except (pa.ArrowException, OSError) as error:
-                what = str(error).splitlines()[0] if str(error) else type(error).__name__
-                return DamagedData(f"{path} can't be read: {what.rstrip('.')}", hint=advice(path))
+    for path in paths:
+        try:
+            parquet.decode(path)
+        except DamagedData as error:
+            return error
     for path in paths:
         if what := _other(path):
             return DamagedData(f"{path} can't be read: {what}", hint=advice(path))
@@ -159,12 +149,13 @@ def state(
 
 def _a_readers(error: Exception) -> bool:
     """Whether a library may say so of a broken file: Arrow and DuckDB have errors of their own,
-    OSErrors without a number, and KeyErrors for columns.
+    OSErrors without a number, and errors for names that are not there or not text.
     """
     kinds = [
         getattr(sys.modules.get(name), kind, None)
         for name, kind in (("pyarrow", "ArrowException"), ("duckdb", "Error"))
     ]
     return isinstance(error, tuple(kind for kind in kinds if kind)) or (
-        isinstance(error, KeyError) or (isinstance(error, OSError) and error.errno is None)
+        isinstance(error, (KeyError, UnicodeDecodeError))
+        or (isinstance(error, OSError) and error.errno is None)
     )

@@ -21,7 +21,7 @@ from kb.store.frontier import Frontier
 from kb.store.rawlog import Envelope, Request, Segment
 from kb.store.recovery import recover
 
-_AGAIN = "run the same command again: it sets aside what can't be read and says what that held"
+_AGAIN = "run the same command again: it moves damaged data away and lists what that contained"
 Apply = Callable[[Frontier, str, Envelope], None]
 """Takes (frontier, kind, envelope) into the frontier; must be idempotent."""
 Replay = mending.Replay

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from kb.core.errors import DamagedData
 from kb.store.atomic import sync_folder, write_bytes
-from kb.store.digests import SUMS, digest, listed, parsed
+from kb.store.checksums import SUMS, digest, listed, parsed
 from kb.store.layout import BELOW, Layout
 
 ASIDE = ".damaged"
@@ -116,7 +116,7 @@ def lost(root: Path, source: str, paths: Collection[Path]) -> DamagedData:
     more = f" (and {len(paths) - 1:,} more files)" if len(paths) > 1 else ""
     error = DamagedData(
         f"{first} {what}{more}",
-        hint=f"run `kb {source} crawl`: it asks for it again; then `kb {source} filter`",
+        hint=f"run `kb {source} crawl`, which fetches it again; then `kb {source} filter`",
     )
     error.path = first  # type: ignore[attr-defined]
     return error

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from kb.store import parquet
 from kb.store.layout import parquet_files
@@ -20,7 +21,7 @@ def rows(folder: Path) -> int:
     """Rows of a table, from its files' footers. Raises DamagedData."""
     files = parquet_files(folder)
     with reading(files):
-        return sum(parquet.footer(file).num_rows for file in files)
+        return sum(pq.read_metadata(file).num_rows for file in files)
 
 
 def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
@@ -76,7 +77,7 @@ def span(
     times: list[datetime] = []
     before = 0
     for path in files:
-        footer = parquet.footer(path)
+        footer = pq.read_metadata(path)
         names = footer.schema.to_arrow_schema().names
         for group in range(footer.num_row_groups if column in names else 0):
             said = _statistics(footer.row_group(group), column)

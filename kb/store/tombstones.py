@@ -20,7 +20,7 @@ import pyarrow as pa
 from kb.core import clock
 from kb.core.errors import DamagedData
 from kb.schema.tables import table
-from kb.store import parquet
+from kb.store import checksums, parquet
 from kb.store.atomic import sync_folder
 from kb.store.layout import Layout
 from kb.store.shards import write_table
@@ -132,10 +132,15 @@ def _load(file: Path) -> pa.Table:
     whole = next((place for place in places if place != file and _read(place)[0] is not None), None)
     raise DamagedData(
         f"{file} can't be read: {why}",
-        hint=f"remove it: {whole} holds the purged keys as well"
+        hint=f"remove it: {whole} contains the purged keys as well"
         if whole
         else "restore it from a copy: without it, purged content would return",
     )
+
+
+def is_readable(file: Path) -> bool:
+    """Whether a file holds tombstones that can be read in full."""
+    return file.is_file() and _read(file)[0] is not None
 
 
 def _read(file: Path) -> tuple[pa.Table | None, str]:
@@ -145,7 +150,7 @@ def _read(file: Path) -> tuple[pa.Table | None, str]:
         with parquet.open_file(file) as opened:
             rows = opened.read()
     except DamagedData:
-        return None, parquet.CHANGED
+        return None, checksums.MISMATCH
     except (pa.ArrowException, OSError) as error:
         return None, (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
     if any(field.name not in rows.schema.names for field in schema) or any(

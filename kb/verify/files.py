@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from kb.artifacts import indexed, manifest
+from kb.artifacts import manifest
 from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES, SPECS
 from kb.store import leftovers, rawlog, sidefiles
 from kb.store.advice import advice
-from kb.store.layout import Layout
 from kb.verify import raw, tables
 from kb.verify.found import Look
 
@@ -112,7 +110,7 @@ class FileVerifier:
             self._look.whole("set aside", path)
         elif path.suffix == ".parquet" and self._is_listed(path, kind):
             self._parquet(kind, path)
-        elif path.suffix == ".json" and kind != "annotations":
+        elif path.suffix == ".json" and (kind != "annotations" or path.name == manifest.NAME):
             self._json(kind, path, advice(path))
         else:
             self._strange(kind, path)
@@ -143,30 +141,32 @@ class FileVerifier:
         look, again = self._look, "run `kb index --again`"
         if len(parts) != 3 or parts[1] not in SOURCES:
             self._strange("index", path)
-        elif path == Layout(self._root).indexed(parts[1]):
+        elif path.name == manifest.NAME:
             self._json("index", path, again)
-        elif path.name in indexed.LOCKS:
-            look.advance(path.stat().st_size)
         else:
             look.advance(path.stat().st_size)
-            what = indexed.problem(self._root, parts[1], path.name)
-            if what == indexed.FOREIGN:
+            known = self._manifest_of_index(parts[1])
+            if path.name.startswith(".") or known is None:
+                return  # tantivy's own locks and lists; an index of an older version
+            entry = known.files.get(path.name)
+            if entry is None:
                 self._strange("index", path)
             else:
+                what = "" if manifest.entry_of(path) == entry else "checksum mismatch"
                 look.judged("index", path, what, again)
+
+    def _manifest_of_index(self, source: str) -> manifest.Manifest | None:
+        try:
+            return manifest.read(self._root, f"index/{source}")
+        except DamagedData:
+            return None  # told with the manifest
 
     def _parquet(self, kind: str, path: Path) -> None:
         what = tables.problem(path, self._look.advance)
         self._look.judged(kind, path, what, advice(path))
 
-    def _json(self, kind: str, path: Path, mend: str) -> None:
-        self._look.advance(path.stat().st_size)
-        try:
-            json.loads(path.read_bytes())
-            what = ""
-        except (ValueError, RecursionError) as error:
-            what = f"can't be read: {error}"
-        self._look.judged(kind, path, what, mend)
+    def _json(self, kind: str, path: Path, fix: str) -> None:
+        self._look.judged(kind, path, tables.problem(path, self._look.advance), fix)
 
     def _strange(self, kind: str, path: Path) -> None:
         self._look.foreign(kind, path, "no command has written it", "move it away")

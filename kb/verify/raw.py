@@ -11,7 +11,7 @@ import msgspec
 import zstandard
 
 from kb.core.errors import DamagedData
-from kb.store import damage, digests, mending, rawlog, reading, sidefiles
+from kb.store import checksums, damage, mending, rawlog, reading, sidefiles
 from kb.store.layout import BELOW, CAPTURED, Layout
 from kb.verify.found import Look
 
@@ -29,7 +29,7 @@ class SegmentVerifier:
     def __init__(self, look: Look, root: Path, source: str) -> None:
         self._look, self._root, self._source = look, root, source
         self._known = self._offsets()
-        self._crawl = f"run `kb {source} crawl`: it asks again for what that held"
+        self._crawl = f"run `kb {source} crawl`, which fetches its items again"
 
     def file(self, path: Path) -> None:
         """Read a segment in full."""
@@ -102,7 +102,7 @@ def state(look: Look, path: Path) -> None:
 def side_file(look: Look, path: Path) -> None:
     """A captured page's file or an image, by what it should be."""
     kind = "images" if path.parent.name == "images" else "captures"
-    if path.name == digests.SUMS or path.name in _CAPTURE or sidefiles.expected(path):
+    if path.name == checksums.SUMS or path.name in _CAPTURE or sidefiles.expected(path):
         if sidefiles.is_whole(path, advance=look.advance) and _unpacks(path):
             look.whole(kind, path)
         else:

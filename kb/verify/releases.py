@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from kb.artifacts import manifest, release_folder
-from kb.store import digests
+from kb.store import checksums
 from kb.verify import tables
 from kb.verify.found import Look
 
@@ -19,7 +19,7 @@ _PLAIN = {".gitkeep"}
 
 def folder(look: Look, path: Path, advice: Callable[[Path], str], *, described: bool) -> None:
     """Every file of a release folder; `described`: it should have SHA256SUMS."""
-    sums = path / digests.SUMS
+    sums = path / checksums.SUMS
     known, invalid = release_folder.sums(path)
     if sums.is_file() and (not known or invalid):
         look.damaged("release", sums, "is not a list of checksums", advice(sums))
@@ -36,7 +36,7 @@ def folder(look: Look, path: Path, advice: Callable[[Path], str], *, described: 
                 "release", file, "a release is flat, with files of its own", "move it away"
             )
         elif known and name not in known:
-            look.foreign("release", file, f"is not in {digests.SUMS}", "move it away")
+            look.foreign("release", file, f"is not in {checksums.SUMS}", "move it away")
         else:
             _file(look, file, known.get(name), advice(file))
     for name in sorted((known.keys() | manifest.siblings(there)) - there.keys()):
@@ -47,8 +47,8 @@ def folder(look: Look, path: Path, advice: Callable[[Path], str], *, described: 
 
 def _file(look: Look, path: Path, wanted: str | None, advice: str) -> None:
     if wanted is not None:
-        held = digests.digest(path, advance=look.advance)
-        what = "" if held == wanted else f"differs from {digests.SUMS}"
+        held = checksums.digest(path, advance=look.advance)
+        what = "" if held == wanted else f"differs from {checksums.SUMS}"
     elif path.suffix == ".parquet":
         what = tables.problem(path, look.advance)
     elif path.suffix == ".tar":
@@ -104,5 +104,5 @@ def _metadata(look: Look, path: Path, known: dict[str, str], advice: Callable[[P
         return
     for name, value in sorted(said.items()):
         if known.get(name, value) != value:
-            what = f"says another digest of {name} than {digests.SUMS}"
+            what = f"says another digest of {name} than {checksums.SUMS}"
             look.damaged("release", path, what, advice(path))

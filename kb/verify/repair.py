@@ -14,7 +14,7 @@ from typing import Protocol
 
 from kb.core.errors import KbError
 from kb.core.progress import Progress
-from kb.store import digests, lock, parquet, sidefiles
+from kb.store import checksums, lock, sidefiles, tombstones
 from kb.store.atomic import write_bytes
 from kb.store.layout import CAPTURED, Layout, parquet_files
 from kb.verify.found import Look, VerifyFinding
@@ -107,7 +107,7 @@ class Describe:
         """See `Step`."""
         folder, known = Layout(root).release(self.source), Layout(root).released(self.source)
         described = known.is_dir() and any(known.iterdir())
-        if not described or not parquet_files(folder) or (folder / digests.SUMS).exists():
+        if not described or not parquet_files(folder) or (folder / checksums.SUMS).exists():
             return []
         return _tried("kb release", self.describe)
 
@@ -157,11 +157,7 @@ def _tombstones(root: Path, one: VerifyFinding) -> str:
     source = one.path.parent.name
     for other in Layout(root).tombstones(source):
         # A copy that is as whole takes its place; of two damaged ones none is right.
-        if other != one.path and other.is_file() and other.stat().st_size and _holds(other):
+        if other != one.path and tombstones.is_readable(other):
             write_bytes(one.path, other.read_bytes())
             return f"{one.path} is its copy {other} again"
     return f"{one.path} could not be mended: no copy of it is whole; restore it from a copy"
-
-
-def _holds(path: Path) -> bool:
-    return parquet.has_checksum(path) and parquet.holds(path)

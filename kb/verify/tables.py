@@ -1,32 +1,33 @@
-"""Parquet files, one by one: whole, or what is wrong."""
+"""One file of a data root or release: intact, or what is wrong with it."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
-import pyarrow as pa
-import pyarrow.parquet as pq
-
-from kb.store import parquet
+from kb.store import checksums
 from kb.store.reading import broken
 
 
 def problem(path: Path, advance: Callable[[int], None]) -> str:
-    """What is wrong with a Parquet file, "" when nothing is. Every byte is read.
+    """What is wrong with a file, "" when nothing is. Every byte is read.
 
-    A file of others has no checksum: its pages are decoded instead, a batch at a time.
+    It is compared with its digest where a manifest or SHA256SUMS has one. Otherwise every page of a
+    Parquet file is decoded, and JSON is parsed.
     """
-    if not path.stat().st_size:
-        return "is empty"
-    if parquet.has_checksum(path):
-        if not parquet.holds(path, advance):
-            return "its bytes are not those that were written"
+    size = path.stat().st_size
+    if (entry := checksums.recorded(path)) is not None:
+        return "" if checksums.digest(path, advance=advance) == entry.sha256 else checksums.MISMATCH
+    advance(size)
+    if path.suffix == ".parquet":
+        if not size:
+            return "is empty"
+        damage = broken([path])
+        return "" if damage is None else str(damage).removeprefix(f"{path} ")
+    if path.suffix == ".json":
         try:
-            pq.read_metadata(path)
-        except (pa.ArrowException, OSError) as error:
-            return f"can't be read: {(str(error).splitlines() or [type(error).__name__])[0]}"
-        return ""
-    damage = broken([path])
-    advance(path.stat().st_size)
-    return "" if damage is None else str(damage).removeprefix(f"{path} ")
+            json.loads(path.read_bytes())
+        except (ValueError, RecursionError) as error:
+            return f"can't be read: {error}"
+    return ""

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import duckdb
 
-from kb.artifacts import indexed, manifest
+from kb.artifacts import manifest
 from kb.core.errors import DamagedData
 from kb.core.sources import PUBLISHED, SOURCES, SPECS
+from kb.schema.tables import table
 from kb.store import database, leftovers
 from kb.store.advice import advice
 from kb.store.layout import Layout, parquet_files
@@ -18,8 +19,6 @@ from kb.store.reading import scan
 from kb.store.tally import VERDICTS
 from kb.verify import raw, releases
 from kb.verify.found import Look
-
-_KEYS = {"videos": "video_id", "pages": "page_id", "posts": "post_id", "comments": "comment_id"}
 
 
 def compare(look: Look, root: Path) -> None:
@@ -49,8 +48,13 @@ def _lost_tables(look: Look, root: Path) -> None:
 def _lost_indexes(look: Look, root: Path) -> None:
     """Files of indexes that were written and are not there."""
     for source in SOURCES:
-        for path in indexed.missing(root, source):
-            look.missing("index", path, "run `kb index --again`")
+        name, place = f"index/{source}", Layout(root).index(source)
+        with contextlib.suppress(DamagedData):  # told with the manifest
+            lost = manifest.missing(root, name)
+            if manifest.read(root, name) is None and any(place.glob("*.store")):
+                lost = [manifest.path(root, name)]
+            for path in lost:
+                look.missing("index", path, "run `kb index --again`")
 
 
 def _two_answers(look: Look, root: Path, source: str) -> None:
@@ -59,7 +63,10 @@ def _two_answers(look: Look, root: Path, source: str) -> None:
     if any(clean in one.path.parents for one in look.of("clean")):
         return  # counting makes sense of whole files only
     keys = [
-        (f"'{prefix}' || {_KEYS[short]}::VARCHAR", parquet_files(clean / short))
+        (
+            f"'{prefix}' || {table(f'{source}/{short}').key[0]}::VARCHAR",
+            parquet_files(clean / short),
+        )
         for short, prefix in SPECS[source].tables.items()
     ]
     keys += [("key", parquet_files(clean / verdict)) for verdict in VERDICTS]

@@ -1,4 +1,4 @@
-"""What an address or the browser answered instead of a page, told by class.
+"""Errors of URLs and of the browser, by consequence.
 
 ItemFinal
 ├── NoPicture           an image's address answers with a page, as challenges do

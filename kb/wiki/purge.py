@@ -1,4 +1,4 @@
-"""What a purge has to know about a wiki: how a page leaves answers, captures and images."""
+"""Rules of a purge for the wiki: how a page leaves answers, captures and images."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def find(purge: Purge) -> dict[str, str]:
     Counts as `unknown` the names that no page has; their tombstones keep them away.
     """
     frontier = purge.frontier
-    found = {
+    keys = {
         key: str(reason)
         for key, _, reason, _ in frontier.items("pages", "skipped")
         if reason in LEFT
@@ -36,8 +36,8 @@ def find(purge: Purge) -> dict[str, str]:
         removed = tombstones.keys(purge.root, "wiki")
         known, unknown, bad = _find_pages(purge.listed, frontier, removed)
         purge.counts |= {"unknown": len(unknown), "bad_lines": bad}
-        found |= dict.fromkeys([*known, *unknown], "named")
-    return found
+        keys |= dict.fromkeys([*known, *unknown], "named")
+    return keys
 
 
 def _find_pages(

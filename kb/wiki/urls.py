@@ -1,4 +1,4 @@
-"""Addresses and names of a MediaWiki: originals of thumbnails, file titles, licences.
+"""Interprets MediaWiki URLs: originals of thumbnails, file titles, licences.
 
 Thumbnails: https://www.mediawiki.org/wiki/Manual:Thumb.php, /thumb/<file>/<width>px-<name>.
 """
@@ -36,9 +36,9 @@ def file_title(src: str, file_page: str | None = None) -> str | None:
     """ "File:Name.png" of an image: by its link to the file page, else by its address."""
     if file_page:
         parts = urlsplit(file_page)
-        held = re.search(r"(?:/|title=)((?:File|Image):[^?&#]+)", f"{parts.path}?{parts.query}")
-        if held:
-            return unquote(held[1]).replace("_", " ").replace("Image:", "File:", 1)
+        match = re.search(r"(?:/|title=)((?:File|Image):[^?&#]+)", f"{parts.path}?{parts.query}")
+        if match:
+            return unquote(match[1]).replace("_", " ").replace("Image:", "File:", 1)
     name = unquote(urlsplit(original(src)).path.rsplit("/", 1)[-1]).replace("_", " ").strip()
     if (
         not name
@@ -85,9 +85,9 @@ def licence(url: str | None, text: str | None = None) -> str | None:
 def file_licence(page: dict[str, Any]) -> str | None:
     """The licence that a file's page gives: its metadata, else the first one that it links to."""
     info = (page.get("imageinfo") or [{}])[0]
-    held = info.get("extmetadata") or {}
+    metadata = info.get("extmetadata") or {}
     for key in ("LicenseUrl", "LicenseShortName", "License"):
-        value = held.get(key, {}).get("value")
+        value = metadata.get(key, {}).get("value")
         if isinstance(value, str) and value.strip():
             return spdx(value) or by_name(value) or value.strip()
     links = (link.get("url") or link.get("*") or "" for link in page.get("extlinks") or [])

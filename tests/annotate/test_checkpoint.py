@@ -243,7 +243,7 @@ def test_a_configuration_of_another_model_is_exit_2(copied):
         .replace('"hidden_size": 192', '"hidden_size": 96')
         .replace('"num_hidden_layers": 2', '"num_hidden_layers": 3')
     )
-    with pytest.raises(MissingModel, match="doesn't fit"):
+    with pytest.raises(MissingModel, match="does not match"):
         load_detoxify(find(copied, kb_toxicity_sha256=sha256_of(copied)))
 
 

@@ -10,10 +10,10 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from kb.store.purge import drop_annotations
 
 from kb.annotate.scores import Scores, text_hashes
 from kb.annotate.toxicity import ToxicityScorer
+from kb.artifacts.purge_rows import drop_annotations
 from kb.core.errors import DamagedData
 
 TEXT = st.text(st.characters(exclude_categories=("Cs",)), max_size=60)

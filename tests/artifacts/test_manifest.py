@@ -20,17 +20,17 @@ from kb.pairs.build import build
 from kb.query import connect
 from kb.release.build import exported, release
 from kb.store import lock
-from kb.store.digests import digest
+from kb.store.checksums import digest
 from kb.store.parquet import read_table
 from kb.store.shards import write_table
-from tests.crash import killed
+from tests.filters import full_root
 from tests.filters.made import run_at
 
 
 @pytest.fixture(scope="module")
 def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("complete") / "data"
-    killed.make(root)
+    full_root.make(root)
     return root
 
 
@@ -52,7 +52,7 @@ READERS = {
     "minedojo": lambda root: minedojo.youtube(run_at(root)),
     "pairs": pairs,
     "query": connect,
-    "purge": lambda root: killed.purge(root, killed.GONE),
+    "purge": lambda root: full_root.purge(root, full_root.GONE),
 }
 
 
@@ -98,7 +98,7 @@ def test_pairs_that_lost_a_shard_are_made_again_as_the_line_says(root: Path) -> 
     pairs(root, again=True)
     assert whole == {path.name: path.read_bytes() for path in folder.glob("*.parquet")}
     one(folder).rename(folder / "pairs-00001-of-00002.parquet")
-    with pytest.raises(DamagedData, match=r"pairs-00000-of-00002\.parquet is missing") as told:
+    with pytest.raises(DamagedData, match="is missing") as told:
         build(run_at(root))
     assert told.value.hint == "run `kb pairs --again`"
 

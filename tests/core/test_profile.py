@@ -83,7 +83,7 @@ def test_mistakes_are_named(tmp_path, change, message):
 
 def test_tables_nested_without_end_are_one_line(tmp_path):
     path = write(tmp_path, "x = " + "[" * 100_000)
-    with pytest.raises(ProfileError, match=r"nested too deeply to be read|not valid TOML"):
+    with pytest.raises(ProfileError, match=r"nested too deeply|not valid TOML"):
         load_profile(path)
     (finding,) = check_file(path).findings
     assert finding.level == ERROR

@@ -35,8 +35,8 @@ from kb.store import rawlog
 from kb.store.frontier import Frontier, Item
 from kb.store.rawlog import Envelope
 from tests import processes
-from tests.crawl.feed import NOTES, PAGES, Feed
-from tests.crawl.service import Service, serving
+from tests.fourth.feed.connector import NOTES, PAGES, Feed
+from tests.fourth.service import Service, serving
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -66,7 +66,7 @@ def summary(session: CrawlSession, loop: Loop) -> Summary:
 
 def crawl(run: Run, service: Service) -> Summary:
     """One run of the feed's crawl."""
-    return work(run, Feed(run.settings, service.root), summary)
+    return work(run, Feed(run, service.root), summary)
 
 
 def texts(root: Path) -> list[str]:
@@ -227,7 +227,7 @@ def test_a_batch_that_fails_is_halved_until_only_the_bad_items_are_left(
     run: Run, bad: list[str]
 ) -> None:
     with serving(100, page=50) as service:
-        feed = Batches(run.settings, service.root)
+        feed = Batches(run, service.root)
         feed.bad = frozenset(bad)
         assert work(run, feed, summary) == {"notes": 100, "failed": len(bad), "left": 0}
         assert len(texts(run.root)) == 100 - len(bad)
@@ -236,12 +236,12 @@ def test_a_batch_that_fails_is_halved_until_only_the_bad_items_are_left(
 
 def test_batches_of_a_service_that_is_down_are_left_for_the_next_run(run: Run) -> None:
     with serving(100, page=50) as service:
-        feed = Batches(run.settings, service.root)
+        feed = Batches(run, service.root)
         feed.bad = frozenset(service.ids)
         with pytest.raises(Unreachable) as stop:
             work(run, feed, summary)
         assert stop.value.summary == {"notes": 1, "failed": 1, "left": 50}
-        feed = Batches(run.settings, service.root)
+        feed = Batches(run, service.root)
         assert work(run, feed, summary) == {"notes": 100, "failed": 0, "left": 0}
 
 
@@ -252,7 +252,7 @@ def test_what_is_left_out_takes_nothing_of_the_limit(run: Run, service: Service)
         def leave_out(self, phase: Phase, item: Item) -> str | None:
             return "late" if item.key >= "n004" else None
 
-    early = Early(run.settings, service.root)
+    early = Early(run, service.root)
     assert work(replace(run, limit=4), early, summary) == {"notes": 4, "failed": 0, "left": 0}
 
 
@@ -295,7 +295,7 @@ def test_a_lane_waits_for_one_that_sleeps(
         service.fault = lambda path: None
 
     monkeypatch.setattr(clock, "sleep_until", wake_up)
-    feed = Feed(run.settings, service.root)
+    feed = Feed(run, service.root)
     feed.phases = (PAGES, replace(NOTES, lane="notes"))
     done = work(replace(run, wait=True), feed, summary)
     assert done == {"notes": 10, "failed": 0, "left": 0}
@@ -311,12 +311,12 @@ def wait_until(what: Callable[[], bool], seconds: float = 1.0) -> None:
 def test_one_writer_and_one_feed_a_root(run: Run, service: Service) -> None:
     crawl(run, service)
     with (
-        open_session(run, Feed(run.settings, service.root)),
+        open_session(run, Feed(run, service.root)),
         pytest.raises(WriterLocked, match="pid"),
     ):
         crawl(run, service)
     with pytest.raises(OtherService):
-        work(run, Feed(run.settings, "http://elsewhere.example"), summary)
+        work(run, Feed(run, "http://elsewhere.example"), summary)
 
 
 SCRIPT = """
@@ -328,7 +328,7 @@ from kb.core.settings import load_settings
 from tests.crawl.test_frame import Feed, summary, work
 root = Path(sys.argv[1])
 run = Run(load_settings(dotenv=False, kb_data=root), load_profile("minecraft"), root)
-work(run, Feed(run.settings, sys.argv[2]), summary)
+work(run, Feed(run, sys.argv[2]), summary)
 """
 
 
@@ -364,7 +364,7 @@ def test_a_run_in_which_every_item_fails_is_no_success(run: Run) -> None:
     with serving(12, page=12) as service:
         for _ in range(2):  # nothing was ever read, so it is worth the same word again
             with pytest.raises(NothingRead) as error:
-                work(run, Odd(run.settings, service.root), summary)
+                work(run, Odd(run, service.root), summary)
             assert str(error.value) == (
                 "none of 12 notes could be read; the most frequent reason is blank (11 of 12)"
             )

@@ -1,10 +1,10 @@
-"""How tests/docs/messages.py finds the messages of the program."""
+"""tests/messages.txt lists the messages of the program as they are."""
 
 from __future__ import annotations
 
 import ast
 
-from tests.docs.messages import error_classes, messages_of
+from tests.docs.messages import LIST, error_classes, listing, messages_of
 
 EXAMPLE = """
 class Spent(Stopped): ...
@@ -18,6 +18,15 @@ def f(run, name, path):
         hint=f"wait for {run.at(3)}",
     )
 """
+
+
+def test_the_list_is_up_to_date() -> None:
+    ours, theirs = listing().splitlines(), LIST.read_text(encoding="utf-8").splitlines()
+    changed = [f"+ {line}" for line in ours if line not in set(theirs)]
+    changed += [f"- {line}" for line in theirs if line not in set(ours)]
+    assert ours == theirs, "\n".join(
+        ["tests/messages.txt is out of date: python -m tests.docs.messages", *changed[:20]]
+    )
 
 
 def test_errors_hints_and_lines_are_found() -> None:

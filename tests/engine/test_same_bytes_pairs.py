@@ -38,7 +38,7 @@ def test_the_same_bytes(
     cluster, kill_a_worker, tmp_path: Path, data, make_rows, monkeypatch
 ) -> None:
     local = pairs(tmp_path / "local", data, make_rows, workers=1)
-    monkeypatch.setattr(building, "_STRETCH", 5)
+    monkeypatch.setattr(building, "_ROWS", 5)
     kill_a_worker(lambda: any((tmp_path / "dask/state").glob("pairs/*/*.parquet")))
     spread = pairs(
         tmp_path / "dask",

@@ -43,7 +43,7 @@ def many_tasks(monkeypatch):
     """A small crawl cut into as many tasks as a large one."""
     monkeypatch.setenv("KB_NOW", NOW)
     monkeypatch.setattr(buckets, "RAW_BYTES", 12_000)
-    monkeypatch.setattr(build, "_STRETCH", 6)
+    monkeypatch.setattr(build, "_ROWS", 6)
 
 
 def copy(crawled: Path, root: Path, *more: Path) -> Path:

@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import kb
+from kb.artifacts import manifest
 from kb.core.context import Run
 from kb.core.errors import DamagedData, WriterLocked
 from kb.core.pipeline import load, locate
@@ -30,7 +31,7 @@ from kb.store.shards import write_table
 from kb.verify.root import verify
 from tests.inprocess import Here
 from tests.links import made
-from tests.wiki import made as wiki
+from tests.wiki import handmade_data as wiki
 
 pipeline = load(str(locate("links")))
 NAMES = {"Canidae": Names("Canidae", ("Wolf",))}
@@ -110,20 +111,20 @@ def test_workers_and_file_layout_change_no_byte_of_the_tables(run: Run) -> None:
         cut(Layout(run.root).table(name), name, 3)
     made.links(replace(run, workers=2), NAMES)
     second = bytes_of(run.root)
-    assert second.pop("_summary.json") != first.pop("_summary.json")  # it names the clean files
+    assert second.pop(manifest.NAME) != first.pop(manifest.NAME)  # it has digests of the texts
     assert second == first
 
 
 def test_only_what_changed_is_read_again(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     made.links(run, NAMES)
     asked: list[str] = []
-    real = building.do_file
+    real = building.make_part
 
-    def noted(work: str, path: str, name: str) -> int:
-        asked.append(name)
-        return real(work, path, name)
+    def noted(folder: str, name: str, path: str, table: str) -> dict[str, int]:
+        asked.append(table)
+        return real(folder, name, path, table)
 
-    monkeypatch.setattr(building, "do_file", noted)
+    monkeypatch.setattr(building, "make_part", noted)
     made.links(run, NAMES)
     assert asked == []
     made.fill(run.root, comments=["wolf"], posts=[("Creeper", "", [])])
@@ -147,21 +148,21 @@ def test_a_run_that_was_cut_off_goes_on(run: Run, monkeypatch: pytest.MonkeyPatc
     made.links(run, NAMES)
     whole = bytes_of(run.root)
     shutil.rmtree(run.root / "links")
-    real = building.do_file
+    real = building.make_part
     done: list[str] = []
 
-    def stopping(work: str, path: str, name: str) -> int:
+    def stopping(folder: str, name: str, path: str, table: str) -> dict[str, int]:
         if len(done) == 3:
             raise KeyboardInterrupt
         done.append(name)
-        return real(work, path, name)
+        return real(folder, name, path, table)
 
     with monkeypatch.context() as patch:
-        patch.setattr(building, "do_file", stopping)
+        patch.setattr(building, "make_part", stopping)
         with pytest.raises(KeyboardInterrupt):
             made.links(run, NAMES)
     assert not (run.root / "links").exists()
-    monkeypatch.setattr(building, "do_file", lambda *task: (done.append(task[2]), real(*task))[1])
+    monkeypatch.setattr(building, "make_part", lambda *task: (done.append(task[1]), real(*task))[1])
     made.links(run, NAMES)
     assert len(done) == len(set(done)) == 6
     assert bytes_of(run.root) == whole

@@ -168,7 +168,7 @@ def test_a_page_s_text_is_that_whose_words_are_counted(
                     "text": text,
                 }
             )
-        tops = wiki_tables.tops(found)
+        tops = wiki_tables.outermost_texts(found)
         wanted += [(page, one.id) for one in tops if one.text is not None]
     names = ("page_id", "element_id", "parent_id", "kind", "visible", "text")
     types = (pa.int64(), pa.int64(), pa.int64(), pa.string(), pa.bool_(), pa.string())

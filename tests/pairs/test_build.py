@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from kb.artifacts import manifest
 from kb.core.context import Run
 from kb.core.errors import FatalError, LimitReached, ProfileError, SettingError
 from kb.core.pipeline import load, locate
@@ -55,7 +55,9 @@ def test_the_whole_job(run: Run) -> None:
     released = pq.read_table(run.root / "release" / "pairs")
     assert "text" not in released.column_names
     assert released.equals(rows.drop_columns("text").cast(released.schema), check_metadata=False)
-    counts = json.loads((run.root / "pairs" / "_summary.json").read_text())["keywords"]
+    made = manifest.read(run.root, "pairs")
+    assert made is not None
+    counts = made.figures["keywords"]
     assert sum(hits["matches"] for hits in counts.values()) == summary["matches"]
     assert not list((run.root / "state" / "pairs").iterdir())
 
@@ -67,7 +69,7 @@ def test_workers_cuts_and_file_layout_change_no_byte(
     first = _bytes(run.root / "pairs") | {"released": _bytes(run.root / "release" / "pairs")}
     other = replace(run, root=run.root.with_name("other"), workers=2)
     fill(other.root, *data, make_rows, files=3)
-    monkeypatch.setattr(building, "_STRETCH", 7)
+    monkeypatch.setattr(building, "_ROWS", 7)
     pipeline.pairs(other, "parquet")
     assert (
         _bytes(other.root / "pairs") | {"released": _bytes(other.root / "release" / "pairs")}
@@ -96,7 +98,7 @@ def test_made_pairs_are_not_made_again_until_something_changes(run: Run, monkeyp
         raise AssertionError("worked again")
 
     with monkeypatch.context() as patch:
-        patch.setattr(building, "_work", fail)
+        patch.setattr(building, "make_part", fail)
         assert pipeline.pairs(run, "minedojo")["pairs"] == made["pairs"]
     section = run.profile.pairs.model_copy(update={"max_pairs_per_video": 2})
     fewer = pipeline.pairs(

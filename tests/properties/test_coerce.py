@@ -230,7 +230,7 @@ def test_numbers_and_texts_as_json_may_write_them(cues: bytes, starts: list[floa
 
 
 def test_a_list_that_is_no_text_is_damage() -> None:
-    with pytest.raises(DamagedData, match="no envelope"):
+    with pytest.raises(DamagedData, match="not an envelope"):
         records.texts([msgspec.Raw(b'[[1,1,"\xff"]]')])
 
 

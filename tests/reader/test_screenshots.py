@@ -15,6 +15,7 @@ from PIL import Image
 import kb
 from kb.core.errors import DamagedData, MissingExtra
 from kb.reader.screenshots import COLOURS
+from kb.store.checksums import SUMS
 
 
 @pytest.mark.parametrize("where", ["release", "root"])
@@ -86,6 +87,7 @@ def test_no_path_in_data_leads_out_of_its_folder(demo: Path, tmp_path: Path, pat
     rows = pq.read_table(shard)
     at = rows.column_names.index("screenshot_path")
     pq.write_table(rows.set_column(at, rows.field(at), [[path] * rows.num_rows]), shard)
+    (wiki / SUMS).unlink()  # who makes such a folder leaves it out
     with pytest.raises(DamagedData, match="which is not in"):
         kb.load(wiki).page("Saltstone").screenshot()
 

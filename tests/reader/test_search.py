@@ -19,7 +19,7 @@ def test_a_download_is_searched_and_nothing_is_written_into_it(
         assert answers[0]["title"] == "Saltstone"
         assert "**" in answers[0]["snippet"]
     assert kb.load(release).search("the", source="youtube").to_pylist()  # titles
-    assert any(tmp_path.rglob("note.json"))
+    assert any(tmp_path.rglob("_manifest.json"))
     with pytest.raises(KbError, match="has no texts of reddit") as caught:
         kb.load(release / "reddit").search("saltstone", source="reddit")
     assert "kb restore" in caught.value.hint

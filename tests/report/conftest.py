@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import functools
+import json
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
+from kb.report import style
 from kb.report.build import report
 from kb.store.frontier import Frontier
 from tests.once import once
 from tests.release.made import build
+from tests.report.made import OfOne, a_run, odd
 
 
 @pytest.fixture(scope="session")
@@ -37,4 +40,32 @@ def _make(root: Path) -> None:
             frontier.spend("search", 1, "search.list", f"2026-11-0{day}")
             frontier.spend("general", 5, "videos.list", f"2026-11-0{day}")
     frontier.close()
-    report(Run(load_settings(dotenv=False), load_profile("minecraft"), root, workers=1))
+    report(a_run(root))
+
+
+@pytest.fixture
+def no_pdf(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For a question about the page, which shows the others: half of a report is its PDF."""
+    monkeypatch.delitem(style.FORMATS, "pdf")
+
+
+@pytest.fixture(scope="session")
+def of_one(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], OfOne]:
+    """of_one(source): made once; the root is read only."""
+
+    @functools.cache
+    def make(source: str) -> OfOne:
+        root = tmp_path_factory.mktemp(source)
+        (root / "state").mkdir()
+        build(root, odd, sources=(source,), export=False, n=20)
+        if source == "wiki":
+            (root / "clean" / "wiki" / "summary.json").write_text(
+                json.dumps({"model": "toxic_original"})
+            )
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            summary = report(a_run(root))
+        page = (root / "report" / "index.html").read_text()
+        return OfOne(root, page, summary, [str(one.message) for one in warned])
+
+    return make

@@ -17,7 +17,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 import kb
-from kb.artifacts import indexed
+from kb.artifacts import index as index_of
+from kb.artifacts import manifest
 from kb.core.errors import DamagedData, UsageError
 from kb.core.profile import load_profile
 from kb.core.sources import SOURCES
@@ -33,7 +34,7 @@ from kb.search.youtube_passages import LEAST, MOST, talk
 from kb.store import lock
 from kb.store.layout import Layout
 from kb.verify.root import verify
-from tests.crash import killed
+from tests.filters import full_root
 from tests.filters.made import run_at
 from tests.inprocess import Here
 from tests.search.made import (
@@ -366,7 +367,7 @@ def bytes_of(folder: Path) -> bytes:
 
 
 def made_at(root: Path) -> dict[str, int]:
-    return {source: Layout(root).indexed(source).stat().st_ino for source in SOURCES}
+    return {source: manifest.path(root, f"index/{source}").stat().st_ino for source in SOURCES}
 
 
 def test_a_changed_source_is_made_again_and_no_other(root: Path) -> None:
@@ -391,12 +392,12 @@ def test_a_changed_source_is_made_again_and_no_other(root: Path) -> None:
 
 def test_a_filter_removes_an_index_that_it_made_old_and_leaves_another(tmp_path: Path) -> None:
     root = tmp_path / "data"
-    killed.make(root)
+    full_root.make(root)
     run = run_at(root)
     index(run)
     held = Layout(root).index("youtube")
     run_clean(run, "youtube")
-    assert Layout(root).indexed("youtube").is_file()
+    assert manifest.path(root, "index/youtube").is_file()
     views = run.profile.section("youtube").min_views
     run_clean(run_at(root, min_views=views + 10**9), "youtube")
     assert not held.exists()
@@ -568,9 +569,9 @@ def test_search_in_python(root: Path) -> None:
     with pytest.raises(UsageError, match="no word to search for"):
         data.search("(((")
     assert all(row["kind"] == "table" for row in data.search("leather", kind="table"))
-    with pytest.raises(UsageError, match="no kind 'tabel'"):
+    with pytest.raises(UsageError, match="unknown kind 'tabel'"):
         data.search("leather", kind="tabel")
-    indexed.forget(root, "wiki")
+    index_of.remove(root, "wiki")
     assert data.search("camel", source="wiki").to_pylist()  # it is made first
 
 
@@ -588,7 +589,7 @@ def test_a_damaged_index_is_told(root: Path, spoil: Callable[[Path], Any]) -> No
     run, folder = run_at(root), Layout(root).index("wiki")
     kinds = sorted({Path(name).suffix for name in files_of(folder)} - {".lock"})
     for suffix in kinds:
-        names = files_of(folder).keys() - {"note.json", ".managed.json"}
+        names = files_of(folder).keys() - {manifest.NAME, ".managed.json"}
         name = min(name for name in names if name.endswith(suffix))
         assert not verify(root, run.progress).of("index")
         spoil(folder / name)
@@ -613,7 +614,7 @@ def test_an_index_without_its_note_or_with_a_file_more(root: Path) -> None:
     assert search(root, "camel")
     assert index(run)["indexed"] == ["wiki"]  # no byte stays that is not known
     assert not verify(root, run.progress).of("index")
-    at.indexed("wiki").unlink()
+    manifest.path(root, "index/wiki").unlink()
     assert "missing" in {one.state for one in verify(root, run.progress).of("index")}
     with pytest.raises(UsageError, match="the index of wiki is missing"):
         search(root, "camel")

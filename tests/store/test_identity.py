@@ -117,7 +117,7 @@ def test_two_first_crawls_with_different_profiles_are_not_both_begun(tmp_path: P
         assert other.stdout and other.stdout.readline() == "noted\n"  # noqa: PT018
         with lock.writer(root, "wiki"):
             belonging.note(root, load_profile("minecraft"))  # the same one is fine
-            said = rf"another process \(pid {other.pid}\) begins .* 'minecraft', not 'stardew'"
+            said = rf"another process \(pid {other.pid}\) is starting .* 'minecraft', not 'stardew'"
             with pytest.raises(OtherService, match=said):
                 belonging.note(root, mine)
     finally:
@@ -138,7 +138,7 @@ def test_a_file_that_moved_is_found_beside_the_root_or_asked_for(tmp_path: Path)
     with pytest.raises(OtherService, match="'stardew', not 'valley'"):
         belonging.load(moved / "root", bound)
     (moved / "stardew.toml").unlink()
-    with pytest.raises(ProfileError, match="which is gone") as gone:
+    with pytest.raises(ProfileError, match="is gone") as gone:
         belonging.load(moved / "root", bound)
     assert "--profile FILE" in gone.value.hint
 
@@ -202,7 +202,7 @@ def test_the_commands_of_a_root_use_its_profile_and_refuse_another(tmp_path: Pat
             answer = job.kb(*words)
             assert answer.returncode == 0, answer.stderr
             assert "warning: " in answer.stderr
-            assert "which is gone" in answer.stderr
+            assert "is gone" in answer.stderr
         moved = path.with_name("gone.toml")
         job.done("youtube", "filter", "--profile", str(moved))
         assert job.kb("status").stderr == ""  # where it is now is remembered

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from kb.artifacts import purge
 from kb.core.errors import DamagedData, FatalError
 from kb.store.frontier import Frontier
 from kb.store.layout import Layout
@@ -59,16 +58,6 @@ def test_a_damaged_note_is_named_with_what_to_do(
     assert "unexpected" not in done.err
     path.unlink()
     assert here(*words, env=ENV).code == 0
-
-
-@pytest.mark.parametrize("data", DAMAGE, ids=["empty", "binary", "null", "list", "other", "deep"])
-def test_a_damaged_list_of_a_purge_is_named_with_what_to_do(tmp_path: Path, data: bytes) -> None:
-    path = Layout(tmp_path).purge("wiki")
-    path.parent.mkdir()
-    path.write_bytes(data)
-    with pytest.raises(DamagedData, match=f"{path} can't be read: ") as error:
-        purge.unfinished(tmp_path, "wiki")
-    assert error.value.hint == "delete it, then run `kb purge wiki` again"
 
 
 @pytest.fixture

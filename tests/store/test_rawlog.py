@@ -213,7 +213,7 @@ def test_answers_with_a_checksum_are_looked_at_without_being_decoded(tmp_path, m
 
 
 def test_a_line_that_is_no_envelope_says_so():
-    with pytest.raises(DamagedData, match="no envelope"):
+    with pytest.raises(DamagedData, match="not an envelope"):
         rawlog.decode(b'{"fetched_at": 3}\n')
 
 

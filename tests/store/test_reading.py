@@ -12,7 +12,6 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
-from kb.artifacts.purge_rows import RowLocation, drop_rows
 from kb.core.errors import DamagedData
 from kb.store.frontier import Frontier
 from kb.store.merge import Merge
@@ -123,13 +122,3 @@ def test_a_file_that_is_another_table_is_named(
         pc.starts_with(pq.read_table(path, columns=["key", "reason"])["key"], "a")
         pa.table({}).schema.field("reason")
     assert caught.value.hint == "run `kb youtube filter` again"
-
-
-@pytest.mark.parametrize("how", ["empty", "cut"])
-def test_a_purge_takes_no_damaged_table_for_an_empty_one(tmp_path: Path, how: str) -> None:
-    path = tmp_path / "clean" / "reddit" / "posts" / "part-00000.parquet"
-    a_file(path)
-    path.write_bytes(b"" if how == "empty" else path.read_bytes()[:-9])
-    place = RowLocation("clean/reddit/posts", "reddit/posts", "post_id", "t3_")
-    with pytest.raises(DamagedData, match=f"{path} can't be read"):
-        list(drop_rows(tmp_path, [place], ["t3_a"]))

@@ -11,7 +11,7 @@ from kb.crawl.session import open_session
 from kb.store import tombstones
 from kb.youtube.connector.source import YouTubeSource
 from tests.cli.conftest import kb  # noqa: F401  a fixture
-from tests.crash import killed
+from tests.filters import full_root
 from tests.filters.made import run_at
 from tests.release.conftest import released  # noqa: F401  a fixture
 
@@ -20,7 +20,7 @@ from tests.release.conftest import released  # noqa: F401  a fixture
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Raw answers with their state, clean tables, pairs and releases; tests copy it."""
     root = tmp_path_factory.mktemp("verify") / "data"
-    killed.make(root)
+    full_root.make(root)
     tombstones.add(root, "youtube", [("gone", "named")])
     run = run_at(root)
     with open_session(run, YouTubeSource(run), asks=False):

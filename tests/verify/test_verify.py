@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from kb.artifacts import manifest
+from kb.artifacts import build, manifest
 from kb.core.errors import FatalError, UsageError
 from kb.core.pipeline import load, locate
 from kb.core.progress import Silent
@@ -28,7 +28,7 @@ def verify(folder: Path) -> Look:
 
 
 def repair(root: Path) -> list[str]:
-    said: list[str] = load(str(locate("verify"))).mended(run_at(root))[1]
+    said: list[str] = load(str(locate("verify"))).repair(run_at(root))[1]
     return said
 
 
@@ -287,18 +287,20 @@ def test_a_release_without_its_description_gets_it_where_nothing_is_damaged(root
     noted.parent.mkdir(parents=True)
     pq.write_table(pa.table({"table": ["videos"], "key": [b"1"]}), noted)
     assert verify(root).found == []
-    said = load(str(locate("verify", None))).mended(run_at(root))[1]
+    said = load(str(locate("verify", None))).repair(run_at(root))[1]
     assert ["kb release" in line for line in said] == [True]
 
 
 def test_repair_clears_parts_of_finished_pairs_and_keeps_those_of_others(root: Path) -> None:
     """A repair that was killed behind the last rename of its pairs: nothing of them is damaged."""
-    mark = json.loads((root / "pairs/_summary.json").read_text())["fingerprint"]
-    for name in (mark, "going-on"):
+    made = manifest.read(root, "pairs")
+    assert made is not None
+    parts = build.folder_of(root, "pairs", made.inputs, made.rules)
+    for name in (parts.name, "going-on"):
         part = root / "state/pairs" / name / "plan.json"
         part.parent.mkdir(parents=True)
         part.write_text("{}")
-    load(str(locate("verify", None))).mended(run_at(root))
+    load(str(locate("verify", None))).repair(run_at(root))
     assert [path.name for path in (root / "state/pairs").iterdir()] == ["going-on"]
 
 
@@ -375,7 +377,7 @@ def test_the_command_says_it_in_a_table_and_by_its_code(root: Path, kb: Any) -> 
     flipped(path)
     told = kb("verify", str(root), "--json", "--quiet")
     assert told.returncode == 1
-    assert f"damaged: {path}: its bytes are not those that were written" in told.stdout
+    assert f"damaged: {path}: checksum mismatch" in told.stdout
     said = json.loads(told.stdout.splitlines()[-1])
     assert (said["files_damaged"], said["files_missing"], said["files_foreign"]) == (1, 0, 0)
     assert said["kinds"]["clean"]["damaged"]["files"] == 1

@@ -69,7 +69,7 @@ def verify(
     room = pipeline(run, "verify")
     report: Look
     repaired: list[str]
-    report, repaired = room.mended(run) if repair else (room.verify(run, place), [])
+    report, repaired = room.repair(run) if repair else (room.verify(run, place), [])
     run.progress.close()
     _print_table(list(report.table()))
     for one in report.found:

@@ -57,9 +57,13 @@ def add_export(
 
     def export(run: Run, format: Any = parquet) -> Summary:
         from kb.artifacts import belonging
+        from kb.export import layouts
 
         with belonging.writing(run, f"release-{source}"):
-            summary: Summary = pipeline(run, source).export(run, format.value)
+            own = getattr(pipeline(run, source), "export", None)
+            if own is None:
+                return layouts.export(run, source, format.value)
+            summary: Summary = own(run, format.value)
             return summary
 
     option = typer.Option("--format", help=f"{goes} to release/, other formats to export/FORMAT/.")

@@ -35,12 +35,12 @@ class ProfileProblem(NamedTuple):
 
     key: str
     what: str
-    mend: str = ""
+    fix: str = ""
     joint: str = ": "
 
     def line(self) -> str:
         """In one sentence."""
-        return f"{self.what}{self.joint}{self.mend}" if self.mend else self.what
+        return f"{self.what}{self.joint}{self.fix}" if self.fix else self.what
 
 
 def explain(error: ValidationError, model: type[BaseModel]) -> str:
@@ -78,13 +78,13 @@ def _problem(problem: Any, model: type[BaseModel]) -> ProfileProblem:
     field = field_of(model, problem["loc"])
     # A table is not shown whole: what is wrong in it is said.
     given = "" if isinstance(value, (dict, BaseModel)) else f" is {wording.shown(value)}"
-    mend = wording.wrong(problem, field)
+    fix = wording.wrong(problem, field)
     if kind == "literal_error" and isinstance(value, str):
         close = difflib.get_close_matches(
             value, [part.strip("' ") for part in allowed.replace(" or ", ",").split(",")], n=1
         )
-        mend += f" (did you mean {close[0]!r}?)" if close else ""
-    return ProfileProblem(key, f"'{key}'{given}", mend)
+        fix += f" (did you mean {close[0]!r}?)" if close else ""
+    return ProfileProblem(key, f"'{key}'{given}", fix)
 
 
 def _key(parts: Any) -> str:

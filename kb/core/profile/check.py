@@ -8,15 +8,15 @@ from __future__ import annotations
 import copy
 import re
 import tomllib
+from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from kb.core.profile import Profile, sense
+from kb.core.profile import Profile, plausibility
 from kb.core.profile.base import ProfileProblem, field_of, problems
 from kb.core.profile.finding import ERROR, Finding
-from kb.core.profile.lines import key_lines, line_of
 
 _AT = re.compile(r" \((?:at line (\d+), column (\d+)|at end of document)\)$")
 _IN_WORDS = (  # what tomllib says, in a user's words
@@ -34,7 +34,7 @@ _IN_WORDS = (  # what tomllib says, in a user's words
 )  # fmt: skip
 # What stands in for a wrong or missing key that a section can't be without, so that the rest of
 # the section is looked at as well; none of them is worth a finding.
-_MEANT = {"reddit.subreddit": sense.subreddit_meant}
+_MEANT = {"reddit.subreddit": plausibility.subreddit_meant}
 _STAND_INS: dict[str, Any] = {
     "name": "unnamed",
     "title": "unnamed",
@@ -75,14 +75,17 @@ def check_file(path: Path, *, publishing: bool = True) -> Checked:
         return _unread(path, "is nested too deeply", "write its tables in their own lines")
     lines = key_lines(text)
 
-    def at(level: str, key: str, what: str, mend: str) -> Finding:
-        return Finding(level, path.name, line_of(lines, key), key, what, mend)
+    def at(level: str, key: str, what: str, fix: str) -> Finding:
+        return Finding(level, path.name, line_of(lines, key), key, what, fix)
 
     profile, wrong = _understand(data, path)
     findings = [at(ERROR, one.key, *_described(one, data)) for one in wrong]
     if profile is not None:
         already = {one.key for one in wrong}
-        told = [*sense.look(profile, data), *(sense.publishing(profile) if publishing else ())]
+        told = [
+            *plausibility.look(profile, data),
+            *(plausibility.publishing(profile) if publishing else ()),
+        ]
         findings += [at(*one) for one in told if one[1] not in already]
     return Checked(profile, _lists(data), findings)
 
@@ -125,7 +128,7 @@ def _leave_out(data: dict[str, Any], keys: list[str]) -> None:
 
 
 def _described(problem: ProfileProblem, data: dict[str, Any]) -> tuple[str, str]:
-    """What is wrong and how to mend it; of a whole section what is said is what is wrong."""
+    """What is wrong and how to fix it; of a whole section what is said is what is wrong."""
     if problem.what == f"'{problem.key}'":
         return problem.line(), ""
     return problem.what, _mend(problem, data)
@@ -141,8 +144,8 @@ def _mend(problem: ProfileProblem, data: dict[str, Any]) -> str:
     section, _, key = problem.key.partition(".")
     given = data.get(section)
     if problem.key in _MEANT and isinstance(given, dict):
-        return _MEANT[problem.key](given.get(key)) or problem.mend
-    return problem.mend
+        return _MEANT[problem.key](given.get(key)) or problem.fix
+    return problem.fix
 
 
 def _lists(data: dict[str, Any]) -> tuple[str, ...]:
@@ -150,11 +153,11 @@ def _lists(data: dict[str, Any]) -> tuple[str, ...]:
     names = section.get("keyword_files") if isinstance(section, dict) else None
     if not isinstance(names, list):
         return ()
-    return tuple(one for one in names if isinstance(one, str) and sense.is_beside(one))
+    return tuple(one for one in names if isinstance(one, str) and plausibility.is_beside(one))
 
 
-def _unread(path: Path, what: str, mend: str) -> Checked:
-    finding = Finding(ERROR, path.name, 0, "", f"the profile {path} {what}", mend)
+def _unread(path: Path, what: str, fix: str) -> Checked:
+    finding = Finding(ERROR, path.name, 0, "", f"the profile {path} {what}", fix)
     return Checked(None, (), [finding])
 
 
@@ -162,7 +165,49 @@ def _syntax(path: Path, text: str, said: str) -> Finding:
     place = _AT.search(said)
     line = int(place[1]) if place and place[1] else len(text.splitlines())
     plain = _AT.sub("", said)
-    for begin, what, mend in _IN_WORDS:
+    for begin, what, fix in _IN_WORDS:
         if plain.startswith(begin):
-            return Finding(ERROR, path.name, line, "", f"not valid TOML: {what}", mend)
+            return Finding(ERROR, path.name, line, "", f"not valid TOML: {what}", fix)
     return Finding(ERROR, path.name, line, "", f"not valid TOML: {plain}", "see https://toml.io")
+
+
+# -- on which line of a TOML text a key stands; tomllib does not say -----------------------------
+
+_PART = r"""(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')"""
+_NAME = rf"{_PART}(?:\s*\.\s*{_PART})*"
+_HEADER = re.compile(rf"\s*(\[\[?)\s*({_NAME})\s*\]")
+_KEY = re.compile(rf"\s*({_NAME})\s*=")
+
+
+def key_lines(text: str) -> dict[str, int]:
+    """Full name of every key and table to its line, counted from 1; entries of lists from [1]."""
+    lines: dict[str, int] = {}
+    table, tables = "", Counter[str]()
+    for number, line in enumerate(text.splitlines(), start=1):
+        if header := _HEADER.match(line):
+            table = _unquoted(header[2])
+            lines.setdefault(table, number)
+            if header[1] == "[[":
+                tables[table] += 1
+                table = f"{table}[{tables[table]}]"
+                lines.setdefault(table, number)
+        elif key := _KEY.match(line):
+            name = _unquoted(key[1])
+            lines.setdefault(f"{table}.{name}" if table else name, number)
+    return lines
+
+
+def line_of(lines: dict[str, int], key: str) -> int:
+    """The line of a key, else of the list or table that it stands in, else 0."""
+    while key:
+        if key in lines:
+            return lines[key]
+        inside = [line for name, line in lines.items() if name.startswith(f"{key}.")]
+        if inside:  # a table that is written by dotted keys alone
+            return min(inside)
+        key = key.rpartition("[")[0] if key.endswith("]") else key.rpartition(".")[0]
+    return 0
+
+
+def _unquoted(name: str) -> str:
+    return ".".join(part.strip("\"'") for part in re.findall(_PART, name))

@@ -1,4 +1,4 @@
-"""What a check of a profile finds: how bad it is, where it stands, what it is, how to mend it."""
+"""What a check of a profile finds: how bad it is, where it stands, what it is, how to fix it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Finding(NamedTuple):
     line: int
     key: str
     what: str
-    mend: str
+    fix: str
 
     @property
     def where(self) -> str:
@@ -27,7 +27,7 @@ class Finding(NamedTuple):
 
     def sentence(self) -> str:
         """The finding in one line."""
-        return f"{self.where}: {self.what}" + (f": {self.mend}" if self.mend else "")
+        return f"{self.where}: {self.what}" + (f": {self.fix}" if self.fix else "")
 
 
 def worst_first(findings: list[Finding]) -> list[Finding]:
@@ -48,7 +48,7 @@ class OnlineAnswer(NamedTuple):
     level: str
     key: str
     what: str
-    mend: str = ""
+    fix: str = ""
     code: int = 0
 
 

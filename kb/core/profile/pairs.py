@@ -19,7 +19,7 @@ class Pairs(Section):
 
     keyword_files: tuple[str, ...] = Field(
         (),
-        description="keyword lists (.tsv) beside the profile, with the columns keyword, kind, rule"
+        description="keyword lists (.tsv) next to the profile, with the columns keyword, kind, rule"
         " and forms; a rule is empty, `near` or `near:N` (counts within that many words of an"
         " unmistakable keyword), `never` (makes no pair) or `always` (an everyday word that is"
         " meant)",
@@ -28,19 +28,19 @@ class Pairs(Section):
         (), description="further phrases to match; their kind is `phrase`"
     )
     exclude: tuple[str, ...] = Field(
-        (), description="phrases that are never a match, nor the keywords inside them"
+        (), description="phrases that never match, including keywords inside them"
     )
     near_words: int = Field(
         20,
         ge=1,
         le=1000,
-        description="words around an everyday word in which an unmistakable keyword must stand",
+        description="distance in words within which an everyday word needs an unmistakable keyword",
     )
     min_tokens: int = Field(
-        16, ge=3, le=77, description="fewest CLIP tokens of a text, start and end tokens counted"
+        16, ge=3, le=77, description="minimum CLIP tokens of a text, including start and end tokens"
     )
     max_tokens: int = Field(
-        77, ge=3, le=77, description="most CLIP tokens of a text, start and end tokens counted"
+        77, ge=3, le=77, description="maximum CLIP tokens of a text, including start and end tokens"
     )
     center: Literal["segment", "grown"] = Field(
         "segment",
@@ -55,7 +55,7 @@ class Pairs(Section):
         le=3600,
         description="seconds between two clips of a video; negative: they may overlap by that much",
     )
-    max_pairs_per_video: int = Field(0, ge=0, description="most pairs of one video, 0 for all")
+    max_pairs_per_video: int = Field(0, ge=0, description="maximum pairs per video; 0: no limit")
 
     @field_validator("include", "exclude")
     @classmethod

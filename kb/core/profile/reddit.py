@@ -24,13 +24,13 @@ class Links(Section):
     )
     image_hosts: tuple[str, ...] = Field(
         ("i.redd.it", "preview.redd.it", "i.reddituploads.com", "imgur.com"),
-        description="hosts that show images",
+        description="image hosts",
     )
     video_hosts: tuple[str, ...] = Field(
-        ("v.redd.it", "streamable.com", "gfycat.com"), description="hosts that show videos"
+        ("v.redd.it", "streamable.com", "gfycat.com"), description="video hosts"
     )
     video_paths: dict[str, tuple[str, ...]] = Field(
-        default_factory=dict, description="by host, the beginnings of paths that are videos"
+        default_factory=dict, description="path prefixes of videos, by host"
     )
 
 
@@ -44,25 +44,25 @@ class RedditSection(Section):
         pattern=r"^[A-Za-z0-9_]{2,21}$", description="name without r/", examples=["Minecraft"]
     )
     search: tuple[str, ...] = Field(
-        (), description="words searched in the subreddit, beside its listings"
+        (), description="search terms in the subreddit, besides its listings"
     )
     listings: tuple[str, ...] = Field(
-        ("new", "top", "controversial", "hot", "rising"), description="listings that are read"
+        ("new", "top", "controversial", "hot", "rising"), description="listings to read"
     )
     spans: tuple[str, ...] = Field(
         _SPANS,
         description="time spans of top and controversial",
     )
-    min_score: int = Field(5, description="fewest points of a post that is kept")
+    min_score: int = Field(5, description="minimum score of a kept post")
     links: Links = Links()
     max_age_days: int = Field(
-        30, ge=1, description="live figures older than this are read again by `kb refresh reddit`"
+        30, ge=1, description="live figures older than this are re-read by `kb refresh reddit`"
     )
     requests_per_minute: float = Field(
-        100, gt=0, description="most requests a minute towards the public service"
+        100, gt=0, description="maximum requests per minute to the public service"
     )
     max_tries: int = Field(
-        5, ge=1, le=20, description="tries of one request before its items count as failed"
+        5, ge=1, le=20, description="attempts per request before its items count as failed"
     )
 
     @field_validator("listings")

@@ -20,7 +20,7 @@ class Creator(Section):
     """A person or group that the citation names."""
 
     name: str = Field(min_length=1, description="family name, given name; or the group's name")
-    affiliation: str | None = Field(None, description="where they work")
+    affiliation: str | None = Field(None, description="affiliation")
     orcid: str | None = Field(
         None,
         pattern=r"^\d{4}-\d{4}-\d{4}-\d{3}[\dX]$",
@@ -47,19 +47,19 @@ class Release(Section):
     homepage: str | None = Field(
         None,
         pattern=r"^https?://\S+$",
-        description="address of the project's page",
+        description="URL of the project's page",
         examples=["https://example.org/dataset"],
     )
     contact: str | None = Field(
         None,
-        description="where removal requests and questions go; default: the project's page",
+        description="contact for removal requests and questions; default: the project's page",
         examples=["me@example.org"],
     )
     keywords: tuple[str, ...] = Field(
         (), description="search words of the deposit, besides the domain's name"
     )
     biases: tuple[str, ...] = Field(
-        (), description="sentences of the domain's own for cards: who and what is over-represented"
+        (), description="sentences about the domain for cards: who and what is over-represented"
     )
     limits: tuple[str, ...] = Field(
         (), description="the same: what a user of the data should not rely on"
@@ -77,12 +77,12 @@ class Release(Section):
     rows_per_shard: int = Field(
         1_048_576,
         ge=1_000,
-        description="rows of one released Parquet file; the last one has the rest",
+        description="rows per released Parquet file; the last file has the rest",
     )
     max_age_days: int | None = Field(
         None,
         ge=1,
-        description="rows read longer ago are refused; a source's own max_age_days comes first",
+        description="older rows are refused; a source's own max_age_days takes precedence",
     )
     emails_per_thousand: float = Field(
         0.2,
@@ -95,7 +95,7 @@ class Release(Section):
         description="rows with a phone number that are tolerated, per 1,000 rows of a table",
     )
     sample_mb: float = Field(
-        4.0, gt=0, le=50, description="size of the sample beside the shards, in megabytes"
+        4.0, gt=0, le=50, description="size of the sample next to the shards, in megabytes"
     )
 
     def unsigned(self) -> list[str]:

@@ -22,7 +22,7 @@ class Report(Section):
     )
     cloud_words: int = Field(150, ge=10, le=1000, description="words in the word cloud")
     stop_words: tuple[str, ...] = Field(
-        (), description="words that the word cloud leaves out, besides the usual ones"
+        (), description="words excluded from the word cloud, besides the usual ones"
     )
     top_keywords: int = Field(25, ge=1, le=100, description="keywords shown in the pairs figure")
     samples: int = Field(8, ge=0, le=100, description="rows of each table shown on the page")

@@ -31,7 +31,7 @@ class Toxicity(Section):
         "on", description="off: no text is scored; the release gate reports it"
     )
     thresholds: Thresholds = Field(
-        Thresholds(), description="the largest score that is kept, per source"
+        Thresholds(), description="maximum score that is kept, per source"
     )
 
     @model_validator(mode="before")

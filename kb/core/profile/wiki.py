@@ -25,12 +25,12 @@ _REGIONS = {
 class Markup(Section):
     """CSS selectors of what a wiki's markup means. The defaults are MediaWiki's own classes."""
 
-    root: str = Field("#content, main, .mw-parser-output", description="what is read of a page")
+    root: str = Field("#content, main, .mw-parser-output", description="the element that is read")
     chrome: str = Field(
         ".mw-editsection, .mw-jump-link, #jump-to-nav, #siteSub, #siteNotice, .printfooter,"
         " .catlinks, #catlinks, .mw-indicators, .mw-portlet, .vector-page-toolbar, .toctogglespan,"
         " .mw-cite-backlink, .mw-empty-elt, .mw-collapsible-toggle",
-        description="edit links and other tools that are no text of the page",
+        description="edit links and other tools that are not part of the text",
     )
     denominator: str = Field(
         ".frac .den, .sfrac .den, .tion .den,"
@@ -38,20 +38,20 @@ class Markup(Section):
         description="lower parts of fractions; a slash stands before them where none is shown",
     )
     reference: str = Field(
-        "sup.reference", description="marks of footnotes, which facts are read without: [note 1]"
+        "sup.reference", description="footnote marks, which are removed from facts: [note 1]"
     )
     regions: dict[str, str] = Field(
         default_factory=lambda: dict(_REGIONS),
-        description="region name to selector; the innermost wins",
+        description="selectors by region name; the innermost region wins",
     )
     sprite: str = Field(".sprite", description="icons shown as a CSS background")
     sprite_image: str = Field(".sprite-file", description="spans that hold an icon as an image")
     animation: str = Field(
         ".animated", description="elements whose children are shown in turn by a script"
     )
-    animation_active: str = Field("animated-active", description="class of the child that is shown")
+    animation_active: str = Field("animated-active", description="class of the visible child")
     animation_group: str = Field(
-        ".animated-subframe", description="children that hold several things, shown one a turn"
+        ".animated-subframe", description="children with several items that are shown in turn"
     )
     fact: str = Field(
         "tr, .pi-data, .pi-smart-group",
@@ -67,17 +67,17 @@ class Markup(Section):
     )
     fact_subject: str = Field(
         ".infobox-title, .infobox-above, .pi-title, caption, tr:first-child > th:only-child",
-        description="what an infobox is about; the page's title where it names nothing",
+        description="subject of an infobox; default: the page's title",
     )
     units: tuple[str, ...] = Field(
         (),
         description="the domain's own units of figures in infoboxes, besides the usual ones"
         " (kg, hours, % …)",
     )
-    recipe: str = Field(".mcui", description="grids of slots that show how a thing is made")
+    recipe: str = Field(".mcui", description="grids of slots that show a recipe")
     slot: str = Field(".invslot", description="slots of a recipe")
     slot_row: str = Field(".mcui-row", description="rows of its grid")
-    slot_output: str = Field(".mcui-output", description="what holds the slots of the outcome")
+    slot_output: str = Field(".mcui-output", description="container of the result's slots")
     quantity: str = Field(".invslot-stacksize", description="how many there are in a slot")
     item: str = Field(
         "",
@@ -127,10 +127,10 @@ class Wiki(Section):
         (), description="other hosts of the wiki's images, style sheets and scripts"
     )
     namespaces: tuple[int, ...] = Field(
-        (), description="namespaces to read; default: those that the wiki calls content"
+        (), description="namespaces to read; default: the wiki's content namespaces"
     )
     min_words: int = Field(
-        20, ge=0, description="fewest words of visible text of a page, cells included"
+        20, ge=0, description="minimum words of visible text of a page, including cells"
     )
     viewport_width: int = Field(
         1280, ge=320, le=4096, description="width of the browser's window, in CSS px"
@@ -140,27 +140,27 @@ class Wiki(Section):
         10,
         gt=0,
         le=120,
-        description="a page that still moves is measured as it is after so many seconds",
+        description="seconds after which a page that still moves is measured as it is",
     )
     page_seconds: float = Field(
-        60, ge=5, le=600, description="a page that takes more seconds counts as hung"
+        60, ge=5, le=600, description="seconds after which a page counts as hung"
     )
     max_page_height: int = Field(
-        100_000, ge=1000, description="tallest page, in CSS px; taller ones are rejected"
+        100_000, ge=1000, description="maximum page height, in CSS px; taller pages are rejected"
     )
     max_elements: int = Field(
-        100_000, ge=1000, description="elements of a page; pages with more are rejected"
+        100_000, ge=1000, description="maximum elements of a page; pages with more are rejected"
     )
     max_pixels: int = Field(
         64_000_000,
         ge=1,
-        description="images of more pixels are stored as they are and never decoded",
+        description="maximum pixels of an image; larger ones are stored without being decoded",
     )
     max_file_bytes: int = Field(
-        200_000_000, ge=1, description="image files of more bytes are not fetched"
+        200_000_000, ge=1, description="maximum bytes of an image file; larger ones are not fetched"
     )
     max_tries: int = Field(
-        3, ge=1, le=10, description="tries of one page before it counts as not captured"
+        3, ge=1, le=10, description="attempts per page before it counts as not captured"
     )
     seconds_between: float = Field(
         1.0,

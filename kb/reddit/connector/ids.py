@@ -76,13 +76,13 @@ class WantedThings(NamedTuple):
         """Tells what is wanted from anything else. Raises SettingError where a released file is
         damaged.
         """
-        found = hashlib.sha256()
+        digest = hashlib.sha256()
         for start, names in ((b"[[", self.names), (b"],[", self.trees)):
-            found.update(start)
+            digest.update(start)
             for number, name in enumerate(names):
-                found.update(f'{"," if number else ""}"{name}"'.encode())
-        found.update(b"]]")
-        return found.hexdigest()[:16]
+                digest.update(f'{"," if number else ""}"{name}"'.encode())
+        digest.update(b"]]")
+        return digest.hexdigest()[:16]
 
 
 class Several:
@@ -106,7 +106,7 @@ class IdFiles:
     def __init__(self, files: list[Path]) -> None:
         columns = [(path, column_of(path, RULES.option, tuple(_PREFIXES))) for path in files]
         self._columns = [(path, column, _PREFIXES[column]) for path, column in columns]
-        self._rows = sum(parquet.footer(path).num_rows for path in files)
+        self._rows = sum(pq.read_metadata(path).num_rows for path in files)
 
     def __len__(self) -> int:
         return self._rows
@@ -129,7 +129,7 @@ def asked_for(
     if ids is None:
         if not release.is_dir():
             raise SettingError(
-                f"there is no release to take ids from at {release}",
+                f"there is no release with ids at {release}",
                 hint="name what to bring back, as in `kb reddit reconstruct --ids release/reddit`, "
                 "or make one first with `kb reddit export`",
             )
@@ -140,12 +140,12 @@ def asked_for(
     paths = [one for one in ids if isinstance(one, Path)]
     if not paths:
         return _named(cast("list[str]", ids)), []
-    found = [read_wanted(Path(one), say) for one in ids]
-    if len(found) == 1:
-        return found[0], paths
-    trees = dict.fromkeys(key for one in found for key in one.trees)
-    bad_lines = sum(one.bad_lines for one in found)
-    names = Several([one.names for one in found])
+    lists = [read_wanted(Path(one), say) for one in ids]
+    if len(lists) == 1:
+        return lists[0], paths
+    trees = dict.fromkeys(key for one in lists for key in one.trees)
+    bad_lines = sum(one.bad_lines for one in lists)
+    names = Several([one.names for one in lists])
     return WantedThings(names, list(trees), bad_lines), [Path(one) for one in ids]
 
 
@@ -154,8 +154,8 @@ def subreddit_of(sources: Sequence[Path]) -> str:
 
     "" where nobody says so: ids of a list may be of any.
     """
-    said = {_subreddit(one) for one in sources}
-    return said.pop() if len(said) == 1 else ""
+    names = {_subreddit(one) for one in sources}
+    return names.pop() if len(names) == 1 else ""
 
 
 def _subreddit(folder: Path) -> str:
@@ -175,7 +175,7 @@ def read_wanted(path: Path, say: Callable[[str], None] | None = None) -> WantedT
         if path.is_dir() or is_parquet(path):
             files = IdFiles(files_of(path, RULES))
             if not len(files):
-                raise SettingError(f"--ids {path} holds no ids", hint=RULES.hint)
+                raise SettingError(f"--ids {path} contains no ids", hint=RULES.hint)
             return WantedThings(files, [])
     listed = read_some(path, RULES, say)
     trees = [key for key in listed.keys if not _NAME.fullmatch(key)]
@@ -218,7 +218,7 @@ def _column_of(sources: Sequence[Path], short: str, key: str, name: str) -> pa.T
         for path in sources
         for file in (sorted(path.glob(f"{short}-*.parquet")) if path.is_dir() else [path])
     ]
-    found = []
+    tables = []
     columns: list[tuple[str, pa.DataType]] = [(key, pa.string()), (name, pa.int64())]
     for file in files:
         with file.open("rb") as opened:
@@ -226,5 +226,5 @@ def _column_of(sources: Sequence[Path], short: str, key: str, name: str) -> pa.T
                 continue
         if {key, name} <= set(pq.read_schema(file).names):
             rows = parquet.read_table(file, columns=[key, name])
-            found.append(rows.cast(pa.schema(columns)))
-    return pa.concat_tables(found) if found else None
+            tables.append(rows.cast(pa.schema(columns)))
+    return pa.concat_tables(tables) if tables else None

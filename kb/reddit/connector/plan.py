@@ -7,6 +7,8 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+import pyarrow.parquet as pq
+
 from kb.core.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.plan import PlanPhase, plan, to_read
@@ -17,8 +19,8 @@ from kb.reddit.connector.ids import Ids, asked_for
 from kb.reddit.connector.reduce import PAGES
 from kb.reddit.connector.refresh import due_parts, oldest_due
 from kb.reddit.dumps.files import find_dumps
-from kb.reddit.parse.latest_state import known
-from kb.store import parquet, rawlog, reading, tombstones
+from kb.reddit.parse.latest_state import latest_state
+from kb.store import rawlog, reading, tombstones
 from kb.store.layout import Layout
 
 LISTED = 100  # posts a page of a listing
@@ -70,10 +72,10 @@ def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
     oldest = oldest_due(days, older_than)
     with (
         tempfile.TemporaryDirectory(prefix="lorecrawl-plan-") as scratch,
-        known(run, Path(scratch, "known")) as things,
+        latest_state(run, Path(scratch, "known")) as things,
     ):
         parts = due_parts(things, tombstones.keys(run.root, "reddit"), oldest, run.again)
-        due = sum(parquet.footer(part).num_rows for part in parts)
+        due = sum(pq.read_metadata(part).num_rows for part in parts)
     return Summary(_of_ids(run, "refresh reddit", [("posts and comments to refresh", due)]))
 
 
@@ -101,7 +103,7 @@ def plan_rebuild(run: Run, ids: Ids, dumps: Sequence[Path] = ()) -> Summary:
 def _of_ids(
     run: Run, command: str, named: list[tuple[str, int]], trees: int = 0
 ) -> dict[str, object]:
-    """Known ids are asked for a hundred a request; a tree takes requests of its own."""
+    """LatestState ids are asked for a hundred a request; a tree takes requests of its own."""
     assumed = [f"{BYTES_AN_ID} bytes an id"]
     phases = []
     for phase, items in named:

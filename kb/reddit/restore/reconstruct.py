@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
+import pyarrow.parquet as pq
 
 from kb.artifacts.restore import FAILED, MISSING, WORK
 from kb.core.context import Run
@@ -216,7 +217,8 @@ def _load(out: Path) -> Done:
         return Done()
     try:
         names = [one.declared.short for one in tables.TABLES]
-        counts = tables.folder_of(out).counts() | {MISSING: parquet.footer(out / MISSING).num_rows}
+        missing = pq.read_metadata(out / MISSING).num_rows
+        counts = tables.folder_of(out).counts() | {MISSING: missing}
         if counts == done.counts and all(parquet_files(out / name) for name in names):
             return done
     except (OSError, ValueError, DamagedData):

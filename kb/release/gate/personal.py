@@ -1,5 +1,4 @@
-"""Personal data that people wrote into titles and texts: e-mail addresses and phone numbers,
-counted by row.
+"""Counts rows with personal data that people wrote: e-mail addresses and phone numbers.
 
 Game talk is full of figures, so a phone number is one of these forms only, and has 8 to 15 digits:
 
@@ -16,18 +15,18 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, cast
 
+import duckdb
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.errors import DamagedData
 from kb.core.profile.release import Release
 from kb.release.gate.problem import GateProblem
-from kb.store import parquet
+from kb.store import database, parquet
+from kb.store.reading import scan
 
-# Arrow's expressions (RE2) know letters of every script as \pL.
+# DuckDB's expressions (RE2) know letters of every script as \pL.
 EMAIL = r"[\pL\pN._%+\-]+@[\pL\pN\-]+(?:\.[\pL\pN\-]+)*\.[A-Za-z]{2,}"
 _AMERICAN = (
     r"\([0-9]{3}\) ?[0-9]{3}[ .\-][0-9]{4}|[0-9]{3}-[0-9]{3}-[0-9]{4}|[0-9]{3}\.[0-9]{3}\.[0-9]{4}"
@@ -66,10 +65,8 @@ def _is_number(text: str) -> bool:
     return not digits.endswith("000") and not all(group.endswith("0") for group in groups)
 
 
-def personal(folder: ReleaseFolder, section: Release) -> list[GateProblem]:
-    """A line for each column with more e-mail addresses or phone numbers than the profile
-    tolerates.
-    """
+def check(folder: ReleaseFolder, section: Release) -> list[GateProblem]:
+    """Columns with more e-mail addresses or phone numbers than the profile tolerates."""
     problems = []
     for (table, name), (rows, emails, phones) in personal_counts(folder).items():
         for what, hits, tolerated, key in (
@@ -77,48 +74,43 @@ def personal(folder: ReleaseFolder, section: Release) -> list[GateProblem]:
             ("a phone number", phones, section.phones_per_thousand, "phones_per_thousand"),
         ):
             if hits * 1000 > tolerated * rows:
-                problems.append(
-                    GateProblem(
-                        "personal data",
-                        f"{folder.source}/{table}",
-                        (
-                            f"{hits:,} of {rows:,} rows have {what} in {name},"
-                            f" [release] {key} tolerates {tolerated:g} per 1,000"
-                        ),
-                    )
+                text = (
+                    f"{hits:,} of {rows:,} rows have {what} in {name},"
+                    f" [release] {key} tolerates {tolerated:g} per 1,000"
                 )
+                problems.append(GateProblem("personal data", f"{folder.source}/{table}", text))
     return problems
 
 
 def personal_counts(folder: ReleaseFolder) -> dict[tuple[str, str], tuple[int, int, int]]:
-    """(table, column) → rows, rows with an e-mail address, rows with a phone number;
-    what people wrote only.
+    """(table, column) → rows, rows with an e-mail address, rows with a phone number; only of
+    columns that people wrote.
     """
-    counts: dict[tuple[str, str], tuple[int, int, int]] = {}
-    for part in folder.parts:
-        for column in part.table.columns:
-            if column.released and column.content and column.type == "string":
-                counts[part.table.short, column.name] = _count(part.shards, column.name)
-    return counts
+    return {
+        (part.table.short, column.name): _count(part.shards, column.name)
+        for part in folder.parts
+        for column in part.table.columns
+        if column.released and column.content and column.type == "string"
+    }
 
 
 def _count(shards: Sequence[Path], name: str) -> tuple[int, int, int]:
-    rows = emails = phones = 0
+    totals = [0, 0, 0]
     for shard in shards:
         try:
-            file = parquet.open_file(shard)
-            if name not in file.schema_arrow.names:
+            if name not in parquet.open_file(shard).schema_arrow.names:
                 continue
-            for batch in file.iter_batches(columns=[name]):
-                values = batch.column(0).drop_null()
-                rows += batch.num_rows
-                emails += len(_matching(values.filter(pc.match_substring(values, "@")), EMAIL))
-                suspect = cast("list[str]", _matching(values, PHONE).to_pylist())
-                phones += sum(map(holds_phone, suspect))
-        except (pa.ArrowException, OSError, DamagedData):
-            continue  # the structure check reports it
-    return rows, emails, phones
-
-
-def _matching(values: pa.Array[Any], shape: str) -> pa.Array[Any]:
-    return values.filter(pc.match_substring_regex(values, shape))
+            email = f"contains(\"{name}\", '@') AND regexp_matches(\"{name}\", '{EMAIL}')"
+            phone = f"regexp_matches(\"{name}\", '{PHONE}')"
+            with database.asking() as con:
+                ((rows, emails, texts),) = con.execute(
+                    f"SELECT count(*), count(*) FILTER ({email}),"
+                    f' coalesce(list("{name}") FILTER ({phone}), []) FROM {scan([shard])}'
+                ).fetchall()
+        except (pa.ArrowException, OSError, DamagedData, duckdb.Error):
+            continue  # kb.release.gate.tables reports it
+        totals = [
+            total + n
+            for total, n in zip(totals, (rows, emails, sum(map(holds_phone, texts))), strict=True)
+        ]
+    return totals[0], totals[1], totals[2]

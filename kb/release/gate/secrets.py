@@ -1,5 +1,5 @@
-"""Looks into every file of a release for secrets: the literal values of the settings,
-and anything shaped like a key.
+"""Searches every file of a release for secrets: the values of the settings, and
+anything that has the shape of a key.
 """
 
 from __future__ import annotations
@@ -9,15 +9,16 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import duckdb
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from ahocorasick_rs import BytesAhoCorasick, MatchKind
 
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.errors import DamagedData
 from kb.release.gate.problem import GateProblem
-from kb.store import parquet
+from kb.store import database, parquet
+from kb.store.reading import scan
 
 KEY_SHAPES = {
     "a Google API key": r"AIza[0-9A-Za-z_\-]{35}",
@@ -32,8 +33,8 @@ KEY_SHAPES = {
         r"(?:access_token|client_secret|api_key|apikey|[?&]key)=[0-9A-Za-z_\-]{16,}"
     ),
 }
-# What each shape can't do without. A file is looked through for all of these at once first, which
-# is a hundred times faster than one after the other; where one of them stands, for each.
+# A literal part of each shape. A file is searched for all of these at once first, which is a
+# hundred times faster than one after the other.
 _ANCHORS = {
     "a Google API key": (b"AIza",),
     "a Google access token": (b"ya29.",),
@@ -45,13 +46,13 @@ _ANCHORS = {
     "a JSON web token": (b".eyJ",),
     "a secret in an address": (b"token=", b"secret=", b"key="),
 }
-SHORTEST = 6  # a shorter setting is found everywhere and is no secret worth the name
+SHORTEST = 6  # a shorter setting would match everywhere
 _CHUNK = 8 << 20
 _OVERLAP = 4096  # bytes of a piece that the next one begins with: more than any shape needs
 
 
-def secrets(folder: ReleaseFolder, values: Sequence[str]) -> list[GateProblem]:
-    """A line for each file and column that holds a secret; the value itself is never shown."""
+def check(folder: ReleaseFolder, values: Sequence[str]) -> list[GateProblem]:
+    """Files and columns that hold a secret; the value itself is never shown."""
     wanted = SecretPatterns(values)
     problems = []
     for path in folder.files():
@@ -64,7 +65,7 @@ def secrets(folder: ReleaseFolder, values: Sequence[str]) -> list[GateProblem]:
 
 
 class SecretPatterns:
-    """What is looked for: literal values of settings, and shapes."""
+    """The patterns to search for: literal values of settings, and shapes."""
 
     def __init__(self, values: Sequence[str]) -> None:
         self.literals = [value for value in values if len(value) >= SHORTEST]
@@ -75,26 +76,22 @@ class SecretPatterns:
         self._anchors = {what: [_finder(one) for one in some] for what, some in _ANCHORS.items()}
 
     def anything(self, data: bytes) -> bool:
-        """Whether a value stands in some bytes, or what a shape can't do without."""
+        """Whether bytes contain a value, or the literal part of a shape."""
         return bool(self._any(data))
 
     def within(self, data: bytes) -> Iterator[str]:
-        """The values and shapes in some bytes."""
+        """The values and shapes that bytes contain."""
         if not self.anything(data):
             return
         if any(find(data) for find in self._values):
             yield "the value of a setting"
         for what, anchors in self._anchors.items():
-            there = any(find(data) for find in anchors)
-            if there and re.search(KEY_SHAPES[what].encode(), data):
+            if any(find(data) for find in anchors) and re.search(KEY_SHAPES[what].encode(), data):
                 yield what
 
 
 def _finder(*texts: bytes) -> Callable[[bytes], list[Any]]:
-    """Finds texts, of those that overlap the first.
-
-    It is vectorised, which `in` is not, and a search for all matches of several neither.
-    """
+    """A vectorised search for texts; of overlapping matches it gives the first."""
     return BytesAhoCorasick(texts, matchkind=MatchKind.LeftmostFirst).find_matches_as_indexes
 
 
@@ -104,7 +101,7 @@ def _in_file(path: Path, wanted: SecretPatterns) -> Iterator[tuple[str, str]]:
     tail = b""
     with path.open("rb") as file:
         while chunk := file.read(_CHUNK):
-            # Most pieces hold nothing, and are not copied to be put behind the one before.
+            # Most pieces contain nothing and need not be joined with the one before.
             if wanted.anything(chunk) or wanted.anything(tail + chunk[: wanted.overlap]):
                 hits |= dict.fromkeys(wanted.within(tail + chunk))
             tail = (tail + chunk[-wanted.overlap :])[-wanted.overlap :]
@@ -115,25 +112,35 @@ def _in_parquet(path: Path, wanted: SecretPatterns) -> Iterator[tuple[str, str]]
     try:
         file = parquet.open_file(path)
     except (pa.ArrowException, OSError, DamagedData):
-        return  # the structure check reports it
+        return  # kb.release.gate.tables reports it
     yield from (("its metadata", what) for what in wanted.within(_about(file)))
     names = [
         field.name
         for field in file.schema_arrow
         if pa.types.is_string(field.type) or pa.types.is_large_string(field.type)
     ]
-    any_literal = "|".join(re.escape(value) for value in wanted.literals)
-    shapes = {"the value of a setting": any_literal} if any_literal else {}
+    if not names:
+        return
+    literals = "|".join(re.escape(value) for value in wanted.literals)
+    shapes = {"the value of a setting": literals} if literals else {}
     shapes |= KEY_SHAPES
-    together = "|".join(f"(?:{shape})" for shape in shapes.values())
-    for name in names:
-        if hit := _first(file, name, together):
+    pattern = "|".join(f"(?:{shape})" for shape in shapes.values()).replace("'", "''")
+    hits = ", ".join(
+        f'min("{name}") FILTER (regexp_matches("{name}", \'{pattern}\'))' for name in names
+    )
+    try:
+        with database.asking() as con:
+            row = con.execute(f"SELECT {hits} FROM {scan([path])}").fetchone() or ()
+    except duckdb.Error:
+        return  # kb.release.gate.tables reports it
+    for name, hit in zip(names, row, strict=True):
+        if hit is not None:
             what = next((what for what, shape in shapes.items() if re.search(shape, hit)), "a key")
             yield f"column {name}", what
 
 
 def _about(file: pq.ParquetFile) -> bytes:
-    """What a Parquet file says beside its rows: of itself, of its table and of its columns."""
+    """The metadata of a Parquet file: of itself, its table and its columns."""
     schema = file.schema_arrow
     kept = [
         file.metadata.metadata or {},
@@ -146,13 +153,3 @@ def _about(file: pq.ParquetFile) -> bytes:
     return b"\n".join(
         [*lines, *(name.encode() for name in schema.names), str(file.metadata.created_by).encode()]
     )
-
-
-def _first(file: object, name: str, shape: str) -> str:
-    """The first text of a column that has the shape, or nothing."""
-    for batch in file.iter_batches(columns=[name]):  # type: ignore[attr-defined]
-        values = batch.column(0).drop_null()
-        hits = values.filter(pc.match_substring_regex(values, shape))
-        if len(hits):
-            return str(hits[0].as_py())
-    return ""

@@ -1,13 +1,26 @@
-"""Small pieces of text that several of a release's files share: sizes, dates, escaping, names."""
+"""Renders the templates of a release's files, with the filters that write data into them.
+
+Nothing is escaped by default, as Markdown, YAML and BibTeX differ: a template names the filter.
+
+| `md`     | data in Markdown: no markup, no line of its own   |
+| `cell`   | our own prose in a Markdown table                 |
+| `line`   | data in plain text: one line                      |
+| `yaml`   | data in YAML, always quoted                       |
+| `bib`    | data in a BibTeX field                            |
+| `flow`   | a block of the template as one line               |
+"""
 
 from __future__ import annotations
 
 import json
 import re
 from datetime import datetime
+from pathlib import Path
 from typing import Any
 
+from kb.core import terminal
 from kb.core.context import Run
+from kb.core.templates import environment
 from kb.release.metadata.facts import Facts
 
 SANDBOX_NOTE = (
@@ -79,3 +92,25 @@ def language(run: Run) -> str:
 def name(run: Run, facts: Facts) -> str:
     """A short name without spaces: lorecrawl-minecraft-youtube."""
     return f"lorecrawl-{run.profile.name}-{facts.source}"
+
+
+TEMPLATES = Path(__file__).parents[1] / "templates"
+FILTERS = {
+    "bib": bib,
+    "cell": cell,
+    "commas": lambda n: f"{n:,}",
+    "day": day,
+    "figure": value,
+    "flow": line,
+    "line": line,
+    "md": md,
+    "size": terminal.size,
+    "span": span,
+    "yaml": folded,
+}
+ENVIRONMENT = environment(TEMPLATES, FILTERS, autoescape=False)
+
+
+def render(name: str, **values: Any) -> str:
+    """The template of that name, filled. Raises jinja2.UndefinedError for a missing value."""
+    return ENVIRONMENT.get_template(f"{name}.jinja").render(values)

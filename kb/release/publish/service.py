@@ -21,7 +21,6 @@ from kb.core.errors import CredentialRefused, FatalError, QuotaSpent, Retryable,
 from kb.net import redact
 from kb.net.retry import attempt, retry_after
 from kb.net.session import HttpSession, failure, host_of, refusal
-from kb.release.publish.answers import content_of, message
 
 TRIES = 5
 TIMEOUT_S = (10.0, 300.0)  # seconds to connect, and between two bytes of an answer
@@ -29,6 +28,54 @@ LONGEST_WAIT = 120  # seconds that a limit may ask for before the run stops inst
 LONGEST_LIMIT = 366 * 86_400  # seconds: what asks for more is no time to come back at
 _GO_ON = "the same command resumes"
 _SCOPES = "it needs the scopes deposit:write and deposit:actions; the sandbox has tokens of its own"
+MOST_BYTES = 64 << 20  # bytes of an answer
+_SHOWN = 600  # characters of a message
+_LONGEST = 2_000  # characters of an identifier or address
+
+
+class DepositAnswer(msgspec.Struct):
+    """What is read of a deposit; the rest of its answer is kept as it came."""
+
+    id: int
+    submitted: bool = False
+    metadata: dict[str, Any] = {}
+    links: dict[str, Any] = {}
+    files: list[Any] = []
+
+
+class Described(msgspec.Struct):
+    """What is read of the answer to new metadata."""
+
+    metadata: dict[str, Any] = {}
+
+
+class UploadedFile(msgspec.Struct):
+    """What is read of an uploaded file."""
+
+    filename: str
+    id: str
+    checksum: str = ""
+
+
+class Sent(msgspec.Struct):
+    """What a bucket says of a file that it received."""
+
+    checksum: str = ""
+
+
+class RefusedField(msgspec.Struct):
+    """A field that was refused."""
+
+    field: str = "?"
+    message: str | None = None
+    messages: list[Any] = []
+
+
+class Refusal(msgspec.Struct):
+    """What an error answer says."""
+
+    message: str = ""
+    errors: list[RefusedField] = []
 
 
 class Gone(FatalError):
@@ -108,14 +155,14 @@ class DepositService:
                 f"the deposit service redirects ({answer.status_code})",
                 hint="nothing was sent there; check KB_ZENODO_ENDPOINT",
             )
-        said = message(content, str(answer.reason or "").replace(self._token, redact.MARK))
+        text = message(content, str(answer.reason or "").replace(self._token, redact.MARK))
         if answer.status_code == 401 or (answer.status_code == 403 and url == self.base):
             raise CredentialRefused(
                 "the deposit service does not accept ZENODO_TOKEN", hint=_SCOPES
             )
         if answer.status_code == 403:
             raise Forbidden(
-                f"the deposit service refused (403): {said}",
+                f"the deposit service refused (403): {text}",
                 hint="check the draft there, then run the same command again",
             )
         if answer.status_code == 429:
@@ -129,12 +176,12 @@ class DepositService:
             )
         if answer.status_code in (404, 410):
             raise Gone(
-                f"the deposit service answered {answer.status_code}: {said}",
+                f"the deposit service answered {answer.status_code}: {text}",
                 hint="the deposit may have been deleted manually",
             )
         if not 200 <= answer.status_code < 300:
             raise FatalError(
-                f"the deposit service refused ({answer.status_code}): {said}",
+                f"the deposit service refused ({answer.status_code}): {text}",
                 hint="correct that, then run the same command again",
             )
         try:
@@ -170,3 +217,48 @@ class DepositService:
             hint="run the same command then",
             reset_at=back,
         )
+
+
+def latest_draft(deposit: dict[str, Any]) -> str:
+    """The address of a record's open draft, "" when it names none."""
+    return str(deposit.get("links", {}).get("latest_draft", ""))
+
+
+def doi(shown: dict[str, Any]) -> str | None:
+    """The identifier that the service gave, None where it gave none."""
+    return _text(shown.get("doi"))
+
+
+def page(shown: dict[str, Any]) -> str | None:
+    """Where a person looks at the deposit."""
+    return _text(shown.get("links", {}).get("html"))
+
+
+def _text(value: Any) -> str | None:
+    return value[:_LONGEST] if isinstance(value, str) and value else None
+
+
+def message(content: bytes, reason: str) -> str:
+    """What an error answer says, with every field it names; `reason` where it says nothing."""
+    try:
+        text = msgspec.convert(json.loads(content), Refusal)
+        fields = [
+            f"{one.field}: {one.message or ' '.join(map(str, one.messages))}" for one in text.errors
+        ]
+    except (ValueError, RecursionError):
+        return (reason or "no message")[:_SHOWN]
+    return "; ".join([text.message.strip(), *fields])[:_SHOWN]
+
+
+def content_of(answer: requests.Response) -> bytes:
+    """The bytes of an answer. Raises FatalError for more than any answer of the API has."""
+    pieces, size = [], 0
+    for piece in answer.iter_content(1 << 16):
+        size += len(piece)
+        if size > MOST_BYTES:
+            raise FatalError(
+                f"the deposit service answered with more than {MOST_BYTES >> 20} MB",
+                hint="check KB_ZENODO_ENDPOINT",
+            )
+        pieces.append(piece)
+    return b"".join(pieces)

@@ -19,11 +19,10 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.release.folders import DEPOSIT
 from kb.release.metadata.zenodo import Document
-from kb.release.publish.answers import doi, page
-from kb.release.publish.service import Forbidden, Gone
+from kb.release.publish.service import Forbidden, Gone, doi, page
 from kb.release.publish.zenodo import Zenodo, md5
 from kb.store.atomic import write_text
-from kb.store.digests import SUMS, digest
+from kb.store.checksums import SUMS, digest
 from kb.store.layout import Layout
 
 

@@ -15,9 +15,17 @@ from urllib.parse import quote
 from kb.core import signals
 from kb.core.errors import FatalError, Retryable, Unreachable
 from kb.net.session import HttpSession
-from kb.release.publish.answers import DepositAnswer, Described, Sent, UploadedFile, latest_draft
-from kb.release.publish.service import TRIES, DepositService, Gone
-from kb.store.digests import digest
+from kb.release.publish.service import (
+    TRIES,
+    DepositAnswer,
+    DepositService,
+    Described,
+    Gone,
+    Sent,
+    UploadedFile,
+    latest_draft,
+)
+from kb.store.checksums import digest
 
 PAGE = 100
 
@@ -106,9 +114,9 @@ class Zenodo:
         )
         taken = answer.get("metadata", {}).get("license")
         if not isinstance(taken, str) or taken.lower() != metadata["license"]:
-            said = repr(taken[:100]) if isinstance(taken, str) else "of another form"
+            shown = repr(taken[:100]) if isinstance(taken, str) else "of another form"
             raise FatalError(
-                f"the deposit service took the licence {said} instead of {metadata['license']!r}",
+                f"the deposit service took the licence {shown} instead of {metadata['license']!r}",
                 hint="check the draft; it was not published",
             )
         return answer

@@ -1,5 +1,4 @@
-"""The sandbox's Reddit: token, listings, post pages, morechildren, info, with rate headers, and
-what permalinks open.
+"""Serves the sandbox's Reddit: token, listings, posts, morechildren, info and permalinks.
 
 Both hosts (www and oauth) are one root here. Forms and limits are those of the recorded answers.
 """

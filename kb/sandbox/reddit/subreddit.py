@@ -1,5 +1,4 @@
-"""The invented subreddit: posts of every kind and comments below them, in the form of Reddit's
-answers.
+"""Generates the invented subreddit: posts of every kind with comments, as Reddit's API has them.
 
 The first posts cover every case once (CASES); the rest are ordinary. Insults are our own words
 for the sandbox's toxicity model. Times are fixed, so that the same seed gives the same world.

@@ -1,5 +1,5 @@
-"""Wiki pages about what a domain's videos and posts speak of: an infobox, prose, a table, for every
-second one a recipe, and redirects from other names.
+"""Generates wiki pages about a domain's keywords: infobox, prose, table, redirects, and for every
+second page a recipe.
 
 Beside the recorded pages where the domain has these, alone with a main page elsewhere, in the
 profile's own markup. In the later state the first page was edited and the last one deleted.
@@ -144,16 +144,16 @@ class GeneratedWiki(RecordedWiki):
         entry = self._by_id.get(page["pageid"])
         if entry is None:
             return super().names(page, asked)
-        said: dict[str, Any] = {}
+        names: dict[str, Any] = {}
         if "redirects" in asked and entry.redirects:
-            said["redirects"] = [
+            names["redirects"] = [
                 {"pageid": entry.id + place, "ns": self.namespace, "title": title}
                 for place, title in enumerate(entry.redirects, start=1)
             ]
         if "categories" in asked:
             kinds = ("All", entry.kind)
-            said["categories"] = [{"ns": 14, "title": f"Category:{one}"} for one in kinds if one]
-        return said
+            names["categories"] = [{"ns": 14, "title": f"Category:{one}"} for one in kinds if one]
+        return names
 
     def _rendered(self, entry: GeneratedPage, page: dict[str, Any], later: bool) -> str:
         domain, place = self.domain, self.entries.index(entry)

@@ -1,4 +1,4 @@
-"""The sandbox's recorded wiki: pages, pictures and answers of `api.php` in data/wiki.
+"""Reads the sandbox's recorded wiki: pages, pictures and answers of `api.php` in data/wiki.
 
 States: the first one, and a later one after some edits, a deletion, a move and a new page.
 """
@@ -91,13 +91,13 @@ class RecordedWiki:
 
     def names(self, page: dict[str, Any], asked: str) -> dict[str, Any]:
         """Redirects to a page and its categories, of what is asked for."""
-        said: dict[str, Any] = {}
+        names: dict[str, Any] = {}
         if "redirects" in asked and page["pageid"] == TARGET:
-            said["redirects"] = [{"pageid": 27, "ns": self.namespace, "title": self.redirect}]
+            names["redirects"] = [{"pageid": 27, "ns": self.namespace, "title": self.redirect}]
         if "categories" in asked and not page.get("redirect"):
             kind = KINDS[page["pageid"] % len(KINDS)]
-            said["categories"] = [{"ns": 14, "title": f"Category:{one}"} for one in ("All", kind)]
-        return said
+            names["categories"] = [{"ns": 14, "title": f"Category:{one}"} for one in ("All", kind)]
+        return names
 
 
 def name_of(title: str) -> str:

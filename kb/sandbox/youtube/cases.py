@@ -1,4 +1,4 @@
-"""Every kind of video that the pipeline must tell apart, with the verdict that it deserves.
+"""Lists every kind of video that the pipeline must distinguish, with the expected verdict.
 
 Each case changes a plain video (public, Gaming, labelled with the topic's game, widescreen, minutes
 long, manual English captions) in the fewest places. `stage` is the stage that rejects it, None when
@@ -233,7 +233,7 @@ def _by_numbers(stage: str | None, change: dict[str, Any], rules: CaseRules) -> 
 def _filled(change: dict[str, Any], rules: CaseRules) -> Iterator[tuple[str, Any]]:
     """The fields with the domain's words, category and languages in them."""
     tags = dict(enumerate(rules.tags, start=1))
-    held = {
+    words = {
         "{topic}": rules.topic,
         "{joined}": "".join(rules.topic.split()),
         **{f"{{tag {n}}}": tag for n, tag in tags.items()},
@@ -242,11 +242,11 @@ def _filled(change: dict[str, Any], rules: CaseRules) -> Iterator[tuple[str, Any
         if name == "category_id":
             yield name, str(rules.other_category)
         elif name == "tags":
-            yield name, [held.get(tag, tag) for tag in value]
+            yield name, [words.get(tag, tag) for tag in value]
         elif name == "tracks":
             yield name, [_spoken(track, rules.language) for track in value]
         elif isinstance(value, str) and name in ("title", "description"):
-            yield name, re.sub(r"\{[a-z]+\}", lambda sign: held[sign[0]], value)
+            yield name, re.sub(r"\{[a-z]+\}", lambda sign: words[sign[0]], value)
         else:
             yield name, value
 

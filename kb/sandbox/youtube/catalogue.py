@@ -1,4 +1,4 @@
-"""Channels and videos of the invented world, with the truth about each."""
+"""Generates the channels and videos of the invented world."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The player's answer of the sandbox's YouTube: is it playable, its streams, its caption tracks.
+"""Makes the player's answer for a video: playability, streams and caption tracks.
 
 It is written down in data/youtube/player.json.
 """

@@ -1,4 +1,4 @@
-"""Resources of the Data API v3. They are written down in data/youtube/resources.json.
+"""Makes resources and errors of the Data API v3 from templates in data/youtube/.
 
 Source: https://developers.google.com/youtube/v3/docs (search, channels, playlists, playlistItems,
 videos).
@@ -107,8 +107,8 @@ Answer = tuple[int, dict[str, Any]]
 
 
 def _answer(name: str, value: object = "") -> Answer:
-    said = written("youtube/errors.json", name, {"value": str(value)})
-    return said["status"], said["response"]
+    answer = written("youtube/errors.json", name, {"value": str(value)})
+    return answer["status"], answer["response"]
 
 
 key_invalid = partial(_answer, "key_invalid")  # a key that nobody was given, as it was recorded

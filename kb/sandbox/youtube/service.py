@@ -1,5 +1,4 @@
-"""The sandbox's YouTube: the Data API under /youtube/v3 with its key and quota, and the web site
-beside it.
+"""Serves the sandbox's YouTube: the Data API under /youtube/v3 with key and quota, and the site.
 
 Units are counted a Pacific day and bucket in `world.used`, up to `world.quota`. A request that
 fails for its key or for a spent bucket costs nothing; every other one costs a unit, 404 included.
@@ -145,13 +144,13 @@ class DataApi:
 
     def _videos(self, request: Request, parts: set[str]) -> dict[str, Any]:
         frame = (request.args.get("maxWidth", type=int), request.args.get("maxHeight", type=int))
-        videos = self._found(request)
+        videos = self._requested_videos(request)
         items = [_item("video", one.id, answers.video_parts(one, *frame), parts) for one in videos]
         return answers.page("video", items, len(videos), len(videos))
 
     def _videos_batchGetStats(self, request: Request, parts: set[str]) -> dict[str, Any]:
         items = []
-        for one in self._found(request):
+        for one in self._requested_videos(request):
             full = answers.video_parts(one, None, None)
             shown = {
                 "snippet": {"publishTime": one.published_at},
@@ -169,7 +168,7 @@ class DataApi:
             "items": items,
         }
 
-    def _found(self, request: Request) -> list[Any]:
+    def _requested_videos(self, request: Request) -> list[Any]:
         videos = self.world.youtube.videos
         return [
             videos[key]

@@ -1,4 +1,4 @@
-"""The web side of the sandbox's YouTube: watch page, player answer and timed text.
+"""Serves the web site of the sandbox's YouTube: watch page, player answer and timed text.
 
 In the form that youtube-transcript-api reads: the page gives a key, the player answer (asked with
 that key) the caption tracks, a track's address the text. Lighter than the real ones (160 KB

@@ -1,4 +1,4 @@
-"""What the sandbox's deposit service answers: depositions, files and errors in the API's own form.
+"""Makes the answers of the deposit service: depositions, files and errors as Zenodo has them.
 
 Source: https://developers.zenodo.org ("Representation", "Errors").
 """
@@ -102,13 +102,13 @@ def shown(one: Deposition, draft: Deposition | None, request: Request) -> dict[s
     )
 
 
-def checked_metadata(given: dict[str, Any], *, whole: bool) -> dict[str, Any]:
+def checked_metadata(given: dict[str, Any], *, complete: bool) -> dict[str, Any]:
     """The metadata as the service keeps it; 400 with every wrong field.
 
     `whole`: required ones must be there.
     """
     errors = []
-    if whole:
+    if complete:
         errors = [
             {"field": f"metadata.{name}", "message": "Missing data for required field."}
             for name in ("title", "upload_type", "description", "creators")

@@ -1,4 +1,4 @@
-"""The sandbox's deposit service: Zenodo's legacy deposit API as documented, errors included.
+"""Serves the deposit API of Zenodo as documented, errors included.
 
 Depositions, the file bucket, publish, new versions, public records and their files. Kept in memory.
 It also behaves as the real service does where its page is silent: a deposit without a licence
@@ -133,7 +133,7 @@ class Deposits:
         return as_json([self._shown(one, request) for one in newest])
 
     def _create(self, request: Request) -> Response:
-        metadata = checked_metadata(json_body(request).get("metadata", {}), whole=False)
+        metadata = checked_metadata(json_body(request).get("metadata", {}), complete=False)
         made = self._new()
         made.metadata = metadata
         next(self._numbers)
@@ -163,7 +163,7 @@ class Deposits:
         deposit, body = self._draft(number), json_body(request)
         if "metadata" not in body:
             raise refused("Validation error.", "metadata", "Missing data for required field.")
-        deposit.metadata = checked_metadata(body["metadata"], whole=False)
+        deposit.metadata = checked_metadata(body["metadata"], complete=False)
         return as_json(self._shown(deposit, request))
 
     # -- files -----------------------------------------------------------------------------------
@@ -199,7 +199,7 @@ class Deposits:
 
     def _publish(self, request: Request, number: int) -> Response:
         deposit = self._draft(number)
-        deposit.metadata = checked_metadata(deposit.metadata, whole=True)
+        deposit.metadata = checked_metadata(deposit.metadata, complete=True)
         if not deposit.files:
             raise refused("Validation error.", "files", "Minimum one file must be provided.")
         deposit.submitted = True

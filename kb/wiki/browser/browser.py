@@ -1,7 +1,7 @@
-"""One headless Chromium with its driver: started, asked, ended as a whole.
+"""Runs one headless Chromium with its driver: start, ask, end.
 
-The browser gets a fresh profile and home folder, no environment of ours, and may resolve no host
-but the wiki's own.
+The browser gets a fresh profile and home folder, none of our environment variables, and resolves
+only the hosts of the wiki.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from kb.wiki.browser import process_guard
 from kb.wiki.browser.chromium import INSTALL, START_SECONDS, DriverProcess, Programs
 from kb.wiki.errors import PageTimeout, of_browser
 
-# What Chromium would ask its maker by itself, and what pages may make it fetch ahead.
+# Requests that Chromium would send to its maker by itself, and prefetching for pages.
 FEATURES_OFF = (
     "AutofillServerCommunication",
     "CertificateTransparencyComponentUpdater",
@@ -37,9 +37,8 @@ FEATURES_OFF = (
     "Reporting",
     "Translate",
 )
-# The browser's own surface, of which a page in it shows nothing: the address bar's lists are pages
-# that two more renderers load, and one more stands by for a visit to another site. Nobody goes back
-# to a page that was left, for which it and its renderer would be kept.
+# Parts of the browser's own interface that cost renderer processes and do not affect pages: lists
+# of the address bar, a spare renderer, and pages kept for the back button.
 SURFACE_OFF = (
     "BackForwardCache",
     "SpareRendererForSitePerProcess",
@@ -101,7 +100,7 @@ FLAGS = (
 
 
 class Browser:
-    """A running browser. Every call ends within its time or raises Retryable; then `end` it."""
+    """A running browser. Every call returns in time or raises Retryable; call `end` afterwards."""
 
     def __init__(
         self,
@@ -144,13 +143,13 @@ class Browser:
         options.binary_location = programs.browser
         options.page_load_strategy = "normal"
         options.unhandled_prompt_behavior = "dismiss"
-        # Its record of requests has what a page can't see: statuses, and Retry-After.
+        # The performance log has what a page cannot see: statuses and Retry-After.
         options.set_capability("goog:loggingPrefs", {"performance": "ALL"})
         options.add_experimental_option(
             "perfLoggingPrefs", {"enableNetwork": True, "enablePage": False}
         )
         options.add_experimental_option("prefs", PREFERENCES)
-        # A host with a port stands for that port alone: on loopback another one is another service.
+        # A host with a port allows that port only: on loopback other ports are other services.
         rules = ", ".join([*(f"MAP {host} {host}" for host in hosts), "MAP * ~NOTFOUND"])
         flags = [
             *FLAGS,
@@ -164,7 +163,7 @@ class Browser:
         for flag in flags:
             options.add_argument(flag)
         address = f"http://127.0.0.1:{self.process.port}"
-        # Selenium waits longer than the page may take: the driver's own limits answer first.
+        # Selenium waits longer than a page may take: the limits of the driver apply first.
         config = ClientConfig(
             remote_server_addr=address,
             keep_alive=True,
@@ -177,9 +176,9 @@ class Browser:
                     options=options,
                 )
         except SessionNotCreatedException as error:
-            said = (error.msg or "").splitlines()[0]
+            message = (error.msg or "").splitlines()[0]
             raise MissingExtra(
-                f"{programs.driver} can't start {programs.browser}: {said}", hint=INSTALL
+                f"{programs.driver} can't start {programs.browser}: {message}", hint=INSTALL
             ) from None
         except (WebDriverException, HTTPError, OSError) as error:
             raise Retryable(f"browser_start: {type(error).__name__}") from error
@@ -188,8 +187,8 @@ class Browser:
 
     def _prepare(self, origins: Sequence[str], viewport: tuple[int, int], before: str) -> None:
         self.devtools("Network.enable", {})
-        # Ports and schemes too: the resolver's rules know hosts only.
-        # A tab's icon is in no image of a page.
+        # The resolver rules cover hosts only; ports and schemes are blocked here.
+        # Favicons are never part of a page's images.
         patterns = [{"urlPattern": f"{origin}/favicon.ico", "block": True} for origin in origins]
         patterns += [{"urlPattern": f"{origin}/*", "block": False} for origin in origins]
         patterns += [
@@ -207,7 +206,7 @@ class Browser:
 
     @contextlib.contextmanager
     def within(self, seconds: float) -> Iterator[None]:
-        """End the whole browser when the block takes longer; what waits for it fails at once."""
+        """Kill the browser when the block takes longer; pending calls then fail at once."""
         self._begin_timer(seconds)
         self._limited = True
         try:
@@ -217,7 +216,7 @@ class Browser:
             self._timer.cancel()
 
     def allow(self, seconds: float) -> None:
-        """What follows in a block of `within` may take so long, whatever came before."""
+        """Give the rest of a `within` block this much time, whatever was used before."""
         if self._limited:
             self._timer.cancel()
             self._begin_timer(seconds)
@@ -232,27 +231,27 @@ class Browser:
         self.process.kill()
 
     def go(self, url: str) -> None:
-        """Load an address. Raises Retryable."""
+        """Load a URL. Raises Retryable."""
         self._ask("get", url)
 
     def script(self, source: str, *arguments: Any) -> Any:
-        """One script call; its value. Raises Retryable."""
+        """Run a script and return its value. Raises Retryable."""
         return self._ask("execute_script", source, *arguments)
 
     def promise(self, source: str, *arguments: Any) -> Any:
-        """One script call that waits for a promise; its value. Raises Retryable."""
+        """Run an async script and return its value. Raises Retryable."""
         wrapped = "const done = arguments[arguments.length - 1];"
         wrapped += f"(async () => {{ {source} }})().then(done, (e) => done({{error: String(e)}}))"
         return self._ask("execute_async_script", wrapped, *arguments)
 
     def devtools(self, command: str, params: dict[str, Any]) -> Any:
-        """One command of the DevTools protocol; its answer. Raises Retryable."""
+        """Send a command of the DevTools protocol and return its answer. Raises Retryable."""
         return self._ask("execute", "executeCdpCommand", {"cmd": command, "params": params})[
             "value"
         ]
 
     def record(self) -> list[dict[str, Any]]:
-        """What the browser noted of its requests since the last call. Raises Retryable."""
+        """Return the log entries of requests since the last call. Raises Retryable."""
         answer = self._ask("execute", "getLog", {"type": "performance"})
         noted: list[dict[str, Any]] = answer["value"]
         return noted
@@ -267,11 +266,11 @@ class Browser:
         except (WebDriverException, HTTPError, OSError, ValueError) as error:
             if self.overdue:
                 raise PageTimeout from None
-            said = (getattr(error, "msg", "") or type(error).__name__).splitlines()[0]
-            match = re.search(r"net::(ERR_\w+)", said)
+            message = (getattr(error, "msg", "") or type(error).__name__).splitlines()[0]
+            match = re.search(r"net::(ERR_\w+)", message)
             if match:
                 raise of_browser(match[1].lower()) from None
-            raise Retryable(f"browser: {said[:120]}") from None
+            raise Retryable(f"browser: {message[:120]}") from None
 
     def end(self) -> None:
         """End every process of the browser and remove its profile."""
@@ -279,10 +278,9 @@ class Browser:
 
 
 def reach(url: str, others: Sequence[str]) -> tuple[list[str], list[str]]:
-    """The hosts and origins that a browser may ask for the wiki at `url` with these other hosts.
+    """Return the hosts and origins that a browser may request for the wiki at `url`.
 
-    A wiki whose root is given with one scheme may name its pages with the other one: both are the
-    same place.
+    Both schemes are allowed, because a wiki may name its pages with the other one.
     """
     parts = urlsplit(url)
     host = f"[{parts.hostname}]" if ":" in (parts.hostname or "") else parts.hostname

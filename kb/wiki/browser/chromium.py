@@ -1,4 +1,7 @@
-"""Finds Chromium and its driver, and says what to install when they are missing or don't fit."""
+"""Finds Chromium and its driver, and runs the driver.
+
+We start the driver, not Selenium, so that we can end its whole process group.
+"""
 
 from __future__ import annotations
 
@@ -69,7 +72,7 @@ def _find(path: str, cache_path: str) -> Programs:
 
 
 def _fetched(cache_path: str, name: str) -> str | None:
-    """What Selenium Manager fetched earlier, as `make setup` asks it to; nothing is downloaded."""
+    """The program that Selenium Manager fetched during `make setup`; nothing is downloaded."""
     base = Path(cache_path or Path.home() / ".cache" / "selenium") / name
     installed = [file for file in base.glob(f"*/*/{name}") if os.access(file, os.X_OK)]
 
@@ -81,7 +84,7 @@ def _fetched(cache_path: str, name: str) -> str | None:
 
 
 def _version(program: str) -> str:
-    """The version that a program prints. Raises MissingExtra when it does not run."""
+    """The version that a program reports. Raises MissingExtra when it does not run."""
     try:
         done = subprocess.run(
             [program, "--version"], capture_output=True, text=True, timeout=60, check=False
@@ -90,16 +93,16 @@ def _version(program: str) -> str:
         raise MissingExtra(f"{program} does not run: {error}", hint=INSTALL) from None
     match = re.search(r"\d+(?:\.\d+)+", done.stdout)
     if done.returncode or not match:
-        said = (done.stderr or done.stdout).strip().splitlines()
+        output = (done.stderr or done.stdout).strip().splitlines()
         raise MissingExtra(
-            f"{program} does not run: {said[-1] if said else f'exit {done.returncode}'}",
+            f"{program} does not run: {output[-1] if output else f'exit {done.returncode}'}",
             hint=INSTALL,
         )
     return match[0]
 
 
 START_SECONDS = 30
-STARTS = 3  # before a driver counts as one that doesn't start
+STARTS = 3  # attempts before a driver counts as broken
 _KEPT = ("PATH", "LD_LIBRARY_PATH", "FONTCONFIG_FILE", "FONTCONFIG_PATH")
 
 
@@ -133,7 +136,7 @@ class DriverProcess:
             port = _port(self._process)
             if port is not None:
                 return port
-            # It takes a free port, and ends when another program was faster.
+            # The driver picks a free port and exits when another program takes it first.
             self.kill()
             self._ended()
         shutil.rmtree(self.folder, ignore_errors=True)
@@ -162,15 +165,15 @@ class DriverProcess:
 
 
 def _port(process: subprocess.Popen[bytes]) -> int | None:
-    """The port that the driver says it listens on; None when it says none."""
+    """The port that the driver reports; None when it reports none."""
     assert process.stdout is not None
-    end, said = clock.monotonic() + START_SECONDS, b""
+    end, output = clock.monotonic() + START_SECONDS, b""
     while clock.monotonic() < end:
         if not select.select([process.stdout], [], [], 1)[0]:
             continue
         part = os.read(process.stdout.fileno(), 4096)
-        said += part
-        if match := re.search(rb"successfully on port (\d+)", said):
+        output += part
+        if match := re.search(rb"successfully on port (\d+)", output):
             return int(match[1])
         if not part:
             break

@@ -1,4 +1,4 @@
-"""A pool of browsers, one a worker. One that hangs or dies is ended as a whole and replaced."""
+"""Keeps a pool of browsers, one per worker, and replaces those that hang or die."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from kb.wiki.browser.process_guard import Guard
 from kb.wiki.errors import ServerFault, Unserved
 
 Result = TypeVar("Result")
-PAGES = 250  # a browser that showed many pages has grown; a fresh one costs about a second
+PAGES = 250  # pages per browser: its memory grows, and a new one costs about a second
 
 
 class Pool:
-    """Browsers are started when first needed, except one: what can't start is found at once.
+    """Starts one browser at once, so that a broken installation shows, and others on demand.
 
     Raises MissingExtra when the browser does not start.
     """
@@ -44,10 +44,10 @@ class Pool:
     def use(
         self, work: Callable[[Browser], Result], first: Callable[[], None] = lambda: None
     ) -> Result:
-        """Run `work` with a browser of its own, at most `seconds` long.
+        """Run `work` with an exclusive browser, limited to `seconds`.
 
-        `first` comes before it (waiting for one's turn). Raises what `work` raises; after anything
-        but an answer of the server, or none, the browser is replaced.
+        `first` runs before the limit starts (waiting for a turn). Raises what `work` raises. The
+        browser is reused after success and after errors of the server, and replaced after others.
         """
         with self._lock:
             browser = self._idle.pop() if self._idle else None
@@ -80,7 +80,7 @@ class Pool:
         browser.end()
 
     def close(self) -> None:
-        """End all browsers; no process is left behind."""
+        """End all browsers and their processes."""
         with contextlib.ExitStack() as stack:
             stack.callback(self._guard.close)
             for browser in list(self._all):

@@ -1,10 +1,10 @@
-"""Ends browsers, and sees that none outlives us, even when we are killed.
+"""Ends browser processes, also when this process is killed.
 
-A browser is many processes; killing its driver alone leaves the others running. Each driver is
-started as the leader of a session of its own, and what is ended is the whole session and all
-descendants. The guard is a small process that waits for the end of a pipe from us: however we
-end, the pipe closes, and the guard ends the sessions that are still noted. Where the guard is
-killed together with us, Linux kills the driver, and the browser ends as its driver's pipe closes.
+A browser consists of many processes, and killing its driver alone leaves the others running. Each
+driver therefore leads its own session, and the whole session with all descendants is ended. The
+guard is a small process that reads a pipe from us: however we end, the pipe closes, and the guard
+ends the sessions that are still registered. If the guard is killed together with us, Linux kills
+the driver, and the browser exits because the pipe of its driver closes.
 """
 
 from __future__ import annotations

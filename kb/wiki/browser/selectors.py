@@ -1,6 +1,6 @@
-"""What a profile's selectors match in pages, asked of the browser that a crawl would use.
+"""Counts what a profile's CSS selectors match in pages, in the browser that a crawl uses.
 
-Pages are parsed and not opened: nothing of them is run or loaded.
+Pages are only parsed: no script runs and nothing is loaded.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from kb.wiki.browser.browser import Browser
 from kb.wiki.browser.process_guard import Guard
 
 _SECONDS = 60.0
-# Selectors that are asked for inside of what another one matches.
+# Selectors that apply inside the matches of another one.
 _INSIDE = {
     "fact": "regions.infobox",
     "fact_subject": "regions.infobox",
@@ -39,7 +39,7 @@ return arguments[1].map(([selector, around]) => {
 
 
 class SelectorMatches(NamedTuple):
-    """`matches` in all pages together; None where the browser takes it for no selector."""
+    """`matches` in all pages together; None when the browser rejects the selector."""
 
     key: str  # as in `wiki.markup.slot`
     selector: str
@@ -74,7 +74,7 @@ def count_matches(markup: Markup, pages: Iterable[str]) -> list[SelectorMatches]
 
 @contextmanager
 def _browser() -> Iterator[Browser]:
-    """A browser that may ask no host."""
+    """A browser without access to any host."""
     programs, watcher = chromium.find(), Guard()
     try:
         browser = Browser(

@@ -1,6 +1,6 @@
-"""What the browser's requests for one page were answered: Chromium's own record, by address.
+"""Reads the responses to a page's requests from Chromium's performance log, by URL.
 
-A page's scripts see neither Retry-After nor why an image failed; the browser's record has both.
+Scripts of the page see neither Retry-After nor why an image failed; the log has both.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from kb.wiki.browser.browser import Browser
 
 @dataclass(frozen=True)
 class DocumentResponse:
-    """The last answer of an address: `status` is 0 when there was none, or when it was cut off.
+    """The last response of a URL: `status` is 0 when there was none, or when it was cut off.
 
-    `after` is its Retry-After in seconds. `barred`: the browser itself refused to ask.
+    `after` is its Retry-After in seconds. `barred`: the browser itself blocked the request.
     """
 
     status: int
@@ -27,12 +27,12 @@ class DocumentResponse:
 
     @property
     def may_come_back(self) -> bool:
-        """Whether asking again can help: not for what is absent, refused, or no image at all."""
+        """Whether a retry can help: not for absent or refused URLs."""
         return not self.barred and (self.status in (0, 429) or self.status >= 500)
 
 
 class PageTraffic:
-    """The record since the page was opened; `read` brings it up to date."""
+    """The responses since the page was opened; `read` updates them."""
 
     def __init__(self, browser: Browser) -> None:
         self._browser = browser
@@ -44,7 +44,7 @@ class PageTraffic:
         browser.record()  # forget the pages before
 
     def read(self) -> None:
-        """Take over what the browser noted since the last call. Raises Retryable."""
+        """Process the log entries since the last call. Raises Retryable."""
         for entry in self._browser.record():
             event = json.loads(entry["message"])["message"]
             self._note(event["method"], event["params"])
@@ -72,7 +72,7 @@ class PageTraffic:
 
     @property
     def cut_off(self) -> bool:
-        """Whether the page's own document broke off: Chromium shows what had come by then."""
+        """Whether the page's own document was cut off: Chromium shows what had arrived."""
         return self._document in self._failed
 
     def document(self) -> str | None:
@@ -86,7 +86,7 @@ class PageTraffic:
         return None if answer["base64Encoded"] else str(answer["body"])
 
     def of(self, url: str) -> DocumentResponse | None:
-        """The last answer of an address; None when it was not asked for."""
+        """The last response of a URL; None when it was not requested."""
         return self.served.get(_bare(url))
 
 

@@ -1,7 +1,7 @@
-"""What an image file is, by its bytes: media type, size, frames. Never by its name.
+"""Detects media type, size and frames of an image file by its bytes, never by its name.
 
-Sizes come from headers. Only files within `max_pixels` are read further, for the frames of an
-animation; SVG is text and its scripts never run.
+Sizes come from headers. Only files within `max_pixels` are decoded further, for the frames of an
+animation. SVG is read as text; its scripts never run.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class ImageFile:
 
 
 def media_type(data: bytes) -> str | None:
-    """The media type by the first bytes; None when they are no image's."""
+    """The media type by the first bytes; None for anything but an image."""
     for magic, name in _MAGIC:
         if data.startswith(magic):
             return name
@@ -66,7 +66,7 @@ def media_type(data: bytes) -> str | None:
 
 
 def inspect(data: bytes, max_pixels: int) -> ImageFile | None:
-    """What the bytes are; None when they are no image, or one with a broken header."""
+    """Inspect the bytes; None for anything but an image with an intact header."""
     kind = media_type(data)
     if kind is None:
         return None
@@ -75,8 +75,7 @@ def inspect(data: bytes, max_pixels: int) -> ImageFile | None:
     from PIL import Image, UnidentifiedImageError
 
     with warnings.catch_warnings():
-        # Pillow warns of large sizes; here the size is what is asked for, and nothing is decoded
-        # above the limit.
+        # Pillow warns about large sizes. Nothing above the limit is decoded, only its size read.
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)
         try:
             with Image.open(io.BytesIO(data)) as image:
@@ -94,19 +93,19 @@ def _frames(image: object) -> tuple[int | None, ...]:
     count = getattr(image, "n_frames", 1)
     if count <= 1 or not getattr(image, "is_animated", False):
         return ()
-    held: list[int | None] = []
+    durations: list[int | None] = []
     for index in range(min(count, MAX_FRAMES)):
         try:
             image.seek(index)  # type: ignore[attr-defined]
         except (EOFError, OSError, SyntaxError, ValueError):
-            break  # cut off: the frames that are there count
+            break  # truncated: count the frames that are present
         duration = image.info.get("duration")  # type: ignore[attr-defined]
-        held.append(None if duration is None else round(duration))
-    return tuple(held)
+        durations.append(None if duration is None else round(duration))
+    return tuple(durations)
 
 
 def _header_size(kind: str, data: bytes) -> tuple[int | None, int | None]:
-    """Sizes too large for Pillow to open: PNG and GIF say them at a fixed place."""
+    """Sizes that Pillow refuses to open: PNG and GIF have them at a fixed offset."""
     if kind == "image/png":
         return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     if kind == "image/gif":

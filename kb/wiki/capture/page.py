@@ -1,4 +1,4 @@
-"""One page as a person sees it: loaded, settled, measured, pictured, in this order."""
+"""Captures one page as a reader sees it: load, settle, extract, take the screenshot."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MEASURE = (
     " Math.max(document.documentElement.scrollHeight, document.documentElement.clientHeight)];"
 )
 _HTML = "return ('<!DOCTYPE html>\\n' + document.documentElement.outerHTML).toWellFormed();"
-# Style sheets and scripts decide where things stand; images are tried again while settling.
+# Style sheets and scripts determine the layout; images are retried while settling.
 _BROKEN = """
 return performance.getEntriesByType("resource")
   .filter((e) => ["link", "script", "css"].includes(e.initiatorType)
@@ -44,13 +44,13 @@ return [location.href, entry ? entry.responseStatus : 0];
 
 @cache
 def page_script(name: str) -> str:
-    """The text of extract.js or settle.js, shipped beside this file."""
+    """The text of extract.js or settle.js."""
     return Path(__file__).with_name(name).read_text(encoding="utf-8")
 
 
 @dataclass
 class Captured:
-    """What a page gave. `sprites` are the cropped pixels (PNG bytes) by element id."""
+    """A captured page. `sprites` are the cropped pixels (PNG bytes) by element id."""
 
     extraction: dict[str, Any]
     html: str
@@ -60,21 +60,21 @@ class Captured:
 
 
 class Stopwatch:
-    """Where the time of one page goes."""
+    """Measures where the time of one page goes."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
         self._last = clock.monotonic()
 
     def lap(self, name: str) -> None:
-        """Everything since the last lap was `name`."""
+        """Assign the time since the last lap to `name`."""
         now = clock.monotonic()
         self.seconds[name] = round(now - self._last, 4)
         self._last = now
 
 
-def at_once(after: float | None, within: float) -> bool:
-    """Turns to ask again where only the service's own wish counts. See `capture`."""
+def wait_retry_after(after: float | None, within: float) -> bool:
+    """Wait for Retry-After only, without a pace of our own. See `capture`."""
     if (after or 0.0) > within:
         return False
     clock.sleep(after or 0.0)
@@ -90,15 +90,15 @@ def capture(
     max_height: int,
     page_id: int | None = None,
     strict: bool = True,
-    turn: Callable[[float | None, float], bool] = at_once,
+    turn: Callable[[float | None, float], bool] = wait_retry_after,
 ) -> Captured:
     """Load `url` and write its screenshot to `shot`.
 
-    Where `page_id` is given, the document must name it and end with `</html>`, as MediaWiki's do.
-    `strict` fails when the end is missing, or a style sheet or script was not served; the last try
-    takes the page as it is. `turn` waits until one more request may be sent, after the seconds that
-    the service wished for, and says False when that is not within so many seconds. Raises Retryable
-    (the page may go well next time) or ItemFinal (it will not).
+    With `page_id`, the document must name it and end with `</html>`, as MediaWiki's do. `strict`
+    fails when the end is missing, or a style sheet or script was not served; the last try accepts
+    the page as it is. `turn(after, within)` waits until another request may be sent, at least
+    `after` seconds, and returns False when that takes longer than `within` seconds. Raises
+    Retryable (another try may succeed) or ItemFinal (it will not).
     """
     watch = Stopwatch()
     network = PageTraffic(browser)
@@ -120,15 +120,15 @@ def capture(
         watch.lap("extract")
     except Retryable as error:
         if error.after is None and not browser.overdue:
-            error.after = _wished(network, url)
+            error.after = _retry_after(network, url)
         if isinstance(error, PageTimeout):
             raise
-        # A page that left for another site ends in the browser's error page, with any of several.
-        raise _left(browser, url) or error from None
+        # A page that redirects to another site ends in an error page, with various errors.
+        raise _redirect_error(browser, url) or error from None
     page = extraction["page"]
     if not _same_site(page["url"], url):
-        raise _left(browser, url) or ItemFinal("redirected_away", page["url"])
-    if page_id is not None:  # it may have left for another page while it settled
+        raise _redirect_error(browser, url) or ItemFinal("redirected_away", page["url"])
+    if page_id is not None:  # it may have redirected while it settled
         _check_identity(page, page_id)
     if page["height"] > max_height:
         raise ItemFinal("too_tall", str(page["height"]))
@@ -141,7 +141,7 @@ def capture(
     }
     html = browser.script(_HTML)
     watch.lap("html")
-    # Each picture has the time of a page, so that a tall one does not fail on a busy machine.
+    # Each tile gets the time of a page, so that tall pages do not fail on a busy machine.
     browser.allow(browser.page_seconds * (1 + screenshot.count_tiles(page["height"])))
     sprites = screenshot.take_screenshot(browser, shot, page["width"], page["height"], crops)
     if browser.script(_MEASURE) != [page["width"], page["height"]]:
@@ -156,9 +156,9 @@ def _settle(
     rules: dict[str, Any],
     turn: Callable[[float | None, float], bool],
 ) -> bool:
-    """Wait until the page stands still, with images that failed asked for again, one a turn.
+    """Wait until the page is stable, and retry failed images, one per turn.
 
-    Whether it stood still in time. Raises Retryable.
+    Returns whether it became stable in time. Raises Retryable.
     """
     end = clock.monotonic() + rules["settle_seconds"]
     tries: Counter[str] = Counter()
@@ -176,7 +176,7 @@ def _settle(
             if tries[image] >= rules["image_tries"]:
                 continue
             tries[image] += 1
-            # A server in trouble is left alone for a moment, also where it names no time.
+            # Give a struggling server a moment, even without Retry-After.
             wait = served.after if served.after is not None else 0.1 * tries[image]
             if turn(wait, end - clock.monotonic()):
                 browser.script(_AGAIN, image)
@@ -186,13 +186,13 @@ def _settle(
 
 
 def _longest(network: PageTraffic, addresses: list[str]) -> float | None:
-    """The longest Retry-After of some addresses."""
+    """The longest Retry-After of some URLs."""
     waits = [served.after for url in addresses if (served := network.of(url))]
     return max((wait for wait in waits if wait is not None), default=None)
 
 
-def _wished(network: PageTraffic, url: str) -> float | None:
-    """The Retry-After of a document that the browser would not show."""
+def _retry_after(network: PageTraffic, url: str) -> float | None:
+    """The Retry-After of a document that the browser did not show."""
     try:
         network.read()
     except Retryable:
@@ -202,12 +202,12 @@ def _wished(network: PageTraffic, url: str) -> float | None:
 
 
 def _check_document(browser: Browser, network: PageTraffic, url: str) -> None:
-    """The page's own status: the browser shows error pages without a word."""
+    """Check the status of the document: the browser shows error pages silently."""
     where, status = browser.script(_STATUS)
     if not where.startswith(("http:", "https:")):
         served = network.of(url)
-        told = served is not None and not served.barred and not 0 < served.status < 400
-        raise _left(browser, url) or (Unserved if told else NotShown)("not_loaded")
+        unserved = served is not None and not served.barred and not 0 < served.status < 400
+        raise _redirect_error(browser, url) or (Unserved if unserved else NotShown)("not_loaded")
     if not _same_site(where, url):
         raise ItemFinal("redirected_away", where)
     if status == 429 or status >= 500:
@@ -222,9 +222,9 @@ def _check_document(browser: Browser, network: PageTraffic, url: str) -> None:
 
 
 def _check_identity(shown: dict[str, Any], page_id: int) -> None:
-    """MediaWiki names page and revision in `mw.config` of each page; other servers do not.
+    """Check page and revision, which MediaWiki names in `mw.config` of each page.
 
-    A title may lead to another page meanwhile. Raises Challenge, ItemFinal.
+    A title may lead to another page by now. Raises Challenge, ItemFinal.
     """
     if not isinstance(shown.get("page_id"), int) or not isinstance(shown.get("revision_id"), int):
         raise Challenge
@@ -233,13 +233,13 @@ def _check_identity(shown: dict[str, Any], page_id: int) -> None:
 
 
 def _has_no_end(network: PageTraffic) -> bool:
-    """Whether the document stops before its end although as many bytes came as were announced."""
+    """Whether the document lacks its end although all announced bytes arrived."""
     text = network.document()
     return text is not None and "</html" not in text[-1000:].lower()
 
 
-def check_shown(browser: Browser, url: str) -> None:
-    """Load any page of the wiki. Raises Challenge when another one comes, and as `capture` does."""
+def check_page(browser: Browser, url: str) -> None:
+    """Load a page to see whether the wiki serves it. Raises Challenge, and as `capture` does."""
     network = PageTraffic(browser)
     browser.go(url)
     network.read()
@@ -248,8 +248,8 @@ def check_shown(browser: Browser, url: str) -> None:
         raise Challenge
 
 
-def _left(browser: Browser, url: str) -> ItemFinal | None:
-    """The error that tells that the page went to another site, when it did."""
+def _redirect_error(browser: Browser, url: str) -> ItemFinal | None:
+    """The error for a page that redirected to another site; None when it did not."""
     try:
         history = browser.devtools("Page.getNavigationHistory", {})
         current = history["entries"][history["currentIndex"]]["url"]

@@ -1,10 +1,10 @@
-"""Discovery by MediaWiki's API (https://www.mediawiki.org/wiki/API:Query, formatversion=2).
+"""Asks MediaWiki's API (https://www.mediawiki.org/wiki/API:Query, formatversion=2).
 
-Every request says `maxlag=5`: a wiki whose database lags answers with an error and Retry-After,
-and is left alone that long. That, the contact in the User-Agent and one pace for all requests are
-what MediaWiki asks of API clients (https://www.mediawiki.org/wiki/API:Etiquette). robots.txt tells
-crawlers which pages to leave alone, and most wikis bar the folder of their scripts there; so it
-rules pages and images, and the API only where it names us (`WikiHosts.barred`).
+Every request has `maxlag=5`: a wiki whose database lags answers with an error and Retry-After, and
+is left alone that long. That, a contact in the User-Agent and one pace for all requests are
+MediaWiki's rules for API clients (https://www.mediawiki.org/wiki/API:Etiquette). robots.txt governs
+pages and images. It governs the API only where it names us (`WikiHosts.barred`), because most
+wikis bar the folder of their scripts to crawlers.
 """
 
 from __future__ import annotations
@@ -42,18 +42,18 @@ _FILES = {
 
 
 class WikiApi:
-    """Each question gives the answer to be recorded.
+    """Each method returns the answer to be recorded.
 
-    What is no answer to the question (kb.wiki.parse.answers) is tried again and never kept. All
-    raise Retryable or Blocked after all tries, FatalError for a request that the API refuses.
+    Malformed answers (kb.wiki.parse.answers) are retried and never recorded. All methods raise
+    Retryable or Blocked after the last try, and FatalError for a request that the API refuses.
     """
 
     def __init__(self, endpoint: str, web: WikiHosts) -> None:
         self.endpoint, self._web = endpoint, web
-        self._circles: dict[tuple[int, int], _Circle] = {}
+        self._loops: dict[tuple[int, int], _LoopDetector] = {}
 
     def site(self) -> Answer:
-        """Addresses, namespaces and licence of the site."""
+        """URLs, namespaces and licence of the site."""
         params = {
             "action": "query",
             "meta": "siteinfo",
@@ -63,10 +63,9 @@ class WikiApi:
         return Answer("site", self.endpoint, params, answer, status)
 
     def listing(self, number: int, namespace: int, going: dict[str, str | int]) -> Answer:
-        """500 pages of a namespace without redirects.
+        """The next 500 pages of a namespace, without redirects.
 
-        `going` is what the answer before it gave to go on. Raises Retryable when the list goes
-        in a circle.
+        `going` is the `continue` of the previous answer. Raises Retryable when the list loops.
         """
         params = {
             "action": "query",
@@ -75,20 +74,20 @@ class WikiApi:
             "apfilterredir": "nonredirects",
             "aplimit": "500",
         }
-        circle = self._circles.setdefault((number, namespace), _Circle())
-        circle.check(going)
+        loop = self._loops.setdefault((number, namespace), _LoopDetector())
+        loop.check(going)
         status, answer = self.ask({**params, **going})
-        circle.note(going, answer["query"]["allpages"])
+        loop.note(going, answer["query"]["allpages"])
         return Answer("titles", self.endpoint, {**params, **going, "round": number}, answer, status)
 
     def details(self, tag: str, *, titles: Sequence[str] = (), ids: Sequence[str] = ()) -> Answer:
-        """Revision, address, contributors, redirects and categories of up to 50 pages."""
+        """Revision, URL, contributors, redirects and categories of up to 50 pages."""
         by = {"titles": "|".join(titles)} if titles else {"pageids": "|".join(ids)}
-        status, answer = self.whole({"action": "query", **by, **_DETAILS})
+        status, answer = self.ask_all({"action": "query", **by, **_DETAILS})
         return Answer("pages", self.endpoint, {**by, "round": tag}, answer, status)
 
     def revision(self, revision: int) -> Answer:
-        """The same for one revision, when the wiki showed another than it had named."""
+        """The same for one revision, when the wiki showed another one than it had listed."""
         params = {
             "action": "query",
             "revids": str(revision),
@@ -103,23 +102,23 @@ class WikiApi:
     def files(self, titles: list[str]) -> Answer:
         """What the wiki knows about up to 50 files; `answers.files` has it by title."""
         params = {"action": "query", "titles": "|".join(titles), **_FILES}
-        status, answer = self.whole(params)
+        status, answer = self.ask_all(params)
         return Answer("imageinfo", self.endpoint, {"titles": titles}, answer, status)
 
-    def whole(self, params: Mapping[str, str | int]) -> tuple[int, dict[str, Any]]:
-        """An answer with all its continuations joined."""
+    def ask_all(self, params: Mapping[str, str | int]) -> tuple[int, dict[str, Any]]:
+        """Ask one question and merge all continuations of the answer."""
         status, first = self.ask(params)
-        answer, circle = first, _Circle()
+        answer, loop = first, _LoopDetector()
         while going := answer.get("continue"):
-            circle.check(going)
+            loop.check(going)
             status, answer = self.ask({**params, **going})
-            circle.note(going)
+            loop.note(going)
             _join(first, answer)
         first.pop("continue", None)
         return status, first
 
     def ask(self, params: Mapping[str, str | int]) -> tuple[int, dict[str, Any]]:
-        """One question: status and answer."""
+        """Ask one question; returns status and answer."""
         return self._web.attempt(lambda: self._once(params))
 
     def _once(self, params: Mapping[str, str | int]) -> tuple[int, dict[str, Any]]:
@@ -141,7 +140,7 @@ class WikiApi:
             value = msgspec.json.decode(answer.body)
         except (msgspec.DecodeError, RecursionError):
             what = answers.quoted(answer.body[:1000].decode("utf-8", "replace"))
-            # A page in place of an answer that does not end is a challenge: we are turned away.
+            # An HTML page instead of JSON is a challenge: we are being turned away.
             page = answer.body.lstrip()[:1] == b"<"
             raise Retryable(f"{self.endpoint} returns no JSON but {what}", throttled=page) from None
         refusal = value.get("error") if isinstance(value, dict) else None
@@ -159,36 +158,36 @@ class WikiApi:
         return answer.status, value
 
 
-class _Circle:
-    """Finds that a list which is continued step by step goes in a circle and has no end."""
+class _LoopDetector:
+    """Detects a list whose continuations loop."""
 
     def __init__(self) -> None:
         self._seen: set[str] = set()
         self._last: list[Any] | None = None
 
     def check(self, going: Mapping[str, str | int]) -> None:
-        """Before a step is asked for. Raises Retryable when it was answered before."""
-        if _step(going) in self._seen:
-            raise _endless(_step(going))
+        """Check a step before it is requested. Raises Retryable when it was answered before."""
+        if _step_key(going) in self._seen:
+            raise _loop_error(_step_key(going))
 
     def note(self, going: Mapping[str, str | int], entries: Sequence[Any] = ()) -> None:
-        """A step was answered. Raises Retryable when the one before gave the same entries."""
+        """Record an answered step. Raises Retryable when the previous one had the same entries."""
         if entries and entries == self._last:
-            raise _endless(_step(going))
-        self._seen.add(_step(going))
+            raise _loop_error(_step_key(going))
+        self._seen.add(_step_key(going))
         self._last = list(entries)
 
 
-def _endless(step: str) -> Retryable:
+def _loop_error(step: str) -> Retryable:
     return Retryable(f"the wiki's API loops: it continues again at {answers.quoted(step)}")
 
 
-def _step(going: Mapping[str, str | int]) -> str:
+def _step_key(going: Mapping[str, str | int]) -> str:
     return msgspec.json.encode(going, order="sorted").decode()
 
 
 def _join(first: dict[str, Any], more: dict[str, Any]) -> None:
-    """Take the lists of a continued answer into the first one, page by page."""
+    """Merge the lists of a continued answer into the first one, page by page."""
     pages = {
         page.get("pageid", page.get("title")): page
         for page in first.get("query", {}).get("pages", [])
@@ -206,7 +205,7 @@ def _join(first: dict[str, Any], more: dict[str, Any]) -> None:
 
 
 class _FrontPage(HTMLParser):
-    """`href` of the EditURI link; `unlisted` when it asks search engines to leave it out.
+    """`href` of the EditURI link; `unlisted` when the page asks not to be indexed.
 
     A wiki's front page never does that; challenge pages do (Anubis, Cloudflare).
     """
@@ -225,9 +224,9 @@ class _FrontPage(HTMLParser):
 
 
 def find_endpoint(web: WikiHosts, url: str, *, known: bool = False) -> str:
-    """The address of `api.php` by the front page's EditURI link. Raises FatalError, Blocked.
+    """Find the URL of `api.php` by the front page's EditURI link. Raises FatalError, Blocked.
 
-    `known`: it had one before, so that a front page without it is a challenge.
+    `known`: the wiki had one before, so a front page without it is a challenge.
     """
     web.barred(f"{url}/")
     try:

@@ -1,6 +1,7 @@
-"""What a crawl begins with, and what ends a round: pages that the wiki no longer has.
+"""Begins and ends the rounds of a crawl, and reopens items that can succeed now.
 
-A round reads the whole list, or named titles; `--again` starts a new one when the last is done.
+A round reads the complete list of pages, or named titles; `--again` starts a new one when the last
+is done. At its end, pages that the wiki no longer has become tombstones.
 """
 
 from __future__ import annotations
@@ -20,46 +21,46 @@ from kb.wiki.connector import reduce
 from kb.wiki.connector.payloads import SiteItem, Title
 from kb.wiki.parse import extraction
 
-COMPARED = 3  # pages that are loaded before a challenge is one to all of them
+COMPARED = 3  # challenged pages before a challenge counts as one to all pages
 _IDENTIFIED = "identified"  # cursor: all captures are of the pages that they were stored for
 
 
 class Round(msgspec.Struct):
-    """The cursor of a kind of rounds: "round" of the whole list, "named" of named titles."""
+    """The cursor of a kind of rounds: "round" for the complete list, "named" for named titles."""
 
     number: int = 1
     done: bool = False
 
 
-def begin(
+def begin_round(
     frontier: Frontier, names: list[str] | None, namespaces: Iterable[int], *, again: bool
 ) -> None:
-    """Go on with a round, or start one: of the titles `names`, or of the whole list.
+    """Continue a round, or start one: of the titles `names`, or of the complete list.
 
-    A round of named titles says nothing about what the wiki lists.
+    A round of named titles does not change what is known about the list.
     """
     cursor = "round" if names is None else "named"
-    held = _round(frontier, cursor)
-    if again and held.done:
-        held = Round(held.number + 1)
+    current = _round(frontier, cursor)
+    if again and current.done:
+        current = Round(current.number + 1)
     with frontier.transaction():
-        frontier.set_cursor(cursor, held)
-        tag = str(held.number) if names is None else f"t{held.number}"
-        if not held.done and frontier.cursor(reduce.SITE + tag) is None:
+        frontier.set_cursor(cursor, current)
+        tag = str(current.number) if names is None else f"t{current.number}"
+        if not current.done and frontier.cursor(reduce.SITE + tag) is None:
             frontier.add("site", [(tag, SiteItem(names is None, tuple(namespaces)))])
         if names is None:
-            if not held.done:
-                reduce.add_lists(frontier, held.number)
+            if not current.done:
+                reduce.add_lists(frontier, current.number)
             return
         frontier.add("info", [(f"{tag}:{title}", Title(title)) for title in names])
         waiting = frontier.items("info", "todo")
-        if not held.done or any(key.startswith(f"{tag}:") for key, *_ in waiting):
+        if not current.done or any(key.startswith(f"{tag}:") for key, *_ in waiting):
             frontier.add("gone", [tag])
 
 
-def end(frontier: Frontier, root: Path, tag: str) -> None:
-    """All that a round asked for was answered."""
-    bury(frontier, root)
+def finish_round(frontier: Frontier, root: Path, tag: str) -> None:
+    """Finish a round whose items were all answered."""
+    write_tombstones(frontier, root)
     cursor = "round" if tag.isdigit() else "named"
     number = int(tag.removeprefix("t"))
     with frontier.transaction():
@@ -74,7 +75,7 @@ def _round(frontier: Frontier, cursor: str) -> Round:
 
 
 def unlisted(frontier: Frontier, number: int) -> list[str]:
-    """Pages that the list of a round has not: deleted, moved away, or made a redirect."""
+    """Pages missing from the list of a round: deleted, moved, or turned into a redirect."""
     return [
         key
         for key, status, reason, page in frontier.items("pages")
@@ -83,7 +84,7 @@ def unlisted(frontier: Frontier, number: int) -> list[str]:
 
 
 def unnamed(frontier: Frontier, tag: str) -> list[str]:
-    """Known pages whose titles, named again, have no page any more: deleted or moved away."""
+    """Known pages whose named titles no longer have a page: deleted or moved."""
     titles = {
         item.title
         for key, _, _, item in frontier.items("info", "skipped")
@@ -94,12 +95,11 @@ def unnamed(frontier: Frontier, tag: str) -> list[str]:
     return [key for key, _, _, page in known if page.title in titles]
 
 
-def bury(frontier: Frontier, root: Path) -> None:
-    """Tombstones for what vanished: a page by its id, a title that a page left by that title.
+def write_tombstones(frontier: Frontier, root: Path) -> None:
+    """Write tombstones: by id for a page that disappeared, by title for a title that a page left.
 
-    A page that this crawl saw go is taken back when the wiki shows it again. One that was purged
-    meanwhile is not: the frontier has forgotten it, so to the crawl it is a new page with a
-    tombstone.
+    A tombstone is lifted when the wiki shows the page again, unless the page was purged meanwhile:
+    the frontier has forgotten it, so the crawl treats it as a new page with a tombstone.
     """
     rows: list[tuple[str, str]] = []
     back: set[str] = set()
@@ -118,11 +118,10 @@ def bury(frontier: Frontier, root: Path) -> None:
         tombstones.add(root, "wiki", rows)
 
 
-def others(frontier: Frontier, key: str, front: str) -> list[str]:
-    """Addresses of pages to compare a challenged one with.
+def comparison_urls(frontier: Frontier, key: str, front: str) -> list[str]:
+    """URLs of pages to compare a challenged one with.
 
-    One that was captured, else some that wait, drawn anew each time; the front page where there is
-    no other.
+    A captured page, else a random choice of waiting ones; the front page if there is no other.
     """
     rng = clock.rng("others", key, clock.monotonic())
     for status, most in (("done", 1), ("todo", COMPARED)):
@@ -133,11 +132,11 @@ def others(frontier: Frontier, key: str, front: str) -> list[str]:
 
 
 def reopen_larger(frontier: Frontier, section: Wiki) -> None:
-    """Pages that were too large and may be captured as the profile is now become todo again."""
+    """Reopen pages that were too large if the profile now allows their size."""
     for key, _, reason, page in list(frontier.items("pages", "skipped")):
         if page.final is None or reason not in reduce.TOO_LARGE:
             continue
-        # Of a page's height we know how much it is, of its elements only that they were too many.
+        # The height of a page is known; of its elements only that there were too many.
         least = int(page.final[3] or 0) + (reason == "too_many_elements")
         if least <= getattr(section, reduce.TOO_LARGE[reason]):
             with frontier.transaction():
@@ -146,7 +145,7 @@ def reopen_larger(frontier: Frontier, section: Wiki) -> None:
 
 
 def reopen_moved(frontier: Frontier, today: Callable[[str], str]) -> None:
-    """What was refused for its host and is reached at another address by now becomes todo again."""
+    """Reopen what was refused for its host and is now reached at another URL."""
     for kind in ("pages", "files"):
         moved = []
         for key, _, reason, payload in frontier.items(kind, "skipped"):
@@ -157,10 +156,10 @@ def reopen_moved(frontier: Frontier, today: Callable[[str], str]) -> None:
 
 
 def reopen_lost(frontier: Frontier, root: Path) -> None:
-    """What side files held that are missing or not what they were becomes todo again.
+    """Reopen the items of side files that are missing or damaged.
 
-    A page whose capture is whole is shown again for a sprite that it lost. Damaged files are set
-    aside, as what comes in their place may have another name.
+    A page with an intact capture is captured again for a lost sprite. Damaged files are moved to
+    quarantine, because their replacements may have other names.
     """
     lost = sidefiles.suspects(root, "wiki")
     if lost:
@@ -185,9 +184,9 @@ def reopen_lost(frontier: Frontier, root: Path) -> None:
 
 
 def reopen_foreign(frontier: Frontier, root: Path) -> None:
-    """Pages for which earlier versions stored another page become todo again.
+    """Reopen pages for which earlier versions stored another page.
 
-    Each data root is searched once, as this version stores none.
+    Each data root is searched once; this version never stores such pages.
     """
     if frontier.cursor(_IDENTIFIED):
         return
@@ -203,16 +202,16 @@ def reopen_foreign(frontier: Frontier, root: Path) -> None:
 
 
 def _with_sprites(frontier: Frontier, root: Path, names: set[str]) -> set[str]:
-    """Pages whose capture can't be read, or has one of these files for a sprite."""
-    found = set()
+    """Pages whose capture is unreadable, or has one of these files as a sprite."""
+    pages = set()
     for key, _, _, page in frontier.items("pages", "done"):
         if page.rendered is not None:
             folder = Layout(root).captures / key / str(page.rendered[0])
             try:
                 sprites = extraction.sprites(root, folder)
             except DamagedData:
-                found.add(key)
+                pages.add(key)
                 continue
             if names & set(sprites.values()):
-                found.add(key)
-    return found
+                pages.add(key)
+    return pages

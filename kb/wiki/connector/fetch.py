@@ -1,4 +1,4 @@
-"""What is asked for each kind of items, as answers to be recorded."""
+"""Fetches each kind of item from the wiki, as answers to be recorded."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from kb.wiki.capture import images
 from kb.wiki.connector import discover
 from kb.wiki.connector.client import BATCH, WikiApi
 from kb.wiki.connector.hosts import WikiHosts
-from kb.wiki.connector.render import show_page
+from kb.wiki.connector.render import render_page
 from kb.wiki.errors import NoPicture
 from kb.wiki.parse import answers
 
-LONGEST = 5000  # bytes of titles in one address; servers refuse longer ones
+LONGEST = 5000  # bytes of titles in one URL; servers refuse longer ones
 
 
 def listing(api: WikiApi, item: Item) -> Iterator[Answer]:
@@ -40,8 +40,8 @@ def titles(api: WikiApi, items: list[Item]) -> Iterator[Answer]:
     yield api.details(_tag(items[0]), titles=[item.payload.title for item in items])
 
 
-def together(items: list[Item]) -> list[Item]:
-    """Those of the titles that are of one round and short enough for one address."""
+def batch_titles(items: list[Item]) -> list[Item]:
+    """The first titles of one round that fit into one URL."""
     mine = list(takewhile(lambda item: _tag(item) == _tag(items[0]), items))
     return mine[: len(next(_parts([item.payload.title for item in mine])))]
 
@@ -51,7 +51,7 @@ def _tag(item: Item) -> str:
 
 
 def _parts(names: Iterable[str]) -> Iterator[list[str]]:
-    """Titles cut in order, so that no part is too long for an address."""
+    """Split titles, in order, into parts that fit into one URL."""
     part: list[str] = []
     size = 0
     for name in names:
@@ -66,7 +66,7 @@ def _parts(names: Iterable[str]) -> Iterator[list[str]]:
 
 
 def compare(api: WikiApi, frontier: Frontier, root: Path, tag: str) -> Iterator[Answer]:
-    """The end of a round: what has gone since the last one, and what files were replaced."""
+    """End a round: ask about pages that disappeared and files that were replaced."""
     if tag.isdigit():
         ids = discover.unlisted(frontier, int(tag))
     else:
@@ -76,21 +76,21 @@ def compare(api: WikiApi, frontier: Frontier, root: Path, tag: str) -> Iterator[
         yield api.details(tag, ids=ids[start : start + BATCH])
     if tag.isdigit() and int(tag) > 1:
         yield from _replaced(api, frontier, root)
-    discover.end(frontier, root, tag)
+    discover.finish_round(frontier, root, tag)
 
 
 def _replaced(api: WikiApi, frontier: Frontier, root: Path) -> Iterator[Answer]:
-    """Ask after all files that were fetched; those that are others now are fetched again."""
-    held: dict[str, dict[str, Any]] = {}
+    """Ask about all fetched files and reopen those that changed."""
+    stored_files: dict[str, dict[str, Any]] = {}
     for envelope in rawlog.read(root, "wiki", "files"):
         stored = envelope.response
         if stored["outcome"] == "stored" and stored.get("sha1") and stored.get("title"):
-            held[stored["key"]] = stored
+            stored_files[stored["key"]] = stored
     changed = []
-    keys = sorted(held)
+    keys = sorted(stored_files)
     for start in range(0, len(keys), BATCH):
         signals.stop.check()
-        part = [held[key] for key in keys[start : start + BATCH]]
+        part = [stored_files[key] for key in keys[start : start + BATCH]]
         answer = api.files(list(dict.fromkeys(stored["title"] for stored in part)))
         yield answer
         pages = _by_title(answer)
@@ -109,11 +109,11 @@ def page(
     item: Item,
     others: Callable[[], Iterable[str]],
 ) -> Iterator[Answer]:
-    """One page in the browser, with the facts of a revision that the wiki had not named yet.
+    """One page in the browser, with the details of a revision that the wiki had not listed yet.
 
     `others` as for `show_page`.
     """
-    shown = show_page(web, section, pool, item, others)
+    shown = render_page(web, section, pool, item, others)
     revision = shown.get("revision_id")
     if revision and revision != item.payload.revision_id:
         yield api.revision(revision)
@@ -124,7 +124,7 @@ def page(
 def files(
     api: WikiApi, web: WikiHosts, section: Wiki, threads: Executor, items: list[Item]
 ) -> Iterator[Answer]:
-    """The original images, with what the wiki says of them."""
+    """The original images, with their descriptions by the wiki."""
     known: dict[str, dict[str, Any]] = {}
     names = dict.fromkeys(item.payload.title for item in items if item.payload.title)
     for part in _parts(names):
@@ -139,7 +139,7 @@ def files(
     for item, future in zip(items, asked, strict=True):
         try:
             stored = future.result()
-        except BaseException as error:  # noqa: BLE001  the files in hand are kept first
+        except BaseException as error:  # noqa: BLE001  record the other files first
             failed = failed or error
         else:
             yield Answer("files", item.key, {}, stored)
@@ -148,7 +148,7 @@ def files(
 
 
 def _by_title(answer: Answer) -> dict[str, dict[str, Any]]:
-    """What the wiki says of its files, by the titles that were asked for."""
+    """The wiki's descriptions of files, by requested title."""
     query = answer.response.get("query", {})
     names = answers.renamed(query)
     pages = {page.get("title"): page for page in query.get("pages", [])}
@@ -159,9 +159,10 @@ def _by_title(answer: Answer) -> dict[str, dict[str, Any]]:
 def fetch_original(
     web: WikiHosts, section: Wiki, item: Item, page: dict[str, Any]
 ) -> dict[str, Any]:
-    """The answer to be recorded; `page` is what the wiki says of the file, empty where nothing.
+    """Fetch one original image; returns the answer to be recorded.
 
-    The file goes into raw/wiki/images, named by what is in it. Raises Blocked.
+    `page` is the wiki's description of the file, or empty. The file goes into raw/wiki/images under
+    the name of its hash. Raises Blocked.
     """
     info = (page.get("imageinfo") or [{}])[0]
     answer: dict[str, Any] = {
@@ -189,7 +190,7 @@ def fetch_original(
             reason, value = reason or error.reason, value or error.value
             continue
         except Retryable as error:
-            # One image that the server can't give is no reason to stop: the next run asks again.
+            # One failing image does not stop the crawl: the next run retries it.
             return {**answer, "outcome": "failed", "reason": str(error)}
         return {
             **answer,

@@ -1,4 +1,4 @@
-"""The wiki over plain HTTP, by the project's policy: its API, robots.txt and image files."""
+"""Requests from the wiki's hosts over plain HTTP: API, robots.txt and image files."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ FILE_PAUSE = 0.1
 
 @dataclass(frozen=True)
 class Reply:
-    """A whole answer. `after` is the Retry-After in seconds, when the server gave one."""
+    """A complete response. `after` is Retry-After in seconds, if the server sent one."""
 
     status: int
     body: bytes
@@ -54,7 +54,7 @@ class Reply:
 
 
 class WikiHosts:
-    """One wiki's hosts. Thread-safe. `root` and `hosts` are the only ones that are ever asked."""
+    """The hosts of one wiki. Thread-safe. Only `root` and `hosts` are ever requested."""
 
     def __init__(self, run: Run, root: str, hosts: tuple[str, ...], pause: float) -> None:
         self.agent = user_agent(run.settings.kb_contact)
@@ -75,10 +75,10 @@ class WikiHosts:
         self.sleep: Callable[[float], None] = clock.sleep  # between two tries
 
     def today(self, url: str) -> str:
-        """An address of ours that was kept, as it is reached now.
+        """A recorded URL as it is reached now.
 
-        Services on loopback come up on another port each time; of those the port of today's root
-        takes the place of the one that was noted. Other addresses stay as they are.
+        Services on loopback use another port each time, so the current root's port replaces the
+        recorded one. Other URLs stay as they are.
         """
         parts = urlsplit(url)
         if host_of(url) in self._hosts or not (is_loopback(self.root) and is_loopback(url)):
@@ -102,14 +102,11 @@ class WikiHosts:
         self.pace.at_least(self._robots.crawl_delay or 0.0)
 
     def allowed(self, url: str) -> bool:
-        """Whether robots.txt lets us read an address."""
+        """Whether robots.txt allows a URL."""
         return self._robots is None or self._robots.allows(url)
 
     def barred(self, url: str) -> None:
-        """Raises Blocked when robots.txt names us and bars an address that is no page.
-
-        That is the front page, or the API.
-        """
+        """Raise Blocked when robots.txt names us and bars the front page or the API."""
         if self._robots is not None and self._robots.named and not self._robots.allows(url):
             raise Blocked(
                 f"the wiki's robots.txt names {PRODUCT} and bars {url}",
@@ -124,10 +121,10 @@ class WikiHosts:
         return self._fetch(url, params)
 
     def attempt(self, call: Callable[[], Result], *, service: str | None = None) -> Result:
-        """`call` with tries, growing pauses and the server's own wish.
+        """Retry `call` with growing pauses, honouring Retry-After.
 
-        At the end raises Blocked, or Retryable: the item failed. With `service` nothing goes on
-        without the answer, and Unreachable is raised.
+        After the last try raises Blocked, or Retryable: the item failed. With `service` the answer
+        is indispensable, and Unreachable is raised.
         """
         patience = math.inf if self.run.wait else retry.PATIENCE_S
         return retry.attempt(
@@ -135,15 +132,15 @@ class WikiHosts:
         )
 
     def rest(self, after: float | None) -> None:
-        """What the wiki wished for (Retry-After, seconds) counts for all threads.
+        """Pause all threads for a Retry-After of so many seconds.
 
-        A wish that is too long for any of them ends the run (`attempt`).
+        One that exceeds our patience ends the run instead (`attempt`).
         """
         if after is not None and (self.run.wait or after <= retry.PATIENCE_S):
             self.pace.rest(after)
 
     def turn(self, after: float | None, within: float) -> bool:
-        """Wait until one more request may be sent; False when not within so many seconds."""
+        """Wait until another request may be sent; False when that exceeds `within` seconds."""
         self.rest(after)
         return (after or 0.0) <= within and self.pace.wait_within(within)
 
@@ -194,22 +191,23 @@ class WikiHosts:
     def download(
         self, url: str, folder: Path, limit: int, inspect: Callable[[bytes], Any]
     ) -> tuple[str, Any, int]:
-        """An image file into `folder`, named by its SHA-256: (sha256, what `inspect` said, bytes).
+        """Download an image file into `folder`, named by its SHA-256.
 
-        Raises ItemFinal("too_large"), ItemFinal("not_a_picture"), NoPicture or Retryable. A file
-        that is there already, and is whole, is not written again.
+        Returns (SHA-256, result of `inspect`, bytes). An intact file that exists already is not
+        written again. Raises ItemFinal("too_large"), ItemFinal("not_a_picture"), NoPicture or
+        Retryable.
         """
         self._files.wait()
-        held, digest = bytearray(), hashlib.sha256()
+        content, digest = bytearray(), hashlib.sha256()
         with self._open(url, {}, stream=True) as response:
             wanted = response.headers.get("content-length")
             if wanted and wanted.isdigit() and int(wanted) > limit:
                 raise ItemFinal("too_large", wanted)
             try:
                 for part in response.iter_content(1 << 16):
-                    held += part
+                    content += part
                     digest.update(part)
-                    if len(held) > limit:
+                    if len(content) > limit:
                         raise ItemFinal("too_large", f"more than {limit}")
             except requests.RequestException as error:
                 raise failure(error, url) from None
@@ -217,10 +215,10 @@ class WikiHosts:
                 wanted
                 and wanted.isdigit()
                 and not response.headers.get("content-encoding")
-                and len(held) != int(wanted)
+                and len(content) != int(wanted)
             ):
                 raise Retryable("cut_off", unreachable=True)
-        data = bytes(held)
+        data = bytes(content)
         image = inspect(data)
         if image is None:
             kind = response.headers.get("content-type", "").partition(";")[0].strip().lower()

@@ -1,4 +1,4 @@
-"""Lists that name pages of a wiki: by title, by address, or by id."""
+"""Reads lists of wiki pages: titles, URLs or page ids."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The question of `kb profile check --online` to the wiki: its description and some pages."""
+"""Asks the wiki for its description and some pages, for `kb profile check --online`."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
         cost.requests = web.requests
     general, rights = site.get("general", {}), site.get("rightsinfo", {})
     pages = site.get("statistics", {}).get("articles")
-    said = [wording.shown(str(general.get("sitename", url))), str(general.get("generator", ""))]
-    said += [f"{pages:,} pages"] if isinstance(pages, int) else []
-    said += [f"licence: {rights.get('text') or rights.get('url') or 'none named'}"]
-    return OnlineAnswer(NOTE, "wiki.url", ", ".join(filter(None, said)))
+    facts = [wording.shown(str(general.get("sitename", url))), str(general.get("generator", ""))]
+    facts += [f"{pages:,} pages"] if isinstance(pages, int) else []
+    facts += [f"licence: {rights.get('text') or rights.get('url') or 'none named'}"]
+    return OnlineAnswer(NOTE, "wiki.url", ", ".join(filter(None, facts)))
 
 
 def _some_pages(api: WikiApi, web: WikiHosts, namespace: int) -> Iterator[str]:
@@ -54,8 +54,10 @@ def _some_pages(api: WikiApi, web: WikiHosts, namespace: int) -> Iterator[str]:
     titles = [page["title"] for page in listed[:: max(1, -(-len(listed) // PAGES))]]
     if not titles:
         return
-    told = api.details("", titles=titles).response["query"].get("pages", [])
-    for url in sorted(page["fullurl"] for page in told if isinstance(page.get("fullurl"), str)):
+    described = api.details("", titles=titles).response["query"].get("pages", [])
+    for url in sorted(
+        page["fullurl"] for page in described if isinstance(page.get("fullurl"), str)
+    ):
         with contextlib.suppress(ItemFinal):
             if web.allowed(url):
                 text = web.get(url, {}).body.decode("utf-8", "replace")

@@ -1,4 +1,4 @@
-"""What the frontier knows of each kind of items.
+"""Declares what the frontier stores with each kind of item.
 
 kind      key              an item is
 site      round            the wiki's description of itself, once a round; removed when answered
@@ -25,7 +25,7 @@ class SiteItem(msgspec.Struct):
 
 
 class List(msgspec.Struct):
-    """`going` is what the wiki wants to hear to go on."""
+    """`going` is the `continue` of the last answer, empty at the beginning."""
 
     round: int
     namespace: int
@@ -41,9 +41,9 @@ class Title(msgspec.Struct):
 class PageItem(msgspec.Struct):
     """A page by its newest answer.
 
-    `round` is the newest one that listed it, 0 when none did. `rendered` is what was captured:
-    (revision, title). `former` are titles that it has left. `final` says why what is too large
-    can't be captured: (revision, title, reason, value). `gone`: it had left the wiki once.
+    `round` is the newest one that listed it, 0 when none did. `rendered` is the captured (revision,
+    title). `former` are its previous titles. `final` is why a page is too large to be captured:
+    (revision, title, reason, value). `gone`: the page had once disappeared from the wiki.
     """
 
     title: str

@@ -1,4 +1,4 @@
-"""What is left of a wiki's crawl and what it takes. Sends and writes nothing."""
+"""Estimates the remaining work of a wiki crawl. Sends and writes nothing."""
 
 from __future__ import annotations
 

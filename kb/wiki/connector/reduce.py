@@ -1,4 +1,4 @@
-"""What each raw answer means for the frontier. The same function takes live answers and replays."""
+"""Applies raw answers to the frontier, both live ones and those of a replay."""
 
 from __future__ import annotations
 
@@ -87,11 +87,11 @@ def _pages(frontier: Frontier, envelope: Envelope) -> None:
     for page in query.get("pages", []):
         key, state = str(page.get("pageid")), answers.state(page)
         if state == "redirect":
-            _gone(frontier, key, "moved")
+            _mark_left(frontier, key, "moved")
         elif state == "missing":
-            _gone(frontier, key, "deleted")
+            _mark_left(frontier, key, "deleted")
         elif state == "there" and _usable(page):
-            _note(frontier, number, page, page["revisions"][0])
+            _update_page(frontier, number, page, page["revisions"][0])
         elif state == "there":
             state = "unanswered"
         states[page.get("title")] = state
@@ -116,7 +116,7 @@ def _usable(page: dict[str, Any]) -> bool:
     )
 
 
-def _gone(frontier: Frontier, key: str, reason: str) -> None:
+def _mark_left(frontier: Frontier, key: str, reason: str) -> None:
     """A known page was deleted or moved; unknown ones are ignored. `gone` stays when it is back."""
     known = frontier.get("pages", key)
     if known is not None:
@@ -124,7 +124,9 @@ def _gone(frontier: Frontier, key: str, reason: str) -> None:
         frontier.skip("pages", key, reason)
 
 
-def _note(frontier: Frontier, number: int, page: dict[str, Any], revision: dict[str, Any]) -> None:
+def _update_page(
+    frontier: Frontier, number: int, page: dict[str, Any], revision: dict[str, Any]
+) -> None:
     key = str(page["pageid"])
     new = PageItem(page["title"], page["fullurl"], revision["revid"], number)
     known = frontier.get("pages", key)
@@ -213,6 +215,6 @@ def missing(frontier: Frontier) -> int:
 def crawled(frontier: Frontier) -> int:
     """Pages that were answered for in all runs: captured, barred, not to be shown, or missing."""
     skipped = frontier.items("pages", "skipped")
-    gone = sum(reason in (*LEFT, "removed") for _, _, reason, _ in skipped)
+    left = sum(reason in (*LEFT, "removed") for _, _, reason, _ in skipped)
     pages = frontier.counts("pages")
-    return pages.get("done", 0) + pages.get("skipped", 0) - gone + missing(frontier)
+    return pages.get("done", 0) + pages.get("skipped", 0) - left + missing(frontier)

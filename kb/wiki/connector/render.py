@@ -1,4 +1,4 @@
-"""One page in the browser, tried at most `max_tries` times, and its files on disk."""
+"""Captures one page in at most `max_tries` tries and stores its files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from kb.store.frontier import Item
 from kb.store.layout import Layout
 from kb.wiki import urls
 from kb.wiki.browser.pool import Pool
-from kb.wiki.capture.page import Captured, capture, check_shown
+from kb.wiki.capture.page import Captured, capture, check_page
 from kb.wiki.capture.screenshot import pixel_box
 from kb.wiki.connector.hosts import WikiHosts
 from kb.wiki.errors import Challenge, NotNow, NotShown, PageRefused
@@ -31,7 +31,7 @@ SCRATCH = ".shot-"
 _ENCODER = msgspec.json.Encoder()
 
 
-def show_page(
+def render_page(
     web: WikiHosts, section: Wiki, pool: Pool, item: Item, others: Callable[[], Iterable[str]]
 ) -> dict[str, Any]:
     """All tries of one page: the answer to be recorded. `others` are addresses of pages to compare
@@ -64,9 +64,9 @@ def show_page(
                 reason, _, value = error.reason.partition(": ")
                 web.rest(error.after)
                 if error.unreachable or isinstance(error, NotShown):
-                    said = _ask_plainly(web, url, error)
-                    if said is not None:
-                        return {**answer, **_final(web, said), "tries": number}
+                    final = _request_plainly(web, url, error)
+                    if final is not None:
+                        return {**answer, **_final(web, final), "tries": number}
                 elif not last:
                     clock.sleep(0.1 * number)
                 elif isinstance(error, Challenge):
@@ -100,12 +100,12 @@ def _final(web: WikiHosts, error: ItemFinal) -> dict[str, Any]:
     Answers about one request rather than about the page are asked for again by the next run.
     """
     if isinstance(error, PageRefused):
-        _look_at_front_page(web)
+        _check_front_page(web)
     outcome = "failed" if isinstance(error, (PageRefused, NotNow)) else "final"
     return {"outcome": outcome, "reason": error.reason, "value": error.value}
 
 
-def _look_at_front_page(web: WikiHosts) -> None:
+def _check_front_page(web: WikiHosts) -> None:
     """A refused page may be that page's own matter; a refused front page is not. Raises Blocked."""
     try:
         web.attempt(lambda: web.get(f"{web.root}/", {}), service="the wiki")
@@ -122,7 +122,7 @@ def _compare_with_others(web: WikiHosts, pool: Pool, others: Iterable[str]) -> N
     """
     challenged = False
     for url in others:
-        show = partial(check_shown, url=web.today(url))
+        show = partial(check_page, url=web.today(url))
         try:
             pool.use(show, first=web.pace.wait)
         except (Challenge, PageRefused):
@@ -135,7 +135,7 @@ def _compare_with_others(web: WikiHosts, pool: Pool, others: Iterable[str]) -> N
         raise retry.blocked("the wiki answers with a challenge instead of its pages")
 
 
-def _ask_plainly(web: WikiHosts, url: str, error: Retryable) -> ItemFinal | None:
+def _request_plainly(web: WikiHosts, url: str, error: Retryable) -> ItemFinal | None:
     """A plain request tells what the browser hides: 4xx without a body, no wiki at all.
 
     When the browser was told a time to come back, nothing is asked before. The answer that makes
@@ -162,7 +162,7 @@ def pages_folder(root: Path) -> Path:
     return folder
 
 
-def sweep(root: Path) -> None:
+def remove_scratch(root: Path) -> None:
     """Remove what a run that was killed left half-shown."""
     for left in pages_folder(root).glob(f"{SCRATCH}*"):
         shutil.rmtree(left, ignore_errors=True)
@@ -211,15 +211,15 @@ def wanted_files(extraction: dict[str, Any]) -> list[dict[str, Any]]:
     files: dict[str, dict[str, Any]] = {}
     page = urls.original(extraction["page"]["url"])
     for element in extraction["elements"]:
-        for held in element.get("frames") or [element]:
-            src = held.get("src")
+        for image in element.get("frames") or [element]:
+            src = image.get("src")
             if src and src.startswith(("http:", "https:")):
                 key = urls.original(src)
                 # An address that is the page's own, as of src="#", is no image.
                 if key != page and key not in files:
                     files[key] = {
                         "key": key,
-                        "title": urls.file_title(src, held.get("file")),
+                        "title": urls.file_title(src, image.get("file")),
                         "src": src,
                     }
     return list(files.values())

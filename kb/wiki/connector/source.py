@@ -1,9 +1,9 @@
-"""The wiki as the frame sees it: list, ask, compare, show, fetch. One round reads what is new.
+"""The wiki as a source of the crawl frame. Each round reads what is new.
 
 site     the wiki's description of itself     raw kind site
 titles   the titles of all content pages      raw kind titles
 info     revision, address, contributors      raw kind pages
-gone     what vanished becomes tombstones     raw kinds pages, imageinfo
+gone     tombstones for pages that disappeared     raw kinds pages, imageinfo
 pages    each new revision in the browser     raw kind renders, raw/wiki/pages/
 files    the original images                raw kinds imageinfo, files, raw/wiki/images/
 """
@@ -114,15 +114,15 @@ class WikiSource(Plain):
         """A round, and what may go well by now."""
         self._missing_before = reduce.missing(frontier)
         names = self._titles.keys if self._titles else None
-        discover.begin(frontier, names, self.section.namespaces, again=self._run.again)
+        discover.begin_round(frontier, names, self.section.namespaces, again=self._run.again)
         discover.reopen_larger(frontier, self.section)
         discover.reopen_moved(frontier, self._web.today)
         discover.reopen_lost(frontier, self._run.root)
         discover.reopen_foreign(frontier, self._run.root)
         self._removed = self.opened.gone
         if not frontier.open(*(phase.kind for phase in self.wanted)):
-            said = "the wiki crawl is finished; --again looks for what changed"
-            self._run.progress.say(said)
+            notice = "the wiki crawl is finished; --again looks for what changed"
+            self._run.progress.say(notice)
 
     def leave_out(self, phase: Phase, item: Item) -> str | None:
         """Pages that were purged."""
@@ -132,7 +132,7 @@ class WikiSource(Plain):
 
     def pack(self, phase: Phase, items: list[Item]) -> list[Item]:
         """Titles of one round, as many as an address may hold."""
-        return fetch.together(items) if phase is INFO else items
+        return fetch.batch_titles(items) if phase is INFO else items
 
     def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
         """Ask for the items, after robots.txt and the API's address."""
@@ -150,7 +150,7 @@ class WikiSource(Plain):
         elif phase.kind == "pages":
             pool = self._browsers()
             item, frontier = items[0], self.opened.frontier
-            others = partial(discover.others, frontier, item.key, f"{self.url}/")
+            others = partial(discover.comparison_urls, frontier, item.key, f"{self.url}/")
             for answer in fetch.page(api, self._web, self.section, pool, item, others):
                 yield answer
                 if answer.kind == "renders" and answer.response["outcome"] != "failed":
@@ -224,7 +224,7 @@ class WikiSource(Plain):
         """The browsers, started when the first page is to be shown."""
         with self._lock:
             if self._pool is None:
-                render.sweep(self._run.root)
+                render.remove_scratch(self._run.root)
                 self._pool = Pool(self._browser, self.section.page_seconds + LAST_SECONDS)
             return self._pool
 
@@ -260,7 +260,7 @@ class WikiSource(Plain):
         files = kinds.get("files", {})
         skipped = Counter(reason for _, _, reason, _ in frontier.items("pages", "skipped"))
         robots = skipped.pop("disallowed", 0)
-        gone = sum(skipped.pop(reason, 0) for reason in (*reduce.LEFT, "removed"))
+        departed = sum(skipped.pop(reason, 0) for reason in (*reduce.LEFT, "removed"))
         missing = reduce.missing(frontier)
         left = SPEC.left_by(kinds)
         return Summary(
@@ -276,7 +276,7 @@ class WikiSource(Plain):
                 kinds.get(kind, {}).get("error", 0) for kind in ("site", "titles", "info", "pages")
             ),
             pending=frontier.waiting("pages"),
-            gone=gone,
+            gone=departed,
             **({"bad_lines": self._titles.bad_lines} if self._titles else {}),
             images=files.get("done", 0),
             images_failed=files.get("error", 0) + files.get("skipped", 0),

@@ -1,8 +1,8 @@
-"""What the API's answers must be like before anything is made of them, and what they say.
+"""Checks the shape of the API's answers and reads the states of pages from them.
 
-With status 200 there may still be no answer: a front end's "busy", an error of another shape, half
-an answer. That says nothing about any page. So the shape is looked at first (`problem`), and what
-was asked for and is not in the answer is "unanswered", never "missing".
+Status 200 does not guarantee an answer: a front end may say "busy", an error may have another
+shape, an answer may be incomplete. None of these says anything about a page. The shape is therefore
+checked first (`problem`), and a page absent from the answer is "unanswered", never "missing".
 """
 
 from __future__ import annotations
@@ -87,10 +87,10 @@ def state(page: dict[str, Any]) -> str:
 
     "unanswered" when it says none of it.
     """
-    said = next(
+    flag = next(
         (name for name in ("invalid", "redirect", "missing", "special") if page.get(name)), None
     )
-    return said or ("there" if page.get("revisions") else "unanswered")
+    return flag or ("there" if page.get("revisions") else "unanswered")
 
 
 def asked(params: dict[str, Any]) -> list[str]:

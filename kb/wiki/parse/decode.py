@@ -1,6 +1,6 @@
-"""Raw answers of the wiki → rows: what it says of pages, what became of showing them, images.
+"""Decodes raw answers of the wiki to rows: pages, captures, image files, the site.
 
-A bad value of the wiki's own answers never raises: it is null and named in `problems`.
+Bad values in the wiki's answers never raise: they are null and listed in `problems`.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def site(lines: Iterable[bytes]) -> Iterator[pa.Table]:
     return _rows(lines, _site, "site")
 
 
-def nothing(lines: Iterable[bytes]) -> Iterator[pa.Table]:
+def no_rows(lines: Iterable[bytes]) -> Iterator[pa.Table]:
     """No rows of answers that only the crawl needs.
 
     They are looked through for unknown keys and cut-off files.
@@ -78,14 +78,14 @@ def nothing(lines: Iterable[bytes]) -> Iterator[pa.Table]:
 def _declared() -> dict[str, tuple[Column, list[str | int], dict[str, Any]]]:
     """Columns of wiki/pages that come from the wiki's answer: each with its path there, and what
     schemas/raw says of the value."""
-    found = {}
+    declared = {}
     for column in table("wiki/pages").columns:
         if column.source.kind == "pages":
             path = column.source.path
             steps = re.findall(r"[^.\[\]]+", path.removeprefix("query.pages[]."))
             places = [int(step) if step.isdigit() else step for step in steps]
-            found[column.name] = (column, places, raw.at("wiki/pages", path) or {})
-    return found
+            declared[column.name] = (column, places, raw.at("wiki/pages", path) or {})
+    return declared
 
 
 def schema(kind: str) -> pa.Schema:
@@ -144,34 +144,34 @@ def _rows(
 
 def _table(rows: list[Row], kind: str) -> pa.Table:
     made = schema(kind)
-    found: dict[int, list[tuple[str, str, str | None]]] = {}
+    faults: dict[int, list[tuple[str, str, str | None]]] = {}
     declared = _declared() if kind == "pages" else {}
     columns: dict[str, pa.Array[Any]] = {}
     for field in made:
         values = [row.get(field.name) for row in rows]
         bad: Bad = []
         if field.name in declared:
-            column, _, said = declared[field.name]
-            columns[field.name], bad = coerce(values, column.parsed, said)
+            column, _, raw_schema = declared[field.name]
+            columns[field.name], bad = coerce(values, column.parsed, raw_schema)
         elif field.name == "fetched_at":
             columns[field.name], bad = times(values)
         elif field.name != "problems":
             columns[field.name] = pa.array(values, field.type)
         for number, value in bad:
-            found.setdefault(number, []).append((field.name, "malformed", value))
+            faults.setdefault(number, []).append((field.name, "malformed", value))
     if "problems" in made.names:
-        columns["problems"] = problems(found, len(rows)).cast(made.field("problems").type)
+        columns["problems"] = problems(faults, len(rows)).cast(made.field("problems").type)
     return pa.table(columns, schema=made)
 
 
 def _pages(envelope: Envelope) -> Iterator[Row]:
     params, query = envelope.request.params, envelope.response.get("query", {})
     by_title = params.keys().isdisjoint(("pageids", "revids"))
-    said = set()
+    answered_titles = set()
     for page in query.get("pages", []):
         key, title, state = page.get("pageid"), page.get("title"), answers.state(page)
         row: Row = {"state": state, "answered": state != "unanswered"}
-        said.add(title)
+        answered_titles.add(title)
         if title and by_title:
             yield row | {
                 "of": "title",
@@ -187,9 +187,15 @@ def _pages(envelope: Envelope) -> Iterator[Row]:
     names, elsewhere = answers.renamed(query), answers.elsewhere(query)
     for name in answers.asked(params):
         title = names.get(name, name)
-        state = "interwiki" if title in elsewhere else "there" if title in said else "unanswered"
+        state = (
+            "interwiki"
+            if title in elsewhere
+            else "there"
+            if title in answered_titles
+            else "unanswered"
+        )
         if (
-            title not in said or title != name
+            title not in answered_titles or title != name
         ):  # what is there under another title has its answer under that one
             yield {
                 "of": "title",

@@ -1,7 +1,7 @@
-"""What the page script saw of a captured page, as it lies beside the raw log.
+"""Reads the extraction of a captured page: what the page script measured.
 
-Decoded into types that hold the fields which `schemas/tables/wiki/` names in `from` and those that
-its rules read. An extraction of another form is read field by field, to the same records.
+Extractions are decoded to types with the fields that `schemas/tables/wiki/` names in `from` and
+those that its rules read. One of another form is read field by field, to the same records.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ def read(root: Path, folder: Path) -> Extraction:
     """
     text = _content(root, folder)
     try:
-        found: Extraction = _decoder().decode(text)
+        extraction: Extraction = _decoder().decode(text)
     except msgspec.DecodeError:
         return _careful(_decoded(root, folder, text))
-    return found
+    return extraction
 
 
 def is_foreign(page: dict[str, Any], page_id: int) -> bool:
@@ -65,16 +65,16 @@ def page_of(folder: Path) -> dict[str, Any]:
     """What the extraction in a folder says of the page; empty where it can't be read."""
     try:
         text = _unpacked(folder)
-        found: dict[str, Any] = msgspec.json.decode(text, type=_PageAlone).page
+        page: dict[str, Any] = msgspec.json.decode(text, type=_PageAlone).page
     except (OSError, zstandard.ZstdError, msgspec.DecodeError):
         return {}
-    return found
+    return page
 
 
 def sprites(root: Path, folder: Path) -> dict[str, Any]:
     """The hashes of a page's icons by element; raises as `read`."""
-    found: dict[str, Any] = _decoded(root, folder, _content(root, folder)).get("sprites", {})
-    return found
+    hashes: dict[str, Any] = _decoded(root, folder, _content(root, folder)).get("sprites", {})
+    return hashes
 
 
 @cache
@@ -140,23 +140,23 @@ def _unpacked(folder: Path) -> bytes:
 
 def _decoded(root: Path, folder: Path, text: bytes) -> dict[str, Any]:
     try:
-        found: dict[str, Any] = msgspec.json.decode(text)
+        content: dict[str, Any] = msgspec.json.decode(text)
     except msgspec.DecodeError as error:
         raise _lost(root, folder / _FILE, error) from None
-    return found
+    return content
 
 
 def _lost(root: Path, path: Path, error: Exception) -> Exception:
-    told = sidefiles.lost(root, "wiki", [path])
-    told.args = (f"{path} can't be read: {error}",)
-    return told
+    damage = sidefiles.lost(root, "wiki", [path])
+    damage.args = (f"{path} can't be read: {error}",)
+    return damage
 
 
-def _careful(found: dict[str, Any]) -> Extraction:
-    more = {name: found[name] for name in ("sprites", "facts", "recipes") if name in found}
-    elements = [_record(element(), entry) for entry in found["elements"]]
-    cells = [_record(cell(), entry) for entry in found["cells"]]
-    return Extraction(found["page"], elements, cells, **more)
+def _careful(content: dict[str, Any]) -> Extraction:
+    more = {name: content[name] for name in ("sprites", "facts", "recipes") if name in content}
+    elements = [_record(element(), entry) for entry in content["elements"]]
+    cells = [_record(cell(), entry) for entry in content["cells"]]
+    return Extraction(content["page"], elements, cells, **more)
 
 
 def _record(kind: Any, entry: dict[str, Any]) -> Any:

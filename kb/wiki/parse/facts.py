@@ -1,8 +1,7 @@
-"""What infoboxes and recipes say, out of what the page script saw of them: wiki/facts and
-wiki/recipes.
+"""Makes wiki/facts and wiki/recipes from the infoboxes and recipes of an extraction.
 
-The extraction has texts as shown. Names and units are told from them here, by the profile's rules,
-so that other rules need no other crawl; of a page captured before they were read there is nothing.
+The extraction has texts as shown. Names and units are derived here, by the profile's rules, so that
+other rules need no new crawl. Pages captured by versions before these tables have no rows in them.
 """
 
 from __future__ import annotations
@@ -52,18 +51,18 @@ class MarkupRules(NamedTuple):
     item: str = ""
 
 
-def facts(page: Mapping[str, Any], found: Iterable[Row], rules: MarkupRules) -> list[Row]:
+def facts(page: Mapping[str, Any], entries: Iterable[Row], rules: MarkupRules) -> list[Row]:
     """Rows of wiki/facts of a page with `page_id`, `title` and `revision_id`.
 
     Fields that say nothing are left out.
     """
     rows: list[Row] = []
-    for one in found:
-        field, value = (_bare(one[name]) for name in ("field", "value"))
+    for one in entries:
+        field, value = (_bare(one[key]) for key in ("field", "value"))
         field = field.rstrip(":：").rstrip()
         if not field or not value:
             continue
-        value, unit = measured(field, value, (*UNITS, *rules.units))
+        value, unit = split_unit(field, value, (*UNITS, *rules.units))
         rows.append(
             {
                 "page_id": page["page_id"],
@@ -85,7 +84,7 @@ def _bare(text: str) -> str:
     return _NO_WIDTH.sub("", text).strip()
 
 
-def measured(field: str, value: str, units: tuple[str, ...]) -> tuple[str, str | None]:
+def split_unit(field: str, value: str, units: tuple[str, ...]) -> tuple[str, str | None]:
     """The value without its unit, and the unit; the value as it is where it has none.
 
     A unit stands behind a figure or a range of two ("2 kg", "3–5 minutes", "90%"), or in brackets
@@ -113,7 +112,7 @@ def _measures(units: tuple[str, ...]) -> tuple[re.Pattern[str], re.Pattern[str],
     )
 
 
-def recipes(page: Mapping[str, Any], found: Iterable[Row], rules: MarkupRules) -> list[Row]:
+def recipes(page: Mapping[str, Any], entries: Iterable[Row], rules: MarkupRules) -> list[Row]:
     """Rows of wiki/recipes of a page with `page_id` and `revision_id`."""
     return [
         {
@@ -124,28 +123,28 @@ def recipes(page: Mapping[str, Any], found: Iterable[Row], rules: MarkupRules) -
             "row_index": one["row"],
             "column_index": one["column"],
             "alternative": place,
-            "item": name(item, rules.item),
+            "item": item_name(item, rules.item),
             "quantity": quantity(item),
             "element_id": one["element"],
             "visible": one["visible"],
             "revision_id": page["revision_id"],
         }
-        for number, recipe in enumerate(found)
+        for number, recipe in enumerate(entries)
         for slot, one in enumerate(recipe["slots"])
         for place, item in enumerate(one["items"])
     ]
 
 
-def name(item: Row, expression: str) -> str | None:
+def item_name(item: Row, expression: str) -> str | None:
     """What a thing in a slot is called, None where nothing lies there or says so."""
-    return next((told for told in _names(item, expression) if told), None)
+    return next((candidate for candidate in _names(item, expression) if candidate), None)
 
 
 def _names(item: Row, expression: str) -> Iterator[str]:
     if item["tip"]:
         yield _ESCAPED.sub(r"\1", _FORMATTING.sub("", item["tip"])).strip()
     alt = " ".join((item["alt"] or "").split())
-    named = inside(alt, expression) or ""
+    named = name_inside(alt, expression) or ""
     if not _FILE.match(named):
         yield named
     title = " ".join((item["title"] or "").split())
@@ -158,7 +157,7 @@ def _names(item: Row, expression: str) -> Iterator[str]:
         yield match[0].rpartition(".")[0]
 
 
-def inside(text: str | None, expression: str) -> str | None:
+def name_inside(text: str | None, expression: str) -> str | None:
     """The name that stands inside of a picture's longer text, by the profile's expression; the text
     itself where there is none.
     """
@@ -169,10 +168,10 @@ def inside(text: str | None, expression: str) -> str | None:
 
 def quantity(item: Row) -> int | None:
     """How many there are, 1 where nothing is said, None of nothing and of no whole number."""
-    said = item["quantity"]
-    if not said:
+    text = item["quantity"]
+    if not text:
         return 1 if item["filled"] or item["text"] else None
-    match = _AMOUNT.fullmatch(said.strip())
+    match = _AMOUNT.fullmatch(text.strip())
     if not match:
         return None
     digits = re.sub(r"[,\s]", "", match[1])

@@ -1,4 +1,4 @@
-"""Newest answers → the pages that the stages judge: what the wiki says of each, and its capture."""
+"""Joins the newest answers to the pages that the filters judge."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ KINDS = {
     ),
     "files": RawKind(decode.files, key=("key",), named_by=("renders", "files")),
     "site": RawKind(decode.site, key=()),
-    "titles": RawKind(decode.nothing, key=()),
-    "imageinfo": RawKind(decode.nothing, key=()),
+    "titles": RawKind(decode.no_rows, key=()),
+    "imageinfo": RawKind(decode.no_rows, key=()),
 }
 HELPERS = (
     "key",
@@ -98,19 +98,21 @@ def _joined(rows: pa.Table, other: pa.Table, on: tuple[str, ...]) -> pa.Table:
         column = pc.binary_join_element_wise(*(table[name].cast(pa.string()) for name in on), "\n")
         return pa.concat_arrays([pa.array([], pa.string()), *column.chunks])
 
-    held = keys(other)
-    if not len(held):
+    known = keys(other)
+    if not len(known):
         return pa.table({field.name: pa.nulls(rows.num_rows, field.type) for field in other.schema})
-    return other.take(pc.index_in(keys(rows), value_set=held, skip_nulls=True)).combine_chunks()
+    return other.take(pc.index_in(keys(rows), value_set=known, skip_nulls=True)).combine_chunks()
 
 
 def _of_site(
     titles: pa.ChunkedArray[Any], site: pa.Table | None, url: str
 ) -> dict[str, pa.Array[Any]]:
     """What every page has of the site's description: its licence, its history's address."""
-    said = site.to_pylist()[0] if site is not None else dict.fromkeys(decode.schema("site").names)
-    script = (said["server"] or url) + (said["script"] or "/index.php")
-    license = urls.licence(said["license_url"] or None, said["license_text"])
+    description = (
+        site.to_pylist()[0] if site is not None else dict.fromkeys(decode.schema("site").names)
+    )
+    script = (description["server"] or url) + (description["script"] or "/index.php")
+    license = urls.licence(description["license_url"] or None, description["license_text"])
     history = [
         None if title is None else urls.history(script, title) for title in titles.to_pylist()
     ]

@@ -1,4 +1,4 @@
-"""What a crawled wiki calls its pages: titles, redirects to them, categories; from raw answers."""
+"""Reads titles, redirects and categories of a crawled wiki's pages from raw answers."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def pages(root: Path) -> list[NamedPage]:
             if at >= newest.get(key, ("", None))[0]:
                 there = answers.state(page) == "there" and "redirects" not in query
                 newest[key] = (at, _named(page, spaces, removed) if there else None)
-    held = [page for key, (_, page) in newest.items() if page is not None and key not in removed]
-    return sorted(page for page in held if page.title not in removed and page.title != front)
+    named = [page for key, (_, page) in newest.items() if page is not None and key not in removed]
+    return sorted(page for page in named if page.title not in removed and page.title != front)
 
 
 def _site(root: Path) -> tuple[dict[int, str], str]:

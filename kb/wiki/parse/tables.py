@@ -1,4 +1,4 @@
-"""Captured pages → the contract's tables, from the extractions beside the raw log."""
+"""Makes the tables of captured pages from their extractions."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ def read_pages(
     DamagedData.
     """
     pages = rows["wiki/pages"]
-    held: Files = (
+    stored: Files = (
         {row["key"]: row for row in rows["files"].to_pylist() if row["path"] is not None}
         if whole
         else {}
     )
-    parts = _Parts(held, rules)
+    parts = _Parts(stored, rules)
     measured = _measured()
     columns: dict[str, list[Any]] = {
         name: [] for name in ("screenshot_path", *measured, "word_count", "text")
@@ -61,14 +61,14 @@ def read_pages(
         pages.select(["page_id", "folder", "title", "revision_id"]).to_pylist()
     ):
         folder = page["folder"]
-        found: Row = {}
+        values_of_page: Row = {}
         seen = None if folder is None else extraction.read(root, inside(root, folder))
         if seen is not None and extraction.is_foreign(seen.page, page["page_id"]):
             render[row] = "challenge"
         elif seen is not None:
             text = page_text(seen.elements)
-            found = {name: take(seen.page) for name, take in measured.items()}
-            found |= {
+            values_of_page = {name: take(seen.page) for name, take in measured.items()}
+            values_of_page |= {
                 "screenshot_path": f"{folder}/screenshot.png",
                 "word_count": len(text.split()),
                 "text": text,
@@ -76,7 +76,7 @@ def read_pages(
             if whole:
                 parts.add(page, seen)
         for name, values in columns.items():
-            values.append(found.get(name))
+            values.append(values_of_page.get(name))
     place = pages.schema.get_field_index("render")
     pages = pages.set_column(place, pages.schema.field(place), pa.array(render, pa.string()))
     types = {column.name: column.parsed.arrow() for column in table("wiki/pages").columns}
@@ -106,7 +106,7 @@ class _Parts:
     def tables(self) -> dict[str, pa.Table]:
         """All of them, by name."""
         self._flush()
-        return {name: pa.concat_tables(found) for name, found in self._done.items()}
+        return {name: pa.concat_tables(parts) for name, parts in self._done.items()}
 
     def _flush(self) -> None:
         waiting, rules = self._waiting, self._rules
@@ -126,7 +126,7 @@ class _Parts:
         self._waiting, self._size = [], 0
 
 
-def tops(elements: list[Any]) -> Iterator[Any]:
+def outermost_texts(elements: list[Any]) -> Iterator[Any]:
     """Visible texts and cells that no other one of the same table holds: every word once."""
     by_id = {element.id: element for element in elements}
     for element in elements:
@@ -153,7 +153,7 @@ def _holder(element: Any, by_id: Mapping[Any, Any]) -> Any:
 
 def page_text(elements: list[Any]) -> str:
     """The visible text of a page in reading order, a block a line."""
-    return "\n".join(element.text for element in tops(elements) if element.text)
+    return "\n".join(element.text for element in outermost_texts(elements) if element.text)
 
 
 def elements(pages: list[tuple[int, list[Any]]], rules: facts.MarkupRules) -> pa.Table:
@@ -161,26 +161,26 @@ def elements(pages: list[tuple[int, list[Any]]], rules: facts.MarkupRules) -> pa
 
     def text(element: Any) -> str | None:
         if element.kind == "sprite":
-            return facts.inside(element.text, rules.item)
-        said: str | None = element.text if element.kind in ("text", "cell") else None
-        return said
+            return facts.name_inside(element.text, rules.item)
+        content: str | None = element.text if element.kind in ("text", "cell") else None
+        return content
 
-    found = list(chain.from_iterable(each for _, each in pages))
+    entries = list(chain.from_iterable(each for _, each in pages))
     order = chain.from_iterable(range(len(each)) for _, each in pages)
     return _made(
         "wiki/elements",
         pages,
-        text=list(map(text, found)),
-        lines=_lines(found),
+        text=list(map(text, entries)),
+        lines=_lines(entries),
         reading_order=list(order),
     )
 
 
-def _lines(found: list[Any]) -> pa.Array[Any]:
+def _lines(elements: list[Any]) -> pa.Array[Any]:
     """The boxes of each text's lines; null for what has none: pictures, hidden text, and pages
     that were captured before lines were read.
     """
-    each = [element.lines for element in found]
+    each = [element.lines for element in elements]
     ends = list(accumulate((len(lines or ()) for lines in each), initial=0))
     # Arrow takes the end of a list as null where the list is.
     offsets = [None if lines is None else end for lines, end in zip(each, ends, strict=False)]
@@ -192,8 +192,8 @@ def _lines(found: list[Any]) -> pa.Array[Any]:
 
 def cells(pages: list[tuple[int, list[Any]]]) -> pa.Table:
     """Rows of wiki/cells of some pages, grid places from 0."""
-    found = list(chain.from_iterable(each for _, each in pages))
-    row, column = (list(map(attrgetter(name), found)) for name in ("row", "column"))
+    entries = list(chain.from_iterable(each for _, each in pages))
+    row, column = (list(map(attrgetter(name), entries)) for name in ("row", "column"))
     return _made("wiki/cells", pages, row_index=row, column_index=column)
 
 
@@ -215,8 +215,8 @@ def _number(field: str, column: Column) -> Callable[[Row], int | float]:
 
 def _made(name: str, pages: list[tuple[int, list[Any]]], **more: Any) -> pa.Table:
     """A table of some pages' entries; `more` are the columns that rules make."""
-    found = list(chain.from_iterable(each for _, each in pages))
-    boxes = [entry.box for entry in found]
+    entries = list(chain.from_iterable(each for _, each in pages))
+    boxes = [entry.box for entry in entries]
     keys = chain.from_iterable(repeat(key, len(each)) for key, each in pages)
     made = {"page_id": list(keys), **more}
     arrays: list[pa.Array[Any]] = []
@@ -225,7 +225,7 @@ def _made(name: str, pages: list[tuple[int, list[Any]]], **more: Any) -> pa.Tabl
         if values is None and (field := extraction.field(column)) == "box":
             values = list(map(itemgetter(extraction.SIDES.index(column.name)), boxes))
         elif values is None:
-            values = list(map(attrgetter(field), found))
+            values = list(map(attrgetter(field), entries))
         arrays.append(values if isinstance(values, pa.Array) else pa.array(values, kind))
     return pa.table(arrays, schema=table(name).arrow())
 
@@ -250,12 +250,12 @@ def image_rows(page_id: int, seen: extraction.Extraction, files: Files) -> list[
         if element.frames:
             for index, frame in enumerate(element.frames):
                 if row := _file_row(frame.get("src"), files):
-                    held = frame.get("duration")
+                    duration = frame.get("duration")
                     alt = frame.get("alt") or base["alt_text"]
                     moment = {
                         "alt_text": alt,
                         "frame_index": index,
-                        "frame_duration_ms": None if held is None else round(held),
+                        "frame_duration_ms": None if duration is None else round(duration),
                     }
                     rows.append({**base, **row, **moment})
             continue
@@ -276,8 +276,8 @@ def image_rows(page_id: int, seen: extraction.Extraction, files: Files) -> list[
         durations = () if pixels else _durations(element.src, files)
         if durations:
             rows += [
-                {**base, **row, "frame_index": index, "frame_duration_ms": held}
-                for index, held in enumerate(durations)
+                {**base, **row, "frame_index": index, "frame_duration_ms": duration}
+                for index, duration in enumerate(durations)
             ]
         else:
             rows.append({**base, **row, "frame_index": None, "frame_duration_ms": None})
@@ -288,9 +288,9 @@ def _file_row(src: str | None, files: Files) -> Row | None:
     if not src or not src.startswith(("http:", "https:")):
         return None
     key = urls.original(src)
-    held = files.get(key, {})
+    stored = files.get(key, {})
     names = ("path", "sha256", "media_type", "width", "height", "license")
-    return {"src": held.get("url") or key, **{name: held.get(name) for name in names}}
+    return {"src": stored.get("url") or key, **{name: stored.get(name) for name in names}}
 
 
 def _durations(src: str | None, files: Files) -> list[int | None]:

@@ -32,8 +32,8 @@ def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
     titles = [_title(one) for one in answer.get("items", [])]
     searched = f"a search for {wording.shown(words)}"
     if not titles:
-        mend = "search for words that channels of the domain use in their names"
-        return OnlineAnswer(ERROR, "youtube.keywords", f"{searched} finds no channel", mend, WRONG)
+        fix = "search for words that channels of the domain use in their names"
+        return OnlineAnswer(ERROR, "youtube.keywords", f"{searched} finds no channel", fix, WRONG)
     shown = ", ".join(titles[:3])
     return OnlineAnswer(NOTE, "youtube.keywords", f"{searched} finds channels such as {shown}")
 

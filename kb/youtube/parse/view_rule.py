@@ -65,7 +65,7 @@ def kept_rules(clean: Path) -> dict[str, dict[str, int]]:
             counts[entry["values"]] += entry["counts"]
     if len(counts) > 1:
         _log.warning(
-            "view counts mix two measures: of the kept videos %s were read when a view needed"
+            "view counts mix two definitions: %s kept videos were read when a view needed"
             " watch time and %s when the start of playback counted (column view_rule);"
             " `kb refresh youtube --older-than 0` reads all of them again",
             f"{counts[WATCH_TIME]:,}",

@@ -163,7 +163,7 @@ sys.exit(run_to_exit_code(lambda: app(prog_name="x", standalone_mode=False)))
 
 
 def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
-    environment = {**clean_environment(), "PYTHONPATH": str(Path(__file__).parents[2])}
+    environment = {**clean_environment(), "PYTHONPATH": str(Path(__file__).parents[3])}
     process = subprocess.Popen(
         [sys.executable, "-c", PROGRAM, *arguments],
         cwd=folder,
@@ -224,7 +224,7 @@ def test_a_signal_while_a_command_is_still_being_loaded(
     process = subprocess.Popen(
         [sys.executable, "-c", program, "youtube", "crawl", "--json"],
         cwd=tmp_path,
-        env={**clean_environment(), "PYTHONPATH": f"{tmp_path}:{Path(__file__).parents[2]}"},
+        env={**clean_environment(), "PYTHONPATH": f"{tmp_path}:{Path(__file__).parents[3]}"},
         text=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -88,7 +88,7 @@ def on_a_terminal(*arguments: str, program: str = PROGRAM) -> tuple[str, str]:
         stderr=theirs,
         text=True,
         env={**clean_environment(), "TERM": "xterm", "COLUMNS": "120"},
-        cwd=Path(__file__).parents[2],
+        cwd=Path(__file__).parents[3],
     )
     os.close(theirs)
     seen = b""
@@ -135,7 +135,7 @@ def in_a_pipe(program: str) -> str:
         capture_output=True,
         text=True,
         check=True,
-        cwd=Path(__file__).parents[2],
+        cwd=Path(__file__).parents[3],
         env=clean_environment(),
     )
     assert done.stdout == "result\n"

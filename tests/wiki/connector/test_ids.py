@@ -18,7 +18,7 @@ def test_read_titles(tmp_path, make_rows):
     assert read_titles(lines)[::2] == (["Iron Ore", "Gold"], 0)
     pq.write_table(make_rows("wiki/pages", 3, released=True, title=["A", "B", "A"]), parquet)
     assert read_titles(parquet).keys == ["A", "B"]
-    with pytest.raises(SettingError, match="holds no released pages"):
+    with pytest.raises(SettingError, match="contains no released pages"):
         read_titles(tmp_path)
     (tmp_path / "pages-00000-of-00001.parquet").write_bytes(parquet.read_bytes())
     assert read_titles(tmp_path).keys == ["A", "B"]
@@ -44,5 +44,5 @@ def test_read_titles(tmp_path, make_rows):
     assert read_titles(minedojo)[::2] == (["B", "C"], 3)
     for bad in ("", "\n\n", "|\n"):
         lines.write_text(bad)
-        with pytest.raises(SettingError, match="holds no titles"):
+        with pytest.raises(SettingError, match="contains no titles"):
             read_titles(lines)

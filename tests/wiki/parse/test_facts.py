@@ -166,13 +166,13 @@ def test_more_slots_than_a_page_may_have_elements_are_too_many(pages, look):
     st.sampled_from(["", " ", "\u00a0"]),
 )
 def test_a_figure_with_a_unit_is_told_apart(figure, unit, space):
-    assert facts.measured("Field", f"{figure}{space}{unit}", UNITS) == (figure, unit)
-    assert facts.measured("Field", f"{figure} {unit} more", UNITS) == (
+    assert facts.split_unit("Field", f"{figure}{space}{unit}", UNITS) == (figure, unit)
+    assert facts.split_unit("Field", f"{figure} {unit} more", UNITS) == (
         f"{figure} {unit} more",
         None,
     )
-    assert facts.measured(f"Field ({unit})", figure, UNITS) == (figure, unit)
-    assert facts.measured("Field", figure, UNITS) == (figure, None)
+    assert facts.split_unit(f"Field ({unit})", figure, UNITS) == (figure, unit)
+    assert facts.split_unit("Field", figure, UNITS) == (figure, None)
 
 
 @pytest.mark.parametrize(
@@ -190,7 +190,7 @@ def test_a_figure_with_a_unit_is_told_apart(figure, unit, space):
     ],
 )
 def test_units(value, told):
-    assert facts.measured("Field", value, UNITS) == told
+    assert facts.split_unit("Field", value, UNITS) == told
 
 
 def item(**given: Any) -> dict[str, Any]:
@@ -218,7 +218,7 @@ def item(**given: Any) -> dict[str, Any]:
     ],
 )
 def test_names_of_things(given, name):
-    assert facts.name(item(**given), load_profile("minecraft").wiki.markup.item) == name
+    assert facts.item_name(item(**given), load_profile("minecraft").wiki.markup.item) == name
 
 
 @pytest.mark.parametrize(

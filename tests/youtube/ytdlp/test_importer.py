@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from kb.youtube.ytdlp.tracks import ListedTracks, TrackKind, kind_of
+from tests.youtube.connector.test_fetch import CRAWL
 from tests.youtube.job import Job
-from tests.youtube.test_faults import CRAWL
 from tests.youtube.ytdlp.folder import FORMS, info, spoken, video_id, vtt, write_video
 
 VIDEOS = "SELECT * FROM clean.youtube_videos ORDER BY video_id"

@@ -81,7 +81,7 @@ def new(
 @command(
     app,
     raw=True,
-    json="errors, warnings, notes, findings (level, file, line, key, what, mend), hits",
+    json="errors, warnings, notes, findings (level, file, line, key, what, fix), hits",
     examples=[
         "kb profile check                         the profile that other commands would use",
         "kb profile check gardening               everything that is missing or wrong",
@@ -269,7 +269,7 @@ def _show_hits(hits: list[dict[str, Any]]) -> None:
 def _table(findings: list[Finding]) -> str:
     """Level, place, finding and fix, in columns."""
     rows = [("level", "where", "finding", "how to fix it")]
-    rows += [(one.level, one.where, one.what, one.mend) for one in findings]
+    rows += [(one.level, one.where, one.what, one.fix) for one in findings]
     columns = [[terminal.one_line(cell) for cell in column] for column in zip(*rows, strict=True)]
     widths = [max(map(len, column)) for column in columns]
     lines = []

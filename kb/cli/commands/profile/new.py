@@ -12,7 +12,7 @@ from kb.core.profile import is_shipped, load_profile
 from kb.core.profile.check import check_file
 from kb.core.profile.finding import ERROR
 from kb.core.profile.new import KEYWORDS, profile_text
-from kb.core.profile.sense import subreddit_meant
+from kb.core.profile.plausibility import subreddit_meant
 from kb.core.resources import PROFILE_FILE
 from kb.core.resources import folder as shared
 from kb.store import leftovers
@@ -91,7 +91,7 @@ def _check_given(text: str, *, wiki: str | None, subreddit: str | None) -> None:
     for key, (option, value) in given.items():
         if value is not None and key in wrong:
             guess = subreddit_meant(value) if key == "reddit.subreddit" else ""
-            raise SettingError(f"{option} is {value!r}", hint=guess or wrong[key].mend)
+            raise SettingError(f"{option} is {value!r}", hint=guess or wrong[key].fix)
 
 
 def _home() -> Path:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.options import pipeline
 from kb.cli.framework.source_commands import add_export, add_filter
 from kb.core.sources import SPECS
 
@@ -22,13 +21,14 @@ def app_of(name: str) -> typer.Typer:
     app = group(spec.help)
 
     def crawl(run: Run) -> Summary:
-        summary: Summary = pipeline(run, name).crawl(run)
-        return summary
+        from kb.crawl.job import crawl_source
+
+        return crawl_source(run, spec)
 
     crawl.__doc__ = f"Crawl what is left: {', '.join(spec.nouns.values())}, as raw answers."
     command(
         app,
-        uses=("workers", "wait", "pipeline"),
+        uses=("workers", "wait"),
         limit=f"Stop after N more {spec.counted} (exit code 3); the next run resumes.",
         json="crawled, failed, pending, requests",
         checks=True,

@@ -1,4 +1,4 @@
-"""What to type next on a data root, as `kb status` says it."""
+"""The next commands for a data root, as `kb status` suggests them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def next_steps(run: Run, sources: dict[str, dict[str, Any]], links: dict[str, Any]) -> list[str]:
-    """The commands to type now, as they have to be typed; each source goes on by itself.
+    """The next commands, as they have to be typed; one for each source that needs one.
 
     `sources` and `links` are those of the overview.
     """
@@ -25,9 +25,9 @@ def next_steps(run: Run, sources: dict[str, dict[str, Any]], links: dict[str, An
 
 
 def _step(run: Run, source: str, about: dict[str, Any]) -> str:
-    """What a source's data need next: to be read to the end, sorted, kept fresh, exported.
+    """The next command for a source: crawl, filter, refresh or export.
 
-    A source whose credential few people can have is not crawled without it.
+    A source with a credential is not crawled without it.
     """
     if about["running_pid"]:
         return ""

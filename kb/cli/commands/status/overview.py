@@ -1,6 +1,4 @@
-"""What `kb status` says about a data root. Reads only, and never waits for or stops a running
-crawl.
-"""
+"""Collects what `kb status` shows. Only reads, and never waits for or stops a running crawl."""
 
 from __future__ import annotations
 
@@ -9,9 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kb.artifacts import linked
+from kb.artifacts import texts
 from kb.artifacts.catalog import Catalog
-from kb.cli.commands.status import held
+from kb.cli.commands.status import row_counts
 from kb.cli.commands.status.next_steps import next_steps
 from kb.core.source_spec import SourceSpec
 from kb.core.sources import SOURCES, SPECS
@@ -22,11 +20,11 @@ from kb.store.layout import TOP, Layout
 if TYPE_CHECKING:
     from kb.core.context import Run
 
-_LEFT = ("todo", "in_progress")  # what failed is counted by itself, as in a crawl's summary
+_LEFT = ("todo", "in_progress")  # failed items are counted separately, as in a crawl's summary
 
 
 def overview(run: Run) -> dict[str, Any]:
-    """All about the data root: by source, disk use in bytes by folder, what to type next."""
+    """Facts about the data root: by source, disk use in bytes by folder, next commands."""
     catalog = Catalog(run.root)
     sources = {source: about for source in SOURCES if (about := _source(run, source, catalog))}
     links = _links(catalog)
@@ -44,7 +42,7 @@ def overview(run: Run) -> dict[str, Any]:
         "disk_bytes_total": sum(disk.values()),
         "download": catalog.is_download,
         "pairs": {
-            schema: held.rows_of(catalog, schema, "pairs").get("pairs", 0)
+            schema: row_counts.rows_of(catalog, schema, "pairs").get("pairs", 0)
             for schema in ("clean", "restored", "release")
         },
         "next": next_steps(run, sources, links) if collected else [],
@@ -52,10 +50,12 @@ def overview(run: Run) -> dict[str, Any]:
 
 
 def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
-    """Progress, quota, age and rows of one source; empty when there is nothing of it."""
+    """Progress, quota, age and rows of a source; empty without data of it."""
     spec, state = SPECS[source], Layout(run.root).state(source)
-    tables = held.tables(run.root, source)
-    released, restored = (held.rows_of(catalog, one, source) for one in ("release", "restored"))
+    tables = row_counts.tables(run.root, source)
+    released, restored = (
+        row_counts.rows_of(catalog, one, source) for one in ("release", "restored")
+    )
     if not (state.is_file() or tables or released or restored):
         return {}
     about: dict[str, Any] = {
@@ -72,10 +72,10 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
         about |= _frontier(run, spec, state)
     about["left"] = sum(counts["left"] for counts in about["phases"].values())
     about["rows"] = tables
-    about |= held.answers(run.root, source)
+    about |= row_counts.answers(run.root, source)
     about |= {"released": released, "restored": restored}
-    about |= held.age(run, source, catalog)
-    about["unknown_keys"] = held.unknown_keys(run.root, source)
+    about |= row_counts.age(run, source, catalog)
+    about["unknown_keys"] = row_counts.unknown_keys(run.root, source)
     incomplete = getattr(spec.load(spec.status), "incomplete", None) if spec.status else None
     about |= incomplete(run.root) if incomplete is not None else {}
     return about
@@ -104,7 +104,7 @@ def _frontier(run: Run, spec: SourceSpec, state: Path) -> dict[str, Any]:
 
 
 def _crawled(spec: SourceSpec, frontier: Frontier) -> int:
-    """What the crawls of all runs have read, as their summaries count it."""
+    """Items read by all crawls, as their summaries count them."""
     if spec.status:
         return int(spec.load(spec.status).crawled(frontier))
     counts = (frontier.counts(kind) for kind, noun in spec.nouns.items() if noun == spec.counted)
@@ -112,18 +112,16 @@ def _crawled(spec: SourceSpec, frontier: Frontier) -> int:
 
 
 def _links(catalog: Catalog) -> dict[str, Any]:
-    """The entity tables, and which sources' tables differ from those that they were made of; empty
-    when there are none.
-    """
-    counts = held.rows_of(catalog, "links", "links")
+    """Rows of the entity tables, and the sources that have changed since; empty without tables."""
+    counts = row_counts.rows_of(catalog, "links", "links")
     if not counts:
         return {}
-    older = [] if catalog.is_download else linked.older_than(catalog.path)
+    older = [] if catalog.is_download else texts.changed(catalog.path, "links")
     return {"entities": 0, "links": 0, **counts, "older_than": older}
 
 
 def _writer(root: Path, source: str) -> int | None:
-    """The pid of the process that writes to the source now."""
+    """The pid of the process that is writing to the source."""
     pid = lock.holders(root).get(source, "")
     return int(pid) if pid.isdigit() else None
 
@@ -133,7 +131,7 @@ def _folders(root: Path) -> Iterator[Path]:
 
 
 def _size(folder: Path) -> int:
-    """Bytes of all files in a folder; files that vanish meanwhile count nothing."""
+    """Bytes of all files in a folder; files that vanish meanwhile are not counted."""
     total = 0
     try:
         with os.scandir(folder) as entries:

@@ -47,20 +47,20 @@ class Broken(NamedTuple):
     new: str
     where: str
     said: str
-    mend: str
+    fix: str
 
 
-def toml(old: str, new: str, line: int, said: str, mend: str = "") -> Broken:
-    return Broken("profile.toml", old, new, f"profile.toml:{line}", said, mend)
+def toml(old: str, new: str, line: int, said: str, fix: str = "") -> Broken:
+    return Broken("profile.toml", old, new, f"profile.toml:{line}", said, fix)
 
 
-def row(text: str, said: str, mend: str = "") -> Broken:
+def row(text: str, said: str, fix: str = "") -> Broken:
     """A row more at the end of the list."""
-    return Broken("keywords.tsv", LIST, LIST + text, "keywords.tsv:5", said, mend)
+    return Broken("keywords.tsv", LIST, LIST + text, "keywords.tsv:5", said, fix)
 
 
-def file(text: str, where: str, said: str, mend: str = "") -> Broken:
-    return Broken("keywords.tsv", LIST, text, where, said, mend)
+def file(text: str, where: str, said: str, fix: str = "") -> Broken:
+    return Broken("keywords.tsv", LIST, text, where, said, fix)
 
 
 CONTACT = 'contact = "me@gardens.wiki"'

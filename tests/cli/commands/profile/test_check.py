@@ -33,7 +33,7 @@ WARNINGS = [
     toml("[release]", 'include = ["water"]\n[release]', 12, 'everyday word "water"', "near"),
     row("Water\tthing\n", "'Water' is an everyday word and has no rule", "near"),
     row("Scree\tplace\t\tstone\n", "'stone' is an everyday word", "never"),
-    row("saxifrage\tplace\n", "'saxifrage' stands on line 2", "the first counts"),
+    row("saxifrage\tplace\n", "'saxifrage' is already on line 2", "the first counts"),
     row("Scree\tplace\t\t!!\n", "the form '!!' has no word"),
     row("A1\tplant\nA2\tplant\nScree\tplnt\n", "the kind 'plnt' occurs only once", "'plant'"),
 ]  # fmt: skip
@@ -69,11 +69,11 @@ def test_a_placeholder_in_the_settings_is_seen_unless_all_is_local(
 
 
 @pytest.mark.parametrize(
-    ("spdx", "mend"),
+    ("spdx", "fix"),
     [("CC-BY-4", 'did you mean "CC-BY-4.0"?'), ("MY-LICENCE", "known: CC-BY-4.0, ")],
 )
 def test_a_licence_is_one_that_a_release_can_carry(
-    spdx: str, mend: str, tmp_path: Path, typed: Typed, capsys: pytest.CaptureFixture[str]
+    spdx: str, fix: str, tmp_path: Path, typed: Typed, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = written(tmp_path)
     path.write_text(f'{GOOD}licenses = {{ youtube = "{spdx}" }}\n')
@@ -81,7 +81,7 @@ def test_a_licence_is_one_that_a_release_can_carry(
     (one,) = summary_of(capsys)["findings"]
     assert one["key"] == "release.licenses.youtube"
     assert spdx in one["what"]
-    assert mend in one["mend"]
+    assert fix in one["fix"]
     assert typed("links", "--profile", str(path), "--data", str(tmp_path)) == 1  # nothing is there
 
 
@@ -106,7 +106,7 @@ def test_what_can_hardly_be_meant_is_a_warning(
     summary = summary_of(capsys)
     found = [one for one in summary["findings"] if one["level"] == "warning"]
     (one,) = [one for one in found if broken.said in one["what"]]
-    assert broken.mend in one["mend"]
+    assert broken.fix in one["fix"]
     assert one["file"] == broken.file
     assert len(found) == summary["warnings"] == 1
 
@@ -155,14 +155,14 @@ def test_a_copied_folder_beside_the_shipped_ones_needs_its_own_name(
     tmp_path: Path, typed: Typed, capsys: pytest.CaptureFixture[str], monkeypatch: Any
 ) -> None:
     from kb.core import profile, resources
-    from kb.core.profile import sense
+    from kb.core.profile import plausibility
 
     profiles = tmp_path / "profiles"
     (profiles / "garden").mkdir(parents=True)
     written(profiles / "garden", toml('"garden"', '"minecraft"', 1, ""))
-    for module in (profile, sense, resources):
+    for module in (profile, plausibility, resources):
         monkeypatch.setattr(module, "folder", lambda name: profiles)
     assert typed("profile", "check", "garden", "--json") == 2
     (one,) = [found for found in summary_of(capsys)["findings"] if found["level"] == "error"]
     assert "the profile's folder is garden" in one["what"]
-    assert 'name = "garden"' in one["mend"]
+    assert 'name = "garden"' in one["fix"]

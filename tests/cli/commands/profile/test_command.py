@@ -47,7 +47,7 @@ def test_a_broken_one_has_its_one_message_and_sends_nothing(
     (one,) = [found for found in summary["findings"] if found["level"] == "error"]
     assert place_of(one) == broken.where.removesuffix(":0")
     assert broken.said in one["what"]
-    assert broken.mend in one["mend"]
+    assert broken.fix in one["fix"]
     assert summary["errors"] == 1
     for command in (("youtube", "crawl"), ("wiki", "filter"), ("pairs",)):
         assert typed(*command, "--profile", str(path)) == 2

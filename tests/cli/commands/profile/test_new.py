@@ -21,7 +21,7 @@ from kb.pairs.keywords import NEVER, Keyword, read
 from kb.sandbox.server import Sandbox
 from tests.cli.conftest import Kb, clean_environment
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[4]
 FILLED = {  # the four lines that only the user knows
     'youtube.category_ids = ["FILL-IN"]': "youtube.category_ids = [26]",
     'wiki.url = "FILL-IN"': 'wiki.url = "https://gardens.wiki"',

@@ -65,7 +65,7 @@ def test_online_says_what_is_not_there(
     found = {one["file"]: one for one in summary_of(capsys)["findings"]}
     assert "finds no channel" in found["online: youtube"]["what"]
     assert "r/rockgarden can't be read" in found["online: reddit"]["what"]
-    assert "no subreddit of that name" in found["online: reddit"]["mend"]
+    assert "no subreddit of that name" in found["online: reddit"]["fix"]
 
 
 def test_online_a_key_that_is_missing_and_a_service_that_is_gone(

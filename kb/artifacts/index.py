@@ -1,0 +1,82 @@
+"""The indexes of `kb search`: which texts they are made from, and whether they can be used.
+
+An index can be made again at any time, so whoever changes the texts removes one that is out of
+date: a purge at once (`remove`), a filter where its texts have changed (`remove_stale`). Call both
+under the source's lock (kb.store.lock.of_clean).
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from kb.artifacts import manifest, texts
+from kb.artifacts.catalog import Catalog
+from kb.core.errors import DamagedData
+from kb.store.atomic import followed
+from kb.store.layout import Layout
+
+LOCKS = (".tantivy-meta.lock", ".tantivy-writer.lock")  # empty files, not part of an index
+_LARGE = 256 << 20  # bytes; a larger index is not read as a whole before it is asked
+
+_verified: set[frozenset[tuple[str, int, int, int]]] = set()  # files that this process has read
+
+
+def folder(root: Path, source: str) -> Path:
+    """Where the index is: below the data root, or in the cache for a download."""
+    return Layout(Catalog(root.absolute()).workplace).index(source)
+
+
+def remove(root: Path, source: str) -> None:
+    """Remove the index; no byte of it stays."""
+    place = folder(root, source)
+    (place / manifest.NAME).unlink(missing_ok=True)  # from here on there is no index
+    shutil.rmtree(followed(place), ignore_errors=True)
+    if place.is_symlink():
+        place.unlink()
+
+
+def remove_stale(root: Path, source: str) -> None:
+    """Remove an index that was made from other texts than those that are there now."""
+    if not texts.is_current(root, f"index/{source}"):
+        remove(root, source)
+
+
+def check(root: Path, source: str) -> None:
+    """Raises DamagedData for an index whose files are missing or differ from what was written.
+
+    A large one is not read for that: `kb verify` does it.
+    """
+    place = folder(root, source)
+    known = manifest.read(Catalog(root.absolute()).workplace, f"index/{source}")
+    if known is None:
+        return
+    now = [(path.name, path.stat()) for path in _files(place)]
+    mark = frozenset((name, it.st_ino, it.st_size, it.st_mtime_ns) for name, it in now)
+    if mark in _verified:
+        return
+    read = sum(entry.size for entry in known.files.values()) <= _LARGE
+    if damage := damaged(place, known, read=read):
+        raise DamagedData(damage, hint="run `kb index --again`")
+    _verified.add(mark)
+
+
+def damaged(place: Path, known: manifest.Manifest, *, read: bool = True) -> str:
+    """What is wrong with the files of an index; "" for an intact one."""
+    for name, entry in known.files.items():
+        path = place / name
+        if not path.is_file():
+            return f"{path} is missing"
+        if path.stat().st_size != entry.size or (read and manifest.entry_of(path) != entry):
+            return f"{path} has a checksum mismatch"
+    return ""
+
+
+def has_unknown_files(place: Path, known: manifest.Manifest) -> bool:
+    """Whether a file lies in an index that no command has written."""
+    return any(path.name not in known.files for path in _files(place))
+
+
+def _files(place: Path) -> list[Path]:
+    there = sorted(place.iterdir()) if place.is_dir() else []
+    return [one for one in there if one.name != manifest.NAME and not one.name.startswith(".")]

@@ -1,0 +1,45 @@
+"""Which files the texts of a source are read from: clean tables, else restored, else released ones.
+
+`kb links` and `kb index` read them. Their manifests have the digests of these files as inputs, also
+where they are made from a download.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from kb.artifacts import manifest
+from kb.artifacts.catalog import Catalog
+from kb.artifacts.registry import ARTIFACTS
+
+
+def files(root: Path, name: str) -> dict[str, list[Path]]:
+    """The files of each table that an artifact reads, in order; tables without files are left out.
+
+    Raises DamagedData for a lost file.
+    """
+    catalog = Catalog(root.absolute())
+    found = {table: catalog.texts(table) for table in ARTIFACTS[name].reads}
+    return {table: paths for table, paths in found.items() if paths}
+
+
+def inputs(root: Path, name: str) -> dict[str, str]:
+    """The digests of an artifact's inputs as they are now. Raises DamagedData for a lost file."""
+    return manifest.inputs(root, name, Catalog(root.absolute()).texts)
+
+
+def changed(root: Path, name: str) -> list[str]:
+    """The sources whose texts differ from those that the artifact was made from, where an older
+    version has not noted them: none. Raises DamagedData.
+    """
+    known = manifest.read(Catalog(root.absolute()).workplace, name)
+    if known is None or not known.inputs:
+        return []
+    now = inputs(root, name)
+    return [one.partition("/")[2] for one in now if now[one] != known.inputs.get(one)]
+
+
+def is_current(root: Path, name: str) -> bool:
+    """Whether the artifact was made from the texts that are there now. Raises DamagedData."""
+    known = manifest.read(Catalog(root.absolute()).workplace, name)
+    return known is not None and known.inputs == inputs(root, name)

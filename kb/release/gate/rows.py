@@ -1,0 +1,164 @@
+"""Compares released rows with the clean ones: their number, their age, and whether every text has
+been scored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import timedelta
+from pathlib import Path
+
+import duckdb
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from kb.artifacts import manifest, texts
+from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
+from kb.core import clock
+from kb.core.context import Run
+from kb.core.errors import DamagedData
+from kb.core.sources import SOURCES, SPECS, made_by
+from kb.release.gate.problem import GateProblem, damaged
+from kb.schema import Table, released_tables
+from kb.store import database, parquet
+from kb.store.layout import Layout
+
+
+def check(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) -> list[GateProblem]:
+    """Every problem of rows of `readable` tables; with damaged clean rows nothing is compared."""
+    tables = released_tables(folder.source)
+    problems = [problem for one in tables for problem in _damaged(run.root, one)]
+    if not problems:
+        for part in readable:
+            problems += _numbers(run.root, folder.source, part)
+        if folder.source == "links":
+            # Entity tables may name what a filter has dropped since.
+            what = "are older than clean/{}, and may name dropped rows; run `kb links`"
+            problems += [
+                GateProblem("rows", "links", what.format(one))
+                for one in texts.changed(run.root, "links")
+            ]
+        problems += _unscored(run, folder, readable)
+    exported = {part.table.name for part in folder.parts}
+    problems += [
+        GateProblem(
+            "rows",
+            f"{folder.source}/{declared.short}",
+            "is clean but not exported; run the export again",
+        )
+        for declared in tables
+        if declared.name not in exported and Layout(run.root).rows(declared.name)
+    ]
+    return problems + [problem for part in readable for problem in _age(run, folder.source, part)]
+
+
+def _damaged(root: Path, declared: Table) -> list[GateProblem]:
+    """Clean files that can't be read."""
+    problems = []
+    try:
+        manifest.check_complete(root, declared.name)
+    except DamagedData as error:
+        return [GateProblem("damaged", declared.name, f"{error}; {error.hint}")]
+    for path in Layout(root).rows(declared.name):
+        try:
+            parquet.check(path)
+            pq.read_metadata(path)
+        except (pa.ArrowException, OSError, DamagedData) as error:
+            where = str(path.relative_to(root))
+            problems.append(damaged(where, error, _rerun(declared.source)))
+    return problems
+
+
+def _numbers(root: Path, source: str, part: ReleasedTable) -> list[GateProblem]:
+    released, clean = (
+        sum(pq.read_metadata(path).num_rows for path in paths)
+        for paths in (part.shards, Layout(root).rows(part.table.name))
+    )
+    if released == clean:
+        return []
+    what = f"{released:,} released, {clean:,} clean; run the export again"
+    return [GateProblem("rows", f"{source}/{part.table.short}", what)]
+
+
+def _age(run: Run, source: str, part: ReleasedTable) -> list[GateProblem]:
+    """Rows that are older than the source's own limit, else the release's."""
+    section = getattr(run.profile, source, None)
+    days = getattr(section, "max_age_days", None) or run.profile.release.max_age_days
+    if days is None or "fetched_at" not in part.table.names(released=True):
+        return []
+    limit = clock.now() - timedelta(days=days)
+    with database.asking() as con:
+        row = con.execute(
+            "SELECT count(*), min(fetched_at)::DATE FROM read_parquet(?) WHERE fetched_at < ?",
+            [[str(path) for path in part.shards], limit],
+        ).fetchone()
+    if not row or not row[0]:
+        return []
+    what = f"{row[0]:,} rows were read more than {days} days ago (the oldest on {row[1]})"
+    if source in SPECS and SPECS[source].refreshed:
+        what = f"{what}; run `kb refresh {source}`"
+    return [GateProblem("age", f"{source}/{part.table.short}", what)]
+
+
+def _unscored(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) -> list[GateProblem]:
+    """Texts without a toxicity score, in clean/ and as released."""
+    shards = {part.table.name: part.shards for part in readable}
+    problems = []
+    for declared in released_tables(folder.source):
+        where = f"{folder.source}/{declared.short}"
+        try:
+            clean = _count_unscored(Layout(run.root).rows(declared.name), {*declared.names()})
+        except duckdb.Error as error:
+            what = f"clean rows of {declared.name}"
+            problems.append(damaged(what, error, _rerun(declared.source)))
+            continue
+        command = (
+            f"run `kb {folder.source} filter` and `kb {folder.source} export` again"
+            if run.profile.toxicity.on
+            else "the release is incomplete, toxicity is off in the profile"
+        )
+        problems += [
+            GateProblem(
+                "toxicity", where, f"{rows:,} rows have no toxicity score of {text}; {command}"
+            )
+            for text, rows in clean.items()
+        ]
+        try:
+            names = {*declared.names(released=True)}
+            released = _count_unscored(shards.get(declared.name, ()), names)
+        except duckdb.Error:
+            continue  # kb.release.gate.tables reports it
+        what = "released rows have no toxicity score of"
+        problems += [
+            GateProblem("toxicity", where, f"{rows:,} {what} {text}; run the export again")
+            for text, rows in released.items()
+            if rows > clean.get(text, 0)
+        ]
+    return problems
+
+
+def _count_unscored(files: Sequence[Path], names: set[str]) -> dict[str, int]:
+    """Text → rows with that text and without its score; `toxicity_<text>` belongs to `<text>`."""
+    if not files:
+        return {}
+    texts = sorted(name for name in names if f"toxicity_{name}" in names)
+    tests = {text: (f'length(trim("{text}")) > 0', f"toxicity_{text}") for text in texts}
+    if {"toxicity", "word_count"} <= names:
+        tests["the page's text"] = ("word_count > 0", "toxicity")
+    counts = {}
+    with database.asking() as con:
+        for text, (present, score) in tests.items():
+            # One after the other: where every row has a score, no text is read.
+            row = con.execute(
+                f'SELECT count(*) FROM read_parquet(?) WHERE "{score}" IS NULL AND {present}',
+                [[str(path) for path in files]],
+            ).fetchone()
+            if row and row[0]:
+                counts[text] = int(row[0])
+    return counts
+
+
+def _rerun(source: str) -> str:
+    """The command that makes the clean rows of a source again."""
+    command = f"run `{made_by(source)}"
+    return f"{command}` again" if source in SOURCES else f"{command} --again`"

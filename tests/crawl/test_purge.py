@@ -1,0 +1,47 @@
+"""A purge of damaged raw data: what can be read is purged, what can't be read is set aside."""
+
+from __future__ import annotations
+
+from kb.store import damage
+from tests.youtube.job import Job
+from tests.youtube.test_damage import frames, job, overwrite, plain, segment, video_of
+
+__all__ = ["job", "plain"]  # fixtures
+
+
+def test_purge_keeps_both_sides_of_a_damaged_frame(job: Job) -> None:
+    path = segment(job, "transcripts")
+    before = frames(path)
+    (start, end, line), (_, _, named) = before[len(before) // 2], before[3]
+    overwrite(path, start + 10, b"\xff" * 12)
+    gone = job.place / "gone.txt"
+    gone.write_text(video_of(named) + "\n")
+    said = job.stopped("purge", "youtube", "--ids", str(gone), code=1)
+    aside = path.with_name(f"{path.name}.damaged-{start}")
+    assert aside.name in said
+    assert f"transcripts {video_of(line)}" in said
+    assert aside.stat().st_size == end - start
+    left = {video_of(line) for _, _, line in frames(path)}
+    vanished = {
+        row["key"] for row in job.rows("SELECT key FROM youtube_tombstones WHERE reason <> 'named'")
+    }
+    asked = {video_of(line) for _, _, line in before}
+    assert left == asked - vanished - {video_of(line), video_of(named)}
+    assert not list((job.root / "state").glob("*.purge.json"))
+    job.done("youtube", "crawl")
+    assert video_of(line) in {str(one["response"]["video_id"]) for one in job.raw("transcripts")}
+    job.done("purge", "youtube")
+
+
+def test_a_purge_leaves_no_damaged_bytes_that_may_hold_its_key(job: Job) -> None:
+    path = segment(job, "transcripts")
+    _, end, line = frames(path)[4]
+    overwrite(path, end - 6, b"\xff" * 6)  # all but the last block could still be read
+    gone = job.place / "gone.txt"
+    gone.write_text(video_of(line) + "\n")
+    job.stopped("purge", "youtube", "--ids", str(gone), code=1)
+    assert not damage.asides(job.root, "youtube")
+    job.done("youtube", "crawl")
+    assert video_of(line) not in {
+        str(one["response"]["video_id"]) for one in job.raw("transcripts")
+    }

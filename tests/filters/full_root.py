@@ -1,0 +1,42 @@
+"""A data root in which one video is in every folder, for tests of purges, damage and indexes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from kb.core.pipeline import load, locate
+from kb.export import minedojo, parquet
+from kb.filters.clean import run_clean
+from kb.pairs.build import build
+from tests.filters.made import MONDAY, listing, put, run_at, transcript, video
+
+GONE, OTHER = "AAAAAAAAAA1", "AAAAAAAAAA2"
+
+
+def make(root: Path) -> None:
+    """The texts of the video GONE are found nowhere else."""
+    keys = [GONE, OTHER, *(f"BBBBBBBBB{number:02d}" for number in range(8))]
+    put(root, "videos", (MONDAY, {"id": ",".join(keys)}, listing(*map(_video, keys))))
+    put(root, "transcripts", *(transcript(key, cues=_cues(key)) for key in keys))
+    run = run_at(root)
+    run_clean(run, "youtube")
+    build(run)
+    parquet.export(run, "youtube")
+    parquet.export(run, "pairs")
+    minedojo.youtube(run)
+
+
+def _video(key: str) -> dict[str, object]:
+    return video(key, snippet__title="Zanzibar marmalade" if key == GONE else f"Minecraft {key}")
+
+
+def _cues(key: str) -> list[list[object]]:
+    words = "quinquereme of nineveh" if key == GONE else "we dig down a little"
+    return [[at * 3, 3, f"{words} and a creeper comes along number {at}"] for at in range(12)]
+
+
+def purge(root: Path, *keys: str) -> None:
+    """`kb purge youtube --ids`."""
+    ids = root.parent / f"{root.name}.txt"
+    ids.write_text("".join(f"{key}\n" for key in keys))
+    load(str(locate("purge", None))).purge(run_at(root), "youtube", ids)

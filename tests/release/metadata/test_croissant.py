@@ -1,0 +1,102 @@
+"""Croissant files that mlcroissant reads."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import requests
+
+from kb.core.sources import PUBLISHED
+from kb.release.publish.publish import publish
+from kb.sandbox.server import Sandbox
+from kb.sandbox.zenodo.service import TOKEN
+from kb.schema import tables
+from tests.release.conftest import a_run
+from tests.release.made import rows
+
+SOURCES = PUBLISHED
+
+
+TABLES = [
+    name for name, declared in tables().items() if declared.released and declared.source in SOURCES
+]
+
+
+@pytest.fixture(scope="session")
+def downloaded(released: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The records, fetched by the addresses that the service gives."""
+    folder = tmp_path_factory.mktemp("downloaded")
+    with pytest.MonkeyPatch.context() as patch, Sandbox(services=["zenodo"]) as service:
+        patch.setenv("KB_NOW", "2026-11-10T00:00:00Z")
+        root = Path(shutil.copytree(released, folder / "root"))
+        url = service.servers["zenodo"].url
+        summary = publish(
+            a_run(root, kb_zenodo_endpoint=url, zenodo_token=TOKEN), "zenodo", publish=True
+        )
+        for source, shown in summary["sources"].items():
+            record = requests.get(f"{url}/api/records/{shown['id']}", timeout=10).json()
+            (folder / source).mkdir()
+            for file in record["files"]:
+                (folder / source / file["key"]).write_bytes(
+                    requests.get(file["links"]["self"], timeout=10).content
+                )
+        shutil.rmtree(root)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def expected() -> dict[str, int]:
+    return {name: len(made) for name, made in rows().items()}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_mlcroissant_loads_every_record(
+    downloaded: Path, expected: dict[str, int], name: str
+) -> None:
+    mlcroissant = pytest.importorskip("mlcroissant")
+    source, _, table = name.partition("/")
+    found = list(mlcroissant.Dataset(str(downloaded / source / "croissant.json")).records(table))
+    assert len(found) == expected[name]
+    assert set(found[0]) == {f"{table}/{column}" for column in tables()[name].names(released=True)}
+    if name == "wiki/elements":  # a list of structs is read part by part
+        lines = [row["lines"] for row in rows()[name]]
+        told = [one[f"{table}/lines"] for one in found]
+        for given, parts in zip(lines, told, strict=True):
+            bare = [
+                {key.rpartition("/")[2]: value for key, value in part.items()} for part in parts
+            ]
+            assert bare == (given or [dict.fromkeys(("x", "y", "width", "height"))])
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_croissant_is_valid_and_says_who_is_concerned(downloaded: Path, source: str) -> None:
+    mlcroissant = pytest.importorskip("mlcroissant")
+    metadata = mlcroissant.Dataset(str(downloaded / source / "croissant.json")).metadata
+    assert list(metadata.ctx.issues.errors) == []
+    assert list(metadata.ctx.issues.warnings) == []
+    raw = json.loads((downloaded / source / "croissant.json").read_text())
+    assert raw["conformsTo"] == [
+        "http://mlcommons.org/croissant/1.1",
+        "http://mlcommons.org/croissant/RAI/1.0",
+    ]
+    assert metadata.data_biases
+    assert metadata.data_collection
+    assert metadata.personal_sensitive_information
+    assert metadata.data_use_cases
+    for file in raw["distribution"]:
+        if file["@type"] == "cr:FileObject":
+            path = downloaded / source / file["contentUrl"]
+            assert file["contentSize"] == f"{path.stat().st_size} B"
+            assert (
+                f"{file['sha256']}  {path.name}" in (downloaded / source / "SHA256SUMS").read_text()
+            )
+    described = {
+        field["name"]: field["description"]
+        for records in raw["recordSet"]
+        for field in records["field"]
+    }
+    assert all(described.values())

@@ -1,0 +1,215 @@
+"""`kb report` over made data: every figure, the same bytes twice, and what is missing."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import time
+import zlib
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from kb.core.errors import FatalError
+from kb.core.sources import PUBLISHED
+from kb.report import style
+from kb.report.build import report
+from kb.schema import table
+from kb.store.frontier import Frontier
+from kb.store.shards import write_table
+from tests.release.made import build
+from tests.report.made import OfOne, a_run
+
+FIGURES = {
+    "youtube-videos-funnel",
+    "youtube-durations",
+    "youtube-views",
+    "youtube-dates",
+    "youtube-channels",
+    "youtube-transcripts",
+    "youtube-videos-toxicity",
+    "youtube-words",
+    "wiki-page",
+    "wiki-page-overview",
+    "wiki-dates",
+    "wiki-pages-toxicity",
+    "wiki-pages-funnel",
+    "wiki-elements",
+    "reddit-posts-funnel",
+    "reddit-types",
+    "reddit-scores",
+    "reddit-comments-funnel",
+    "reddit-dates",
+    "reddit-posts-toxicity",
+    "reddit-comments-toxicity",
+    "reddit-words",
+    "pairs-keywords",
+    "pairs-lengths",
+    "links-most",
+    "links-least",
+    "links-known",
+    "quota",
+}
+
+
+def embedded(pdf: bytes) -> list[set[str]]:
+    """The tables of each TrueType font in a PDF."""
+    from fontTools.ttLib import TTFont
+
+    fonts = []
+    for number in re.findall(rb"/FontFile2 (\d+) 0 R", pdf):
+        stream = re.search(rb"(?s)\n%s 0 obj\n.*?\nstream\n(.*?)\nendstream" % number, pdf)
+        assert stream
+        fonts.append(set(TTFont(BytesIO(zlib.decompress(stream[1]))).keys()) - {"GlyphOrder"})
+    return fonts
+
+
+def test_every_figure_is_there_as_svg_png_and_pdf(root: Path) -> None:
+    folder = root / "report"
+    for suffix in ("svg", "png", "pdf"):
+        assert {path.stem for path in folder.glob(f"*.{suffix}")} == FIGURES
+    for path in folder.glob("*.pdf"):
+        content = path.read_bytes()
+        assert content.startswith(b"%PDF-")
+        assert b"/Type3" not in content  # journals refuse such letters
+        fonts = embedded(content)
+        assert bool(fonts) != path.stem.endswith("-words")  # a cloud is shapes
+        for tables in fonts:
+            assert tables == style._IN_PDF
+        assert b"/CreationDate" not in content
+    for path in folder.glob("*.svg"):
+        ElementTree.parse(path)
+        assert "<dc:date>" not in path.read_text()
+
+
+def test_same_bytes_whenever_wherever_and_with_any_number_of_workers(
+    of_one: Callable[[str], OfOne], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The other report was made by one worker, in the folder of all of this file."""
+    before = {
+        path.name: path.read_bytes() for path in (of_one("youtube").root / "report").iterdir()
+    }
+    shutil.copytree(of_one("youtube").root / "clean", tmp_path / "clean")
+    monkeypatch.setenv("KB_NOW", "2027-12-31T23:59:59Z")
+    monkeypatch.setenv("TZ", "Asia/Tokyo")
+    time.tzset()
+    report(a_run(tmp_path, workers=3))
+    after = {path.name: path.read_bytes() for path in (tmp_path / "report").iterdir()}
+    assert after == before
+    assert len(after) == 3 * 8 + 1
+
+
+def test_an_empty_root_gives_no_page_and_says_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(FatalError, match="no tables in ") as caught:
+        report(a_run(tmp_path))
+    assert (caught.value.exit_code, "kb demo" in caught.value.hint) == (1, True)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("no_pdf")
+def test_a_download_has_a_report_outside_of_it(
+    tmp_path: Path, make_rows: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    download = tmp_path / "download"
+    for name in ("youtube/videos", "reddit/posts", "pairs/pairs"):
+        source, _, short = name.partition("/")
+        path = download / source / f"{short}-00000-of-00001.parquet"
+        write_table(path, make_rows(name, 5, released=True), name, released=True)
+    before = sorted(download.rglob("*"))
+    page = Path(report(a_run(download))["page"])
+    assert page.is_relative_to(tmp_path / "cache")
+    assert "No data of YouTube" not in page.read_text()
+    report(a_run(download), tmp_path / "out")
+    assert (tmp_path / "out" / "index.html").is_file()
+    assert sorted(download.rglob("*")) == before
+
+
+@pytest.mark.usefixtures("no_pdf")
+def test_scores_of_the_tiny_model_are_marked(
+    of_one: Callable[[str], OfOne], tmp_path: Path
+) -> None:
+    root, page, _, _ = of_one("wiki")  # the source with the fewest figures
+    assert json.loads((root / "clean" / "wiki" / "summary.json").read_text()) == {
+        "model": "toxic_original"
+    }
+    assert "tiny model" not in page
+    shutil.copytree(root / "clean", tmp_path / "clean")
+    (tmp_path / "clean" / "wiki" / "summary.json").write_text('{"model": "lorecrawl_tiny"}')
+    report(a_run(tmp_path))
+    assert "tiny model" in (tmp_path / "report" / "index.html").read_text()
+
+
+@pytest.mark.usefixtures("no_pdf")
+def test_any_name_of_the_data_root(tmp_path: Path) -> None:
+    odd = tmp_path / "a#b?c%41[d]*'e{f,g}"
+    pages = []
+    for place in (odd, tmp_path / "plain"):
+        build(place, sources=("pairs",), export=False, n=10)
+        frontier = Frontier(place / "state" / "wiki.sqlite")
+        frontier.spend("wiki", 0, "parse", "2026-11-01")
+        frontier.close()
+        report(a_run(place))
+        pages.append((place / "report" / "index.html").read_bytes())
+    assert pages[0] == pages[1]
+    assert {path.name for path in tmp_path.iterdir()} == {odd.name, "plain"}
+
+
+@pytest.mark.usefixtures("no_pdf")
+def test_command_prints_its_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from kb.cli import main
+
+    (tmp_path / "state").mkdir()
+    build(tmp_path, sources=("pairs",), export=False, n=10)
+    with pytest.raises(SystemExit) as left:
+        main(["report", "--data", str(tmp_path), "--json", "--quiet"])
+    assert not left.value.code
+    summary = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert summary["figures"] == 2
+    assert Path(summary["page"]).is_file()
+
+
+@pytest.mark.usefixtures("no_pdf")
+def test_a_table_of_one_row_with_nothing_in_it(tmp_path: Path) -> None:
+    """All that may be null is null, texts are empty, counts are 0."""
+
+    def edit(name: str, made: list[dict[str, Any]]) -> None:
+        del made[1:]
+        for column in table(name).columns:
+            if column.nullable:
+                made[0][column.name] = None
+            elif column.name.endswith(("_count", "_comments", "duration_s", "score")):
+                made[0][column.name] = 0
+            elif column.name == "title":
+                made[0][column.name] = ""
+
+    build(tmp_path, edit, export=False, n=1)
+    for path in (tmp_path / "clean").glob("*/rejected/*"):
+        path.unlink()
+    summary = report(a_run(tmp_path))
+    assert summary["without"] == "Services"
+    made = {path.stem for path in (tmp_path / "report").glob("*.svg")}
+    assert {"youtube-durations", "wiki-page", "reddit-types", "pairs-lengths"} <= made
+    assert not {"youtube-dates", "youtube-channels", "youtube-videos-toxicity"} & made
+
+
+@pytest.mark.parametrize("source", PUBLISHED)
+def test_a_root_of_one_source(of_one: Callable[[str], OfOne], source: str) -> None:
+    page = of_one(source).page
+    assert page.count("No data of") == len(PUBLISHED) - 1
+    assert "may not be passed on" in page
+
+
+def test_missing_sources_are_said_in_a_line(of_one: Callable[[str], OfOne]) -> None:
+    _, page, summary, _ = of_one("youtube")
+    assert summary["without"] == "Wiki, Reddit, Video-text pairs, Entities, Services"
+    assert (
+        "No data of Reddit yet: run `kb reddit crawl` or `kb reddit import FILE`,"
+        " then `kb reddit filter`."
+    ) in page
+    assert "No data of YouTube" not in page

@@ -1,0 +1,39 @@
+"""What services were asked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from kb.core.profile import load_profile
+from kb.report import services
+from kb.report.data import ReportData
+from tests.report.made import a_run
+
+
+def test_quota_adds_up_by_day(root: Path) -> None:
+    figure = services.quota(ReportData(a_run(root)), load_profile("minecraft"))
+    assert figure is not None
+    assert sorted(tuple(row) for row in figure.rows) == sorted(
+        [
+            (f"2026-11-0{day}", f"youtube {bucket}", day * units)
+            for day in (1, 2, 3)
+            for bucket, units in (("general", 5), ("search", 1))
+        ]
+    )
+
+
+def test_each_service_has_a_scale_of_its_own(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Thirty units beside six: each panel is as high as its own largest day."""
+    sheets: list[Any] = []
+    monkeypatch.setattr(services, "saved", lambda sheet: sheets.append(sheet) or {})
+    services.quota(ReportData(a_run(root)), load_profile("minecraft"))
+    tops = [panel.get_ylim()[1] for panel in sheets[0].axes]
+    assert [panel.get_title(loc="left") for panel in sheets[0].axes] == [
+        "YouTube: general",
+        "YouTube: search",
+    ]
+    assert [panel.get_ylabel() for panel in sheets[0].axes] == ["units", "units"]
+    assert tops == pytest.approx([15 * 1.08, 3 * 1.08])
