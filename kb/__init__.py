@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from kb.core import telemetry
+from kb.core import startup
 
 if TYPE_CHECKING:
     from kb.reader import load
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["__version__", "load"]
 __version__ = "0.1.0"
 
-telemetry.switch_off()
+startup.disable_telemetry()
 
 
 def __getattr__(name: str) -> Any:

@@ -55,7 +55,7 @@ LONG = (
     "youtube/connector/test_errors.py",
     "engine/test_same_bytes_wiki.py",
     "engine/test_dask_lost.py",
-    "search/test_search.py",
+    "search/test_answers.py",
 )
 
 

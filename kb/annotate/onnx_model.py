@@ -183,7 +183,7 @@ def _runner(
     import onnxruntime
     from tokenizers import Tokenizer
 
-    onnxruntime.disable_telemetry_events()  # in addition to kb.core.telemetry
+    onnxruntime.disable_telemetry_events()  # in addition to kb.core.startup
     onnxruntime.set_default_logger_severity(3)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1

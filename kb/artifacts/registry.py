@@ -102,8 +102,8 @@ def artifact_of(path: Path) -> tuple[Path, Artifact] | None:
     other file.
     """
     parts = path.parts
-    for start in range(len(parts) - 1, -1, -1):
-        for end in range(len(parts), start, -1):
+    for end in range(len(parts), 0, -1):
+        for start in range(end):  # "restored/pairs" before "pairs"
             if (name := "/".join(parts[start:end])) in ARTIFACTS:
                 return Path(*parts[:start]), ARTIFACTS[name]
     return None

@@ -23,7 +23,7 @@ from concurrent.futures import (
 )
 from typing import Any
 
-from kb.core import garbage, signals
+from kb.core import signals, startup
 from kb.core.arrow import without_pandas
 from kb.core.dask_engine import dask_executor
 from kb.core.errors import FatalError, SettingError
@@ -121,7 +121,7 @@ def _begin_worker() -> None:
     A worker holds both ends of its queue, so that the death of a killed parent never shows there.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    garbage.seldom()
+    startup.collect_seldom()
     without_pandas()
     parent = multiprocessing.parent_process()
 

@@ -41,3 +41,14 @@ def lines(text: str) -> str:
 def json(text: str) -> str:
     """JSON with the same written as JSON itself escapes it: its values stay what they are."""
     return text.translate(_JSON)
+
+
+_UNITS = (("TB", 10**12), ("GB", 10**9), ("MB", 10**6), ("kB", 10**3))
+
+
+def size(n: int, digits: int = 1) -> str:
+    """1,234,567 bytes as "1.2 MB"."""
+    for unit, step in _UNITS:
+        if n >= step:
+            return f"{n / step:.{digits}f} {unit}"
+    return f"{n} B"

@@ -10,14 +10,14 @@ from typing import Any
 from kb.core.context import Run
 from kb.core.sources import SPECS
 from kb.core.verdict import Summary
-from kb.export import clip4mc, minedojo_pairs, parquet, video2dataset
+from kb.export import clip4mc, minedojo, parquet, video2dataset
 from kb.store.layout import Layout
 
 Writer = Callable[[Run], Any]
 
 # The layouts of pairs besides "parquet", which is release/pairs; those of a source are in its spec.
 PAIRS: dict[str, Writer] = {
-    "minedojo": minedojo_pairs.write,
+    "minedojo": minedojo.pairs,
     "clip4mc": clip4mc.write,
     "video2dataset": video2dataset.write,
 }

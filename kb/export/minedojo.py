@@ -1,25 +1,31 @@
-"""`--format minedojo`: YouTube in the layout of the published MineDojo data, a drop-in replacement.
+"""`--format minedojo`: YouTube, Reddit and pairs in the layout of the published MineDojo data.
 
 `export/minedojo/youtube_full.json` is a JSON list of `id, title, link, view_count, like_count,
 duration` (seconds) `, fps`; `youtube_tutorial.json`, which its loader reads for `full=False`, has
-of these the videos whose title says that it teaches. Both are ASCII, as published. Source:
-"MineDojo: Building Open-Ended Embodied Agents with Internet-Scale Knowledge" (NeurIPS 2022), data
-appendix. The other sources' layouts are in files beside this one.
+of these the videos whose title says that it teaches.
+
+`reddit.json` is a list of `id` and `type`. The published loader, and `kb reddit reconstruct`, bring
+the content back by id. The loader knows text, image, video and link and takes a post's content by
+its type; so a poll is a text (as in the paper: its content is the post's own text), and a gallery
+an image (its content is the gallery's address).
+
+`pairs.json` is `{keyword: [[video_id, start, end], …]}` (seconds), without text, a keyword a line.
+
+All files are ASCII, as published. Source: "MineDojo: Building Open-Ended Embodied Agents with
+Internet-Scale Knowledge" (NeurIPS 2022), data appendix. The wiki is in kb.export.minedojo_wiki.
 """
 
 from __future__ import annotations
 
-import contextlib
 import json
 import re
+from pathlib import Path
 
-from kb.artifacts import manifest
 from kb.core.context import Run
-from kb.core.errors import FatalError
 from kb.core.verdict import Summary
+from kb.export.rows import check_rows, json_list, sorted_rows
 from kb.store.atomic import writing
 from kb.store.layout import Layout
-from kb.store.merge import Merge
 
 # MineDojo's name ← ours, in the published order
 YOUTUBE = {
@@ -39,44 +45,55 @@ _TEACHES = re.compile(
     r"explained|tips)\b",
     re.IGNORECASE,
 )
+# Types that MineDojo's loader does not know, and what they are there.
+TYPES = {"poll": "text", "gallery": "image"}
 
 
 def youtube(run: Run) -> Summary:
-    """Writes both files from clean/youtube/videos, one video a line, sorted by id.
-
-    Memory is bounded by the rows read ahead. Raises FatalError without clean rows, and DiskFull.
-    """
-    parts = manifest.rows(run.root, "youtube/videos")
-    if not parts:
-        raise FatalError(
-            "nothing to export: clean/youtube/videos has no rows",
-            hint="run `kb youtube filter` first",
-        )
+    """Writes both lists of videos, sorted by id. Raises FatalError without clean rows, DiskFull."""
+    check_rows(run.root, "youtube/videos")
     path = Layout(run.root).export("minedojo", "youtube_full.json")
-    count, teaching = 0, 0
-    merge = Merge(parts, ["video_id"], list(YOUTUBE.values()))
-    with (
-        contextlib.closing(merge),
-        writing(path) as whole,
-        writing(path.with_name("youtube_tutorial.json")) as some,
-        whole.open("w", encoding="ascii") as every,
-        some.open("w", encoding="ascii") as tutorials,
-    ):
-        every.write("[")
-        tutorials.write("[")
-        for rows in merge:
-            for row in rows.rename_columns(list(YOUTUBE)).to_pylist():
-                line = json.dumps(row)
-                every.write((",\n" if count else "\n") + line)
-                count += 1
-                if teaches(row["title"]):
-                    tutorials.write((",\n" if teaching else "\n") + line)
-                    teaching += 1
-        every.write("\n]\n")
-        tutorials.write("\n]\n")
+    count = 0
+    with json_list(path) as add, json_list(path.with_name("youtube_tutorial.json")) as add_tutorial:
+        for row in sorted_rows(run.root, "youtube/videos", list(YOUTUBE.values()), ["video_id"]):
+            video = {name: row[ours] for name, ours in YOUTUBE.items()}
+            add(video)
+            if teaches(video["title"]):
+                add_tutorial(video)
+            count += 1
     return Summary(format="minedojo", videos=count, path=str(path))
 
 
 def teaches(title: str) -> bool:
     """Whether a title says that the video is a tutorial."""
     return bool(_TEACHES.search(title))
+
+
+def reddit(run: Run) -> Summary:
+    """Writes the list of posts, sorted by id. Raises FatalError without clean rows, DamagedData,
+    DiskFull.
+    """
+    check_rows(run.root, "reddit/posts")
+    path = Layout(run.root).export("minedojo", "reddit.json")
+    count = 0
+    with json_list(path) as add:
+        for row in sorted_rows(run.root, "reddit/posts", ["post_id", "type"], ["post_id"]):
+            add({"id": row["post_id"], "type": TYPES.get(row["type"], row["type"])})
+            count += 1
+    return Summary(posts=count, path=str(path))
+
+
+def pairs(run: Run) -> Path:
+    """Writes the clips by keyword, which it holds in memory. Raises FatalError, DiskFull."""
+    check_rows(run.root, "pairs/pairs")
+    path = Layout(run.root).export("minedojo", "pairs.json")
+    clips: dict[str, list[str]] = {}
+    columns = ["keyword", "video_id", "clip_start_s", "clip_end_s"]
+    for row in sorted_rows(run.root, "pairs/pairs", columns):
+        clip = [row["video_id"], row["clip_start_s"], row["clip_end_s"]]
+        clips.setdefault(row["keyword"], []).append(json.dumps(clip))
+    lines = [f"{json.dumps(keyword)}: [{', '.join(clips[keyword])}]" for keyword in sorted(clips)]
+    with writing(path) as temporary:
+        body = ",\n".join(lines)
+        temporary.write_text(f"{{\n{body}\n}}\n" if lines else "{\n}\n", encoding="ascii")
+    return path

@@ -24,34 +24,27 @@ import shutil
 from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote, unquote, urlsplit
 
-from kb.artifacts import manifest
 from kb.core.context import Run
-from kb.core.errors import FatalError
 from kb.core.verdict import Summary
-from kb.export.wiki_tar import rows
+from kb.export.rows import Row, check_rows, sorted_rows
 from kb.store import sidefiles
 from kb.store.atomic import replacing_folder
 from kb.store.inside import inside
 from kb.store.layout import CAPTURED, Layout
 
 _BOX = ["x", "y", "width", "height"]
-Row = dict[str, Any]
 
 
 def wiki(run: Run) -> Summary:
     """Writes wiki_full from clean/wiki, one page at a time. Raises FatalError without clean rows,
     and DiskFull.
     """
-    if not manifest.rows(run.root, "wiki/pages"):
-        raise FatalError(
-            "nothing to export: clean/wiki/pages has no rows", hint="run `kb wiki filter` first"
-        )
+    check_rows(run.root, "wiki/pages")
     target = Layout(run.root).export("minedojo", "wiki_full")
     count, taken = 0, set()
-    pages = rows(
+    pages = sorted_rows(
         run.root,
         "wiki/pages",
         ["page_id", "title", "url", "fetched_at", "screenshot_path"],
@@ -142,8 +135,7 @@ class _Grouped:
     """Rows of a table by page, read along with the pages; both are in order of page_id."""
 
     def __init__(self, root: Path, name: str, columns: list[str], by: list[str]) -> None:
-        held = rows(root, name, columns, by) if manifest.rows(root, name) else iter(())
-        self._groups = groupby(held, key=lambda row: row["page_id"])
+        self._groups = groupby(sorted_rows(root, name, columns, by), key=lambda row: row["page_id"])
         self._next: tuple[int, Iterator[Row]] | None = next(self._groups, None)
 
     def of(self, page_id: int) -> list[Row]:

@@ -17,7 +17,7 @@ from typing import Any
 import pyarrow as pa
 
 from kb.core.context import Run
-from kb.export.pair_rows import pair_rows
+from kb.export.rows import check_rows, sorted_rows
 from kb.store import parquet
 from kb.store.atomic import writing
 from kb.store.layout import Layout
@@ -42,13 +42,14 @@ def schema() -> pa.Schema:
 
 def write(run: Run) -> Path:
     """Writes the file. Raises FatalError when there is no index, and DiskFull."""
+    check_rows(run.root, "pairs/pairs")
     path = Layout(run.root).export("video2dataset", "pairs.parquet")
     with (
         writing(path) as temporary,
         parquet.writing(temporary, schema()) as file,
     ):
         waiting: list[dict[str, Any]] = []
-        for row in pair_rows(run, _COLUMNS):
+        for row in sorted_rows(run.root, "pairs/pairs", _COLUMNS):
             waiting.append(_clip(row))
             if len(waiting) == _ROWS:
                 file.write_table(pa.Table.from_pylist(waiting, schema()))

@@ -23,16 +23,14 @@ from typing import Any
 
 import pyarrow as pa
 
-from kb.artifacts import manifest
 from kb.core.context import Run
-from kb.core.errors import FatalError
 from kb.core.verdict import Summary
 from kb.export import parquet
+from kb.export.rows import check_rows, sorted_rows
 from kb.schema.tables import table
 from kb.store import sidefiles
 from kb.store.inside import inside
 from kb.store.layout import CAPTURED
-from kb.store.merge import Merge
 
 TAR_BYTES = 1 << 30
 _BLOCK = 512
@@ -67,10 +65,7 @@ def export(run: Run) -> Summary:
     Raises FatalError, DamagedData, DiskFull.
     """
     pages = table("wiki/pages")
-    if not manifest.rows(run.root, pages.name):
-        raise FatalError(
-            "nothing to export: clean/wiki/pages has no rows", hint="run `kb wiki filter` first"
-        )
+    check_rows(run.root, pages.name)
     lost: set[Path] = set()
     plan = {
         "screenshots": list(_shards(_screenshots(run.root, lost))),
@@ -107,16 +102,6 @@ def export(run: Run) -> Summary:
     return Summary({**summary, "tars": tars, "files": len(places), "path": path})
 
 
-def rows(root: Path, name: str, columns: list[str], by: list[str]) -> Iterator[dict[str, Any]]:
-    """Clean rows of a table in order, a piece at a time in memory."""
-    merge = Merge(manifest.rows(root, name), by, columns)
-    try:
-        for piece in merge:
-            yield from piece.to_pylist()
-    finally:
-        merge.close()
-
-
 def _screenshots(root: Path, lost: set[Path]) -> Iterator[Sample]:
     names = [
         "page_id",
@@ -129,7 +114,7 @@ def _screenshots(root: Path, lost: set[Path]) -> Iterator[Sample]:
         "page_height",
         "device_pixel_ratio",
     ]
-    for row in rows(root, "wiki/pages", [*names, "screenshot_path"], ["page_id"]):
+    for row in sorted_rows(root, "wiki/pages", [*names, "screenshot_path"], ["page_id"]):
         about = {name: row[name] for name in names}
         path = inside(root, row["screenshot_path"])
         yield _sample(f"{row['page_id']:09d}", path, about, lost)
@@ -139,7 +124,7 @@ def _images(root: Path, lost: set[Path]) -> Iterator[Sample]:
     """Every file once, by its hash, with what the first row says about it."""
     names = ["sha256", "media_type", "width", "height", "src", "license"]
     images: dict[str, tuple[str, dict[str, Any]]] = {}
-    for row in rows(
+    for row in sorted_rows(
         root,
         "wiki/images",
         [*names, "path", "page_id", "element_id", "frame_index"],

@@ -2,7 +2,7 @@
 
     texts      rows of clean tables → texts in batches, as the matcher takes them
     mentions   a batch of texts → rows of links/links: counts and first seconds
-    named      the wiki's titles and redirects → which page each entity has
+    entity_pages   the wiki's titles and redirects → which page each entity has
     build      all clean tables → links/entities-*.parquet and links/links-*.parquet
 
 The matcher is that of the pairs (kb.pairs.matching), with the same keywords, forms and rules for

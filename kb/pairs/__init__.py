@@ -1,16 +1,19 @@
 """Keyword-matched video-text pairs (MineDojo paper, appendix: video-text pairs).
 
-    keywords   the profile's list: forms, kinds, rules for everyday words
-    fold       case, spaces and punctuation evened out, positions kept
-    text       transcripts of a batch as one run of bytes, with the times of their cues
-    match      whole words, leftmost-longest, everywhere at once
-    choose     rules for everyday words, clips, choice by seeded rank
-    grow       the text around a match, to a drawn number of CLIP tokens
-    index      all of these on one batch of transcripts → rows of pairs/pairs
-    build      every batch of clean/youtube/transcripts → pairs/*.parquet
-    refill     a released index and one's own transcripts → pairs/*.parquet
-    show       hits per keyword with examples, for a person to judge the list
+    keyword_list       a profile's list: its rows, and what is wrong with them
+    keyword_forms      plural, joined and other forms of a keyword
+    keywords           the list with all forms, kinds and rules for everyday words
+    transcripts        reads clean transcripts in batches
+    transcript_batch   a batch as one run of bytes, with the times of its cues
+    matching           whole words, leftmost-longest, case and punctuation evened out
+    sampling           random numbers by seed and position; which clips are kept
+    clip_tokens        CLIP tokens of words
+    text_window        the text around a match, to a drawn number of CLIP tokens
+    extract            all of these on one batch of transcripts → rows of pairs/pairs
+    build              every batch of clean/youtube/transcripts → pairs/*.parquet
+    restore            a released index and one's own transcripts → pairs with text
+    keyword_hits       hits per keyword with examples, for a person to judge the list
+    keyword_proposal   rows of a list, proposed from a wiki's page titles
 
-Work is done on whole batches with numpy and Arrow; nothing is looped over words that no match
-touches.
+Work is done on whole batches with numpy and Arrow.
 """

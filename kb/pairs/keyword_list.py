@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from kb.core.errors import ProfileError
 from kb.core.profile.base import FILL_IN
-from kb.core.profile.everyday import is_everyday
+from kb.core.profile.everyday_words import is_everyday
 from kb.core.profile.finding import ERROR, NOTE, WARNING, Finding
 from kb.core.profile.pairs import Pairs
 from kb.pairs.keyword_forms import forms

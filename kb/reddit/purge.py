@@ -22,7 +22,7 @@ from kb.reddit.connector.ids import read_wanted
 from kb.reddit.connector.source import INFO
 from kb.reddit.parse import tree
 from kb.reddit.parse.assemble import count_again
-from kb.reddit.parse.latest_state import known
+from kb.reddit.parse.latest_state import latest_state
 from kb.reddit.parse.remove_ids import crossposts_of, drop_parents, strip
 from kb.store import tombstones
 from kb.store.layout import BELOW, Layout
@@ -43,22 +43,22 @@ def find(purge: Purge) -> dict[str, str]:
     """Keys with reason `deleted`, `removed`, `missing`, `named`, or `post` for comments of posts
     that are removed.
     """
-    reasons_of = dict.fromkeys(purge.listed.keys if purge.listed else (), "named")
-    with known(purge.run, purge.scratch) as things:
+    found = dict.fromkeys(purge.listed.keys if purge.listed else (), "named")
+    with latest_state(purge.run, purge.scratch) as things:
         for rows in things:
             lost = rows.filter(pc.or_(pc.invert(rows["there"]), pc.is_valid(rows["gone"])))
             reasons = pc.fill_null(lost["gone"], "missing").to_pylist()
             for name, reason in zip(lost["fullname"].to_pylist(), reasons, strict=True):
-                reasons_of.setdefault(str(name), reason)
+                found.setdefault(str(name), reason)
         # A post that was purged before may have got comments since.
-        names = reasons_of.keys() | tombstones.keys(purge.root, "reddit")
+        names = found.keys() | tombstones.keys(purge.root, "reddit")
         posts = pa.array(sorted(name[3:] for name in names if name.startswith("t3_")), pa.string())
         for rows in things:
             is_comment = pc.starts_with(rows["fullname"], "t1_")
             below = pc.and_(is_comment, pc.is_in(rows["post_id"], value_set=posts))
             for name in rows["fullname"].filter(below).to_pylist():
-                reasons_of.setdefault(str(name), "post")
-    return reasons_of
+                found.setdefault(str(name), "post")
+    return found
 
 
 def texts(keys: Collection[str]) -> set[str]:

@@ -33,7 +33,7 @@ SPEC = SourceSpec(
     status=".status",
     online=".connector.online:question",
     formats={
-        "minedojo": "kb.export.minedojo_reddit:export",
+        "minedojo": "kb.export.minedojo:reddit",
         "convokit": "kb.export.convokit:export",
     },
     exports=("minedojo/reddit.json", "convokit"),

@@ -62,7 +62,7 @@ def files(run: Run, source: str, changed: Changes) -> dict[str, str]:
 def provenance(run: Run, source: str, changed: Changes) -> str:
     """provenance.json as text."""
     address = software_address()
-    said = {
+    document = {
         "software": {
             "name": "lorecrawl",
             "version": __version__,
@@ -78,7 +78,7 @@ def provenance(run: Run, source: str, changed: Changes) -> str:
         "settings": dict(rules(run.profile, source)),
         "changes": msgspec.to_builtins(changed) if changed.version else None,
     }
-    return json.dumps(said, indent=1, ensure_ascii=False) + "\n"
+    return json.dumps(document, indent=1, ensure_ascii=False) + "\n"
 
 
 def profile_text(profile: Profile) -> str:

@@ -23,6 +23,7 @@ import msgspec
 
 from kb.core.errors import DamagedData
 from kb.store.advice import advice
+from kb.store.layout import Layout
 
 SUMS = "SHA256SUMS"
 MANIFEST = "_manifest.json"  # the underscore hides it from readers of a folder of Parquet
@@ -87,7 +88,7 @@ def parsed(text: str) -> tuple[dict[str, str], int]:
 def recorded(path: Path) -> FileEntry | None:
     """What a manifest or a SHA256SUMS says of a file; None where neither knows its digest."""
     folder, root = path.parent, path.parent.parent.parent
-    public = root / "state" / "manifests" / f"{folder.parent.name}-{folder.name}.json"
+    public = Layout(root).state_folder() / "manifests" / f"{folder.parent.name}-{folder.name}.json"
     for place, name in (
         (folder / MANIFEST, path.name),
         (folder.parent / MANIFEST, f"{folder.name}/{path.name}"),

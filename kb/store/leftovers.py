@@ -40,9 +40,9 @@ def sweep(root: Path, name: str) -> None:
     ended(Layout(root).profile)
     for folder in _read_whole(Layout(root), name):
         settle_folder(folder)
-    # `release-<source>.exported`, which an export notes beside its lock (kb.artifacts.complete).
-    exported = Layout(root).lock(name).with_suffix(".exported")
-    for path in (exported, *_places(Layout(root), name)):
+    # The manifest of a public folder is kept in state/ (kb.artifacts.manifest).
+    manifest = Layout(root).state_folder("manifests") / f"{name}.json"
+    for path in (manifest, *_places(Layout(root), name)):
         for place in dict.fromkeys((path, followed(path))):
             _beside(place)
             if place.is_dir() and not place.is_symlink():

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from kb.core import sizes
+from kb.core import terminal
 
 STATES = ("whole", "damaged", "missing", "foreign")
 KINDS = (
@@ -150,4 +150,4 @@ def _size(path: Path) -> int:
 
 
 def _cell(files: int, held: int) -> str:
-    return f"{files:,} ({sizes.shown(held, 1 if held >= 10**12 else 0)})" if files else "-"
+    return f"{files:,} ({terminal.size(held, 1 if held >= 10**12 else 0)})" if files else "-"

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import importlib.util
 import io
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kb.annotate import backends
-from kb.annotate.checkpoint import sha256_of
 from kb.core import clock
-from kb.sandbox.toxicity import tiny_checkpoint
 from kb.sandbox.world import World
 from tests.annotate.demo_texts import KINDS, WORDS, demo_texts, kinds_in
 from tests.conftest import ROOT
@@ -102,19 +97,6 @@ def test_every_text_of_the_demo_is_told_with_a_wide_margin(runner):
     assert len(texts) > 1000
     assert sum(bool(kinds_in(text)) for text in texts) > 4
     check(runner, texts)
-
-
-def test_it_is_unpacked_without_torch(tmp_path):
-    code = (
-        "import sys\nfrom pathlib import Path\n"
-        "from kb.sandbox.toxicity import tiny_checkpoint\n"
-        f"print(tiny_checkpoint(Path({str(tmp_path)!r})))\n"
-        "sys.exit(bool({'torch', 'transformers'} & set(sys.modules)))\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    made = Path(done.stdout.strip())
-    assert made == tiny_checkpoint(tmp_path)
-    assert sha256_of(made) in made.with_name(f"{made.name}.sha256").read_text()
 
 
 def test_the_archive_holds_what_its_tool_makes(tiny):

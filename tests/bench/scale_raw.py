@@ -181,9 +181,9 @@ def _vocabulary() -> tuple[Any, Any, list[str]]:
 
 
 def _everyday() -> list[str]:
-    import kb.core.profile.everyday as module
+    import kb.core.profile.everyday_words as module
 
-    text = Path(str(module.__file__)).with_name("everyday.txt").read_text(encoding="utf-8")
+    text = Path(str(module.__file__)).with_name("everyday_words.txt").read_text(encoding="utf-8")
     lines = (line for line in text.splitlines() if not line.startswith("#"))
     return " ".join(lines).split()
 

@@ -34,7 +34,7 @@ LINES = {
         "store/test_parquet.py: a_footer_is_told_by_itself",
         "query/test_execute.py: a_changed_bit_never_changes_an_answer",
         "reader/test_tables.py: a_changed_bit_is_told_by_rows_and_by_counts",
-        "search/test_search.py: a_damaged_index_is_told",
+        "search/test_answers.py: a_damaged_index_is_told",
         "youtube/test_damage.py: a_flipped_bit_never_makes_another_answer",
     ),
     "6 a lost raw segment passes to the release": (

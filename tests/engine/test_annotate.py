@@ -10,7 +10,7 @@ from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from tests.conftest import needs
 from tests.engine.test_same_bytes_youtube import digests
-from tests.wiki.made import many
+from tests.wiki.handmade_data import many
 from tests.youtube.job import Job
 
 needs("torch", "detoxify")

@@ -17,7 +17,7 @@ from kb.sandbox.toxicity import tiny_checkpoint
 from kb.store import buckets
 from tests.conftest import needs
 from tests.engine.test_same_bytes_youtube import digests
-from tests.wiki.made import MONDAY, many, page, put, refused, told
+from tests.wiki.handmade_data import MONDAY, many, page, put, refused, told
 
 needs("distributed", "torch", "detoxify")
 

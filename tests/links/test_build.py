@@ -31,7 +31,7 @@ from kb.store.shards import write_table
 from kb.verify.root import verify
 from tests.inprocess import Here
 from tests.links import made
-from tests.wiki import made as wiki
+from tests.wiki import handmade_data as wiki
 
 pipeline = load(str(locate("links")))
 NAMES = {"Canidae": Names("Canidae", ("Wolf",))}
@@ -182,7 +182,7 @@ def test_a_lost_or_damaged_file_is_told_and_mended(run: Run) -> None:
     path.write_bytes(path.read_bytes()[:-40])
     (one,) = verify(run.root, Silent()).found
     assert (one.kind, one.state, one.advice) == ("links", "damaged", "run `kb links --again`")
-    said = load(str(locate("verify"))).mended(run)[1]
+    said = load(str(locate("verify"))).repair(run)[1]
     assert said == ["`kb links --again` was run"]
     assert not verify(run.root, Silent()).found
 

@@ -131,7 +131,7 @@ def test_clip4mc_needs_texts(run: Run, tmp_path: Path) -> None:
     pq.write_table(empty, tmp_path / "pairs" / "pairs-00000-of-00001.parquet")
     with pytest.raises(FatalError, match="no text"):
         clip4mc.write(other)
-    with pytest.raises(FatalError, match="no index"):
+    with pytest.raises(FatalError, match="nothing to export"):
         clip4mc.write(replace(run, root=tmp_path / "none"))
 
 

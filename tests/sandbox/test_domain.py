@@ -103,53 +103,6 @@ def test_what_is_off_topic_names_no_topic(world: World) -> None:
         assert topic not in f"{video.title} {video.description} {video.tags}".lower()
 
 
-def test_wiki_pages_are_about_the_keywords_in_the_profiles_markup(tmp_path: Path) -> None:
-    profile = load_profile(written("astronomy", tmp_path))
-    with Sandbox(World(domain=domain_of(profile)), services=["wiki"]) as services:
-        root = services.settings()["KB_WIKI_URL"]
-        listed = ask(root, list="allpages", aplimit="50", apfilterredir="nonredirects")
-        titles = {one["title"] for one in listed["query"]["allpages"]}
-        names = titles & {one.name for one in domain_of(profile).keywords}
-        assert len(names) == len(titles) - 1  # and the main page
-        pages = {
-            name: requests.get(f"{root}/wiki/{name}", timeout=9).text for name in sorted(names)
-        }
-        page = next(text for text in pages.values() if '<table class="about">' in text)
-        assert " - Astronomy Wiki</title>" in page
-        assert 'class="icon"' in page
-        parts = next(text for text in pages.values() if 'class="made"' in text)
-        assert "turning" in parts
-        for name in ("made", "place", "outcome", "how-many", "mcui-row"):
-            assert f'class="{name}"' in parts
-        css = requests.get(f"{root}/static/common.css", timeout=9).text
-        assert ".made {" in css
-        assert ".how-many {" in css
-        assert ".about {" in requests.get(f"{root}/static/site.css", timeout=9).text
-        assert "turning-now" in requests.get(f"{root}/static/common.js", timeout=9).text
-
-
-def test_labels_decide_only_where_the_profile_has_one(tmp_path: Path) -> None:
-    evidence = {}
-    for name in PROFILES:
-        domain = domain_of(load_profile(written(name, tmp_path)))
-        evidence[name] = {case.evidence for case in domain.cases if not case.stage}
-        other = next(case for case in domain.cases if case.name == "another game")
-        assert (other.stage == "topic") == (name == "valley")
-    assert evidence["valley"] == {"game_label", "keywords"}
-    assert evidence["bread"] == evidence["astronomy"] == {"keywords"}
-
-
-def test_thresholds_that_nothing_fails_leave_their_cases_out(tmp_path: Path) -> None:
-    path = written("bread", tmp_path)
-    text = path.read_text().replace("[26, 10]", "[26]\nmin_views = 0\nmin_aspect_ratio = 0.1")
-    path.write_text(text + "\n")
-    domain = domain_of(load_profile(path))
-    cases = {case.name: case.stage for case in domain.cases}
-    assert "99 views" not in cases
-    assert cases["vertical"] is None
-    assert cases["Short"] == "duration"
-
-
 def test_a_profile_without_lists_or_sources_has_a_world_too(tmp_path: Path) -> None:
     path = tmp_path / "profile.toml"
     path.write_text('name = "bare"\ntitle = "Bare Things"\n')

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 
 import pytest
 import requests
 
 from kb.sandbox.server import Sandbox
+from kb.sandbox.world import World
+
+
+@pytest.fixture
+def services() -> Iterator[Sandbox]:
+    """YouTube alone, without videos."""
+    with Sandbox(World(n_videos=0), services=["youtube"]) as sandbox:
+        yield sandbox
 
 
 def root(services: Sandbox) -> str:

@@ -64,7 +64,8 @@ def test_what_a_killed_query_spilled_goes_and_a_running_one_keeps_its_own(
 def test_what_a_killed_release_left_beside_its_notes_goes(tmp_path: Path, source: str) -> None:
     note = tmp_path / "state" / "releases" / source / ".1.0.0.parquet.1-2-ab.tmp"
     note.parent.mkdir(parents=True)
-    exported = tmp_path / "state" / f".release-{source}.exported.1-2-ab.tmp"
+    exported = tmp_path / "state/manifests" / f".release-{source}.json.1-2-ab.tmp"
+    exported.parent.mkdir(parents=True)
     for left in (note, exported):
         left.write_text("x")
     with lock.taking(tmp_path, f"release-{source}"):

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
 import shutil
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
@@ -30,18 +27,6 @@ from kb.wiki.capture import page
 from tests.conftest import skip_or_fail
 
 HERE = Path(__file__).parent
-
-
-def beside(name: str) -> ModuleType:
-    """A module in this folder."""
-    full = f"tests_wiki_{name}"
-    if full not in sys.modules:
-        spec = importlib.util.spec_from_file_location(full, HERE / f"{name}.py")
-        assert spec is not None
-        assert spec.loader is not None
-        sys.modules[full] = module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    return sys.modules[full]
 
 
 class Quiet(WSGIRequestHandler):
@@ -235,21 +220,25 @@ def look(pool: Pool, section: Any, tmp_path: Path) -> Callable[..., Any]:
 @pytest.fixture(scope="module")
 def shared_browsers(programs: chromium.Programs) -> Iterator[None]:
     """Crawls in this process share browsers."""
-    with beside("shelf").kept():
+    from tests.wiki import shared_browsers
+
+    with shared_browsers.kept():
         yield
 
 
 @pytest.fixture(scope="session")
 def mediawiki(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """A running, seeded MediaWiki."""
-    room, seed = beside("mediawiki"), beside("seed")
+    from tests.wiki import mediawiki as room
+    from tests.wiki import mediawiki_pages
+
     if reason := room.install():
         skip_or_fail(reason)
     drawn = tmp_path_factory.mktemp("drawn")
-    seed.draw(drawn)
+    mediawiki_pages.draw(drawn)
     wiki = room.MediaWiki(tmp_path_factory.mktemp("mediawiki") / "site")
     wiki.create()
-    wiki.seed(seed.PAGES, drawn)
+    wiki.seed(mediawiki_pages.PAGES, drawn)
     shutil.copy(drawn / "sheet.png", wiki.images / "sheet.png")
     wiki.edit(
         "File:Tall.png", "A jar, under [https://creativecommons.org/licenses/by/4.0/ CC BY 4.0]."

@@ -21,7 +21,7 @@ from kb.wiki.browser.browser import Browser, reach
 from kb.wiki.browser.pool import Pool
 from kb.wiki.capture import page
 from kb.wiki.connector.source import crawl
-from tests.wiki import workshop
+from tests.wiki import infobox_page as workshop
 
 pytestmark = pytest.mark.mediawiki
 

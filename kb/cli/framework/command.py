@@ -36,7 +36,7 @@ from kb.cli.framework.command_classes import Command, Group
 from kb.cli.framework.exit_codes import report
 from kb.cli.framework.options import COMMON, RUNNING, SHARED, Options, shared_option
 from kb.cli.framework.usage_errors import UsageProblem
-from kb.core import garbage
+from kb.core import startup
 from kb.core.errors import SettingError
 
 # Types in signatures whose modules are imported only when a command runs.
@@ -173,7 +173,7 @@ def _call(
     values: dict[str, Any],
     behavior: Behavior,
 ) -> int:
-    garbage.seldom()  # before the imports
+    startup.collect_seldom()  # before the imports
     from kb.cli.framework import logs
 
     messages.set_options(options.data, options.profile)

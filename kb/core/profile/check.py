@@ -8,15 +8,15 @@ from __future__ import annotations
 import copy
 import re
 import tomllib
+from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from kb.core.profile import Profile, sense
+from kb.core.profile import Profile, plausibility
 from kb.core.profile.base import ProfileProblem, field_of, problems
 from kb.core.profile.finding import ERROR, Finding
-from kb.core.profile.lines import key_lines, line_of
 
 _AT = re.compile(r" \((?:at line (\d+), column (\d+)|at end of document)\)$")
 _IN_WORDS = (  # what tomllib says, in a user's words
@@ -34,7 +34,7 @@ _IN_WORDS = (  # what tomllib says, in a user's words
 )  # fmt: skip
 # What stands in for a wrong or missing key that a section can't be without, so that the rest of
 # the section is looked at as well; none of them is worth a finding.
-_MEANT = {"reddit.subreddit": sense.subreddit_meant}
+_MEANT = {"reddit.subreddit": plausibility.subreddit_meant}
 _STAND_INS: dict[str, Any] = {
     "name": "unnamed",
     "title": "unnamed",
@@ -82,7 +82,10 @@ def check_file(path: Path, *, publishing: bool = True) -> Checked:
     findings = [at(ERROR, one.key, *_described(one, data)) for one in wrong]
     if profile is not None:
         already = {one.key for one in wrong}
-        told = [*sense.look(profile, data), *(sense.publishing(profile) if publishing else ())]
+        told = [
+            *plausibility.look(profile, data),
+            *(plausibility.publishing(profile) if publishing else ()),
+        ]
         findings += [at(*one) for one in told if one[1] not in already]
     return Checked(profile, _lists(data), findings)
 
@@ -150,7 +153,7 @@ def _lists(data: dict[str, Any]) -> tuple[str, ...]:
     names = section.get("keyword_files") if isinstance(section, dict) else None
     if not isinstance(names, list):
         return ()
-    return tuple(one for one in names if isinstance(one, str) and sense.is_beside(one))
+    return tuple(one for one in names if isinstance(one, str) and plausibility.is_beside(one))
 
 
 def _unread(path: Path, what: str, fix: str) -> Checked:
@@ -166,3 +169,45 @@ def _syntax(path: Path, text: str, said: str) -> Finding:
         if plain.startswith(begin):
             return Finding(ERROR, path.name, line, "", f"not valid TOML: {what}", fix)
     return Finding(ERROR, path.name, line, "", f"not valid TOML: {plain}", "see https://toml.io")
+
+
+# -- on which line of a TOML text a key stands; tomllib does not say -----------------------------
+
+_PART = r"""(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')"""
+_NAME = rf"{_PART}(?:\s*\.\s*{_PART})*"
+_HEADER = re.compile(rf"\s*(\[\[?)\s*({_NAME})\s*\]")
+_KEY = re.compile(rf"\s*({_NAME})\s*=")
+
+
+def key_lines(text: str) -> dict[str, int]:
+    """Full name of every key and table to its line, counted from 1; entries of lists from [1]."""
+    lines: dict[str, int] = {}
+    table, tables = "", Counter[str]()
+    for number, line in enumerate(text.splitlines(), start=1):
+        if header := _HEADER.match(line):
+            table = _unquoted(header[2])
+            lines.setdefault(table, number)
+            if header[1] == "[[":
+                tables[table] += 1
+                table = f"{table}[{tables[table]}]"
+                lines.setdefault(table, number)
+        elif key := _KEY.match(line):
+            name = _unquoted(key[1])
+            lines.setdefault(f"{table}.{name}" if table else name, number)
+    return lines
+
+
+def line_of(lines: dict[str, int], key: str) -> int:
+    """The line of a key, else of the list or table that it stands in, else 0."""
+    while key:
+        if key in lines:
+            return lines[key]
+        inside = [line for name, line in lines.items() if name.startswith(f"{key}.")]
+        if inside:  # a table that is written by dotted keys alone
+            return min(inside)
+        key = key.rpartition("[")[0] if key.endswith("]") else key.rpartition(".")[0]
+    return 0
+
+
+def _unquoted(name: str) -> str:
+    return ".".join(part.strip("\"'") for part in re.findall(_PART, name))

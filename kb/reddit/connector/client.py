@@ -166,9 +166,9 @@ class Client:
             raise too_deep(path) from None
         except wrong.PrawcoreException as error:
             raise consequence(error, path) from None
-        found = problem(path, answer)
-        if found:
-            raise Retryable(f"{found} at {path}")
+        wrong_form = problem(path, answer)
+        if wrong_form:
+            raise Retryable(f"{wrong_form} at {path}")
         return answer
 
     def _connected(self) -> Any:
@@ -247,14 +247,14 @@ def _check_token(response: requests.Response) -> None:
         error = answer.get("error")
         if str(error).isdecimal() and 400 <= int(error) < 600:
             response.status_code = int(error)
-        whole = error or (
+        valid = error or (
             isinstance(answer["access_token"], str)
             and isinstance(answer["scope"], str)
             and isinstance(answer["expires_in"], (int, float))
         )
     except (ValueError, KeyError, AttributeError, RecursionError):
-        whole = False
-    if not whole:
+        valid = False
+    if not valid:
         raise Retryable("the token's answer is unreadable")
 
 

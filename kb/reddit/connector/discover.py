@@ -40,10 +40,10 @@ def listings(section: Section) -> list[str]:
     return names + [f"search:{word}" for word in section.search]
 
 
-def seed(frontier: Frontier, section: Section, span: Span, *, again: bool) -> bool:
+def seed(frontier: Frontier, section: Section, span: Span, *, new_round: bool) -> bool:
     """Add the listings, and what another span had left out; whether anything is to be read.
 
-    `again` begins a new round where the last one is through.
+    `new_round` starts a new round where the last one is complete.
     """
     names = listings(section)
     frontier.add("listing", names)
@@ -59,7 +59,7 @@ def seed(frontier: Frontier, section: Section, span: Span, *, again: bool) -> bo
         if reason == OUTSIDE and not span.is_behind(key, listing)
     ]
     frontier.mark("listing", ahead, "todo")
-    if again and not frontier.ready("listing"):
+    if new_round and not frontier.ready("listing"):
         _new_round(frontier, names)
     return bool(frontier.open(*KINDS))
 

@@ -19,12 +19,17 @@ from kb.store.frontier import Item
 
 
 class RedditFetcher:
-    """Asks by one client. `gone` are the full names that were purged."""
+    """Asks by one client. `purged` are full names."""
 
     def __init__(
-        self, client: Client, scrubber: Scrubber, gone: Collection[str], subreddit: str, span: Span
+        self,
+        client: Client,
+        scrubber: Scrubber,
+        purged: Collection[str],
+        subreddit: str,
+        span: Span,
     ) -> None:
-        self._client, self._scrubber, self._gone = client, scrubber, gone
+        self._client, self._scrubber, self._purged = client, scrubber, purged
         self._base, self._span = f"r/{subreddit}", span
 
     def ask(self, kind: str, items: list[Item]) -> Answer:
@@ -116,7 +121,7 @@ class RedditFetcher:
         self, kind: str, endpoint: str, params: dict[str, Any], response: Any, status: int = 200
     ) -> Answer:
         try:
-            clean = self._scrubber.scrub(without(response, self._gone))
+            clean = self._scrubber.scrub(without(response, self._purged))
         except RecursionError:  # called from deep in calls itself; nothing was written yet
             raise too_deep(endpoint) from None
         return Answer(kind, endpoint, params, clean, status)

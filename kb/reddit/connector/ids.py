@@ -76,13 +76,13 @@ class WantedThings(NamedTuple):
         """Tells what is wanted from anything else. Raises SettingError where a released file is
         damaged.
         """
-        found = hashlib.sha256()
+        digest = hashlib.sha256()
         for start, names in ((b"[[", self.names), (b"],[", self.trees)):
-            found.update(start)
+            digest.update(start)
             for number, name in enumerate(names):
-                found.update(f'{"," if number else ""}"{name}"'.encode())
-        found.update(b"]]")
-        return found.hexdigest()[:16]
+                digest.update(f'{"," if number else ""}"{name}"'.encode())
+        digest.update(b"]]")
+        return digest.hexdigest()[:16]
 
 
 class Several:
@@ -140,12 +140,12 @@ def asked_for(
     paths = [one for one in ids if isinstance(one, Path)]
     if not paths:
         return _named(cast("list[str]", ids)), []
-    found = [read_wanted(Path(one), say) for one in ids]
-    if len(found) == 1:
-        return found[0], paths
-    trees = dict.fromkeys(key for one in found for key in one.trees)
-    bad_lines = sum(one.bad_lines for one in found)
-    names = Several([one.names for one in found])
+    lists = [read_wanted(Path(one), say) for one in ids]
+    if len(lists) == 1:
+        return lists[0], paths
+    trees = dict.fromkeys(key for one in lists for key in one.trees)
+    bad_lines = sum(one.bad_lines for one in lists)
+    names = Several([one.names for one in lists])
     return WantedThings(names, list(trees), bad_lines), [Path(one) for one in ids]
 
 
@@ -154,8 +154,8 @@ def subreddit_of(sources: Sequence[Path]) -> str:
 
     "" where nobody says so: ids of a list may be of any.
     """
-    said = {_subreddit(one) for one in sources}
-    return said.pop() if len(said) == 1 else ""
+    names = {_subreddit(one) for one in sources}
+    return names.pop() if len(names) == 1 else ""
 
 
 def _subreddit(folder: Path) -> str:
@@ -218,7 +218,7 @@ def _column_of(sources: Sequence[Path], short: str, key: str, name: str) -> pa.T
         for path in sources
         for file in (sorted(path.glob(f"{short}-*.parquet")) if path.is_dir() else [path])
     ]
-    found = []
+    tables = []
     columns: list[tuple[str, pa.DataType]] = [(key, pa.string()), (name, pa.int64())]
     for file in files:
         with file.open("rb") as opened:
@@ -226,5 +226,5 @@ def _column_of(sources: Sequence[Path], short: str, key: str, name: str) -> pa.T
                 continue
         if {key, name} <= set(pq.read_schema(file).names):
             rows = parquet.read_table(file, columns=[key, name])
-            found.append(rows.cast(pa.schema(columns)))
-    return pa.concat_tables(found) if found else None
+            tables.append(rows.cast(pa.schema(columns)))
+    return pa.concat_tables(tables) if tables else None

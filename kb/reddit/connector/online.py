@@ -32,10 +32,10 @@ def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
             "forbidden": "it is private or quarantined",
         }.get(fact.reason, fact.reason)
         return OnlineAnswer(ERROR, "reddit.subreddit", f"r/{name} can't be read", why, WRONG)
-    said = f"r/{about.get('display_name', name)}"
+    answer = f"r/{about.get('display_name', name)}"
     if isinstance(about.get("subscribers"), int):
-        said += f", {about['subscribers']:,} subscribers"
+        answer += f", {about['subscribers']:,} subscribers"
     if about.get("over18"):
         fix = "its posts will be rejected at the stage nsfw"
-        return OnlineAnswer(WARNING, "reddit.subreddit", f"{said}, for adults only", fix, 0)
-    return OnlineAnswer(NOTE, "reddit.subreddit", said)
+        return OnlineAnswer(WARNING, "reddit.subreddit", f"{answer}, for adults only", fix, 0)
+    return OnlineAnswer(NOTE, "reddit.subreddit", answer)

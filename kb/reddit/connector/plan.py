@@ -19,7 +19,7 @@ from kb.reddit.connector.ids import Ids, asked_for
 from kb.reddit.connector.reduce import PAGES
 from kb.reddit.connector.refresh import due_parts, oldest_due
 from kb.reddit.dumps.files import find_dumps
-from kb.reddit.parse.latest_state import known
+from kb.reddit.parse.latest_state import latest_state
 from kb.store import rawlog, reading, tombstones
 from kb.store.layout import Layout
 
@@ -72,7 +72,7 @@ def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
     oldest = oldest_due(days, older_than)
     with (
         tempfile.TemporaryDirectory(prefix="lorecrawl-plan-") as scratch,
-        known(run, Path(scratch, "known")) as things,
+        latest_state(run, Path(scratch, "known")) as things,
     ):
         parts = due_parts(things, tombstones.keys(run.root, "reddit"), oldest, run.again)
         due = sum(pq.read_metadata(part).num_rows for part in parts)
@@ -103,7 +103,7 @@ def plan_rebuild(run: Run, ids: Ids, dumps: Sequence[Path] = ()) -> Summary:
 def _of_ids(
     run: Run, command: str, named: list[tuple[str, int]], trees: int = 0
 ) -> dict[str, object]:
-    """Known ids are asked for a hundred a request; a tree takes requests of its own."""
+    """LatestState ids are asked for a hundred a request; a tree takes requests of its own."""
     assumed = [f"{BYTES_AN_ID} bytes an id"]
     phases = []
     for phase, items in named:

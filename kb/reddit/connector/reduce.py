@@ -97,12 +97,12 @@ def _more(frontier: Frontier, params: dict[str, Any], response: Any) -> None:
     """Some may come back as a stub: they are asked once more as long as that settles any."""
     _stubs(frontier, tree.bare(params["link_id"]), response)
     stubs = (thing.data for thing in tree.things(response) if thing.kind == "more")
-    again = {key for stub in stubs for key in tree.stub_ids(stub)}
+    unresolved = {key for stub in stubs for key in tree.stub_ids(stub)}
     asked = str(params["children"]).split(",")
-    settled = [key for key in asked if key not in again]
+    settled = [key for key in asked if key not in unresolved]
     frontier.done("more", *settled)
     if settled:
-        frontier.mark("more", again.intersection(asked), "todo")
+        frontier.mark("more", unresolved.intersection(asked), "todo")
     else:
         frontier.mark("more", asked, "error", AGAIN)
 

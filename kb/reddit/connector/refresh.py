@@ -1,8 +1,8 @@
 """`kb refresh reddit`: scores, removals and deletions read again through `info`, 100 ids a request.
 
-Read again is what a dump brought, whose scores are a snapshot (some months of them wrong), and what
-was read live longer than the profile's `max_age_days` ago. The newer answer wins when filtering;
-what was deleted, removed or is no longer there leaves with `kb purge reddit`.
+Due are things from dumps, whose scores are a snapshot (wrong for some months), and things that were
+read live more than the profile's `max_age_days` ago. The filter uses the newer answer; `kb purge
+reddit` removes what was deleted, removed or is missing.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from kb.crawl.source import Answer, Opened, Phase
 from kb.reddit.connector.reduce import RefreshItem
 from kb.reddit.connector.source import INFO, RedditSource
 from kb.reddit.parse import tree
-from kb.reddit.parse.latest_state import Known, known
+from kb.reddit.parse.latest_state import LatestState, latest_state
 from kb.reddit.spec import SPEC
 from kb.store import parquet
 from kb.store.atomic import full_disk_is_resumable
@@ -41,9 +41,9 @@ from kb.store.shards import PAGE
 
 _ORDER = ["place", "fullname"]
 _COLUMNS = [*_ORDER, "there"]
-# Of at least so many ids nearly all missing: rather a closed subreddit than so many deletions.
+# If nearly all of at least so many ids are missing, the subreddit is more likely closed.
 _MANY, _MOST = 100, 0.9
-_NONE_OF = 10  # of at least so many in one answer none is there: not believed
+_NONE_OF = 10  # an answer without any of at least so many known things is not believed
 _log = logging.getLogger("kb.reddit")
 
 
@@ -69,7 +69,7 @@ def refresh(run: Run, older_than: int | None = None) -> Summary:
 
 
 class RedditRefresh(RedditSource):
-    """What is due, read again by name. `answered` ids, and `missing` ones of them."""
+    """Reads due things again by name. Counts `answered` ids and the `missing` ones of them."""
 
     def __init__(self, run: Run, older_than: int | None) -> None:
         super().__init__(run)
@@ -79,18 +79,18 @@ class RedditRefresh(RedditSource):
         self._closed = False  # whether the last answer is not believed
 
     def begin(self, opened: Opened) -> None:
-        """Look whether the same refresh was stopped, before what failed in it is opened again."""
+        """Check whether this refresh was interrupted, before its failed items are opened again."""
         super().begin(opened)
         self._stopped = going_on(opened.frontier, INFO.kind, self.older_than)
 
     def discover(self, frontier: Frontier) -> None:
-        """What is due now, unless the same refresh was stopped."""
+        """Add what is due now, unless an interrupted refresh continues."""
         goes_on = self._stopped and going_on(frontier, INFO.kind, self.older_than)
         if self.run.again or not goes_on:
             self._seek(frontier)
         if not frontier.ready(INFO.kind):
             self.run.progress.say(
-                f"reddit: nothing is older than {self.days} days, and nothing is from dumps alone"
+                f"reddit: nothing is due (older than {self.days} days, or from dumps only)"
             )
 
     def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
@@ -105,12 +105,12 @@ class RedditRefresh(RedditSource):
             self.missing += sum(item.key not in given for item in items)
 
     def _believe(self, items: list[Item], given: Collection[str]) -> None:
-        """Raises Retryable for an answer without a single one of many that were there, and for
-        those behind it that give none either.
+        """Raises Retryable for an answer that has none of many known things, and for the next ones
+        that have none either.
 
-        A subreddit that is closed for a day looks like that. Kept, the answer would say that all
-        of them are gone, and the next purge would remove them. Of few ids that may well be so:
-        then the subreddit itself is asked for.
+        That is what a subreddit looks like that is closed for a day. Recorded, the answer would
+        say that all of them are gone, and the next purge would remove them. For a few ids that is
+        plausible, so the subreddit itself is requested.
         """
         there = sum(item.payload is None or item.payload.there for item in items)
         given_any = any(item.key in given for item in items)
@@ -118,7 +118,7 @@ class RedditRefresh(RedditSource):
         self._closed = none and (self._closed or there >= _NONE_OF or self._is_shut)
         if self._closed:
             raise Retryable(
-                f"Reddit gave none of {len(items)} posts and comments that were there"
+                f"Reddit returned none of {len(items)} posts and comments that existed"
                 " (a closed subreddit?); nothing is treated as deleted"
             )
 
@@ -144,19 +144,19 @@ class RedditRefresh(RedditSource):
         )
 
     def warn(self) -> None:
-        """Say when nearly nothing is there any more."""
+        """Warn when nearly everything is missing."""
         if self.answered < _MANY or self.missing <= _MOST * self.answered:
             return
         _log.warning(
-            f"Reddit gave only {self.answered - self.missing} of {self.answered} ids: look there"
-            " whether they are gone before `kb purge reddit` removes them here;"
-            " `kb refresh reddit --again` asks for them again"
+            f"Reddit returned only {self.answered - self.missing} of {self.answered} ids: check on"
+            " the site whether they are gone before `kb purge reddit` removes them here;"
+            " `kb refresh reddit --again` requests them again"
         )
 
     def _seek(self, frontier: Frontier) -> None:
         """Put what is due into the frontier."""
         oldest = oldest_due(self.days, self.older_than)
-        with known(self.run) as things:
+        with latest_state(self.run) as things:
             parts = due_parts(things, self.opened.gone, oldest, self.run.again)
             with closing(Merge(parts, _ORDER, _COLUMNS)) as due, frontier.transaction():
                 frontier.replace(
@@ -171,32 +171,34 @@ class RedditRefresh(RedditSource):
 
 
 def oldest_due(days: int, older_than: int | None) -> datetime | None:
-    """What was read before is due; None means all that is there, also what was read this very
-    second.
-    """
+    """Things read before this are due; None means everything, also things read this very second."""
     return None if older_than == 0 else clock.now() - timedelta(days=days)
 
 
 def due_parts(
-    things: Known, gone: Collection[str], oldest: datetime | None, again: bool
+    things: LatestState, purged_names: Collection[str], oldest: datetime | None, with_missing: bool
 ) -> list[Path]:
-    """What is due of each share, with `again` what is missing as well; without `oldest` all that is
-    there.
+    """The due things of each share; without `oldest` all that exist, with `with_missing` also those
+    that were missing.
 
     `place` is "0" or "1" and the post: posts first, then comments post by post.
     """
-    purged, parts = pa.array(sorted(gone), pa.string()), []
+    purged, parts = pa.array(sorted(purged_names), pa.string()), []
     by: list[tuple[str, Literal["ascending", "descending"]]]
     by = [(name, "ascending") for name in _ORDER]
     for number, rows in enumerate(things):
         before = pa.scalar(oldest, rows["fetched_at"].type)
-        # Without a bound, or a time of its own, everything counts as old.
+        # Without a bound, or without a date, everything counts as old.
         old = pc.or_(
             pc.invert(rows["live"]), pc.fill_null(pc.less(rows["fetched_at"], before), True)
         )
-        # What is missing or was deleted by its author stays so; a removal may be taken back.
+        # Deletions by authors are final; moderators may restore what they removed.
         here = pc.and_(rows["there"], pc.fill_null(pc.not_equal(rows["gone"], "deleted"), True))
-        due = pc.or_(pc.and_(old, here), pc.invert(rows["there"])) if again else pc.and_(old, here)
+        due = (
+            pc.or_(pc.and_(old, here), pc.invert(rows["there"]))
+            if with_missing
+            else pc.and_(old, here)
+        )
         rows = rows.filter(pc.and_(due, pc.invert(pc.is_in(rows["fullname"], value_set=purged))))
         rank = pc.if_else(pc.starts_with(rows["fullname"], "t3_"), "0", "1")
         place = pc.binary_join_element_wise(rank, pc.fill_null(rows["post_id"], ""), "")

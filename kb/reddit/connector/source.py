@@ -1,7 +1,7 @@
-"""Reddit as the frame runs it: the kinds of work, and what each command needs of them.
+"""Reddit as a source of the crawl frame: phases, and `kb reddit crawl`.
 
-What is nearest to a whole post goes first: stubs, then threads, then the next post's page, and
-only then the next page of a listing. So `--limit N` reads no more listings than N posts need.
+Work that completes a post goes first: stubs, then threads, then the next post's page, and only then
+the next page of a listing. So `--limit N` reads no more listings than N posts need.
 """
 
 from __future__ import annotations
@@ -42,15 +42,14 @@ TREE = Phase(
     seeks=True,  # of a span of time most posts may be left out
 )
 LISTING = Phase(kind="listing", unit="listings", feeds=("tree", "listing"), shown=False)
-# What is known by name: of a refresh, and of a reconstruction.
+# Things asked for by name: by a refresh and a reconstruction.
 INFO = Phase(kind="info", unit="posts and comments", batch=IDS, limited=True)
 
 
 class RedditSource(Plain):
-    """The crawl of a subreddit. `since` and `until` bound when posts were made (UTC, since
-    included).
+    """The crawl of a subreddit. `since` and `until` bound the dates of posts (UTC, since included).
 
-    `comments` counts what this run has read.
+    `comments` counts the comments that this run has read.
     """
 
     name = "reddit"
@@ -73,22 +72,22 @@ class RedditSource(Plain):
         return {"host": host, "subreddit": self.section.subreddit.lower()}
 
     def begin(self, opened: Opened) -> None:
-        """Dumps come in order before raw answers are taken in."""
+        """Recover interrupted imports before raw answers are replayed."""
         super().begin(opened)
         self._before = opened.frontier.requests()[0]
         self.settle()
 
     def settle(self) -> None:
-        """Let appear what an import that was killed has noted."""
+        """Complete the segments of a killed import."""
         recover_segments(self.run.root)
 
     def discover(self, frontier: Frontier) -> None:
         """The profile's listings; with --again a new round of them."""
-        if not discover.seed(frontier, self.section, self.span, again=self.run.again):
+        if not discover.seed(frontier, self.section, self.span, new_round=self.run.again):
             self.run.progress.say("reddit: nothing left to read; --again starts a new round")
 
     def leave_out(self, phase: Phase, item: Item) -> str | None:
-        """What lies outside of the span, or was purged."""
+        """Posts outside of the span, and purged things."""
         if phase.kind == "tree":
             if self.span.excludes(item.payload):
                 return reduce.OUTSIDE
@@ -110,7 +109,7 @@ class RedditSource(Plain):
         except ItemFinal as fact:
             if phase.kind != "more":
                 raise
-            # Of comments that exist it is no fact: another run tries again.
+            # The comments exist, so this is not final: another run tries again.
             keys = [item.key for item in items]
             self.opened.frontier.mark(phase.kind, keys, "error", fact.reason)
             return
@@ -147,7 +146,7 @@ class RedditSource(Plain):
 
 
 class Dumps(RedditSource):
-    """The import of dumps, which asks Reddit for nothing."""
+    """The import of dumps, which sends no requests."""
 
     def identity(self) -> dict[str, str]:
         """The subreddit."""
@@ -155,9 +154,10 @@ class Dumps(RedditSource):
 
 
 def crawl(run: Run, since: datetime | None = None, until: datetime | None = None) -> Summary:
-    """Read what is left. `since` and `until` bound when posts were made (UTC, since included).
+    """Crawl listings of the subreddit, then all comments of their posts. `since` and `until` bound
+    the dates of posts (UTC, since included).
 
-    What lies outside is left out, and read by a later crawl with another span or none.
+    Posts outside are skipped; a later crawl with another span or none reads them.
     Raises LimitReached, Blocked, Unreachable, Interrupted (exit 3), CredentialRefused and
     FatalError (exit 1); the summary so far is on the error.
     """

@@ -17,7 +17,7 @@ import orjson
 from kb.reddit.dumps.containers import ReadProgress, pieces
 from kb.reddit.parse.tree import is_deeper
 
-DEEPEST = 200  # lists and objects within each other; what Reddit says has about ten
+DEEPEST = 200  # nested lists and objects; Reddit's records have about ten levels
 LONGEST = 64 << 20  # bytes of a line; Reddit's longest records have some hundred thousand
 
 
@@ -35,49 +35,49 @@ class Chunk(NamedTuple):
 def chunks(
     path: Path, progress: ReadProgress, skip: int = 0, goes_on: Callable[[], bool] = lambda: True
 ) -> Iterator[Chunk]:
-    """Whole lines from decompressed offset `skip` on; a piece is never copied, the line across two
-    pieces comes by itself.
+    """Whole lines from decompressed offset `skip` on. Pieces are not copied; a line across two
+    pieces is a chunk of its own.
 
-    A last line without line break is given when it is an object; else it is a part of a line, the
-    file was cut off there, and the line counts as damaged. So does one of more than `LONGEST`
-    bytes, of which nothing is held. `goes_on` is asked at every piece, also while skipping; when it
-    says no, `progress.stopped` is set and nothing more comes.
+    A last line without a line break is yielded if it is an object; otherwise the file is truncated
+    and the line counts as damaged. A line of more than `LONGEST` bytes counts as damaged too and is
+    not kept in memory. `goes_on` is called for every piece, also while skipping; when it returns
+    false, `progress.stopped` is set and the iteration ends.
     """
     parts: list[bytes] = []  # a line that goes on in the next piece
-    held = 0  # their bytes
+    waiting = 0  # their bytes
     at = 0  # of the next byte to give
     for piece in pieces(path, progress):
         if not goes_on():
             progress.stopped = True
             return
-        begin = max(0, skip - at - held)
+        begin = max(0, skip - at - waiting)
         if begin:
-            # Only the part of the piece from `skip` on is wanted; what was held lies before it.
-            at, parts, held = at + held + min(begin, len(piece)), [], 0
+            # Only the part of the piece from `skip` on is wanted; earlier parts lie before it.
+            at, parts, waiting = at + waiting + min(begin, len(piece)), [], 0
         end = piece.rfind(b"\n", begin) + 1
         if end <= begin:
             parts.append(piece[begin:])
-            held += len(parts[-1])
-            if held > LONGEST:
+            waiting += len(parts[-1])
+            if waiting > LONGEST:
                 parts = []
             continue
-        if held:
+        if waiting:
             begin = piece.find(b"\n") + 1
-            size = held + begin
+            size = waiting + begin
             if size > LONGEST:
                 progress.lines += 1
                 progress.count_damaged(1, at)
-                yield Chunk(at + size, b"", 0, 0)  # so far all is read
+                yield Chunk(at + size, b"", 0, 0)  # everything up to here is read
             else:
                 yield Chunk(at, b"".join((*parts, piece[:begin])), 0, size)
             at += size
         if begin < end:
             yield Chunk(at, piece, begin, end)
             at += end - begin
-        held = len(piece) - end
-        parts = [piece[end:]] if held else []
+        waiting = len(piece) - end
+        parts = [piece[end:]] if waiting else []
     rest = b"".join(parts)
-    if held <= LONGEST and not rest.strip():
+    if waiting <= LONGEST and not rest.strip():
         return
     if read_object(rest) is not None:
         yield Chunk(at, rest + b"\n", 0, len(rest) + 1)
@@ -89,15 +89,15 @@ def chunks(
 
 
 def read_object(line: bytes) -> dict[str, Any] | None:
-    """The object of a line; None if it is not an object, or nested so deeply that reading it could
-    end the process.
+    """The object of a line; None when it is not an object, or nested so deeply that parsing could
+    crash the process.
     """
     try:
         value = orjson.loads(line)
     except orjson.JSONDecodeError:
         try:
-            # The patient reader takes lone surrogates, which real titles hold, and a byte order
-            # mark.
+            # The standard library accepts lone surrogates, which real titles contain, and a byte
+            # order mark.
             value = json.loads(line)
         except (ValueError, RecursionError):
             return None

@@ -1,14 +1,14 @@
-"""Files that hold a dump, as decompressed bytes: zstd, Arctic Shift's zst_blocks, gzip, or plain
-NDJSON, told apart by their first bytes, never by their names.
+"""Decompresses dumps: zstd, Arctic Shift's zst_blocks, gzip, or plain NDJSON, recognized by their
+first bytes, never by their names.
 
     zstd        frames with windows of up to 2^31, also several and skippable ones
-    zst_blocks  uint32 size and a zstd frame, again and again; its content is a uint32 number of
+    zst_blocks  uint32 size and a zstd frame, repeated; the content is a uint32 number of
                 rows, (uint32 offset, uint32 size) of each, and the rows without line ends, all
                 little-endian. Source: https://github.com/ArthurHeitmann/zst_blocks_format
     gzip        members one after the other
     plain       lines that begin with an object
 
-A file that ends too early or is damaged gives what comes before, and says so in `ReadProgress`.
+A truncated or damaged file yields everything before the damage, and `ReadProgress` says so.
 """
 
 from __future__ import annotations
@@ -25,14 +25,13 @@ import zstandard
 
 from kb.core.errors import SettingError
 
-# Several passes go over what one read swells to, so it should fit the processor's cache (measured
-# in the bench).
-CHUNK = 512 << 10  # decompressed bytes that are given at once, about
-_PIECE = 32 << 10  # compressed bytes of one go; zstd's swell to 10 to 30 times as much
-_BLOCKS = 16  # of zstd in one go at most: a block swells to 128 KiB, whatever its size
+# Every chunk is searched several times, so it should fit the processor's cache (see tests/bench).
+CHUNK = 512 << 10  # decompressed bytes of a chunk, about
+_PIECE = 32 << 10  # compressed bytes that are read at once; zstd expands them 10 to 30 times
+_BLOCKS = 16  # zstd blocks that are read at once: each expands to at most 128 KiB
 _LARGEST = 256 << 20  # decompressed bytes of a block of zst_blocks; Arctic Shift's have about 1 MiB
 _HEAD = 18  # bytes of the longest header of a zstd frame
-_ASIDE = 32 << 20  # bytes of what a chunk swells to
+_WORKSPACE = 32 << 20  # memory besides the window: a chunk and copies of it
 _FRAME, _SKIPPED, _REPEATED = b"\x28\xb5\x2f\xfd", b"\x2a\x4d\x18", 1
 _GZIP, _BOM = b"\x1f\x8b\x08", b"\xef\xbb\xbf"
 _WINDOW = 16 + zlib.MAX_WBITS  # a gzip header, not zlib's
@@ -40,14 +39,14 @@ _WINDOW = 16 + zlib.MAX_WBITS  # a gzip header, not zlib's
 
 @dataclass
 class ReadProgress:
-    """What reading a dump met, so far."""
+    """Counts and problems of a dump that is being read."""
 
     lines: int = 0
     bad_lines: int = 0
     first_bad: int | None = None  # offset of the first of them in the decompressed file
     truncated: bool = False
     problem: str = ""
-    stopped: bool = False  # asked to, before the end
+    stopped: bool = False  # on request, before the end
 
     def count_damaged(self, number: int, first: int | None) -> None:
         """Count damaged lines, the first of which begins at `first`."""
@@ -62,7 +61,7 @@ Read = Callable[[BinaryIO, ReadProgress], Iterator[bytes]]
 def pieces(path: Path, progress: ReadProgress) -> Iterator[bytes]:
     """The decompressed bytes of a dump, about CHUNK at once, without a byte order mark.
 
-    Raises SettingError for a file that is no dump, or can't be read.
+    Raises SettingError for a file that is not a dump or can't be read.
     """
     first = True
     with path.open("rb", buffering=1 << 20) as file:
@@ -72,13 +71,13 @@ def pieces(path: Path, progress: ReadProgress) -> Iterator[bytes]:
 
 
 def check(path: Path) -> None:
-    """Raise SettingError for a file that is no dump, or can't be read."""
+    """Raise SettingError for a file that is not a dump or can't be read."""
     _reader(path)
 
 
 def memory(path: Path) -> int:
     """Bytes that reading a dump takes: its first frame's window (2 GiB in the archives' zstd files)
-    or its first block, and what a chunk swells to.
+    or its first block, and a decompressed chunk.
     """
     read = _reader(path)
     with path.open("rb") as file:
@@ -91,10 +90,10 @@ def memory(path: Path) -> int:
     try:
         frame = zstandard.get_frame_parameters(head)
     except zstandard.ZstdError:
-        return _ASIDE
+        return _WORKSPACE
     if read is _of_blocks:
-        return 2 * min(int(frame.content_size), _LARGEST) + _ASIDE
-    return int(frame.window_size) + _ASIDE
+        return 2 * min(int(frame.content_size), _LARGEST) + _WORKSPACE
+    return int(frame.window_size) + _WORKSPACE
 
 
 def _reader(path: Path) -> Read:
@@ -137,7 +136,7 @@ def _of_gzip(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
     while rest := file.read(_PIECE):
         while True:
             if member.eof:
-                rest = rest.lstrip(b"\0")  # as gzip itself, which may pad the last member
+                rest = rest.lstrip(b"\0")  # padding behind the last member, which gzip ignores too
                 if not rest:
                     break
                 member = zlib.decompressobj(_WINDOW)
@@ -162,14 +161,14 @@ def _of_blocks(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
         size = int.from_bytes(head, "little")
         block = file.read(min(size, _LARGEST))
         try:
-            rows, whole = _rows(engine, block)
+            rows, complete = _rows(engine, block)
         except zstandard.ZstdError as error:
             progress.truncated, progress.problem = True, f"damaged block: {error}"
             return
         step = max(1, len(rows) * CHUNK // (sum(map(len, rows)) + 1))
         for begin in range(0, len(rows), step):
             yield b"\n".join([*rows[begin : begin + step], b""])
-        if len(block) < size or not whole:
+        if len(block) < size or not complete:
             progress.truncated, progress.problem = True, "the last block is cut off"
             return
 
@@ -200,8 +199,8 @@ def _rows(engine: zstandard.ZstdDecompressor, block: bytes) -> tuple[list[bytes]
 
 
 def _of_zstd(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
-    """python-zstandard's stream reader would end at a cut without a word, and a plain decompressor
-    after the first frame.
+    """A loop over frames: python-zstandard's stream reader does not report a truncated file, and a
+    plain decompressor stops after the first frame.
     """
     engine = zstandard.ZstdDecompressor(max_window_size=1 << 31)
     frame, fresh = engine.decompressobj(write_size=CHUNK), True
@@ -223,10 +222,10 @@ def _of_zstd(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
 
 
 def _compressed(file: BinaryIO) -> Iterator[bytes]:
-    """The file in pieces of a few blocks: one of a single letter swells 30,000 times, and the
-    decompressor gives all at once.
+    """The file in pieces of a few blocks: a block of one repeated byte expands 30,000 times, and
+    the decompressor returns everything at once.
 
-    What is no zstd comes as it is, for the decompressor to say so.
+    Other bytes are passed through, for the decompressor to report.
     Source: https://www.rfc-editor.org/rfc/rfc8878#section-3.1
     """
     while head := file.read(4):
@@ -248,18 +247,18 @@ def _compressed(file: BinaryIO) -> Iterator[bytes]:
         size = (1 - single) + (0, 1, 2, 4)[flags & 3] + (single, 2, 4, 8)[flags >> 6]
         yield head + described + file.read(size)
         head = file.read(3)
-        waiting, held = [head], 0
+        waiting, buffered = [head], 0
         while len(head) == 3:
             block = int.from_bytes(head, "little")
             size = 1 if block >> 1 & 3 == _REPEATED else block >> 3
             # The head of the next block comes along: one call for both, and no copy of a large one.
             body = file.read(size + (checksum if block & 1 else 3))
             waiting.append(body)
-            held += size
+            buffered += size
             if block & 1:
                 break
-            if held >= _PIECE or len(waiting) == _BLOCKS:
+            if buffered >= _PIECE or len(waiting) == _BLOCKS:
                 yield body if len(waiting) == 1 else b"".join(waiting)
-                waiting, held = [], 0
+                waiting, buffered = [], 0
             head = body[-3:]
         yield b"".join(waiting)

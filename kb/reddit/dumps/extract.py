@@ -104,7 +104,7 @@ def _extract_chunk(search: SubredditSearch, chunk: Chunk, rules: RecordRules) ->
 def _tools(root: str, stamp: int, ids: str) -> tuple[Scrubber, Collection[str]]:
     """The anonymizer and the purged names; made once in each worker."""
     purged = tombstones.keys(Path(root), "reddit")
-    return Scrubber(load_key(Path(root))), purged | _id_index(ids).gone if ids else purged
+    return Scrubber(load_key(Path(root))), purged | _id_index(ids).purged if ids else purged
 
 
 @cache

@@ -1,6 +1,4 @@
-"""Which files an import or a reconstruction reads: the dumps that were named, and those in folders
-that were named.
-"""
+"""Which dumps an import or a reconstruction reads: named files, and dumps in named folders."""
 
 from __future__ import annotations
 
@@ -20,7 +18,7 @@ _SHOWN = 3  # names of foreign files in a message
 
 
 class DumpFiles(NamedTuple):
-    """Dumps to read, and how many other files lie in the folders that were searched."""
+    """Dumps to read, and how many other files the searched folders contain."""
 
     files: list[Path]
     foreign: int
@@ -29,9 +27,9 @@ class DumpFiles(NamedTuple):
 def find_dumps(run: Run, paths: Sequence[Path]) -> DumpFiles:
     """The named files, and all dumps below the named folders in the order of their paths.
 
-    Files count by their content. A folder's other files are counted and named; hidden ones and the
-    run's own data root are left out. Raises SettingError for a named file that is no dump, and for
-    a folder without any.
+    Content decides which files are dumps. Other files in a folder are counted and named; hidden
+    files and the run's own data root are skipped. Raises SettingError for a named file that is not
+    a dump and for a folder without dumps.
     """
     files: list[Path] = []
     foreign = 0
@@ -70,8 +68,8 @@ def _below(folder: Path, root: Path) -> Iterator[Path]:
 
 
 def _holds_records(file: Path) -> bool:
-    """Whether a file is a dump of posts or comments; one that is cut off at its very beginning may
-    be.
+    """Whether a file is a dump of posts or comments; a file truncated at its very beginning may be
+    one.
     """
     try:
         start = next(containers.pieces(file, ReadProgress()), None)

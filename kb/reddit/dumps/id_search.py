@@ -8,7 +8,7 @@ finds them, at the same rate, and the id decides.
 
     ids/posts, comments, trees      sorted numbers of eight bytes, one an id
     ids/long                        ids that are longer, one a line
-    ids/gone                        full names that were purged: never taken, whoever asks
+    ids/gone                        purged full names, which are never extracted
     ids/bits                        a bit for each checksum; at most one of 32 is set
 """
 
@@ -35,16 +35,16 @@ _FEWEST, _MOST = 20, 32  # the table's size as a power of two; a checksum has 32
 
 
 def write_index(
-    names: Iterable[str], trees: Iterable[str], folder: Path, gone: Collection[str] = ()
+    names: Iterable[str], trees: Iterable[str], folder: Path, purged: Collection[str] = ()
 ) -> None:
-    """Write full names, and bare ids of posts that are wanted with all comments, for `ById`.
+    """Write full names, and bare ids of posts wanted with all comments, for `ById`.
 
-    What is in `gone` is not wanted.
+    Names in `purged` are not wanted.
     """
     numbers = {kind: array("Q") for kind in (POSTS, COMMENTS, TREES)}
     sums, long = array("L"), set()
     for name in chain(names, (f"{TREES}_{key}" for key in trees)):
-        if name in gone:
+        if name in purged:
             continue
         prefix, _, key = name.partition("_")
         kind, value = _OF.get(prefix, TREES), key.encode()
@@ -62,7 +62,7 @@ def write_index(
         for kind, values in numbers.items():
             write_bytes(fresh / kind, array("Q", sorted(set(values))).tobytes())
         write_bytes(fresh / _LONG, "".join(f"{line}\n" for line in sorted(long)).encode())
-        write_bytes(fresh / _GONE, "".join(f"{name}\n" for name in sorted(gone)).encode())
+        write_bytes(fresh / _GONE, "".join(f"{name}\n" for name in sorted(purged)).encode())
         write_bytes(fresh / _BITS, bytes(bits))
 
 
@@ -72,7 +72,7 @@ class IdIndex:
     def __init__(self, folder: Path) -> None:
         self._sorted = {kind: _numbers(folder / kind) for kind in (POSTS, COMMENTS, TREES)}
         self._long = frozenset((folder / _LONG).read_text().splitlines())
-        self.gone = frozenset((folder / _GONE).read_text().splitlines())
+        self.purged = frozenset((folder / _GONE).read_text().splitlines())
         self.bits = _mapped(folder / _BITS)
         self.shift = 32 - (8 * len(self.bits) - 1).bit_length()
         self.trees = bool(self._sorted[TREES]) or any(line.startswith(TREES) for line in self._long)
@@ -89,7 +89,7 @@ class IdIndex:
 class ById(SubredditSearch):
     """Finds posts and comments by id in chunks of a dump, and the comments of some posts.
 
-    With a `subreddit` only lines of it are looked at; `state` is what such a search has learned.
+    With a `subreddit` only its lines are searched; `state` is what such a search has learned.
     """
 
     def __init__(
@@ -100,11 +100,11 @@ class ById(SubredditSearch):
         self._ids = finder(b'"id":')
         self._links = finder(b'"link_id":') if kept.trees else None
 
-    def _found(self, data: bytes, begin: int, end: int) -> Iterable[int]:
-        return super()._found(data, begin, end) if self._name else self._any(data, begin, end)
+    def _positions(self, data: bytes, begin: int, end: int) -> Iterable[int]:
+        return super()._positions(data, begin, end) if self._name else self._any(data, begin, end)
 
     def _any(self, data: bytes, begin: int, end: int) -> Iterator[int]:
-        """Where wanted ids are, in order, whatever the subreddit."""
+        """Positions of wanted ids of any subreddit, in order."""
         part = memoryview(data)[begin:end]
         hits = self._hits(data, begin, self._ids(part), 0, (POSTS, COMMENTS, TREES))
         if self._links is not None:
@@ -113,15 +113,16 @@ class ById(SubredditSearch):
         yield from hits
 
     def _hits(
-        self, data: bytes, begin: int, found: Any, prefix: int, kinds: Sequence[str]
+        self, data: bytes, begin: int, positions: Any, prefix: int, kinds: Sequence[str]
     ) -> list[int]:
-        """Where wanted ids are among what stands behind colons; `prefix` bytes of it are no id.
+        """Positions of wanted ids among the values behind colons, without their first `prefix`
+        bytes.
 
-        The loop runs for every line, so it calls little.
+        The loop runs for every line, so it calls few functions.
         """
         bits, shift, find = self._kept.bits, self._kept.shift, data.find
         hits = []
-        for _, _, colon in found:
+        for _, _, colon in positions:
             at = begin + colon + 1 + prefix
             if data[at - 1 - prefix] == 0x20:  # a space behind the colon
                 at += 1

@@ -1,7 +1,7 @@
 """One subreddit's records in chunks of a dump.
 
-A whole chunk is searched before anything is parsed; only lines with a hit are read as JSON, and
-looked at again then. Of the others it is seen that they begin and end as objects do.
+A whole chunk is searched before anything is parsed. Only lines with a hit are parsed as JSON and
+checked; of the others only the first and last characters are checked.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ahocorasick_rs import BytesAhoCorasick
 
 from kb.reddit.dumps.chunks import Chunk, read_object
 
-CHECKED = 1 << 20  # decompressed bytes at the beginning of which every line is read
+CHECKED = 1 << 20  # decompressed bytes at the beginning in which every line is parsed
 
 
 class ChunkMatches(NamedTuple):
@@ -29,16 +29,16 @@ class ChunkMatches(NamedTuple):
 
 
 Take = Callable[[int, dict[str, Any]], None]
-"""What is done with a record of the subreddit, at the offset of its line's end. One after the
-other: many of them at once don't fit into the processor's cache, which costs as much as reading.
+"""Called with the offset behind a record's line and the record. One record at a time: many at once
+do not fit the processor's cache, which costs as much as parsing them.
 """
 
 
 class SearchState(NamedTuple):
-    """What a search has learned: the subreddit's id and spellings, and whether the id tells."""
+    """What a search has learned: the subreddit's id and spellings, and whether ids are reliable."""
 
     exact: tuple[str, ...]
-    ids_tell: bool
+    ids_reliable: bool
 
 
 Finder = Callable[[bytes | memoryview], list[tuple[int, int, int]]]
@@ -47,11 +47,11 @@ Finder = Callable[[bytes | memoryview], list[tuple[int, int, int]]]
 class SubredditSearch:
     """Finds the records of one subreddit in chunks of a dump, however its name is written.
 
-    The name is looked for in any case until a record has told the subreddit's id, which all of them
-    share; from then on the id and the spellings met so far, unless a record comes without an id, or
-    another's with it. Every line must begin and end as an object does; one that doesn't is read,
-    and so is every line of the first CHECKED bytes and of chunks that are mostly the subreddit's.
-    Elsewhere only lines that hold the name are read.
+    The search ignores case until a record reveals the subreddit's id, which all its records share.
+    From then on it searches for the id and the spellings seen so far, unless a record has no id or
+    one of another subreddit. Lines with the name or id are parsed, as are lines that do not begin
+    and end like an object, every line of the first CHECKED bytes, and every line of chunks that are
+    mostly of the subreddit.
     """
 
     def __init__(self, subreddit: str, state: SearchState | None = None) -> None:
@@ -61,23 +61,23 @@ class SubredditSearch:
         state = state or SearchState((), True)
         # Finders of the id and the spellings.
         self._exact = {text: finder(f'"{text}"'.encode()) for text in state.exact}
-        self._ids_tell = state.ids_tell
+        self._ids_reliable = state.ids_reliable
 
     def state(self) -> SearchState:
-        """What it has learned, to go on elsewhere."""
-        return SearchState(tuple(self._exact), self._ids_tell)
+        """What it has learned, for another search to continue with."""
+        return SearchState(tuple(self._exact), self._ids_reliable)
 
     def __call__(self, chunk: Chunk, take: Take) -> ChunkMatches:
         """What a chunk holds; its records are given to `take`, in order."""
         offset, data, begin, end = chunk
-        lines, whole = _counted(chunk)
+        lines, well_formed = _counted(chunk)
         stop = begin
         taken = 0
         hits: set[int] = set()  # where lines begin that were read
         bad: list[int] = []
-        for place in self._looked_for(data, begin, end):
+        for place in self._candidates(data, begin, end):
             if place < stop:
-                continue  # again in the same line
+                continue  # a second hit in the same line
             first = data.rfind(b"\n", stop, place) + 1 or stop
             stop = data.find(b"\n", place) + 1
             record = read_object(data[first:stop])
@@ -88,12 +88,12 @@ class SubredditSearch:
                 taken += 1
                 take(offset + stop - begin, record)
         every = offset < CHECKED or 2 * taken >= lines
-        if len(hits) < lines and (every or whole < lines):
+        if len(hits) < lines and (every or well_formed < lines):
             at = begin
             for line in _lines(chunk):
                 if (
                     at not in hits
-                    and (every or not _looks_whole(line))
+                    and (every or not _is_object_like(line))
                     and line.strip()
                     and read_object(line) is None
                 ):
@@ -102,35 +102,35 @@ class SubredditSearch:
         return ChunkMatches(lines, len(bad), offset + min(bad) - begin if bad else None)
 
     def _takes(self, record: dict[str, Any]) -> bool:
-        """Whether a record is wanted. The name may stand in a title: only the field decides."""
+        """Whether a record is wanted. A title may contain the name: only the field decides."""
         if str(record.get("subreddit", "")).lower() == self._name:
             self._learn(record)
             return True
         if str(record.get("subreddit_id")) in self._exact:
-            self._ids_tell = False  # not of this file
+            self._ids_reliable = False  # not of this file
         return False
 
     def _learn(self, record: dict[str, Any]) -> None:
         key = record.get("subreddit_id")
         if not isinstance(key, str) or not key.startswith("t5_"):
-            self._ids_tell = False
+            self._ids_reliable = False
             return
         for text in (key, record["subreddit"]):
-            if text not in self._exact and self._ids_tell:
+            if text not in self._exact and self._ids_reliable:
                 self._exact[text] = finder(f'"{text}"'.encode())
 
-    def _looked_for(self, data: bytes, begin: int, end: int) -> Iterator[int]:
-        """The same as `_found`, also where a line on the way shows that the ids don't tell."""
-        by_id = bool(self._exact) and self._ids_tell
-        for place in self._found(data, begin, end):
+    def _candidates(self, data: bytes, begin: int, end: int) -> Iterator[int]:
+        """Positions to check; goes by the name once a record shows that ids are unreliable."""
+        by_id = bool(self._exact) and self._ids_reliable
+        for place in self._positions(data, begin, end):
             yield place
-            if by_id and not self._ids_tell:
+            if by_id and not self._ids_reliable:
                 yield from self._in_any_case(data, place, end)
                 return
 
-    def _found(self, data: bytes, begin: int, end: int) -> Iterable[int]:
-        """Where the quoted name or id may stand in data[begin:end], in order."""
-        if self._exact and self._ids_tell:
+    def _positions(self, data: bytes, begin: int, end: int) -> Iterable[int]:
+        """Positions in data[begin:end] at which the quoted name or id may be, in order."""
+        if self._exact and self._ids_reliable:
             part = memoryview(data)[begin:end]
             return sorted(
                 begin + place for find in self._exact.values() for _, place, _ in find(part)
@@ -154,21 +154,21 @@ class SubredditSearch:
 
 @lru_cache(maxsize=64)
 def finder(text: bytes) -> Finder:
-    """One pattern: its vectorised search is several times faster than bytes.find, and than one for
-    many spellings (tests/bench).
+    """A search for one pattern, which is vectorized: several times faster than bytes.find, and than
+    one search for many spellings (tests/bench).
     """
     return BytesAhoCorasick([text]).find_matches_as_indexes
 
 
-_FEW = 16 << 10  # bytes, in which a plain search has ended before the other one has begun
-_CASE = 0x20  # the bit that tells a small letter from a capital
+_FEW = 16 << 10  # bytes that a plain search finishes faster than the vectorized one starts
+_CASE = 0x20  # the bit that distinguishes lower from upper case
 
 
 def _folded(data: bytes) -> memoryview:
-    """The bytes with capitals as small letters, but for the last seven at most.
+    """The bytes in lower case, without the last seven at most.
 
-    Other bytes change too, so what is found there has to be looked at. Eight at a time are twice as
-    fast as one.
+    Other bytes change too, so every hit has to be checked. Eight bytes at a time are twice as fast
+    as one.
     """
     eights = len(data) // 8
     plain = pa.Array.from_buffers(pa.uint64(), eights, [None, pa.py_buffer(data)])
@@ -183,21 +183,23 @@ def _cases() -> Any:
 
 
 def _counted(chunk: Chunk) -> tuple[int, int]:
-    """How many lines a chunk has, and how many of them begin and end as objects do.
+    """How many lines a chunk has, and how many of them begin and end like an object.
 
-    A file finds line breaks twice as fast as bytes.count, and lines that are let go at once cost no
-    memory.
+    Iterating over a file finds line breaks twice as fast as bytes.count, and needs memory for one
+    line only.
     """
     file = io.BytesIO(chunk.data)
     file.seek(chunk.begin)
     try:
-        whole = [line[0] == 0x7B and (line[-2] == 0x7D or line[-3:] == b"}\r\n") for line in file]
+        well_formed = [
+            line[0] == 0x7B and (line[-2] == 0x7D or line[-3:] == b"}\r\n") for line in file
+        ]
     except IndexError:  # an empty line, or a part of one
         file.seek(chunk.begin)
-        whole = [line[:1] == b"{" and line[-3:].rstrip(b"\r\n")[-1:] == b"}" for line in file]
+        well_formed = [line[:1] == b"{" and line[-3:].rstrip(b"\r\n")[-1:] == b"}" for line in file]
     if chunk.end < len(chunk.data):
-        whole.pop()  # a part of a line
-    return len(whole), whole.count(True)
+        well_formed.pop()  # a part of a line
+    return len(well_formed), well_formed.count(True)
 
 
 def _lines(chunk: Chunk) -> list[bytes]:
@@ -207,6 +209,6 @@ def _lines(chunk: Chunk) -> list[bytes]:
     return io.BytesIO(chunk.data[chunk.begin : chunk.end]).readlines()
 
 
-def _looks_whole(line: bytes) -> bool:
+def _is_object_like(line: bytes) -> bool:
     line = line.strip()
     return line.startswith(b"{") and line.endswith(b"}")

@@ -64,26 +64,32 @@ def load_key(root: Path) -> bytes:
 
     Raises DamagedData when it is lost, cut off, or another one than the data were hashed with.
     """
-    path, beside = Layout(root).key("reddit")
-    noted = beside.read_text(encoding="utf-8", errors="replace").strip() if beside.exists() else ""
+    path, digest_path = Layout(root).key("reddit")
+    noted = (
+        digest_path.read_text(encoding="utf-8", errors="replace").strip()
+        if digest_path.exists()
+        else ""
+    )
     if not path.exists():
         if noted or rawlog.any_answer(root, "reddit"):
-            raise _not_the_key(path, beside, "is lost")
+            raise _not_the_key(path, digest_path, "is lost")
         write_bytes(path, secrets.token_hex(32).encode(), mode=0o600)
     path.chmod(0o600)
     key = path.read_bytes().strip()
     if len(key) != 64:
-        raise _not_the_key(path, beside, "is damaged")
+        raise _not_the_key(path, digest_path, "is damaged")
     known = hashlib.sha256(key).hexdigest()
     if not noted:  # a new key, or one that was given anew
-        write_bytes(beside, f"{known}\n".encode())
+        write_bytes(digest_path, f"{known}\n".encode())
     elif noted != known:
-        raise _not_the_key(path, beside, "is another key than this data root's")
+        raise _not_the_key(path, digest_path, "is another key than this data root's")
     return key
 
 
-def _not_the_key(path: Path, beside: Path, what: str) -> DamagedData:
-    anew = f"rm -f {shlex.quote(str(beside))} && openssl rand -hex 32 > {shlex.quote(str(path))}"
+def _not_the_key(path: Path, digest_path: Path, what: str) -> DamagedData:
+    anew = (
+        f"rm -f {shlex.quote(str(digest_path))} && openssl rand -hex 32 > {shlex.quote(str(path))}"
+    )
     return DamagedData(
         f"{path} {what}: the authors of what is here were hashed with it, and what is read with"
         " another key never meets them",

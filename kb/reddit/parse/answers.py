@@ -64,31 +64,31 @@ def _rows_of(line: bytes, kind: str, reader: RecordReader) -> list[Row]:
     params, status = envelope["request"]["params"], envelope["status"]
     things = list(tree.things(envelope["response"])) if status == 200 else []
     post = str(params.get("article") or tree.bare(params.get("link_id")))
-    found: list[Row] = []
+    records: list[Row] = []
     for thing in things:
         if thing.kind == tree.COMMENT:
-            found.append(reader.comment(thing.data))
+            records.append(reader.comment(thing.data))
         elif thing.kind == tree.POST:
-            found.append(reader.post(thing.data))
+            records.append(reader.post(thing.data))
         else:  # a stub does not name its post, the request does
-            found += [new_row(f"t1_{key}", post, "stub") for key in tree.stub_ids(thing.data)]
+            records += [new_row(f"t1_{key}", post, "stub") for key in tree.stub_ids(thing.data)]
     if kind == "listings":
         # A crawl of a span of time leaves out what its listings show of other times.
         since, until = params.get("since"), params.get("until")
-        found = [row for row in found if not tree.outside(row.get("created_utc"), since, until)]
+        records = [row for row in records if not tree.outside(row.get("created_utc"), since, until)]
     if asked := _asked_for(kind, params, status):
-        known = {row["fullname"] for row in found}
-        found += [new_row(name, of, "missing") for name, of in asked if name not in known]
-    found += _marks(kind, things, params, post, status)
+        known = {row["fullname"] for row in records}
+        records += [new_row(name, of, "missing") for name, of in asked if name not in known]
+    records += _marks(kind, things, params, post, status)
     if kind == "dumps":
         # The records of such an envelope were read at different times; each has its own.
         place = f"{envelope['request']['endpoint']}/{params.get('offset', 0):020d}"
-        for row in found:
+        for row in records:
             row["dump"] = place
     else:
-        for row in found:
+        for row in records:
             row["fetched_at"] = envelope["fetched_at"]
-    return found
+    return records
 
 
 def _decode(line: bytes) -> dict[str, Any]:
@@ -174,22 +174,22 @@ def _declared(name: str) -> tuple[str, pa.DataType]:
     return name, table(f"reddit/{of}").column(name).parsed.arrow()
 
 
-def _to_table(found: list[Row], *, live: bool) -> pa.Table:
+def _to_table(records: list[Row], *, live: bool) -> pa.Table:
     """Rows as a table of `schema()`."""
-    noted = {number: row["problems"] for number, row in enumerate(found) if row["problems"]}
+    noted = {number: row["problems"] for number, row in enumerate(records) if row["problems"]}
     special: dict[str, Any] = {
-        "live": pa.repeat(pa.scalar(live), len(found)),
-        "dump": pa.array([row.get("dump", "") for row in found], pa.string()),
-        "fetched_at": times([row.get("fetched_at") for row in found])[0]
+        "live": pa.repeat(pa.scalar(live), len(records)),
+        "dump": pa.array([row.get("dump", "") for row in records], pa.string()),
+        "fetched_at": times([row.get("fetched_at") for row in records])[0]
         if live
-        else _seconds([row.get("retrieved") for row in found]),
-        "created_utc": _seconds([row.get("created_utc") for row in found]),
-        "problems": problems(noted, len(found)),
+        else _seconds([row.get("retrieved") for row in records]),
+        "created_utc": _seconds([row.get("created_utc") for row in records]),
+        "problems": problems(noted, len(records)),
     }
     columns = [
         special[field.name].cast(field.type)
         if field.name in special
-        else pa.array([row.get(field.name) for row in found], field.type)
+        else pa.array([row.get(field.name) for row in records], field.type)
         for field in schema()
     ]
     return pa.table(columns, schema=schema())

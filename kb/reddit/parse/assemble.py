@@ -48,9 +48,9 @@ def assemble(newest: dict[str, pa.Table]) -> dict[str, pa.Table]:
     Of several kinds of answers the newest about a thing counts; a stub only where nothing else is
     known. A comment is an `orphan` when nothing is known of its post.
     """
-    found = newest_of(newest)
-    is_post = pc.starts_with(found["fullname"], "t3_")
-    posts, comments = found.filter(is_post), found.filter(pc.invert(is_post))
+    things = newest_of(newest)
+    is_post = pc.starts_with(things["fullname"], "t3_")
+    posts, comments = things.filter(is_post), things.filter(pc.invert(is_post))
     posts = with_unread(posts, comments, _marks(newest))
     posts = _named(posts)
     return {"reddit/posts": posts, "reddit/comments": _comments(_named(comments), posts)}
@@ -75,14 +75,14 @@ def newest_of(answers: dict[str, pa.Table]) -> pa.Table:
     rows = pa.concat_tables(tables)
     rows = rows.filter(pc.invert(pc.is_in(rows["state"], value_set=pa.array(MARKS))))
     rows = rows.append_column("real", pc.not_equal(rows["state"], "stub"))
-    found = newest(rows, ["fullname"], ["real", "fetched_at", "rank"])
-    return found.drop_columns(["rank", "real"]).combine_chunks()
+    latest = newest(rows, ["fullname"], ["real", "fetched_at", "rank"])
+    return latest.drop_columns(["rank", "real"]).combine_chunks()
 
 
 def _marks(newest: dict[str, pa.Table]) -> pa.Table:
     """Which parts of trees are known, of all kinds of answers."""
     rows = pa.concat_tables(
-        [found.select(["fullname", "post_id", "state"]) for found in newest.values()]
+        [part.select(["fullname", "post_id", "state"]) for part in newest.values()]
     )
     return rows.filter(pc.is_in(rows["state"], value_set=pa.array(MARKS)))
 
@@ -136,10 +136,10 @@ def with_unread(posts: pa.Table, comments: pa.Table, marks: pa.Table) -> pa.Tabl
     for answered in (read, known["parent_id"].combine_chunks()):
         opened = opened.filter(pc.invert(pc.is_in(opened["fullname"], answered)))
     opened = opened.group_by(["fullname", "post_id"]).aggregate([])
-    told = pc.add(_count(posts, stubs), _count(posts, opened))
+    announced = pc.add(_count(posts, stubs), _count(posts, opened))
     beyond = pc.subtract(posts["num_comments"], _count(posts, known))
-    whole = pc.and_(pc.is_in(posts["fullname"], read), pc.equal(told, 0))
-    unread = pc.if_else(whole, 0, pc.max_element_wise(told, beyond))
+    complete = pc.and_(pc.is_in(posts["fullname"], read), pc.equal(announced, 0))
+    unread = pc.if_else(complete, 0, pc.max_element_wise(announced, beyond))
     return posts.append_column("comments_unread", unread)
 
 
@@ -148,22 +148,22 @@ def with_counts(kept: dict[str, pa.Table]) -> dict[str, pa.Table]:
     posts.
     """
     posts, comments = (kept.get(f"reddit/{name}") for name in _NAMES)
-    found = dict(kept)
+    tables = dict(kept)
     if comments is not None:
         ids = comments["comment_id"].combine_chunks()
         parent = comments["parent_id"]
         there = pc.is_in(pc.utf8_slice_codeunits(parent, 3), ids)
         # Every comment's post is there: the stage `post` saw to it.
         there = pc.or_(pc.starts_with(parent, "t3_"), there)
-        found["reddit/comments"] = _with(comments, "parent_in_release", there)
+        tables["reddit/comments"] = _with(comments, "parent_in_release", there)
     if posts is not None:
         below: pa.Array[Any] | pa.ChunkedArray[Any] = (
             pa.chunked_array([pa.repeat(pa.scalar(0, pa.int64()), posts.num_rows)])
             if comments is None
             else _count(posts, comments)
         )
-        found["reddit/posts"] = _with(posts, "comments_released", below)
-    return found
+        tables["reddit/posts"] = _with(posts, "comments_released", below)
+    return tables
 
 
 def count_again(folder: Path) -> None:
@@ -187,16 +187,16 @@ def _count_again(folder: Path, name: str) -> None:
         for kind, rows in with_counts(old).items():
             if not rows.equals(old[kind]):
                 column = _COUNTED[kind][-1]
-                whole = _with(parquet.read_table(paths[kind]), column, rows[column])
-                write_table(paths[kind], whole, kind)
+                updated = _with(parquet.read_table(paths[kind]), column, rows[column])
+                write_table(paths[kind], updated, kind)
 
 
 def _count(posts: pa.Table, below: pa.Table) -> pa.Array[Any]:
     """How many rows of `below` each post has."""
     sums = below.group_by("post_id").aggregate([([], "count_all")])
     place = pc.index_in(posts["post_id"], sums["post_id"].combine_chunks())
-    found = sums["count_all"].combine_chunks().take(place.combine_chunks())
-    counts: pa.Array[Any] = pc.fill_null(found, 0)
+    counted = sums["count_all"].combine_chunks().take(place.combine_chunks())
+    counts: pa.Array[Any] = pc.fill_null(counted, 0)
     return counts
 
 

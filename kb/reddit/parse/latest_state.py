@@ -1,9 +1,7 @@
-"""What the newest answer says about each post and comment, without their texts: what refresh and
-purge go by.
+"""The newest state of each post and comment, without texts: the basis of refresh and purge.
 
-The rows of the raw log are spread over buckets on disk, as `kb reddit filter` does, and each bucket
-is reduced to one row a thing. Memory is bounded by a piece of a segment, then by a bucket, however
-much is known.
+The rows of the raw log are partitioned into buckets on disk, as in `kb reddit filter`, and each
+bucket is reduced to one row per thing. Memory is bounded by a piece of a segment, then by a bucket.
 """
 
 from __future__ import annotations
@@ -30,13 +28,13 @@ from kb.store.newest import newest
 COLUMNS = ("fullname", "post_id", "state", "fetched_at", "live", "gone", "dump")
 
 
-class Known:
-    """Iterates tables of `fullname, post_id, fetched_at, live, gone, there`, one row a thing, as
-    often as wanted.
+class LatestState:
+    """Iterates tables of `fullname, post_id, fetched_at, live, gone, there`, one row per thing, any
+    number of times.
 
-    Each has a share of the things. `post_id` is null when no answer says it, `fetched_at` when a
-    dump does not say; `gone` is why a thing left (null: it did not), `there` false when the service
-    no longer has it.
+    Each table has a share of the things. `post_id` is null when no answer names it, `fetched_at`
+    when a dump does not; `gone` is why a thing was removed (null: it was not), `there` is false if
+    the service no longer has it.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -49,14 +47,14 @@ class Known:
 
 
 @contextmanager
-def known(run: Run, folder: Path | None = None) -> Iterator[Known]:
-    """Everything that is known, in a folder that goes at the end. Call it under the writer's lock,
-    or with a `folder` elsewhere to read beside others.
+def latest_state(run: Run, folder: Path | None = None) -> Iterator[LatestState]:
+    """The state of all things, in a folder that is deleted at the end. The caller holds the
+    writer's lock, or gives another `folder`.
 
     Stubs and things without an id are left out. Raises DamagedData, DiskFull and Interrupted.
     """
     folder = folder or Layout(run.root).known("reddit")
-    shutil.rmtree(folder, ignore_errors=True)  # of a run that was killed
+    shutil.rmtree(folder, ignore_errors=True)  # of a killed run
     try:
         segments = [
             (kind, path)
@@ -77,7 +75,7 @@ def known(run: Run, folder: Path | None = None) -> Iterator[Known]:
                 window=2 * run.workers,
             ):
                 pass
-        yield Known(folder)
+        yield LatestState(folder)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -120,24 +118,25 @@ def reduce(folder: str, number: int) -> None:
             parts.append(file.read_all())
     if not parts:
         return
-    # As in assemble: the later kind wins where two are as old, so that both tell the same. Segments
-    # stand in the order of the kinds.
+    # As in assemble the later kind wins between answers of the same age: segments are in the order
+    # of the kinds.
     rows = pa.concat_tables(parts)
     by = ("fetched_at", "live", "dump")
-    found = newest(rows, ["fullname"], by)
-    # An answer that only says that a comment is gone may not say of which post it was; an older one
-    # does.
-    said = newest(
+    latest = newest(rows, ["fullname"], by)
+    # An answer that a comment is gone may not name its post; an older answer does.
+    with_post = newest(
         rows.filter(pc.not_equal(pc.fill_null(rows["post_id"], ""), "")), ["fullname"], by
     )
-    post = said["post_id"].take(pc.index_in(found["fullname"], said["fullname"].combine_chunks()))
-    there = pc.equal(found["state"], "there")
-    found = found.set_column(found.column_names.index("post_id"), "post_id", post)
-    found = found.select(["fullname", "post_id", "fetched_at", "live", "gone"])
-    found = found.append_column("there", there)
+    post = with_post["post_id"].take(
+        pc.index_in(latest["fullname"], with_post["fullname"].combine_chunks())
+    )
+    there = pc.equal(latest["state"], "there")
+    latest = latest.set_column(latest.column_names.index("post_id"), "post_id", post)
+    latest = latest.select(["fullname", "post_id", "fetched_at", "live", "gone"])
+    latest = latest.append_column("there", there)
     with (
         full_disk_is_resumable(Path(folder)),
-        pa.ipc.new_file(str(Path(folder, f"{number:06d}.arrow")), found.schema) as file,
+        pa.ipc.new_file(str(Path(folder, f"{number:06d}.arrow")), latest.schema) as file,
     ):
-        file.write_table(found)
+        file.write_table(latest)
     shutil.rmtree(Path(folder, "rows", str(number)))

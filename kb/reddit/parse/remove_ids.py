@@ -67,13 +67,13 @@ def without_asked(kind: str, request: Request, keys: Collection[str]) -> Request
 def of_value(value: Any, keys: Collection[str]) -> tuple[Any, bool]:
     """(value without the keys, whether it changed); what did not change is the same object."""
     if isinstance(value, list):
-        found: list[Any] = []
+        kept_values: list[Any] = []
         changed = False
         for inner in value:
             left, other = of_thing(inner, keys)
             changed |= other
-            found += left
-        return (found, True) if changed else (value, False)
+            kept_values += left
+        return (kept_values, True) if changed else (value, False)
     if not isinstance(value, dict):
         return value, False
     fresh: dict[str, Any] = {}
@@ -145,7 +145,7 @@ def _copied() -> frozenset[str]:
     """
     post = raw.at("reddit/dumps", "data.children[].data") or {}
     fields = post.get("properties", {})
-    return frozenset(name for name, said in fields.items() if "x-copied-from" in said)
+    return frozenset(name for name, declared in fields.items() if "x-copied-from" in declared)
 
 
 def repeats(post: dict[str, Any], keys: Collection[str]) -> bool:
@@ -198,8 +198,8 @@ def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str
         shown = pc.and_(rows["is_crosspost"], pc.is_in(named, value_set=purged))
         shown = pc.or_(shown, pc.is_in(rows["post_id"].cast(pa.string()), value_set=known))
         # One that was changed before, and the crosspost of a text, shows nothing.
-        told: pa.BooleanArray = pc.and_(shown, pc.not_equal(rows["type"].cast(pa.string()), "text"))
-        return told
+        hits: pa.BooleanArray = pc.and_(shown, pc.not_equal(rows["type"].cast(pa.string()), "text"))
+        return hits
 
     changed = 0
     for path in sorted(folder.glob("*.parquet")):

@@ -44,13 +44,13 @@ def about(profile: Profile, source: str, show: Callable[[str], str] = line) -> A
     """The sentences on a source, each in one line: those that are true of any domain, then the
     profile's own. `show` writes the profile's words, such as `md` for Markdown.
     """
-    said, own = _neutral(source, show(profile.title)), profile.release
+    neutral, own = _neutral(source, show(profile.title)), profile.release
     return msgspec.structs.replace(
-        said,
-        biases=(*said.biases, *map(show, own.biases)),
-        limits=(*said.limits, *map(show, own.limits)),
-        uses=(*said.uses, *map(show, own.uses)),
-        avoid=(*said.avoid, *map(show, own.avoid)),
+        neutral,
+        biases=(*neutral.biases, *map(show, own.biases)),
+        limits=(*neutral.limits, *map(show, own.limits)),
+        uses=(*neutral.uses, *map(show, own.uses)),
+        avoid=(*neutral.avoid, *map(show, own.avoid)),
     )
 
 
@@ -60,13 +60,13 @@ def _neutral(source: str, topic: str) -> About:
     if not path.is_file():  # a source may bring its own
         path = Path(SPECS[source].load(".spec").__file__).with_name("about.toml")
     sentences = {
-        name: _filled(said, topic)
-        for name, said in tomllib.loads(path.read_text(encoding="utf-8")).items()
+        name: _render(text, topic)
+        for name, text in tomllib.loads(path.read_text(encoding="utf-8")).items()
     }
     return msgspec.convert(sentences, About)
 
 
-def _filled(said: str | list[str], topic: str) -> str | list[str]:
-    if isinstance(said, list):
-        return [line(ENVIRONMENT.from_string(one).render(topic=topic)) for one in said]
-    return line(ENVIRONMENT.from_string(said).render(topic=topic))
+def _render(text: str | list[str], topic: str) -> str | list[str]:
+    if isinstance(text, list):
+        return [line(ENVIRONMENT.from_string(one).render(topic=topic)) for one in text]
+    return line(ENVIRONMENT.from_string(text).render(topic=topic))

@@ -69,13 +69,13 @@ CONTEXT: dict[str, Any] = {
 
 def croissant(run: Run, facts: Facts) -> str:
     """The whole document as text."""
-    said, section = about(run.profile, facts.source), run.profile.release
+    prose, section = about(run.profile, facts.source), run.profile.release
     document = {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
         "conformsTo": CONFORMS,
         "name": name(run, facts),
-        "description": said.summary + (f" {SANDBOX_NOTE}" if facts.sandbox else ""),
+        "description": prose.summary + (f" {SANDBOX_NOTE}" if facts.sandbox else ""),
         "license": licence(facts.licence).url,
         "version": section.version,
         "citeAs": bibtex(run, facts),
@@ -83,7 +83,7 @@ def croissant(run: Run, facts: Facts) -> str:
             {"@type": "sc:Organization" if "," not in one.name else "sc:Person", "name": one.name}
             for one in section.creators
         ],
-        "keywords": list(dict.fromkeys((run.profile.name, *said.words, *section.keywords))),
+        "keywords": list(dict.fromkeys((run.profile.name, *prose.words, *section.keywords))),
         "datePublished": day(facts.built),
         "dateModified": day(facts.built),
         "inLanguage": language(run),
@@ -97,16 +97,16 @@ def croissant(run: Run, facts: Facts) -> str:
 
 
 def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
-    said = about(run.profile, facts.source)
+    prose = about(run.profile, facts.source)
     emails, phones = (sum(counts[i] for counts in facts.personal.values()) for i in (1, 2))
     fields = {
-        "rai:dataCollection": said.collection,
+        "rai:dataCollection": prose.collection,
         "rai:dataCollectionType": ["Web API", "Web scraping"]
         if RELEASES[facts.source].scraped
         else ["Web API"],
-        "rai:dataCollectionRawData": said.raw,
-        "rai:dataCollectionMissingData": said.absent,
-        "rai:dataPreprocessingProtocol": list(said.processing),
+        "rai:dataCollectionRawData": prose.raw,
+        "rai:dataCollectionMissingData": prose.absent,
+        "rai:dataPreprocessingProtocol": list(prose.processing),
         "rai:dataAnnotationProtocol": [
             f"Texts were scored by the toxicity model {model} ({revision}) in {precision}."
             for model, revision, precision in facts.models
@@ -115,17 +115,17 @@ def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
             f"Detoxify {model} {revision} {precision}"
             for model, revision, precision in facts.models
         ],
-        "rai:dataBiases": list(said.biases),
-        "rai:dataLimitations": [*said.limits, *(["not for: " + what for what in said.avoid])],
-        "rai:dataUseCases": list(said.uses),
+        "rai:dataBiases": list(prose.biases),
+        "rai:dataLimitations": [*prose.limits, *(["not for: " + what for what in prose.avoid])],
+        "rai:dataUseCases": list(prose.uses),
         "rai:personalSensitiveInformation": [
-            said.people,
+            prose.people,
             (
                 f"Measured in the released texts: {emails:,} rows with an e-mail address,"
                 f" {phones:,} with a phone number."
             ),
         ],
-        "rai:dataReleaseMaintenancePlan": said.upkeep,
+        "rai:dataReleaseMaintenancePlan": prose.upkeep,
         "rai:dataSocialImpact": f"Lets research on {run.profile.title} be repeated on stated data. "
         "Harm by exposure of people is limited by leaving names and deleted material out.",
     }

@@ -39,11 +39,11 @@ def views(con: DuckDBPyConnection, folder: ReleaseFolder) -> str:
     )
     if not counts:
         return ""
-    told = {
+    meanings = {
         "watch_time": "counted when they had been watched for some time",
         "playback_start": "counted when playback started",
     }
-    parts = [f"those of {n:,} videos were {told[rule]}" for rule, n in counts.items()]
+    parts = [f"those of {n:,} videos were {meanings[rule]}" for rule, n in counts.items()]
     mixed = "; the two are not comparable" if len(parts) > 1 else ""
     return f"Views (`view_rule`): {', '.join(parts)}{mixed}."
 

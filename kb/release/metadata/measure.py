@@ -101,18 +101,18 @@ def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
     model's scores.
     """
     # Pairs, links and wiki images carry no scores of their own: what they name was scored.
-    found = [one for of in made_of(source) for one in _models(root, of)]
-    return tuple(sorted(set(found))) if len(made_of(source)) > 1 else tuple(found)
+    scored_by = [one for of in made_of(source) for one in _models(root, of)]
+    return tuple(sorted(set(scored_by))) if len(made_of(source)) > 1 else tuple(scored_by)
 
 
 def _models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
     files = [str(file) for file in parquet_files(Layout(root).annotations(source))]
-    said = filtered(root, source)
-    if not files or "toxicity" in said:  # "not scored"
+    filter_note = filtered(root, source)
+    if not files or "toxicity" in filter_note:  # "not scored"
         return ()
     parquet.check(*files)
     with database.asking() as con:
-        if "model" not in said:
+        if "model" not in filter_note:
             return tuple(
                 con.execute(
                     "SELECT DISTINCT model, revision, precision FROM read_parquet(?) ORDER BY ALL",
@@ -123,7 +123,7 @@ def _models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
         rows = con.execute(
             f"SELECT DISTINCT model, revision, arg_min(precision, {rank}) FROM read_parquet(?)"
             " WHERE model = ? AND revision = ? GROUP BY text_hash, model, revision ORDER BY ALL",
-            [files, said["model"], said["revision"]],
+            [files, filter_note["model"], filter_note["revision"]],
         )
         return tuple(rows.fetchall())
 
@@ -186,8 +186,8 @@ def _columns(
     values in memory (medians, the most frequent ones) is asked column by column.
     """
     asked = ", ".join(map(_counted, columns))
-    found = con.execute(f"SELECT {asked} FROM read_parquet(?)", [names]).fetchone() or ()
-    for column, nulls, low, high in zip(columns, *(found[at::3] for at in range(3)), strict=True):
+    counts = con.execute(f"SELECT {asked} FROM read_parquet(?)", [names]).fetchone() or ()
+    for column, nulls, low, high in zip(columns, *(counts[at::3] for at in range(3)), strict=True):
         if _is_number(column):
             ends = [end if end is None else end + 0 for end in (low, high)]  # no minus zero
             yield ColumnFacts(column, nulls, ends[0], _median(con, names, column), ends[1])

@@ -18,7 +18,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from kb.core import sizes
+from kb.core import terminal
 from kb.core.context import Run
 from kb.core.templates import environment
 from kb.release.metadata.facts import Facts
@@ -104,7 +104,7 @@ FILTERS = {
     "flow": line,
     "line": line,
     "md": md,
-    "size": sizes.shown,
+    "size": terminal.size,
     "span": span,
     "yaml": folded,
 }

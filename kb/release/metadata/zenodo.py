@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from kb.core import sizes
+from kb.core import terminal
 from kb.core.context import Run
 from kb.core.installation import software_address
 from kb.core.licences import licence
@@ -104,9 +104,9 @@ class Document(_Part):
 
 def deposit(run: Run, facts: Facts) -> str:
     """zenodo.json as text."""
-    section, said = run.profile.release, about(run.profile, facts.source)
+    section, prose = run.profile.release, about(run.profile, facts.source)
     metadata = DepositMetadata(
-        title=said.title,
+        title=prose.title,
         description=_description(run, facts),
         creators=tuple(
             DepositCreator(name=one.name, affiliation=one.affiliation, orcid=one.orcid)
@@ -116,7 +116,7 @@ def deposit(run: Run, facts: Facts) -> str:
         license=licence(facts.licence).zenodo,
         version=section.version,
         language=three_letters(language(run)),
-        keywords=tuple(dict.fromkeys((run.profile.title, *said.words, *section.keywords))),
+        keywords=tuple(dict.fromkeys((run.profile.title, *prose.words, *section.keywords))),
         notes=SANDBOX_NOTE if facts.sandbox else None,
         communities=tuple(Community(identifier=one) for one in section.communities) or None,
         related_identifiers=_related(section.homepage) or None,
@@ -143,19 +143,20 @@ def _related(homepage: str | None) -> tuple[Related, ...]:
 
 def _description(run: Run, facts: Facts) -> str:
     """HTML, as Zenodo shows it."""
-    said = about(run.profile, facts.source)
+    prose = about(run.profile, facts.source)
     tables = "".join(
         (
             f"<li><b>{html.escape(table.table.short)}</b>:"
-            f" {html.escape(table.table.doc)} {table.rows:,} rows, {sizes.shown(table.size)}.</li>"
+            f" {html.escape(table.table.doc)} {table.rows:,} rows,"
+            f" {terminal.size(table.size)}.</li>"
         )
         for table in facts.tables
     )
     sentences = [
-        said.summary,
-        said.collection,
+        prose.summary,
+        prose.collection,
         f"Read from the source {span(facts.read)}; material from {span(facts.made)}.",
-        f"{said.attribution} {licence(facts.licence).short}",
+        f"{prose.attribution} {licence(facts.licence).short}",
     ]
     return (
         "".join(f"<p>{html.escape(line)}</p>" for line in sentences[:2])

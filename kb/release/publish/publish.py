@@ -69,7 +69,7 @@ def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str]
                 signals.stop.check()
                 deposits[folder.source] = Upload(run, service, folder).go(publish=publish)
             except KbError as error:
-                error.args = (_told(folder, error, deposits),)
+                error.args = (_with_folder(folder, error, deposits),)
                 error.summary = _summary(deposits)
                 raise
     return _summary(deposits)
@@ -130,7 +130,7 @@ def _summary(deposits: dict[str, dict[str, Any]]) -> Summary:
     )
 
 
-def _told(folder: ReleaseFolder, error: KbError, deposits: dict[str, dict[str, Any]]) -> str:
+def _with_folder(folder: ReleaseFolder, error: KbError, deposits: dict[str, dict[str, Any]]) -> str:
     """The error with the folder it is about, and with what is public already."""
     public = [
         f"{source} ({one['doi'] or one['id']})"
@@ -142,7 +142,7 @@ def _told(folder: ReleaseFolder, error: KbError, deposits: dict[str, dict[str, A
     )
 
 
-def _again(source: str) -> str:
+def _rerun(source: str) -> str:
     """The commands that make a folder of release/ again with other scores."""
     filters = [f"`{made_by(one)}`" for one in made_of(source)]
     return f"{', '.join(filters)} and `{exported_by(source)}`"
@@ -158,7 +158,7 @@ def _marked(run: Run, exports: list[ReleaseFolder], loopback: bool) -> list[Gate
             folder.source,
             (
                 "scored with the sandbox's tiny model, whose scores mean nothing about real texts;"
-                f" run `kb models fetch`, then {_again(folder.source)}"
+                f" run `kb models fetch`, then {_rerun(folder.source)}"
             ),
         )
         for folder in exports

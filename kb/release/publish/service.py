@@ -155,14 +155,14 @@ class DepositService:
                 f"the deposit service redirects ({answer.status_code})",
                 hint="nothing was sent there; check KB_ZENODO_ENDPOINT",
             )
-        said = message(content, str(answer.reason or "").replace(self._token, redact.MARK))
+        text = message(content, str(answer.reason or "").replace(self._token, redact.MARK))
         if answer.status_code == 401 or (answer.status_code == 403 and url == self.base):
             raise CredentialRefused(
                 "the deposit service does not accept ZENODO_TOKEN", hint=_SCOPES
             )
         if answer.status_code == 403:
             raise Forbidden(
-                f"the deposit service refused (403): {said}",
+                f"the deposit service refused (403): {text}",
                 hint="check the draft there, then run the same command again",
             )
         if answer.status_code == 429:
@@ -176,12 +176,12 @@ class DepositService:
             )
         if answer.status_code in (404, 410):
             raise Gone(
-                f"the deposit service answered {answer.status_code}: {said}",
+                f"the deposit service answered {answer.status_code}: {text}",
                 hint="the deposit may have been deleted manually",
             )
         if not 200 <= answer.status_code < 300:
             raise FatalError(
-                f"the deposit service refused ({answer.status_code}): {said}",
+                f"the deposit service refused ({answer.status_code}): {text}",
                 hint="correct that, then run the same command again",
             )
         try:
@@ -241,13 +241,13 @@ def _text(value: Any) -> str | None:
 def message(content: bytes, reason: str) -> str:
     """What an error answer says, with every field it names; `reason` where it says nothing."""
     try:
-        said = msgspec.convert(json.loads(content), Refusal)
+        text = msgspec.convert(json.loads(content), Refusal)
         fields = [
-            f"{one.field}: {one.message or ' '.join(map(str, one.messages))}" for one in said.errors
+            f"{one.field}: {one.message or ' '.join(map(str, one.messages))}" for one in text.errors
         ]
     except (ValueError, RecursionError):
         return (reason or "no message")[:_SHOWN]
-    return "; ".join([said.message.strip(), *fields])[:_SHOWN]
+    return "; ".join([text.message.strip(), *fields])[:_SHOWN]
 
 
 def content_of(answer: requests.Response) -> bytes:

@@ -114,9 +114,9 @@ class Zenodo:
         )
         taken = answer.get("metadata", {}).get("license")
         if not isinstance(taken, str) or taken.lower() != metadata["license"]:
-            said = repr(taken[:100]) if isinstance(taken, str) else "of another form"
+            shown = repr(taken[:100]) if isinstance(taken, str) else "of another form"
             raise FatalError(
-                f"the deposit service took the licence {said} instead of {metadata['license']!r}",
+                f"the deposit service took the licence {shown} instead of {metadata['license']!r}",
                 hint="check the draft; it was not published",
             )
         return answer

@@ -87,7 +87,7 @@ def check(run: Run, ids: Path) -> Summary:
     if run.again and kept.is_file():
         kept.unlink()
         shutil.rmtree(place, ignore_errors=True)
-    source = Check(run, listed, said(ids))
+    source = Check(run, listed, facts_of(ids))
     done = work(run, source, source.summary, place=place, phases=source.chosen)
     counts = _counts(place)
     numbers = {one: done[one] for one in ("requests", "units", "failed")}
@@ -119,10 +119,10 @@ def lines(summary: Mapping[str, Any]) -> Iterator[str]:
 class Check(YouTubeSource):
     """The ids of a list, each asked for once."""
 
-    def __init__(self, run: Run, listed: list[str], said: Mapping[str, Said]) -> None:
+    def __init__(self, run: Run, listed: list[str], facts_of: Mapping[str, Said]) -> None:
         super().__init__(run)
         self.chosen = [_READ]
-        self._listed, self._said = listed, said
+        self._listed, self._facts = listed, facts_of
 
     def discover(self, frontier: Frontier) -> None:
         """The list."""
@@ -134,10 +134,10 @@ class Check(YouTubeSource):
         keys = [item.key for item in items]
         answer = self._fetch.api.videos(id=",".join(keys), part="snippet,contentDetails")
         shown = {str(one.get("id")): one for one in answer.get("items") or []}
-        verdicts = {key: _verdict(shown.get(key), self._said.get(key, Said())) for key in keys}
+        verdicts = {key: _verdict(shown.get(key), self._facts.get(key, Said())) for key in keys}
         yield Answer(CHECKS, "videos.list", {"id": ",".join(keys)}, verdicts)
-        gone = sum(verdict == GONE for verdict, _ in verdicts.values())
-        self._count(crawled=len(keys), missing=gone)
+        n_missing = sum(verdict == GONE for verdict, _ in verdicts.values())
+        self._count(crawled=len(keys), missing=n_missing)
 
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
         """These ids are answered."""
@@ -171,7 +171,7 @@ def _counts(place: Path) -> dict[str, dict[str, int]]:
     """Verdicts by year, of each id the newest."""
     newest: dict[str, tuple[str, str]] = {}
     for envelope in rawlog.read(place, "youtube", CHECKS):
-        newest |= {key: (str(found[0]), str(found[1])) for key, found in envelope.response.items()}
+        newest |= {key: (str(value[0]), str(value[1])) for key, value in envelope.response.items()}
     years: dict[str, Counter[str]] = {}
     for verdict, year in newest.values():
         years.setdefault(year, Counter())[verdict] += 1
@@ -199,7 +199,7 @@ def _summary(by_year: Mapping[str, Mapping[str, int]], bad_lines: int, path: Pat
     )
 
 
-def said(path: Path) -> dict[str, Said]:
+def facts_of(path: Path) -> dict[str, Said]:
     """What a list says of its videos beside the ids: Parquet, CSV and JSON with such columns.
 
     Raises SettingError.

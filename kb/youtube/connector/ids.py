@@ -39,16 +39,16 @@ def read_ids(path: Path, say: Callable[[str], None] | None = None) -> tuple[list
     Any form that kb.crawl.id_list reads; of lines ids, addresses, and yt-dlp's download archive.
     `say` gets one line when there are entries that are no ids.
     """
-    found = id_list.read(path, RULES, say)
-    return found.keys, found.bad_lines
+    listed = id_list.read(path, RULES, say)
+    return listed.keys, listed.bad_lines
 
 
 def some_ids(path: Path, say: Callable[[str], None] | None = None) -> tuple[list[str], int]:
     """The same for a crawl, which has nothing to do without one. Raises SettingError also when
     there is none.
     """
-    found = id_list.read_some(path, RULES, say)
-    return found.keys, found.bad_lines
+    listed = id_list.read_some(path, RULES, say)
+    return listed.keys, listed.bad_lines
 
 
 def share(part: Part) -> Callable[[str], bool]:

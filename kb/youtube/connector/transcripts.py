@@ -57,7 +57,7 @@ class Fetcher:
         self._session = HttpSession(settings)
         self._session.max_redirects = REDIRECTS
         self._session.mount("", SiteDoor(settings.kb_youtube_web, before))
-        self._session.hooks["response"].append(self._look)
+        self._session.hooks["response"].append(self._inspect)
         self._page, self._answer, self._needs_token = "", None, False
         self._api = YouTubeTranscriptApi(http_client=self._session)
 
@@ -189,7 +189,7 @@ class Fetcher:
             )
             yield from ((track, True) for track in other)
 
-    def _look(self, response: requests.Response, *_: Any, **__: Any) -> None:
+    def _inspect(self, response: requests.Response, *_: Any, **__: Any) -> None:
         """Sees every answer before the library does."""
         refused = refusal(response, SITE)
         if refused is not None and refused.throttled:

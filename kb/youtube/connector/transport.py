@@ -38,7 +38,7 @@ class Transport:
 
 
 def _response(answer: requests.Response) -> httplib2.Response:
-    held = {name.lower(): value for name, value in answer.headers.items()}
-    response = httplib2.Response({**held, "status": str(answer.status_code)})
+    fields = {name.lower(): value for name, value in answer.headers.items()}
+    response = httplib2.Response({**fields, "status": str(answer.status_code)})
     response.reason = answer.reason
     return response

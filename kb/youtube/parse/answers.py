@@ -63,9 +63,9 @@ def _with_missing(
     got = got.filter(pc.is_valid(got["video_id"]))
     got = got.append_column("missing", pa.repeat(pa.scalar(False), got.num_rows))
     yield got
-    gone = [(key, answer) for answer in answers for key in _not_returned(reader, answer)]
-    if gone:
-        yield _missing(gone, got.schema)
+    absent = [(key, answer) for answer in answers for key in _not_returned(reader, answer)]
+    if absent:
+        yield _missing(absent, got.schema)
 
 
 def transcripts(lines: Iterable[bytes], rows: int = 512) -> Iterator[pa.Table]:
@@ -100,20 +100,20 @@ def with_cues(rows: pa.Table) -> pa.Table:
         bad |= {done + row: text for row, text in odd}
         done += len(texts)
     if bad:
-        told = _with_problems(cast("list[Any]", rows["problems"].to_pylist()), bad)
-        rows = rows.set_column(rows.column_names.index("problems"), "problems", told)
+        noted = _with_problems(cast("list[Any]", rows["problems"].to_pylist()), bad)
+        rows = rows.set_column(rows.column_names.index("problems"), "problems", noted)
     return rows.set_column(rows.column_names.index("cues"), "cues", pa.chunked_array(made))
 
 
-def _with_problems(told: list[list[dict[str, Any]]], bad: dict[int, str]) -> pa.Array[Any]:
+def _with_problems(noted: list[list[dict[str, Any]]], bad: dict[int, str]) -> pa.Array[Any]:
     names = ("column", "reason", "value")
-    found = {
+    by_row = {
         row: [tuple(entry[name] for name in names) for entry in entries]
-        for row, entries in enumerate(told)
+        for row, entries in enumerate(noted)
     }
     for row, text in bad.items():
-        found[row].append(("cues", "malformed", text))
-    return problems(found, len(told))
+        by_row[row].append(("cues", "malformed", text))
+    return problems(by_row, len(noted))
 
 
 def requested(params: dict[str, Any]) -> list[str]:
@@ -168,15 +168,15 @@ def _not_returned(reader: ColumnReader, answer: DecodedAnswer) -> list[str]:
     return [key for key in asked if key not in there]
 
 
-def _missing(gone: list[tuple[str, DecodedAnswer]], schema: pa.Schema) -> pa.Table:
+def _missing(absent: list[tuple[str, DecodedAnswer]], schema: pa.Schema) -> pa.Table:
     own = {
-        "video_id": pa.array([key for key, _ in gone], pa.string()),
-        "fetched_at": times([answer.fetched_at for _, answer in gone])[0],
-        "missing": pa.repeat(pa.scalar(True), len(gone)),
-        "problems": problems({}, len(gone)),
+        "video_id": pa.array([key for key, _ in absent], pa.string()),
+        "fetched_at": times([answer.fetched_at for _, answer in absent])[0],
+        "missing": pa.repeat(pa.scalar(True), len(absent)),
+        "problems": problems({}, len(absent)),
     }
     columns = [
-        own[field.name] if field.name in own else pa.nulls(len(gone), field.type)
+        own[field.name] if field.name in own else pa.nulls(len(absent), field.type)
         for field in schema
     ]
     return pa.table(columns, schema=schema)

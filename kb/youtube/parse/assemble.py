@@ -145,11 +145,11 @@ def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.
         ]
         return pa.schema([*fields, ("word_count", pa.int64())]).empty_table()
     rows = parse.with_cues(rows.filter(pc.is_valid(rows["video_id"])))
-    whole = pc.and_(
+    complete = pc.and_(
         pc.and_(pc.is_valid(rows["cues"]), pc.is_valid(rows["kind"])),
         pc.is_valid(rows["language"]),
     )
-    broken = pc.and_(pc.equal(rows["outcome"], "ok"), pc.invert(whole))
+    broken = pc.and_(pc.equal(rows["outcome"], "ok"), pc.invert(complete))
     counted = _words(_column(rows, "cues"), words)
     empty = pc.and_(pc.equal(rows["outcome"], "ok"), pc.fill_null(pc.equal(counted, 0), False))
     outcome = pc.if_else(broken, "failed", pc.if_else(empty, "none", rows["outcome"]))

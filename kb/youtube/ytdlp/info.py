@@ -66,33 +66,33 @@ def read(data: bytes) -> InfoContents:
     Raises ValueError for what is no JSON object, or cut off.
     """
     try:
-        found = msgspec.json.decode(data)
+        record = msgspec.json.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"not JSON: {error}") from None
-    if not isinstance(found, dict):
+    if not isinstance(record, dict):
         raise ValueError("no JSON object")  # noqa: TRY004 (a fact about the file)
     contents = InfoContents([], [])
-    _collect(found, contents)
+    _collect(record, contents)
     return contents
 
 
-def _collect(found: dict[str, Any], into: InfoContents) -> None:
-    kind = found.get("_type") or "video"
-    if not _of_youtube(found):
+def _collect(record: dict[str, Any], into: InfoContents) -> None:
+    kind = record.get("_type") or "video"
+    if not _of_youtube(record):
         return
     if kind in ("playlist", "multi_video"):
-        entries = [one for one in found.get("entries") or () if isinstance(one, dict)]
+        entries = [one for one in record.get("entries") or () if isinstance(one, dict)]
         listed = [_kept(one, _entry_fields()) for one in entries if _is_id(one.get("id"))]
-        if isinstance(found.get("id"), str):
-            into.playlists.append({**_kept(found, _fields("ytdlp_playlists")), "entries": listed})
+        if isinstance(record.get("id"), str):
+            into.playlists.append({**_kept(record, _fields("ytdlp_playlists")), "entries": listed})
         for one in entries:
             _collect(one, into)
-    elif kind == "video" and _is_id(found.get("id")) and "title" in found:
-        into.videos.append(_video(found))
+    elif kind == "video" and _is_id(record.get("id")) and "title" in record:
+        into.videos.append(_video(record))
 
 
-def _of_youtube(found: dict[str, Any]) -> bool:
-    site = found.get("extractor_key") or found.get("ie_key") or found.get("extractor")
+def _of_youtube(record: dict[str, Any]) -> bool:
+    site = record.get("extractor_key") or record.get("ie_key") or record.get("extractor")
     return site is None or str(site).lower().startswith("youtube")
 
 
@@ -100,13 +100,13 @@ def _is_id(value: Any) -> bool:
     return isinstance(value, str) and VIDEO_ID.fullmatch(value) is not None
 
 
-def _video(found: dict[str, Any]) -> dict[str, Any]:
-    width, height, fps = player.largest_stream({"formats": found.get("formats")})
+def _video(record: dict[str, Any]) -> dict[str, Any]:
+    width, height, fps = player.largest_stream({"formats": record.get("formats")})
     if width is None:  # of the stream that was chosen for download
-        width, height, fps = (found.get(name) for name in ("width", "height", "fps"))
-    manual, automatic = found.get("subtitles"), found.get("automatic_captions")
+        width, height, fps = (record.get(name) for name in ("width", "height", "fps"))
+    manual, automatic = record.get("subtitles"), record.get("automatic_captions")
     return {
-        **_kept(found, _fields("ytdlp_info")),
+        **_kept(record, _fields("ytdlp_info")),
         "largest_stream": {"width": width, "height": height, "fps": fps},
         "lists_tracks": isinstance(manual, dict) and isinstance(automatic, dict),
         "manual_tracks": _languages(manual),
@@ -118,8 +118,8 @@ def _languages(tracks: Any) -> list[str]:
     return [name for name in tracks if name != LIVE_CHAT] if isinstance(tracks, dict) else []
 
 
-def _kept(found: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
-    return {name: found[name] for name in names if name in found}
+def _kept(record: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
+    return {name: record[name] for name in names if name in record}
 
 
 @cache
@@ -133,9 +133,9 @@ def _entry_fields() -> tuple[str, ...]:
     return tuple(declared["properties"])
 
 
-def read_at(found: dict[str, Any]) -> datetime | None:
+def read_at(record: dict[str, Any]) -> datetime | None:
     """When yt-dlp read a video or playlist: `epoch`."""
-    epoch = found.get("epoch")
+    epoch = record.get("epoch")
     if isinstance(epoch, bool) or not isinstance(epoch, (int, float)):
         return None
     try:

@@ -130,10 +130,10 @@ def with_imported(
     language has none, unless an answer says other.
     """
     listed = _listed(files)
-    found = [*_chosen(imported, listed, wanted), *_none(listed, wanted)]
-    if not found:
+    outcomes = [*_chosen(imported, listed, wanted), *_none(listed, wanted)]
+    if not outcomes:
         return crawled
-    made = _outcomes(found)
+    made = _outcomes(outcomes)
     if crawled is None:
         return newest(made, ("video_id",), ("final", "fetched_at"))
     restricted = crawled.filter(pc.equal(crawled["outcome"], "age_restricted"))["video_id"]
@@ -195,25 +195,25 @@ def _listed(files: pa.Table | None) -> dict[str, ListedTracks]:
     }
 
 
-def _outcomes(found: list[_Found]) -> pa.Table:
+def _outcomes(outcomes: list[_Found]) -> pa.Table:
     """Rows with the columns of kb.youtube.parse.answers.transcripts."""
-    kinds = [one[2] for one in found]
+    kinds = [one[2] for one in outcomes]
     own: dict[str, list[Any]] = {
-        "video_id": [one[0] for one in found],
-        "outcome": [one[1] for one in found],
+        "video_id": [one[0] for one in outcomes],
+        "outcome": [one[1] for one in outcomes],
         "kind": [kind and kind.kind for kind in kinds],
         "language": [kind and kind.language for kind in kinds],
         "original_kind": [kind and kind.original for kind in kinds],
-        "cues": [one[3] if one[3] is not None else "null" for one in found],
-        "fetched_at": [one[4] for one in found],
-        "final": [True] * len(found),
+        "cues": [one[3] if one[3] is not None else "null" for one in outcomes],
+        "fetched_at": [one[4] for one in outcomes],
+        "final": [True] * len(outcomes),
     }
     columns: dict[str, pa.Array[Any]] = {}
     for name, arrow in _types().items():
         if name == "problems":
-            columns[name] = problems({}, len(found))
+            columns[name] = problems({}, len(outcomes))
         else:
-            columns[name] = pa.array(own.get(name, [None] * len(found)), arrow)
+            columns[name] = pa.array(own.get(name, [None] * len(outcomes)), arrow)
     return pa.table(columns)
 
 

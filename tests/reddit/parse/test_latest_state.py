@@ -11,7 +11,7 @@ import pytest
 
 from kb.artifacts.purge import dry_purge
 from kb.core.errors import DamagedData
-from kb.reddit.parse.latest_state import known
+from kb.reddit.parse.latest_state import latest_state
 from kb.reddit.purge import RULES
 from kb.sandbox.reddit.service import dumps
 from kb.sandbox.server import Sandbox
@@ -49,7 +49,7 @@ def test_the_newest_answer_counts_whatever_kind_it_is_of(work: Work) -> None:
         comment("back", link_id="t3_taken"),
     )
     write(work.root, "listings", {}, listing(*live), "2026-02-01T00:00:00Z")
-    with known(work.run()) as things:
+    with latest_state(work.run()) as things:
         rows = {row["fullname"]: row for part in things for row in part.to_pylist()}
         assert len(list(things)) > 1, "one bucket shows nothing"
     months = {name: row["fetched_at"] and row["fetched_at"].month for name, row in rows.items()}
@@ -99,7 +99,7 @@ def test_a_damaged_answer_is_named_and_not_taken_for_none(work: Work) -> None:
     data[10:20] = b"\xff" * 10
     path.write_bytes(data)
     named = f"{path.name} is damaged at byte 0"
-    with pytest.raises(DamagedData, match=named), known(work.run()):
+    with pytest.raises(DamagedData, match=named), latest_state(work.run()):
         pass
     with (
         pytest.raises(DamagedData, match=path.name),

@@ -118,6 +118,5 @@ def test_data_changed_after_the_release(tmp_path: Path) -> None:
             rows.column_names.index("keyword"), "keyword", pa.array(["x"] * rows.num_rows)
         ),
     )
-    assert refused(tmp_path) == [
-        "checksum: pairs/pairs-00000-of-00001.parquet: differs from SHA256SUMS; export it again"
-    ]
+    line = "checksum: pairs/pairs-00000-of-00001.parquet: differs from SHA256SUMS; export it again"
+    assert line in refused(tmp_path)

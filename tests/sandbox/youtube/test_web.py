@@ -4,7 +4,6 @@ and its answers beside the recorded ones.
 
 from __future__ import annotations
 
-import itertools
 import json
 import re
 from pathlib import Path
@@ -16,9 +15,8 @@ import youtube_transcript_api as api
 from youtube_transcript_api import YouTubeTranscriptApi
 
 from kb.sandbox.server import Sandbox
-from kb.sandbox.youtube import player, web
+from kb.sandbox.youtube import web
 from tests.sandbox.domains import of_case
-from tests.sandbox.youtube.test_service import form, lacking
 from tests.youtube import walls
 
 
@@ -42,19 +40,6 @@ def test_captions_come_as_the_world_says_them(
         "/watch",
         "/youtubei/v1/player",
     ]
-
-
-def test_automatic_cues_overlap_and_manual_ones_do_not(services: Sandbox) -> None:
-    world = services.world.youtube
-    for name, overlap in (("asr", True), ("manual", False)):
-        video = of_case(world, name)[0]
-        cues = world.cues(video, video.tracks[0])
-        assert (
-            any(
-                first[0] + first[1] > second[0] + 0.01 for first, second in itertools.pairwise(cues)
-            )
-            is overlap
-        )
 
 
 def test_languages_and_translation(services: Sandbox, client: YouTubeTranscriptApi) -> None:
@@ -144,46 +129,6 @@ def test_the_game_stands_in_the_pages_data(services: Sandbox, web: requests.Sess
             assert {
                 key for key, (browse, _) in services.world.domain.labels.items() if browse in text
             } == ({game} if game else set())
-
-
-def test_the_player_answer_has_the_recorded_form(recorded: Path, services: Sandbox) -> None:
-    folder = recorded / "youtube" / "transcripts"
-    world = services.world.youtube
-    for file, case, parts in (
-        (
-            "youtube.innertube.json",
-            "manual",
-            {
-                "streamingData": ("formats", "adaptiveFormats"),
-                "videoDetails": None,
-                "captions": None,
-            },
-        ),
-        ("youtube_age_restricted.innertube.json", "age restricted", {"videoDetails": None}),
-        (
-            "youtube_transcripts_disabled2.innertube.json",
-            "no captions",
-            {"streamingData": ("formats",)},
-        ),
-    ):
-        real = json.loads((folder / file).read_text(encoding="utf-8"))
-        video = of_case(world, case)[0]
-        made = player.player_answer(video, video.id)
-        assert made["playabilityStatus"]["status"] == real["playabilityStatus"]["status"]
-        assert made["playabilityStatus"].get("reason") == real["playabilityStatus"].get("reason")
-        assert ("captions" in made) == ("captions" in real)
-        for part, inner in parts.items():
-            ours, theirs = made[part], real[part]
-            wanted = {name: theirs[name] for name in inner} if inner else theirs
-            missing = [
-                line
-                for line in lacking(form(wanted), form(ours), part)
-                if not re.search(
-                    r"url|Range|lastModified|contentLength|colorInfo|averageBitrate|audio|qualityOrdinal|thumbnail|defaultCaption|captionsInitial|defaultTranslation|latency|LowLatency",
-                    line,
-                )
-            ]
-            assert missing == []
 
 
 def test_the_walls_have_the_marks_of_the_recorded_ones(recorded: Path) -> None:

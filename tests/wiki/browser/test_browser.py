@@ -48,9 +48,9 @@ def wiki(stage, tiny):
 
 @pytest.fixture(scope="session")
 def tiny():
-    from tests.wiki.conftest import beside
+    from tests.wiki import small_wiki
 
-    return beside("small")
+    return small_wiki
 
 
 def times(wiki, path):

@@ -7,7 +7,7 @@ from __future__ import annotations
 import pytest
 from PIL import Image
 
-from kb.wiki.capture.screenshot import snapped
+from kb.wiki.capture.screenshot import pixel_box
 
 COLOUR = {n: (40 + n % 200, 250 - n % 200, (n * 53) % 256) for n in range(400)}
 
@@ -27,7 +27,7 @@ def check(found, expected: int) -> None:
         texts = [e for e in found.extraction["elements"] if e["tag"] == "p" and e["visible"]]
         assert len(texts) == expected
         for element in texts:
-            left, top, right, bottom = snapped(element["box"])
+            left, top, right, bottom = pixel_box(element["box"])
             inner = image.crop((left + 1, top + 1, right - 1, bottom - 1))
             assert inner.getcolors(4) == [
                 (inner.width * inner.height, COLOUR[int(element["text"])])
@@ -171,7 +171,7 @@ def test_lines_of_a_paragraph_leave_out_what_floats_beside_it(pages, look):
     assert len(lines) == round(paragraph["box"][3] / 20)
     with Image.open(found.picture) as image:
         for line in lines:
-            left, top, right, bottom = snapped(line)
+            left, top, right, bottom = pixel_box(line)
             colours = image.convert("RGB").crop((left, top, right, bottom)).getcolors(4096)
             assert (255, 0, 0) not in {colour for _, colour in colours}
             assert len(colours) > 1, "there are letters in it"

@@ -17,7 +17,7 @@ from kb.store.frontier import Frontier
 from kb.store.layout import Layout
 from kb.wiki.browser import chromium
 from kb.wiki.connector.source import crawl
-from tests.wiki.small import SmallWiki
+from tests.wiki.small_wiki import SmallWiki
 
 NAMES = {"": ["Alpha", "Beta"], "Gamma": ["Gamma", "Delta"], "Eps": ["Eps"]}
 

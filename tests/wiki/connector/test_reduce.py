@@ -15,7 +15,7 @@ from kb.core.pipeline import load, locate
 from kb.filters.clean import run_clean
 from kb.store import rawlog, tombstones
 from kb.wiki.connector.source import crawl
-from tests.wiki.small import WORDS, SmallWiki
+from tests.wiki.small_wiki import WORDS, SmallWiki
 
 MOST = 3000  # pixels; a page of the default's 100,000 takes seconds to be pictured
 TALL = f"<p>{WORDS}</p><div style='height:{MOST + 500}px'></div>"

@@ -17,7 +17,7 @@ from kb.filters.clean import run_clean
 from kb.store.frontier import Frontier
 from kb.wiki.connector.payloads import PAYLOADS
 from kb.wiki.connector.source import crawl
-from tests.wiki.small import WORDS, SmallWiki
+from tests.wiki.small_wiki import WORDS, SmallWiki
 
 CHALLENGE = (
     "<!DOCTYPE html><html><head><title>Making sure you're not a bot!</title>"

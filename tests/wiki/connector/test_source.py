@@ -339,7 +339,7 @@ def test_verify_finds_them_and_repair_has_them_again(whole, copied):
         ("missing", pictures[2]),
         *(("damaged", path) for path in (shots[0], *pictures[:2], segment)),
     }
-    said = load(str(locate("verify"))).mended(copied)[1]
+    said = load(str(locate("verify"))).repair(copied)[1]
     assert "`kb wiki crawl` was run" in said
     assert verify(root, Silent()).found == []
     assert tables(copied) == whole[2]

@@ -17,7 +17,7 @@ from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.filters.clean import run_clean
 from kb.store import buckets, rawlog, tombstones
-from tests.wiki.made import (
+from tests.wiki.handmade_data import (
     FRIDAY,
     MONDAY,
     PICTURE,

@@ -8,7 +8,7 @@ from typing import Any
 from kb.artifacts.purge_raw import strip_by_schema
 from kb.store import rawlog, tombstones
 from kb.wiki.parse.page_names import NamedPage, pages
-from tests.wiki.made import FRIDAY, MONDAY, page, put, told
+from tests.wiki.handmade_data import FRIDAY, MONDAY, page, put, told
 
 SITE = {
     "query": {

@@ -12,7 +12,7 @@ from kb.core.profile import is_shipped, load_profile
 from kb.core.profile.check import check_file
 from kb.core.profile.finding import ERROR
 from kb.core.profile.new import KEYWORDS, profile_text
-from kb.core.profile.sense import subreddit_meant
+from kb.core.profile.plausibility import subreddit_meant
 from kb.core.resources import PROFILE_FILE
 from kb.core.resources import folder as shared
 from kb.store import leftovers

@@ -8,7 +8,7 @@ from typing import Any
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show
 from kb.cli.framework.options import Options
-from kb.core import sizes, vocabulary
+from kb.core import terminal, vocabulary
 from kb.store.layout import BELOW
 
 app = group("Show progress, quota, age of the data and what is left.")
@@ -40,7 +40,7 @@ def _lines(about: dict[str, Any]) -> list[str]:
     lines = [
         (
             f"{'download' if about['download'] else 'data root'} {about['data']},"
-            f" profile {about['profile']}, {sizes.shown(about['disk_bytes_total'])}"
+            f" profile {about['profile']}, {terminal.size(about['disk_bytes_total'])}"
         )
     ]
     if not (about["sources"] or any(about["pairs"].values()) or about["links"]):
@@ -58,7 +58,7 @@ def _lines(about: dict[str, Any]) -> list[str]:
         lines += ["", f"pairs: {', '.join(made)}"]
     if links := about["links"]:
         lines += ["", f"links: {_linked(links)}"]
-    disk = ", ".join(f"{name} {sizes.shown(n)}" for name, n in about["disk_bytes"].items())
+    disk = ", ".join(f"{name} {terminal.size(n)}" for name, n in about["disk_bytes"].items())
     lines += ["", f"disk: {disk}"]
     lines += [f"next: {step}" for step in about["next"]]
     if about["download"]:

@@ -14,6 +14,6 @@ def is_everyday(text: str) -> bool:
 
 @cache
 def _words() -> frozenset[str]:
-    text = Path(__file__).with_name("everyday.txt").read_text(encoding="utf-8")
+    text = Path(__file__).with_name("everyday_words.txt").read_text(encoding="utf-8")
     lines = (line for line in text.splitlines() if not line.startswith("#"))
     return frozenset(" ".join(lines).split())

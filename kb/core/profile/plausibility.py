@@ -18,7 +18,7 @@ from kb.core.errors import ProfileError
 from kb.core.licences import KNOWN
 from kb.core.profile import Profile, load_profile, shipped_names
 from kb.core.profile.base import FILL_IN
-from kb.core.profile.everyday import is_everyday
+from kb.core.profile.everyday_words import is_everyday
 from kb.core.profile.finding import ERROR, NOTE, WARNING
 from kb.core.resources import folder
 from kb.core.sources import SOURCES, made_of

@@ -3,7 +3,7 @@
 Starting one takes longer than showing a page of a test's wiki. Each crawl still asks for browsers
 as ever and hands them back: what it was given has no cache, cookies or storage of another crawl,
 and one that hung or died was ended and never comes back. That a crawl's own browsers start and end
-is what tests without this say (tests/wiki/test_browser.py, crawls in processes of their own).
+is what tests without this say (tests/wiki/browser/test_pool.py, crawls in processes of their own).
 """
 
 from __future__ import annotations

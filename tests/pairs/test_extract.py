@@ -17,7 +17,7 @@ from kb.pairs.transcript_batch import Text
 from kb.schema import conform
 from tests.pairs.conftest import rows_of, transcripts
 from tests.pairs.reference import joined
-from tests.pairs.test_match import _PARTS
+from tests.pairs.test_matching import _PARTS
 
 # No shrinking: a failing example is printed as it is, where making it small takes longer than
 # reading it.

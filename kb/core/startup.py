@@ -1,0 +1,36 @@
+"""What a process sets when it starts: no telemetry of dependencies, and less garbage collection.
+
+`kb/__init__.py` calls `disable_telemetry` before any dependency is imported, so it also holds in
+worker processes and where kb is used as a library. Other switches are where the thing is started:
+Chromium's in kb/wiki/browser/, the dashboard of Dask in kb/core/dask_engine.py, PRAW's check for
+updates in kb/reddit/connector/client.py.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+
+# Each is read when its library is imported, or by a program that it starts.
+ENVIRONMENT = {
+    "HF_HUB_DISABLE_TELEMETRY": "1",  # huggingface_hub, transformers, datasets
+    "DO_NOT_TRACK": "1",  # the common wish; read by huggingface_hub too
+    "SE_AVOID_STATS": "true",  # Selenium Manager's usage statistics
+    # ONNX Runtime's reporter, which is in its builds for Linux too: read when it is imported, and
+    # without it a device's number and a queue of events are written to the user's cache.
+    "ORT_DISABLE_TELEMETRY": "1",
+}
+
+
+def disable_telemetry() -> None:
+    """Set the switches for this process and those that it starts."""
+    os.environ |= ENVIRONMENT
+
+
+def collect_seldom() -> None:
+    """Look for reference cycles after 20,000 new objects instead of 700.
+
+    Imports create thousands of objects that stay, and few of ours form cycles: this saves a tenth
+    of a command's start and of a report.
+    """
+    gc.set_threshold(20_000, 20, 20)

@@ -1,0 +1,59 @@
+"""What the layouts share: rows of a table in order, and JSON lists with an item a line."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from kb.artifacts import manifest
+from kb.artifacts.registry import of_table
+from kb.core.errors import FatalError
+from kb.schema.tables import table
+from kb.store.atomic import writing
+from kb.store.layout import Layout
+from kb.store.merge import Merge
+from kb.store.shards import order
+
+Row = dict[str, Any]
+
+
+def sorted_rows(
+    root: Path, name: str, columns: Sequence[str], by: Sequence[str] = ()
+) -> Iterator[Row]:
+    """Rows of a declared table, in its own order or `by` columns, a piece at a time in memory."""
+    parts = manifest.rows(root, name)
+    if not parts:
+        return
+    with contextlib.closing(Merge(parts, list(by) or order(table(name)), list(columns))) as merge:
+        for piece in merge:
+            yield from piece.to_pylist()
+
+
+def check_rows(root: Path, name: str) -> None:
+    """Raises FatalError when a table has no rows to export."""
+    if not manifest.rows(root, name):
+        raise FatalError(
+            f"nothing to export: {Layout(root).table(name)} has no rows",
+            hint=f"run `{of_table(name).command}` first",
+        )
+
+
+@contextlib.contextmanager
+def json_list(path: Path) -> Iterator[Callable[[Any], None]]:
+    """A JSON list in ASCII that appears at `path` when the block ends well; the function adds an
+    item. Raises DiskFull.
+    """
+    with writing(path) as temporary, temporary.open("w", encoding="ascii") as file:
+        file.write("[")
+        comma = "\n"
+
+        def add(item: Any) -> None:
+            nonlocal comma
+            file.write(comma + json.dumps(item))
+            comma = ",\n"
+
+        yield add
+        file.write("\n]\n")

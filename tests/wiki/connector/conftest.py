@@ -1,0 +1,30 @@
+"""A small wiki, and the client that asks it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from kb.wiki.connector.client import WikiApi
+from kb.wiki.connector.hosts import WikiHosts
+from tests.wiki.small_wiki import SmallWiki
+
+
+@pytest.fixture
+def wiki(serve):
+    held = SmallWiki()
+    held.url = serve(held.application)
+    held.add(1, "Alpha")
+    return held
+
+
+@pytest.fixture
+def web(wiki, run_on, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> WikiHosts:
+    monkeypatch.setattr("kb.wiki.connector.hosts.TRIES", 2)
+    return WikiHosts(run_on(tmp_path, wiki.url), wiki.url, (), 0.0)
+
+
+@pytest.fixture
+def api(wiki, web: WikiHosts) -> WikiApi:
+    return WikiApi(f"{wiki.url}/w/api.php", web)
