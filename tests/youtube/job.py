@@ -34,7 +34,7 @@ class Job:
         **env: str,
     ) -> None:
         self.sandbox, self.place, self.root = sandbox, place, place / "data"
-        self._fresh = fresh  # a new interpreter for each command, see tests/processes.py
+        self.fresh = fresh  # a new interpreter for each command, see tests/processes.py
         place.mkdir(parents=True, exist_ok=True)
         self.env = (
             clean_environment()
@@ -71,7 +71,7 @@ class Job:
     def kb(self, *words: str, timeout: float = 200, **env: str) -> subprocess.CompletedProcess[str]:
         """`kb WORDS`, finished. Raises subprocess.TimeoutExpired."""
         return processes.run(
-            words, env=self.env | env, cwd=self.place, timeout=timeout, fresh=self._fresh
+            words, env=self.env | env, cwd=self.place, timeout=timeout, fresh=self.fresh
         )
 
     def done(self, *words: str, code: int = 0, **env: str) -> dict[str, Any]:
