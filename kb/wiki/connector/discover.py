@@ -18,7 +18,7 @@ from kb.store import rawlog, sidefiles, tombstones
 from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
 from kb.wiki.connector import reduce
-from kb.wiki.connector.payloads import SiteItem, Title
+from kb.wiki.connector.reduce import SiteItem, Title
 from kb.wiki.parse import extraction
 
 COMPARED = 3  # challenged pages before a challenge counts as one to all pages

@@ -604,36 +604,3 @@ def test_an_upload_ends_in_the_midst_of_a_file(tmp_path: Path, service: Sandbox)
         "large.tar": 64 << 20,
         "empty": 0,
     }
-
-
-def test_command_says_where_each_draft_is(
-    root: Path,
-    service: Sandbox,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    from kb.cli import main
-
-    for name, value in service.settings().items():
-        monkeypatch.setenv(name, value)
-    with pytest.raises(SystemExit) as left:
-        main(
-            [
-                "release",
-                "publish",
-                "--to",
-                "zenodo-sandbox",
-                "--data",
-                str(root),
-                "--profile",
-                str(signed()),
-                "--quiet",
-                "--only",
-                "pairs",
-            ]
-        )
-    assert left.value.code == 0
-    number, url = next(iter(store(service).by_id)), service.servers["zenodo"].url
-    assert (
-        capsys.readouterr().out.splitlines()[0] == f"pairs  draft  {number}  {url}/deposit/{number}"
-    )
