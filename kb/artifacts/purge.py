@@ -37,7 +37,7 @@ from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.source_spec import load_name
 from kb.core.sources import SPECS
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.store import buckets, lock, mending, notes, rawlog, tombstones
 from kb.store.atomic import write_bytes
 from kb.store.frontier import Frontier
