@@ -188,7 +188,7 @@ class DepositService:
             body = json.loads(content) if content else {}
             msgspec.convert(body, shape)
         except (ValueError, RecursionError):
-            raise Retryable("an unexpected answer of the deposit API", unreachable=True) from None
+            raise Retryable("an invalid answer of the deposit API", unreachable=True) from None
         return body
 
     def _is_ours(self, url: str) -> bool:
