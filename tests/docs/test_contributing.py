@@ -18,7 +18,7 @@ from kb.core.profile import load_profile
 from kb.core.settings import load_settings
 from kb.core.sources import SOURCES
 from kb.store.layout import Layout
-from kb.store.shards import write_table
+from kb.store.tables.shards import write_table
 
 ROOT = Path(__file__).resolve().parents[2]
 GUIDES = ("CONTRIBUTING.md", "schemas/WRITING.md", "docs/architecture.md")

@@ -11,7 +11,7 @@ from kb.core import clock, wording
 from kb.core.context import Run
 from kb.core.profile.finding import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
 from kb.core.profile.youtube import YouTubeSection
-from kb.store.frontier import Frontier
+from kb.store.state.frontier import Frontier
 from kb.youtube.connector.client import YouTubeApi
 
 
