@@ -159,15 +159,15 @@ def _known_digests(path: Path, setting: str | None) -> list[tuple[str, str]]:
                 hint=f"give the 64 hex digits that `sha256sum {path.name}` prints",
             )
         known.append(("KB_TOXICITY_SHA256", given))
-    for beside in (path.with_name(path.name + ".sha256"), path.with_suffix(".sha256")):
-        if beside.is_file():
-            match = _DIGEST.search(beside.read_text(encoding="utf-8", errors="replace"))
+    for candidate in (path.with_name(path.name + ".sha256"), path.with_suffix(".sha256")):
+        if candidate.is_file():
+            match = _DIGEST.search(candidate.read_text(encoding="utf-8", errors="replace"))
             if not match:
                 raise MissingModel(
-                    f"{beside} contains no SHA-256 digest",
-                    hint=f"write it with `sha256sum {path.name} > {beside.name}`",
+                    f"{candidate} contains no SHA-256 digest",
+                    hint=f"write it with `sha256sum {path.name} > {candidate.name}`",
                 )
-            known.append((beside.name, match.group().lower()))
+            known.append((candidate.name, match.group().lower()))
     return known
 
 

@@ -174,9 +174,9 @@ class YouTubeSource(Plain):
         reopen(frontier, self.profile)
         replay.judge(self._reduce, self.run.root, frontier)
         if self._known is not None:
-            gone = self.opened.gone
+            purged = self.opened.gone
             frontier.add(
-                VIDEOS, [key for key in self._known if self._mine(key) and key not in gone]
+                VIDEOS, [key for key in self._known if self._mine(key) and key not in purged]
             )
             return
         extend(frontier, self.profile, self._mine)

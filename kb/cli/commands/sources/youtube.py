@@ -153,10 +153,10 @@ def import_(
     same command resumes. Columns that the files don't contain stay null and are listed at the end.
     The files lack YouTube's game label, so keywords alone decide the topic.
     """
-    from kb.youtube.ytdlp.importer import import_folders, told
+    from kb.youtube.ytdlp.importer import import_folders, unfilled_columns
 
     summary = import_folders(run, folders)
-    for line in told(summary):
+    for line in unfilled_columns(summary):
         typer.echo(line)
     return summary
 
