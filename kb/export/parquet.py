@@ -39,11 +39,11 @@ def export(
     source: str,
     *,
     changes: Mapping[str, RowTransform] | None = None,
-    beside: Callable[[Path], None] | None = None,
+    add_files: Callable[[Path], None] | None = None,
 ) -> Summary:
     """Writes release/<source>/ and returns the rows of each table.
 
-    `changes` by table name ("wiki/pages"); `beside` adds files that are no tables to the fresh
+    `changes` by table name ("wiki/pages"); `add_files` adds files that are no tables to the fresh
     folder before it takes its place. Raises FatalError when there is nothing to export, and
     DiskFull. The same clean rows give the same bytes.
     """
@@ -99,8 +99,8 @@ def export(
             ):
                 summary[declared.short] = rows
                 task.advance(1, rows=rows)
-        if beside is not None:
-            beside(fresh)
+        if add_files is not None:
+            add_files(fresh)
     return Summary(
         command=f"{source} export" if source in SOURCES else source,
         source=source,

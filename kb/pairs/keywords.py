@@ -118,8 +118,8 @@ def make(
     for index, name in enumerate(names):
         for extra in every[name].more:
             owner.setdefault(phrase(extra), index)
-    for index, found in enumerate(_forms(tuple(names))):
-        for form in found:
+    for index, derived in enumerate(_forms(tuple(names))):
+        for form in derived:
             owner.setdefault(form, index)
     owner.pop("", None)
     owner.update(dict.fromkeys(banned, EXCLUDED))

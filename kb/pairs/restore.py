@@ -128,7 +128,7 @@ def fill(run: Run, rows: pa.Table, files: Sequence[Path], name: str) -> Summary:
     starts, ends, tokens = (
         rows[name].to_pylist() for name in ("text_start_char", "text_end_char", "token_count")
     )
-    found = differing = 0
+    filled = differing = 0
     total = sum(transcripts.rows(path) for path in files)
     with (
         writer(run.root, "pairs"),
@@ -137,24 +137,24 @@ def fill(run: Run, rows: pa.Table, files: Sequence[Path], name: str) -> Summary:
         for path in files:
             for batch in transcripts.texts(path):
                 signals.stop.check()
-                for video, whole in _wanted(batch, places):
+                for video, transcript in _wanted(batch, places):
                     for row in places[video]:
-                        for text in _readings(whole[starts[row] : ends[row]]):
+                        for text in _readings(transcript[starts[row] : ends[row]]):
                             if counter.count(text) + ENDS == tokens[row]:
                                 texts[row] = text
-                                found += 1
+                                filled += 1
                                 break
                         else:
                             differing += 1
-                task.advance(len(batch), filled=found)
+                task.advance(len(batch), filled=filled)
         _write(run, rows, texts, name)
     return Summary(
         command="pairs",
         source="pairs",
         pairs=rows.num_rows,
-        filled=found,
+        filled=filled,
         differing=differing,
-        missing=rows.num_rows - found - differing,
+        missing=rows.num_rows - filled - differing,
         path=str(ARTIFACTS[name].folder(run.root)),
     )
 

@@ -39,7 +39,7 @@ def index(run: Run) -> Summary:
     """
     if not Catalog(run.root.absolute()).views:  # before anything is written
         raise empty(run.root)
-    made = {source: found for source in SOURCES if (found := follow(run, source)) is not None}
+    made = {source: built for source in SOURCES if (built := follow(run, source)) is not None}
     if not made:
         raise FatalError(
             f"nothing to index: {run.root} has no texts",
