@@ -16,7 +16,7 @@ import shutil
 from pathlib import Path
 
 from kb.annotate.scores import drop_unused
-from kb.artifacts import belonging, manifest
+from kb.artifacts import domain_binding, manifest
 from kb.artifacts import purge as steps
 from kb.artifacts.purge import PurgeLine, Step
 from kb.core.config.pipeline import load, locate
@@ -41,7 +41,7 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
     """
     rules = steps.rules_of(source)
     listed = rules.read_ids(ids, run.progress.say) if ids else None
-    with belonging.writing(run, *lock.of_purge(source)):
+    with domain_binding.writing(run, *lock.of_purge(source)):
         clean = f"clean/{source}"
         current = manifest.is_current(run.root, clean)
         purge = purge_answers(run, rules, listed)

@@ -20,8 +20,8 @@ from kb.annotate.published_models import KNOWN, PUBLISHED, Published
 from kb.core.config.settings import Settings
 from kb.core.errors import MissingExtra, MissingModel, SettingError
 from kb.core.installation import cache_root, install_extra
-from kb.store import checksums
-from kb.store.reading import SANDBOX_MODEL
+from kb.store.tables import checksums
+from kb.store.tables.reading import SANDBOX_MODEL
 
 EXTRA = ("torch", "transformers", "detoxify", "onnx", "onnxruntime")
 _PREFIX = re.compile(r"-([0-9a-f]{8,64})\.[A-Za-z0-9]+$")

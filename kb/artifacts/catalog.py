@@ -31,7 +31,7 @@ from kb.core.sources import PUBLISHED, SOURCES, SPECS
 from kb.schema.tables import Table, table, tables
 from kb.store.advice import advice
 from kb.store.layout import TOP, Layout, parquet_files
-from kb.store.tally import VERDICTS
+from kb.store.tables.row_counts import VERDICTS
 
 SCHEMAS = ("clean", "release", "restored", "links")  # a bare name is the first of these that has it
 CONTENT = ("clean", "restored", "release")  # where a source's texts are read: the fullest first

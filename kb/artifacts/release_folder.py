@@ -26,9 +26,9 @@ from kb.core.errors import DamagedData
 from kb.core.installation import PROFILE_FILE
 from kb.core.sources import RELEASES
 from kb.schema.tables import Table, released_tables, table, tables
-from kb.store import parquet
-from kb.store.checksums import SUMS, parsed
-from kb.store.reading import reading
+from kb.store.tables import parquet
+from kb.store.tables.checksums import SUMS, parsed
+from kb.store.tables.reading import reading
 
 TOMBSTONES = "tombstones.ndjson"  # readers of `*.parquet` took a Parquet file for a shard
 EARLIER_TOMBSTONES = "tombstones.parquet"  # of earlier releases

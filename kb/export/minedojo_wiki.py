@@ -29,10 +29,10 @@ from urllib.parse import quote, unquote, urlsplit
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export.rows import Row, check_rows, sorted_rows
-from kb.store import sidefiles
 from kb.store.atomic import replacing_folder
 from kb.store.inside import inside
 from kb.store.layout import CAPTURED, Layout
+from kb.store.rawlog import sidefiles
 
 _BOX = ["x", "y", "width", "height"]
 

@@ -20,8 +20,8 @@ from kb.core.errors import FatalError
 from kb.core.sources import SOURCES, made_by
 from kb.core.summary import Summary, vocabulary
 from kb.schema.tables import released_tables
-from kb.store import shards
 from kb.store.layout import Layout
+from kb.store.tables import shards
 
 
 class RowTransform(NamedTuple):

@@ -28,9 +28,9 @@ from kb.core.summary import Summary
 from kb.export import parquet
 from kb.export.rows import check_rows, sorted_rows
 from kb.schema.tables import table
-from kb.store import sidefiles
 from kb.store.inside import inside
 from kb.store.layout import CAPTURED
+from kb.store.rawlog import sidefiles
 
 TAR_BYTES = 1 << 30
 _BLOCK = 512

@@ -20,8 +20,8 @@ from kb.core.sources import SPECS
 from kb.pairs import transcripts
 from kb.pairs.transcript_batch import Text
 from kb.schema import table
-from kb.store import parquet
-from kb.store.reading import reading
+from kb.store.tables import parquet
+from kb.store.tables.reading import reading
 
 _ROWS = 8192  # rows that are read at once
 _BYTES = 8 << 20  # of texts that are looked through at once

@@ -24,7 +24,7 @@ from kb.pairs import transcripts
 from kb.pairs.extract import PairCounts, Tools, make_tools, pairs_of
 from kb.store.layout import Layout
 from kb.store.lock import writer
-from kb.store.shards import sorted_shards
+from kb.store.tables.shards import sorted_shards
 
 _LAYOUT = 3  # raised when the same input gives other rows
 _ROWS = 4096  # transcripts of a part: some seconds of work

@@ -9,8 +9,8 @@ from kb.core.installation import PROFILE_FILE
 from kb.core.licences import KNOWN
 from kb.core.sources import PUBLISHED
 from kb.schema import Table, released_tables
-from kb.store.checksums import SUMS
 from kb.store.layout import Layout
+from kb.store.tables.checksums import SUMS
 
 DEPOSIT = "zenodo.json"
 # What `kb release` writes into every folder, and what only into some.

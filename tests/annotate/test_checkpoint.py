@@ -19,7 +19,7 @@ from kb.annotate.checkpoint import find_checkpoint, sha256_of
 from kb.annotate.detoxify_model import load_detoxify
 from kb.core.config.settings import load_settings
 from kb.core.errors import MissingExtra, MissingModel, SettingError
-from kb.store.reading import SANDBOX_MODEL
+from kb.store.tables.reading import SANDBOX_MODEL
 from tests.annotate.made import WORDS, checkpoint_of, make_checkpoint
 
 

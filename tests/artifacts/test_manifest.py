@@ -20,9 +20,9 @@ from kb.pairs.build import build
 from kb.query import connect
 from kb.release.build import exported, release
 from kb.store import lock
-from kb.store.checksums import digest
-from kb.store.parquet import read_table
-from kb.store.shards import write_table
+from kb.store.tables.checksums import digest
+from kb.store.tables.parquet import read_table
+from kb.store.tables.shards import write_table
 from tests.filters import full_root
 from tests.filters.made import run_at
 

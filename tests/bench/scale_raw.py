@@ -31,7 +31,7 @@ import zstandard
 
 from kb.core.config.profile import load_profile
 from kb.schema.raw import raw, types
-from kb.store.rawlog import SUFFIX, compressor
+from kb.store.rawlog.rawlog import SUFFIX, compressor
 
 SOURCES = ("youtube", "reddit", "wiki")
 VIDEOS = 1_460_000  # listed; about half of them pass all stages

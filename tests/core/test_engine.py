@@ -13,8 +13,8 @@ import pytest
 from kb.core import engine
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError
-from kb.store.frontier import Frontier
-from kb.store.recorder import Recorder
+from kb.store.rawlog.recorder import Recorder
+from kb.store.state.frontier import Frontier
 
 PROGRAM = """
 import os, time

@@ -31,9 +31,9 @@ from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession, open_session
 from kb.crawl.source import Answer, Phase
-from kb.store import rawlog
-from kb.store.frontier import Frontier, Item
-from kb.store.rawlog import Envelope
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state.frontier import Frontier, Item
 from tests import processes
 from tests.fourth.feed.connector import NOTES, PAGES, Feed
 from tests.fourth.service import Service, serving

@@ -19,7 +19,7 @@ from kb.pairs import build
 from kb.sandbox.server import Sandbox
 from kb.sandbox.toxicity import tiny_checkpoint
 from kb.sandbox.world import World
-from kb.store import buckets
+from kb.store.tables import partition
 from tests.conftest import needs
 from tests.youtube.job import NOW, Job
 
@@ -42,7 +42,7 @@ def crawled(tmp_path_factory):
 def many_tasks(monkeypatch):
     """A small crawl cut into as many tasks as a large one."""
     monkeypatch.setenv("KB_NOW", NOW)
-    monkeypatch.setattr(buckets, "RAW_BYTES", 12_000)
+    monkeypatch.setattr(partition, "RAW_BYTES", 12_000)
     monkeypatch.setattr(build, "_ROWS", 6)
 
 

@@ -25,9 +25,10 @@ from kb.query import connect
 from kb.release.build import release
 from kb.schema import table
 from kb.search.answers import keys
-from kb.store import lock, parquet, shards
+from kb.store import lock
 from kb.store.layout import Layout, parquet_files
-from kb.store.shards import write_table
+from kb.store.tables import parquet, shards
+from kb.store.tables.shards import write_table
 from kb.verify.root import verify
 from tests.inprocess import Here
 from tests.links import made

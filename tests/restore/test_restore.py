@@ -24,7 +24,7 @@ from kb.net import retry
 from kb.release.build import describe
 from kb.release.downloaded import find
 from kb.schema import table
-from kb.store import tombstones
+from kb.store.state import tombstones
 from tests.reddit.dumped import write
 from tests.reddit.restore.test_tables import archived
 from tests.reddit.work import NOW, rows, texts

@@ -17,7 +17,7 @@ from kb.schema import conform, raw, table, tables
 from kb.schema.declaration import check_table
 from kb.schema.tables import load_table
 from kb.schema.types import parse_type
-from kb.store.shards import write_table
+from kb.store.tables.shards import write_table
 
 FILES = sorted((folder("schemas") / "tables").glob("*/*.toml"))
 

@@ -14,9 +14,9 @@ from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.crawl.purge import purge_answers
-from kb.store import rawlog
-from kb.store.frontier import Frontier
-from kb.store.rawlog import Envelope, Request, Segment
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import Envelope, Request, Segment
+from kb.store.state.frontier import Frontier
 from kb.wiki.purge import RULES
 
 HOST = "https://minecraft.wiki"

@@ -12,7 +12,7 @@ from typing import Any
 
 from kb.core.installation import folder
 from kb.sandbox.server import Sandbox
-from kb.store import rawlog
+from kb.store.rawlog import rawlog
 from tests import processes
 from tests.cli.conftest import clean_environment
 

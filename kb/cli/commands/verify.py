@@ -16,7 +16,7 @@ from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.cli.framework.options import Options
-    from kb.verify.found import Look
+    from kb.verify.findings import Look
 
 app = group("Find damaged, missing and foreign files in a data root or release.")
 

@@ -188,20 +188,20 @@ def shared_option(name: str, help: str | None = None) -> inspect.Parameter:
 
 def _profile(name: str | None, root: Path, needs: str) -> Profile:
     """The named profile, else the data root's own, else that of a download, else the default."""
-    from kb.artifacts import belonging
+    from kb.artifacts import domain_binding
     from kb.core.config.profile import DEFAULT, Profile, load_profile
 
     if needs == "nothing":
         return Profile(name="none", title="none")
     if name is not None:
         profile = load_profile(name)
-        belonging.check(root, profile)
+        domain_binding.check(root, profile)
         return profile
-    bound = belonging.remembered(root)
+    bound = domain_binding.remembered(root)
     try:
         if bound is None:
-            return load_profile(belonging.profile_of(root) or DEFAULT)
-        profile, note = belonging.load(root, bound)
+            return load_profile(domain_binding.profile_of(root) or DEFAULT)
+        profile, note = domain_binding.load(root, bound)
     except ProfileError as error:
         if needs == "profile":
             raise

@@ -56,10 +56,10 @@ def add_export(
     parquet = formats("parquet")
 
     def export(run: Run, format: Any = parquet) -> Summary:
-        from kb.artifacts import belonging
+        from kb.artifacts import domain_binding
         from kb.export import layouts
 
-        with belonging.writing(run, f"release-{source}"):
+        with domain_binding.writing(run, f"release-{source}"):
             own = getattr(pipeline(run, source), "export", None)
             if own is None:
                 return layouts.export(run, source, format.value)

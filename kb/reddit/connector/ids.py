@@ -28,7 +28,7 @@ from kb.crawl.id_list import (
     read_some,
     readable,
 )
-from kb.store import parquet
+from kb.store.tables import parquet
 
 Ids = Path | str | Iterable[str | Path] | None
 """A file or folder of ids, several of them, or full names; None: the data root's own release."""

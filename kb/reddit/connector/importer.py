@@ -32,7 +32,7 @@ from kb.reddit.dumps.cursor import (
 from kb.reddit.dumps.files import find_dumps
 from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.reddit.parse.anonymize import load_key
-from kb.store import mending, rawlog
+from kb.store.rawlog import damaged_answers, rawlog
 
 
 def import_dumps(
@@ -59,7 +59,7 @@ def import_dumps(
         )
         try:
             summary = import_files(run, job, dumps.files)
-            mending.asked_again(session.frontier, imported=run.again)
+            damaged_answers.asked_again(session.frontier, imported=run.again)
         finally:
             for path in rawlog.segments(run.root, "reddit", KIND):
                 session.frontier.set_offset(KIND, rawlog.base_name(path), path.stat().st_size)

@@ -20,8 +20,10 @@ from kb.reddit.connector.reduce import PAGES
 from kb.reddit.connector.refresh import due_parts, oldest_due
 from kb.reddit.dumps.files import find_dumps
 from kb.reddit.parse.latest_state import latest_state
-from kb.store import rawlog, reading, tombstones
 from kb.store.layout import Layout
+from kb.store.rawlog import rawlog
+from kb.store.state import tombstones
+from kb.store.tables import reading
 
 LISTED = 100  # posts a page of a listing
 # Used only where this data root has nothing to measure.

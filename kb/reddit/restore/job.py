@@ -17,8 +17,8 @@ from kb.core.summary.plan import PlanPart, PlanPhase
 from kb.reddit.connector.errors import require
 from kb.reddit.connector.plan import plan_rebuild
 from kb.reddit.restore.reconstruct import WITHOUT_KEY, rebuild
-from kb.store import parquet
 from kb.store.layout import Layout
+from kb.store.tables import parquet
 
 
 @dataclass(frozen=True)

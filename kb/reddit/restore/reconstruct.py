@@ -47,10 +47,12 @@ from kb.reddit.dumps.import_file import ImportJob
 from kb.reddit.parse.anonymize import load_key
 from kb.reddit.restore import tables
 from kb.reddit.restore.source import KnownIds, unanswered
-from kb.store import leftovers, parquet, tombstones
+from kb.store import leftovers
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
+from kb.store.state import tombstones
+from kb.store.tables import parquet
 
 LOCK = ".lock"  # in a folder of tables outside of the data root: one run at a time adds to them
 _SINCE = "writes"  # in a work folder: how often the tables had been written when it began

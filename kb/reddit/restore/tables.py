@@ -33,9 +33,9 @@ from kb.reddit.parse import answers as parse
 from kb.reddit.parse.assemble import assemble, newest_of, with_counts
 from kb.reddit.parse.tree import depths
 from kb.schema.tables import Table
-from kb.store import rawlog
 from kb.store.atomic import full_disk_is_resumable
-from kb.store.shuffle import Shuffle
+from kb.store.rawlog import rawlog
+from kb.store.tables.shuffle import Shuffle
 
 TABLES = (RestoredTable("reddit/posts", "t3_"), RestoredTable("reddit/comments", "t1_"))
 DONE = ".done.json"  # which lists of ids were answered, and how many rows the tables have

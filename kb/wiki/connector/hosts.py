@@ -31,7 +31,7 @@ from kb.net.session import (
     send,
     user_agent,
 )
-from kb.store import sidefiles
+from kb.store.rawlog import sidefiles
 from kb.wiki.errors import NoPicture, of_status
 
 Result = TypeVar("Result")

@@ -10,8 +10,8 @@ from kb.core.config.profile.wiki import Wiki
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase, plan, to_read
-from kb.store import reading
 from kb.store.layout import Layout
+from kb.store.tables import reading
 from kb.wiki.connector.ids import read_titles
 
 BATCH = 50  # titles a request

@@ -34,11 +34,11 @@ from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Phase
 from kb.schema.coerce import durations
 from kb.schema.decode import holdable
-from kb.store import rawlog
 from kb.store.atomic import write_bytes
-from kb.store.frontier import Frontier, Item
 from kb.store.layout import Layout
-from kb.store.rawlog import Envelope
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state.frontier import Frontier, Item
 from kb.youtube.connector.fetch import API, PACK
 from kb.youtube.connector.ids import RULES, some_ids
 from kb.youtube.connector.quota import GENERAL

@@ -12,7 +12,7 @@ from kb.core.config import value_errors
 from kb.core.config.profile.finding import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
 from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
-from kb.store.frontier import Frontier
+from kb.store.state.frontier import Frontier
 from kb.youtube.connector.client import YouTubeApi
 
 

@@ -17,8 +17,9 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase, to_read
 from kb.core.summary.plan import plan as make_plan
-from kb.store import rawlog, reading
 from kb.store.layout import Layout
+from kb.store.rawlog import rawlog
+from kb.store.tables import reading
 from kb.youtube.connector import quota
 from kb.youtube.connector.fetch import PACK
 from kb.youtube.connector.ids import Part, share, some_ids

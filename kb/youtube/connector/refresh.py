@@ -31,8 +31,9 @@ from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
 from kb.crawl.source import Opened, Phase
-from kb.store import rawlog, tombstones
-from kb.store.frontier import ROUND, Frontier, going_on
+from kb.store.rawlog import rawlog
+from kb.store.state import tombstones
+from kb.store.state.frontier import ROUND, Frontier, going_on
 from kb.youtube.connector import quota
 from kb.youtube.connector.fetch import API, PACK
 from kb.youtube.connector.reduce import RAW_INFO, RAW_STATISTICS, RAW_VIDEOS, REFRESH, STATISTICS

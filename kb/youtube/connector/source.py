@@ -33,8 +33,8 @@ from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Opened, Phase, Plain
-from kb.store.frontier import Frontier, Item
-from kb.store.rawlog import Envelope
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state.frontier import Frontier, Item
 from kb.youtube.connector import replay
 from kb.youtube.connector.client import GOOGLE
 from kb.youtube.connector.discover import extend, new_round, no_channel, reopen

@@ -24,7 +24,7 @@ from kb.reddit.dumps.import_file import ImportJob
 from kb.reddit.dumps.subreddit_search import CHECKED
 from kb.reddit.parse import answers as parse
 from kb.reddit.parse.anonymize import load_key
-from kb.store import rawlog
+from kb.store.rawlog import rawlog
 from tests.reddit.dumped import import_killed, imported, post, run_in, write
 from tests.reddit.work import rows as read_rows
 

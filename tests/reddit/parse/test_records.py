@@ -13,7 +13,7 @@ import pytest
 from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData
 from kb.reddit.parse import answers as parse
-from kb.store.rawlog import Envelope, Request, encode
+from kb.store.rawlog.rawlog import Envelope, Request, encode
 from tests.reddit.cassettes import Exchange, read
 
 Row = dict[str, Any]

@@ -13,7 +13,7 @@ from kb.core.config.profile import load_profile
 from kb.reddit.parse import answers as parse
 from kb.reddit.parse import tree
 from kb.reddit.parse.tree import depths
-from kb.store.rawlog import Envelope, Request, encode
+from kb.store.rawlog.rawlog import Envelope, Request, encode
 from tests.reddit.cassettes import Exchange, read
 
 

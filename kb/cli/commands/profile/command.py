@@ -215,7 +215,7 @@ def keywords(
 def _proposal(run: Run) -> Proposal:
     from kb.pairs import keywords
     from kb.pairs.keyword_proposal import PageNames, propose
-    from kb.store import rawlog
+    from kb.store.rawlog import rawlog
     from kb.wiki.parse.page_names import pages
     from kb.wiki.spec import SPEC
 
@@ -240,7 +240,7 @@ def _proposal(run: Run) -> Proposal:
 
 def _current_profile(options: Options) -> Path:
     """The file of the profile that other commands with these options would use."""
-    from kb.artifacts import belonging
+    from kb.artifacts import domain_binding
     from kb.core.config.profile import DEFAULT, find_profile
     from kb.core.config.settings import load_settings
 
@@ -248,8 +248,8 @@ def _current_profile(options: Options) -> Path:
     if settings.kb_profile is not None:
         return find_profile(settings.kb_profile)
     root = settings.kb_data.expanduser().absolute()
-    bound = belonging.remembered(root)
-    return belonging.load(root, bound)[0].path if bound else find_profile(DEFAULT)
+    bound = domain_binding.remembered(root)
+    return domain_binding.load(root, bound)[0].path if bound else find_profile(DEFAULT)
 
 
 def _show_hits(hits: list[dict[str, Any]]) -> None:
