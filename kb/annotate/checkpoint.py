@@ -17,12 +17,11 @@ from pathlib import Path
 
 from kb.annotate.model_files import check_model_files
 from kb.annotate.published_models import KNOWN, PUBLISHED, Published
-from kb.core.cache import cache_root
+from kb.core.config.settings import Settings
 from kb.core.errors import MissingExtra, MissingModel, SettingError
-from kb.core.installation import install_extra
-from kb.core.settings import Settings
-from kb.store import checksums
-from kb.store.reading import SANDBOX_MODEL
+from kb.core.installation import cache_root, install_extra
+from kb.store.tables import checksums
+from kb.store.tables.reading import SANDBOX_MODEL
 
 EXTRA = ("torch", "transformers", "detoxify", "onnx", "onnxruntime")
 _PREFIX = re.compile(r"-([0-9a-f]{8,64})\.[A-Za-z0-9]+$")
@@ -159,15 +158,15 @@ def _known_digests(path: Path, setting: str | None) -> list[tuple[str, str]]:
                 hint=f"give the 64 hex digits that `sha256sum {path.name}` prints",
             )
         known.append(("KB_TOXICITY_SHA256", given))
-    for beside in (path.with_name(path.name + ".sha256"), path.with_suffix(".sha256")):
-        if beside.is_file():
-            match = _DIGEST.search(beside.read_text(encoding="utf-8", errors="replace"))
+    for candidate in (path.with_name(path.name + ".sha256"), path.with_suffix(".sha256")):
+        if candidate.is_file():
+            match = _DIGEST.search(candidate.read_text(encoding="utf-8", errors="replace"))
             if not match:
                 raise MissingModel(
-                    f"{beside} contains no SHA-256 digest",
-                    hint=f"write it with `sha256sum {path.name} > {beside.name}`",
+                    f"{candidate} contains no SHA-256 digest",
+                    hint=f"write it with `sha256sum {path.name} > {candidate.name}`",
                 )
-            known.append((beside.name, match.group().lower()))
+            known.append((candidate.name, match.group().lower()))
     return known
 
 

@@ -116,9 +116,9 @@ def _read(checkpoint: Checkpoint, device: str) -> Any:
 
 
 @contextlib.contextmanager
-def _local_folder(beside: Path, outputs: int) -> Iterator[Path]:
+def _local_folder(source_folder: Path, outputs: int) -> Iterator[Path]:
     """A folder with the tokenizer's files and a config.json that knows the number of outputs."""
-    config = json.loads((beside / "config.json").read_text(encoding="utf-8"))
+    config = json.loads((source_folder / "config.json").read_text(encoding="utf-8"))
     config |= {
         "num_labels": outputs,
         "id2label": {str(n): f"LABEL_{n}" for n in range(outputs)},
@@ -127,7 +127,7 @@ def _local_folder(beside: Path, outputs: int) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="kb-model-") as name:
         folder = Path(name)
         (folder / "config.json").write_text(json.dumps(config), encoding="utf-8")
-        for file in tokenizer_files(beside):
+        for file in tokenizer_files(source_folder):
             shutil.copyfile(file, folder / file.name)
         path = folder / "tokenizer_config.json"
         options = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}

@@ -28,7 +28,7 @@ from kb.core.engine import make_executor, map_in_order
 from kb.schema import table
 from kb.store.atomic import write_text
 from kb.store.layout import Layout, parquet_files
-from kb.store.shards import write_table
+from kb.store.tables.shards import write_table
 
 _PLAN = "plan.json"
 

@@ -25,13 +25,13 @@ from typing import NamedTuple
 
 from kb.artifacts import manifest, release_folder
 from kb.artifacts.release_folder import ReleaseFolder
-from kb.core.cache import cache_root
 from kb.core.errors import DamagedData, FatalError, KbError, SettingError, UsageError
+from kb.core.installation import cache_root
 from kb.core.sources import PUBLISHED, SOURCES, SPECS
 from kb.schema.tables import Table, table, tables
 from kb.store.advice import advice
 from kb.store.layout import TOP, Layout, parquet_files
-from kb.store.tally import VERDICTS
+from kb.store.tables.row_counts import VERDICTS
 
 SCHEMAS = ("clean", "release", "restored", "links")  # a bare name is the first of these that has it
 CONTENT = ("clean", "restored", "release")  # where a source's texts are read: the fullest first

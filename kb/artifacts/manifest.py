@@ -36,11 +36,13 @@ import pyarrow.parquet as pq
 
 from kb.artifacts.registry import ARTIFACTS, Artifact, artifact_of, of_table
 from kb.core.errors import DamagedData
-from kb.store import checksums, notes, rawlog
 from kb.store.atomic import replacing_folder, write_bytes
-from kb.store.checksums import FileEntry
 from kb.store.layout import Layout, parquet_files, rows_pattern
-from kb.store.parquet import content_digest
+from kb.store.rawlog import rawlog
+from kb.store.state import json_files
+from kb.store.tables import checksums
+from kb.store.tables.checksums import FileEntry
+from kb.store.tables.parquet import content_digest
 
 NAME = checksums.MANIFEST
 SUMMARY = "_summary.json"  # the figures of pairs and links in data roots of older versions
@@ -85,7 +87,7 @@ def path(root: Path, name: str) -> Path:
 def read(root: Path, name: str) -> Manifest | None:
     """The manifest of an artifact; None where it was never made. Raises DamagedData."""
     artifact, place = ARTIFACTS[name], path(root, name)
-    found: Manifest | None = notes.read(place, Manifest, fix=artifact.hint)
+    found: Manifest | None = json_files.read(place, Manifest, fix=artifact.hint)
     return _from_older_notes(root, artifact) if found is None else found
 
 
@@ -315,13 +317,13 @@ def _from_older_notes(root: Path, artifact: Artifact) -> Manifest | None:
     figures: dict[str, Any] = {}
     if kind == "clean":
         named: dict[str, list[str]] | None
-        named = notes.read(folder / "files.json", dict[str, list[str]], fix=artifact.hint)
+        named = json_files.read(folder / "files.json", dict[str, list[str]], fix=artifact.hint)
         if named is None and not (folder / "summary.json").is_file():
             return None
         for table, names in (named or {}).items():
             files.update({f"{table}/{one}": FileEntry() for one in names})
         with contextlib.suppress(DamagedData):
-            noted = notes.read(folder / "inputs.json", dict[str, str], fix="") or {}
+            noted = json_files.read(folder / "inputs.json", dict[str, str], fix="") or {}
             inputs[f"raw/{source}"] = noted.get("raw", "")
     elif kind == "release":
         place = Layout(root).state_folder() / f"release-{source}.exported"
@@ -329,7 +331,7 @@ def _from_older_notes(root: Path, artifact: Artifact) -> Manifest | None:
             return None
         inputs = {artifact.inputs[0]: place.read_text(encoding="utf-8", errors="replace")}
     elif artifact.name in ("pairs", "links"):
-        summary = notes.read(folder / SUMMARY, dict[str, Any], fix=artifact.hint)
+        summary = json_files.read(folder / SUMMARY, dict[str, Any], fix=artifact.hint)
         if summary is None:
             return None
         figures = summary

@@ -23,12 +23,12 @@ import pyarrow as pa
 
 from kb.artifacts import manifest
 from kb.core.errors import DamagedData
-from kb.core.resources import PROFILE_FILE
+from kb.core.installation import PROFILE_FILE
 from kb.core.sources import RELEASES
 from kb.schema.tables import Table, released_tables, table, tables
-from kb.store import parquet
-from kb.store.checksums import SUMS, parsed
-from kb.store.reading import reading
+from kb.store.tables import parquet
+from kb.store.tables.checksums import SUMS, parsed
+from kb.store.tables.reading import reading
 
 TOMBSTONES = "tombstones.ndjson"  # readers of `*.parquet` took a Parquet file for a shard
 EARLIER_TOMBSTONES = "tombstones.parquet"  # of earlier releases

@@ -29,16 +29,16 @@ import pyarrow.parquet as pq
 
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.errors import SettingError
-from kb.core.plan import PlanPart
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPart
 from kb.schema.tables import Table, table
-from kb.store import database, parquet
 from kb.store.atomic import replacing_folder, settle_folder
 from kb.store.layout import Layout, parquet_files
-from kb.store.newest import newest
-from kb.store.reading import reading
-from kb.store.shards import write_table
-from kb.store.shuffle import Shuffle
+from kb.store.tables import database, parquet
+from kb.store.tables.latest import newest
+from kb.store.tables.reading import reading
+from kb.store.tables.shards import write_table
+from kb.store.tables.shuffle import Shuffle
 
 MISSING, WORK = "missing.parquet", ".work"
 FAILED, PURGED = "failed", "purged"

@@ -27,12 +27,12 @@ from pathlib import Path
 from urllib.parse import quote, unquote, urlsplit
 
 from kb.core.context import Run
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.export.rows import Row, check_rows, sorted_rows
-from kb.store import sidefiles
 from kb.store.atomic import replacing_folder
 from kb.store.inside import inside
 from kb.store.layout import CAPTURED, Layout
+from kb.store.rawlog import sidefiles
 
 _BOX = ["x", "y", "width", "height"]
 
@@ -118,8 +118,8 @@ def folder_name(url: str, title: str) -> str:
 
 def _plain(step: str) -> str:
     """A step that is a plain name: no file system's own characters, no dot at its start."""
-    held = quote(step, safe="%!$&'()+,;=@~")
-    return re.sub(r"^\.", "%2E", held)
+    quoted = quote(step, safe="%!$&'()+,;=@~")
+    return re.sub(r"^\.", "%2E", quoted)
 
 
 def _short(step: str) -> str:
@@ -185,7 +185,7 @@ def _data(
             if row["kind"] == "table"
         ],
         "images": [
-            held for row in shown if (held := _image(root, folder, row, seen[row["element_id"]]))
+            image for row in shown if (image := _image(root, folder, row, seen[row["element_id"]]))
         ],
         "sprites": [
             {"text": row["text"] or None, "bbox": box(row)}
@@ -233,11 +233,11 @@ def _table(row: Row, cells: list[Row]) -> Row:
         True: [cell for cell in cells if cell["is_header"]],
         False: [cell for cell in cells if not cell["is_header"]],
     }
-    held = {
+    by_kind = {
         kind: {"text": [cell["text"] for cell in part], "bboxes": [box(cell) for cell in part]}
         for kind, part in parts.items()
     }
-    return {"bbox": box(row), "headers": held[True], "cells": held[False]}
+    return {"bbox": box(row), "headers": by_kind[True], "cells": by_kind[False]}
 
 
 def _image(root: Path, folder: Path, row: Row, element: Row) -> Row | None:

@@ -14,15 +14,14 @@ from typing import NamedTuple
 import pyarrow as pa
 
 from kb.artifacts import manifest
-from kb.core import vocabulary
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError
 from kb.core.sources import SOURCES, made_by
-from kb.core.verdict import Summary
+from kb.core.summary import Summary, vocabulary
 from kb.schema.tables import released_tables
-from kb.store import shards
 from kb.store.layout import Layout
+from kb.store.tables import shards
 
 
 class RowTransform(NamedTuple):
@@ -39,11 +38,11 @@ def export(
     source: str,
     *,
     changes: Mapping[str, RowTransform] | None = None,
-    beside: Callable[[Path], None] | None = None,
+    add_files: Callable[[Path], None] | None = None,
 ) -> Summary:
     """Writes release/<source>/ and returns the rows of each table.
 
-    `changes` by table name ("wiki/pages"); `beside` adds files that are no tables to the fresh
+    `changes` by table name ("wiki/pages"); `add_files` adds files that are no tables to the fresh
     folder before it takes its place. Raises FatalError when there is nothing to export, and
     DiskFull. The same clean rows give the same bytes.
     """
@@ -99,8 +98,8 @@ def export(
             ):
                 summary[declared.short] = rows
                 task.advance(1, rows=rows)
-        if beside is not None:
-            beside(fresh)
+        if add_files is not None:
+            add_files(fresh)
     return Summary(
         command=f"{source} export" if source in SOURCES else source,
         source=source,

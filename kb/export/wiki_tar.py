@@ -24,13 +24,13 @@ from typing import Any
 import pyarrow as pa
 
 from kb.core.context import Run
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.export import parquet
 from kb.export.rows import check_rows, sorted_rows
 from kb.schema.tables import table
-from kb.store import sidefiles
 from kb.store.inside import inside
 from kb.store.layout import CAPTURED
+from kb.store.rawlog import sidefiles
 
 TAR_BYTES = 1 << 30
 _BLOCK = 512
@@ -96,7 +96,7 @@ def export(run: Run) -> Summary:
         if lost:
             raise sidefiles.lost(run.root, CAPTURED, lost)
 
-    summary = parquet.export(run, CAPTURED, changes=changes, beside=write)
+    summary = parquet.export(run, CAPTURED, changes=changes, add_files=write)
     path = summary.pop("path")
     tars = sum(map(len, plan.values()))
     return Summary({**summary, "tars": tars, "files": len(places), "path": path})
@@ -148,16 +148,16 @@ def _sample(name: str, file: Path, about: dict[str, Any], lost: set[Path]) -> Sa
 
 
 def _shards(samples: Iterator[Sample]) -> Iterator[list[Sample]]:
-    held: list[Sample] = []
+    shard: list[Sample] = []
     size = 0
     for sample in samples:
-        if held and size + sample.packed > TAR_BYTES:
-            yield held
-            held, size = [], 0
-        held.append(sample)
+        if shard and size + sample.packed > TAR_BYTES:
+            yield shard
+            shard, size = [], 0
+        shard.append(sample)
         size += sample.packed
-    if held:
-        yield held
+    if shard:
+        yield shard
 
 
 def _name(kind: str, number: int, count: int) -> str:

@@ -53,13 +53,15 @@ def compared(
     out = pc.fill_null(outside, False)
     reasons = pc.if_else(out, reason, None).cast(pa.string())
     value = text(pc.if_else(out, values, pa.scalar(None, values.type)))
-    gone = pc.is_null(values)
-    if needed and pc.any(gone).as_py():
+    is_missing = pc.is_null(values)
+    if needed and pc.any(is_missing).as_py():
         bad = nothing(rows)
         for name in needed:
             bad = pc.coalesce(bad, malformed(rows, name))
-        reasons = pc.if_else(gone, pc.if_else(pc.is_valid(bad), "malformed", "absent"), reasons)
-        value = pc.if_else(gone, bad, value)
+        reasons = pc.if_else(
+            is_missing, pc.if_else(pc.is_valid(bad), "malformed", "absent"), reasons
+        )
+        value = pc.if_else(is_missing, bad, value)
     return Judgement(reasons, value, None if threshold is None else number(threshold))
 
 
@@ -83,8 +85,8 @@ def malformed(rows: pa.Table, column: str) -> pa.Array[Any]:
 def one(rows: pa.Table, name: str) -> pa.Array[Any]:
     """A column as one array."""
     column = rows.column(name)
-    whole = column.combine_chunks() if column.num_chunks != 1 else column.chunk(0)
-    return pa.concat_arrays(whole.chunks) if isinstance(whole, pa.ChunkedArray) else whole
+    combined = column.combine_chunks() if column.num_chunks != 1 else column.chunk(0)
+    return pa.concat_arrays(combined.chunks) if isinstance(combined, pa.ChunkedArray) else combined
 
 
 def text(values: pa.Array[Any]) -> pa.Array[Any]:

@@ -23,20 +23,20 @@ from kb.artifacts.catalog import NO_TABLES, Catalog
 from kb.artifacts.manifest import Build
 from kb.core.context import Run
 from kb.core.errors import FatalError
-from kb.core.optional import require
+from kb.core.installation import require
 from kb.core.sources import SPECS
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.links import entity_pages
 from kb.links.entity_pages import Names, Own
 from kb.links.mentions import Finder, finder, mentions, rows
 from kb.links.texts import parts
 from kb.pairs import keywords as lists
 from kb.pairs.keywords import Keywords
-from kb.store import parquet
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
-from kb.store.reading import reading
-from kb.store.shards import ShardWriter, sorted_shards, write_table
+from kb.store.tables import parquet
+from kb.store.tables.reading import reading
+from kb.store.tables.shards import ShardWriter, sorted_shards, write_table
 
 _LAYOUT = 1  # raised when the same input gives other rows
 _PAGES = next(f"{name}/{spec.pages}" for name, spec in SPECS.items() if spec.pages)
@@ -105,8 +105,8 @@ def _marks(inputs: Mapping[str, str], plan: Mapping[str, Any]) -> dict[str, str]
     for name, digest in inputs.items():
         source = name.partition("/")[2]
         mine = plan if _PAGES.startswith(f"{source}/") else {**plan, "names": []}
-        whole = json.dumps([digest, mine], sort_keys=True)
-        marks[source] = hashlib.sha256(whole.encode()).hexdigest()[:16]
+        encoded = json.dumps([digest, mine], sort_keys=True)
+        marks[source] = hashlib.sha256(encoded.encode()).hexdigest()[:16]
     return marks
 
 
@@ -130,9 +130,9 @@ def _stem(table: str) -> str:
 def make_part(folder: str, name: str, path: str, table: str) -> dict[str, int]:
     """The mentions in a file of a clean table."""
     with_ = _finder(folder)
-    found = [mentions(table.partition("/")[0], part, with_) for part in parts(Path(path), table)]
-    write_part(folder, name, found, "links/links", {})
-    return {"links": sum(one.num_rows for one in found)}
+    tables = [mentions(table.partition("/")[0], part, with_) for part in parts(Path(path), table)]
+    write_part(folder, name, tables, "links/links", {})
+    return {"links": sum(one.num_rows for one in tables)}
 
 
 @lru_cache(maxsize=2)
@@ -155,14 +155,14 @@ def _title_rows(work: Path, keywords: Keywords, own: Mapping[int, Own]) -> None:
     ids = [str(one.page_id) for one in own.values()]
     mine = pa.array([f"{page}\x1f{entity}" for page, entity in zip(ids, pages, strict=True)])
     for path in parquet_files(work, f"{_stem(_PAGES)}.*.parquet"):
-        held = parquet.read_table(path)
+        mentioned = parquet.read_table(path)
         both = pc.binary_join_element_wise(
-            held["key"].cast(pa.string()), held["entity"].cast(pa.string()), "\x1f"
+            mentioned["key"].cast(pa.string()), mentioned["entity"].cast(pa.string()), "\x1f"
         )
-        left = held.filter(pc.invert(pc.is_in(both, value_set=mine.cast(pa.string()))))
-        if left.num_rows < held.num_rows:
+        left = mentioned.filter(pc.invert(pc.is_in(both, value_set=mine.cast(pa.string()))))
+        if left.num_rows < mentioned.num_rows:
             write_table(path, left, "links/links")
-    found = rows(
+    own_rows = rows(
         _PAGES.partition("/")[0],
         "title",
         pa.array([one.how for one in own.values()], pa.string()),
@@ -171,7 +171,7 @@ def _title_rows(work: Path, keywords: Keywords, own: Mapping[int, Own]) -> None:
         pa.array([one.names for one in own.values()], pa.int64()),
         pa.nulls(len(own), pa.float64()),
     )
-    write_table(work / "own-pages.parquet", found, "links/links")
+    write_table(work / "own-pages.parquet", own_rows, "links/links")
 
 
 def _finish(
@@ -208,16 +208,16 @@ def _finish(
 
 def _counted(files: list[Path]) -> tuple[dict[str, int], int]:
     """Rows by source, and mentions of all."""
-    found: dict[str, int] = {}
+    by_source: dict[str, int] = {}
     total = 0
     for path in files:
         with parquet.open_file(path, pre_buffer=False) as file:
             for batch in file.iter_batches(columns=["source", "count"]):
-                held: list[dict[str, Any]] = pc.value_counts(batch.column(0)).to_pylist()
-                for one in held:
-                    found[one["values"]] = found.get(one["values"], 0) + one["counts"]
+                counted: list[dict[str, Any]] = pc.value_counts(batch.column(0)).to_pylist()
+                for one in counted:
+                    by_source[one["values"]] = by_source.get(one["values"], 0) + one["counts"]
                 total += pc.sum(batch.column(1)).as_py() or 0
-    return found, total
+    return by_source, total
 
 
 def _summary(root: Path) -> Summary:

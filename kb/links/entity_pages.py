@@ -81,9 +81,9 @@ def own_pages(
 
 def aliases(keywords: Keywords) -> list[list[str]]:
     """The other forms of each entity, sorted."""
-    found: list[list[str]] = [[] for _ in keywords.every]
+    other_forms: list[list[str]] = [[] for _ in keywords.every]
     first = [phrase(keyword.name) for keyword in keywords.every]
     for form, number in zip(keywords.phrases, keywords.of, strict=True):
         if number != EXCLUDED and form != first[number]:
-            found[number].append(form)
-    return [sorted(forms) for forms in found]
+            other_forms[number].append(form)
+    return [sorted(forms) for forms in other_forms]

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import pyarrow as pa
 
-from kb.core.optional import np
+from kb.core.installation import np
 from kb.links.texts import TextPart
 from kb.pairs.extract import PairCounts, matches
 from kb.pairs.keywords import Keywords
@@ -32,17 +32,17 @@ def finder(keywords: Keywords) -> Finder:
 def mentions(source: str, part: TextPart, with_: Finder) -> pa.Table:
     """Rows of a part of a source's texts, in no order that matters."""
     text = part.text
-    found = matches(text, with_, PairCounts())
+    hits = matches(text, with_, PairCounts())
     if part.timed:  # what is said when the video is over makes no pair either
-        found = found.take(~text.beyond[text.cue_of(found.start)])
-    pair = found.keyword * len(text) + found.video
+        hits = hits.take(~text.beyond[text.cue_of(hits.start)])
+    pair = hits.keyword * len(text) + hits.video
     order = np.argsort(pair, kind="stable")
     ordered = pair[order]
     heads = np.flatnonzero(np.concatenate(([True], ordered[1:] != ordered[:-1]))[: len(ordered)])
     counts = np.diff(np.append(heads, len(ordered)))
     first: pa.Array[Any] = pa.nulls(len(heads), pa.float64())
     if part.timed and len(heads):
-        ms: np.ndarray = np.minimum.reduceat(text.time_of(found.start[order]), heads)
+        ms: np.ndarray = np.minimum.reduceat(text.time_of(hits.start[order]), heads)
         first = pa.array(ms / 1000)
     keyword, video = np.divmod(ordered[heads], max(len(text), 1))
     return rows(
@@ -66,14 +66,14 @@ def rows(
     first: pa.Array[Any],
 ) -> pa.Table:
     """Columns of links/links; `how` for all of them or each."""
-    said = pa.array([how] * len(keys), pa.string()) if isinstance(how, str) else how
+    ways = pa.array([how] * len(keys), pa.string()) if isinstance(how, str) else how
     return pa.table(
         {
             "entity": entities,
             "source": pa.array([source] * len(keys), pa.string()),
             "key": keys,
             "part": pa.array([part] * len(keys), pa.string()),
-            "how": said,
+            "how": ways,
             "count": counts,
             "first_at_s": first,
         }

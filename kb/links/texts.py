@@ -14,14 +14,14 @@ from typing import Any, NamedTuple, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.optional import np
+from kb.core.installation import np
 from kb.core.source_spec import TextColumns
 from kb.core.sources import SPECS
 from kb.pairs import transcripts
 from kb.pairs.transcript_batch import Text
 from kb.schema import table
-from kb.store import parquet
-from kb.store.reading import reading
+from kb.store.tables import parquet
+from kb.store.tables.reading import reading
 
 _ROWS = 8192  # rows that are read at once
 _BYTES = 8 << 20  # of texts that are looked through at once
@@ -61,9 +61,9 @@ def _columns_of(path: Path, texts: TextColumns) -> Iterator[TextPart]:
     for rows in _batches(path, names):
         keys = _full(texts.prefix, rows[texts.key])
         for part, columns in texts.parts.items():
-            held = tuple(rows[name] for name in columns if name in rows.column_names)
-            if held:
-                yield from _texts(part, keys, held)
+            present = tuple(rows[name] for name in columns if name in rows.column_names)
+            if present:
+                yield from _texts(part, keys, present)
 
 
 def visible_text(path: Path) -> Iterator[TextPart]:
@@ -94,8 +94,8 @@ def tops(rows: pa.Table, page: np.ndarray) -> np.ndarray:
     order = np.argsort(place, kind="stable")
     wanted = page * span + above
     at = np.minimum(np.searchsorted(place[order], wanted), max(len(order) - 1, 0))
-    found = order[at] if len(order) else order
-    parent = np.where((above >= 0) & (place[found] == wanted), found, -1)
+    row = order[at] if len(order) else order
+    parent = np.where((above >= 0) & (place[row] == wanted), row, -1)
     up = parent.copy()
     for _ in range(len(up)):  # pictures and the like between a text and what holds it
         over = (up >= 0) & (kinds[up] < 0)
@@ -160,10 +160,10 @@ def in_pieces(
         if after < len(thing):  # whole things only, and one at least
             low = int(np.searchsorted(thing, thing[after]))
             after = low if low > begin else int(np.searchsorted(thing, thing[after], "right"))
-        held = np.unique(thing[begin:after])
-        counts = np.bincount(np.searchsorted(held, thing[begin:after]), minlength=len(held))
+        numbers = np.unique(thing[begin:after])
+        counts = np.bincount(np.searchsorted(numbers, thing[begin:after]), minlength=len(numbers))
         yield TextPart(
-            part, _joined(keys.take(pa.array(held)), counts, texts.slice(begin, after - begin))
+            part, _joined(keys.take(pa.array(numbers)), counts, texts.slice(begin, after - begin))
         )
         begin = after
 

@@ -14,10 +14,9 @@ from typing import Any, NamedTuple, Protocol, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core.config.profile.pairs import Pairs
 from kb.core.errors import MissingExtra
-from kb.core.installation import install_extra
-from kb.core.optional import np
-from kb.core.profile.pairs import Pairs
+from kb.core.installation import install_extra, np
 from kb.pairs import sampling
 from kb.pairs.clip_tokens import ENDS, Tokens
 from kb.pairs.keywords import EXCLUDED, NEVER, Keywords
@@ -102,11 +101,11 @@ def matches(text: Text, tools: Finds, counts: PairCounts) -> Matches:
     """Keywords in the text, without excluded phrases and without everyday
     words that stand alone.
     """
-    found = tools.matcher.find(text.raw)
-    keyword = tools.keywords.owner[found.phrase]
+    hits = tools.matcher.find(text.raw)
+    keyword = tools.keywords.owner[hits.phrase]
     counts.totals["excluded"] += int((keyword == EXCLUDED).sum())
     kept = keyword != EXCLUDED
-    keyword, start, end = keyword[kept], found.start[kept], found.end[kept]
+    keyword, start, end = keyword[kept], hits.start[kept], hits.end[kept]
     every = Matches(
         keyword, text.video_of(start), start, end, text.word_of(start), text.word_of(end - 1)
     )
@@ -126,41 +125,41 @@ def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, PairCounts]:
     """The rows of a batch (in no order that matters) and its counts."""
     section, counts = tools.section, PairCounts()
     counts.totals.update(videos=len(text), words=text.word_count)
-    found = matches(text, tools, counts)
-    over = text.beyond[text.cue_of(found.start)]
+    hits = matches(text, tools, counts)
+    over = text.beyond[text.cue_of(hits.start)]
     if over.any():
         counts.totals["outside"] += int(over.sum())
-        found = found.take(~over)
-    position = text.characters(found.start, found.video)
+        hits = hits.take(~over)
+    position = text.characters(hits.start, hits.video)
     ids = cast("list[str]", text.ids.to_pylist())
     keys = sampling.video_keys(tools.seed, ids)
-    rng = _Draws(keys[found.video] if len(keys) else keys, position)
-    segment = _segment(text, found)
+    rng = _Draws(keys[hits.video] if len(keys) else keys, position)
+    segment = _segment(text, hits)
     grown = None
     if section.center == "grown":
-        grown = _grow(text, tools, found, rng)
+        grown = _grow(text, tools, hits, rng)
         low, high = _times(text, grown.first, grown.last)
     else:
         low, high = segment
-    center = rng.whole("center", low, high)
-    length = rng.whole("clip", *_lengths(section))
-    clip_start, clip_end = sampling.clips(center, length, text.length[found.video])
+    center = rng.integers("center", low, high)
+    length = rng.integers("clip", *_lengths(section))
+    clip_start, clip_end = sampling.clips(center, length, text.length[hits.video])
     gap = round(section.min_gap_s * 1000)
     taken = np.flatnonzero(
         sampling.choose(
-            clip_start, clip_end, found.video, rng.bits("rank"), gap, section.max_pairs_per_video
+            clip_start, clip_end, hits.video, rng.bits("rank"), gap, section.max_pairs_per_video
         )
     )
-    found, position, rng = found.take(taken), position[taken], rng.take(taken)
-    grown = Grown(*(column[taken] for column in grown)) if grown else _grow(text, tools, found, rng)
+    hits, position, rng = hits.take(taken), position[taken], rng.take(taken)
+    grown = Grown(*(column[taken] for column in grown)) if grown else _grow(text, tools, hits, rng)
     times = {
         "segment": (segment[0][taken], segment[1][taken]),
-        "match": _times(text, found.start, found.end - 1),
+        "match": _times(text, hits.start, hits.end - 1),
         "text": _times(text, grown.first, grown.last),
         "clip": (clip_start[taken], clip_end[taken]),
     }
-    counts.tell(tools.keywords, "pairs", found.keyword)
-    return _table(text, tools.keywords, found, grown, position, rng, times, center[taken]), counts
+    counts.tell(tools.keywords, "pairs", hits.keyword)
+    return _table(text, tools.keywords, hits, grown, position, rng, times, center[taken]), counts
 
 
 class _Draws(NamedTuple):
@@ -172,8 +171,8 @@ class _Draws(NamedTuple):
     def bits(self, purpose: str) -> np.ndarray:
         return sampling.bits(self.keys, self.position, purpose)
 
-    def whole(self, purpose: str, low: Any, high: Any) -> np.ndarray:
-        return sampling.whole(self.bits(purpose), low, high)
+    def integers(self, purpose: str, low: Any, high: Any) -> np.ndarray:
+        return sampling.integers(self.bits(purpose), low, high)
 
     def take(self, which: np.ndarray) -> _Draws:
         return _Draws(self.keys[which], self.position[which])
@@ -187,24 +186,24 @@ def _lengths(section: Pairs) -> tuple[int, int]:
     return (low + 1, high - 1) if high - low > 1 else (low, high)
 
 
-def _grow(text: Text, tools: Tools, found: Matches, rng: _Draws) -> Grown:
+def _grow(text: Text, tools: Tools, hits: Matches, rng: _Draws) -> Grown:
     section = tools.section
-    goal = rng.whole("tokens", section.min_tokens, section.max_tokens)
+    goal = rng.integers("tokens", section.min_tokens, section.max_tokens)
     return grow(
         text,
         tools.tokens,
-        (found.start, found.end),
-        found.video,
+        (hits.start, hits.end),
+        hits.video,
         goal=goal,
-        side=rng.whole("side", 0, goal - ENDS),
+        side=rng.integers("side", 0, goal - ENDS),
         low=section.min_tokens,
         high=section.max_tokens,
     )
 
 
-def _segment(text: Text, found: Matches) -> tuple[np.ndarray, np.ndarray]:
+def _segment(text: Text, hits: Matches) -> tuple[np.ndarray, np.ndarray]:
     """Times of the cues that hold each phrase."""
-    first, last = text.cue_of(found.start), text.cue_of(found.end - 1)
+    first, last = text.cue_of(hits.start), text.cue_of(hits.end - 1)
     if not len(first):
         return first, last
     bounds = np.stack((first, last + 1), axis=1).ravel()
@@ -220,7 +219,7 @@ def _times(text: Text, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray,
 def _table(
     text: Text,
     keywords: Keywords,
-    found: Matches,
+    hits: Matches,
     grown: Grown,
     position: np.ndarray,
     rng: _Draws,
@@ -229,7 +228,7 @@ def _table(
 ) -> pa.Table:
     names = pa.array([keyword.name for keyword in keywords.every])
     kinds = pa.array([keyword.kind for keyword in keywords.every])
-    keyword, video = pa.array(found.keyword), pa.array(found.video)
+    keyword, video = pa.array(hits.keyword), pa.array(hits.video)
     words, end = _texts(text, grown)
     return pa.table(
         {
@@ -240,9 +239,9 @@ def _table(
             "text": words,
             "token_count": pa.array(grown.tokens),
             "match_start_char": pa.array(position),
-            "match_end_char": pa.array(text.characters(found.end, found.video)),
-            "text_start_char": pa.array(text.characters(grown.start, found.video)),
-            "text_end_char": pa.array(text.characters(end, found.video)),
+            "match_end_char": pa.array(text.characters(hits.end, hits.video)),
+            "text_start_char": pa.array(text.characters(grown.start, hits.video)),
+            "text_end_char": pa.array(text.characters(end, hits.video)),
             **{
                 f"{what}_{side}_s": pa.array(ms / 1000)
                 for what, both in times.items()
@@ -265,10 +264,10 @@ def _texts(text: Text, grown: Grown) -> tuple[pa.Array[Any], np.ndarray]:
     )
     offsets = np.concatenate(([0], np.cumsum(grown.end - grown.start))).astype(np.int64)
     data = np.asarray(slices.flatten())
-    whole = pa.LargeStringArray.from_buffers(
+    joined = pa.LargeStringArray.from_buffers(
         len(grown.start), pa.py_buffer(offsets.data), pa.py_buffer(data.data)
     )
-    trimmed = pc.ascii_rtrim(whole, " ")
+    trimmed = pc.ascii_rtrim(joined, " ")
     end = grown.start + np.asarray(pc.binary_length(trimmed))
     if len(data) > 1 and ((data[1:] == 0x20) & (data[:-1] == 0x20)).any():
         trimmed = pc.replace_substring_regex(pc.ascii_trim(trimmed, " "), " {2,}", " ")

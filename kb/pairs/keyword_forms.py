@@ -106,7 +106,7 @@ def apart(word: str, known: Collection[str]) -> set[str]:
 
 def forms(phrase: str, known: Collection[str] = ()) -> set[str]:
     """All forms of a folded phrase, itself included."""
-    found = numbers(phrase)
-    for one in tuple(found):
-        found |= joined(one) | apart(one, known)
-    return found
+    variants = numbers(phrase)
+    for one in tuple(variants):
+        variants |= joined(one) | apart(one, known)
+    return variants

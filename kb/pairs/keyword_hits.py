@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from typing import NamedTuple, cast
 
 from kb.core import signals
+from kb.core.config.profile.pairs import Pairs
 from kb.core.context import Run
-from kb.core.optional import np
-from kb.core.profile.pairs import Pairs
+from kb.core.installation import np
 from kb.pairs import keywords as lists
 from kb.pairs import sampling, transcripts
 from kb.pairs.extract import PairCounts, Tools, make_tools, matches
@@ -49,7 +49,7 @@ def keyword_lines(
         for path in transcripts.parts(run.root):
             for text in transcripts.texts(path, 0, left):
                 signals.stop.check()
-                shown.look(text, tools, counts)
+                shown.add(text, tools, counts)
                 task.advance(len(text))
                 left = left - len(text) if left is not None else None
             if left == 0:
@@ -59,8 +59,8 @@ def keyword_lines(
         enumerate(tools.keywords.every),
         key=lambda item: (-hits[item[1].name].get("matches", 0), item[1].name),
     ):
-        found = hits[one.name].get("matches", 0)
-        if (found or rare) and kind in ("", one.kind):
+        matched = hits[one.name].get("matches", 0)
+        if (matched or rare) and kind in ("", one.kind):
             rule = (
                 ""
                 if one.reach is None
@@ -72,7 +72,7 @@ def keyword_lines(
                 one.name,
                 one.kind,
                 rule,
-                found,
+                matched,
                 hits[one.name].get("ambiguous_alone", 0),
                 shown.of(number),
             )
@@ -87,24 +87,22 @@ class _Examples:
         self._number = number
         self._best: dict[int, list[tuple[int, str]]] = {}
 
-    def look(self, text: Text, tools: Tools, counts: PairCounts) -> None:
-        found = matches(text, tools, counts)
-        if not self._number or not len(found.keyword):
+    def add(self, text: Text, tools: Tools, counts: PairCounts) -> None:
+        hits = matches(text, tools, counts)
+        if not self._number or not len(hits.keyword):
             return
         ids = cast("list[str]", text.ids.to_pylist())
-        keys = sampling.video_keys(tools.seed, ids)[found.video]
-        rank = sampling.bits(keys, text.characters(found.start, found.video), "rank")
-        order = np.lexsort((rank, found.keyword))
-        sorted_ = found.keyword[order]
+        keys = sampling.video_keys(tools.seed, ids)[hits.video]
+        rank = sampling.bits(keys, text.characters(hits.start, hits.video), "rank")
+        order = np.lexsort((rank, hits.keyword))
+        sorted_ = hits.keyword[order]
         nth = np.arange(len(order)) - np.searchsorted(sorted_, sorted_)
         for one in order[nth < self._number].tolist():
-            best = self._best.setdefault(int(found.keyword[one]), [])
+            best = self._best.setdefault(int(hits.keyword[one]), [])
             best.append(
                 (
                     int(rank[one]),
-                    _context(
-                        text, int(found.start[one]), int(found.end[one]), int(found.video[one])
-                    ),
+                    _context(text, int(hits.start[one]), int(hits.end[one]), int(hits.video[one])),
                 )
             )
             best[:] = heapq.nsmallest(self._number, best)

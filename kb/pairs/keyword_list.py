@@ -14,11 +14,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
+from kb.core.config.profile.base import FILL_IN
+from kb.core.config.profile.everyday_words import is_everyday
+from kb.core.config.profile.finding import ERROR, NOTE, WARNING, Finding
+from kb.core.config.profile.pairs import Pairs
 from kb.core.errors import ProfileError
-from kb.core.profile.base import FILL_IN
-from kb.core.profile.everyday_words import is_everyday
-from kb.core.profile.finding import ERROR, NOTE, WARNING, Finding
-from kb.core.profile.pairs import Pairs
 from kb.pairs.keyword_forms import forms
 from kb.pairs.matching import phrase
 
@@ -84,11 +84,11 @@ def _understood(text: str, near_words: int) -> tuple[tuple[Row, ...], tuple[Keyw
                 return (), (KeywordProblem(number, *_no_header(line)),)
             header = True
             continue
-        found = _row(cells, near_words)
-        if isinstance(found, Keyword):
-            rows.append(Row(number, found))
+        parsed = _row(cells, near_words)
+        if isinstance(parsed, Keyword):
+            rows.append(Row(number, parsed))
         else:
-            problems.append(KeywordProblem(number, *found))
+            problems.append(KeywordProblem(number, *parsed))
     return tuple(rows), tuple(problems)
 
 
@@ -157,22 +157,22 @@ def check_lists(folder: Path, names: Sequence[str], section: Pairs | None) -> li
     """Findings of all lists together. `section` is None where [pairs] itself has errors."""
     near_words = section.near_words if section else Pairs.model_fields["near_words"].default
     every: list[Placed] = []
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for name in names:
         rows, problems = scan(folder / name, near_words)
         every += [(name, row) for row in rows]
-        found += [Finding(ERROR, name, one.line, "", one.what, one.fix) for one in problems]
+        findings += [Finding(ERROR, name, one.line, "", one.what, one.fix) for one in problems]
         if not rows and not problems:
             fix = "write one per line: keyword, tab, kind"
-            found.append(Finding(ERROR, name, 0, "", "the list contains no keyword", fix))
-    broken = bool(found)
-    found += _duplicates(every)
-    found += _kinds(every)
-    found += _everyday(every)
-    found += _excluded(every, section)
+            findings.append(Finding(ERROR, name, 0, "", "the list contains no keyword", fix))
+    broken = bool(findings)
+    findings += _duplicates(every)
+    findings += _kinds(every)
+    findings += _everyday(every)
+    findings += _excluded(every, section)
     if not broken:
-        found += _helpless(every, section)
-    return found
+        findings += _helpless(every, section)
+    return findings
 
 
 def _at(level: str, place: Placed, what: str, fix: str) -> Finding:

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from kb.core.profile.everyday_words import is_everyday
+from kb.core.config.profile.everyday_words import is_everyday
 from kb.pairs.keyword_forms import forms
 from kb.pairs.keyword_list import COLUMNS, LONGEST
 from kb.pairs.matching import phrase
@@ -49,12 +49,12 @@ class Proposal:
 
 def propose(pages: Iterable[PageNames], taken: Iterable[str] = ()) -> Proposal:
     """Rows by kind and keyword. `taken` are folded phrases that the profile has or excludes."""
-    held = sorted(pages, key=lambda page: page.title)
-    kinds = _kinds(held)
+    ordered = sorted(pages, key=lambda page: page.title)
+    kinds = _kinds(ordered)
     known = set(taken)
-    found = Proposal()
+    proposal = Proposal()
     titles: dict[str, tuple[PageNames, str]] = {}
-    for page in held:
+    for page in ordered:
         name = _plain(page.title)
         folded = phrase(name)
         why = _unfit(name, folded)
@@ -63,7 +63,7 @@ def propose(pages: Iterable[PageNames], taken: Iterable[str] = ()) -> Proposal:
         if not why and folded in titles:
             why = "another page has this name"
         if why:
-            found.left[why] += 1
+            proposal.left[why] += 1
             continue
         titles[folded] = (page, name)
     # A form stands for one keyword: names first, then redirects in the order of the titles.
@@ -80,9 +80,9 @@ def propose(pages: Iterable[PageNames], taken: Iterable[str] = ()) -> Proposal:
                 known.add(key)
                 more.append(form)
         rule = "near" if is_everyday(name) else ""
-        found.rows.append((name, kinds.get(page.title, PAGE), rule, ", ".join(more)))
-    found.rows.sort(key=lambda row: (row[1].casefold(), row[0].casefold()))
-    return found
+        proposal.rows.append((name, kinds.get(page.title, PAGE), rule, ", ".join(more)))
+    proposal.rows.sort(key=lambda row: (row[1].casefold(), row[0].casefold()))
+    return proposal
 
 
 def _kinds(pages: Sequence[PageNames]) -> dict[str, str]:

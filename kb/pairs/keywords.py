@@ -19,10 +19,10 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
+from kb.core.config.profile import Profile
+from kb.core.config.profile.pairs import Pairs
 from kb.core.errors import ProfileError
-from kb.core.optional import np
-from kb.core.profile import Profile
-from kb.core.profile.pairs import Pairs
+from kb.core.installation import np
 from kb.pairs.keyword_forms import forms
 from kb.pairs.keyword_list import COLUMNS, LONGEST, NEVER, Keyword, read
 from kb.pairs.matching import phrase
@@ -118,8 +118,8 @@ def make(
     for index, name in enumerate(names):
         for extra in every[name].more:
             owner.setdefault(phrase(extra), index)
-    for index, found in enumerate(_forms(tuple(names))):
-        for form in found:
+    for index, derived in enumerate(_forms(tuple(names))):
+        for form in derived:
             owner.setdefault(form, index)
     owner.pop("", None)
     owner.update(dict.fromkeys(banned, EXCLUDED))

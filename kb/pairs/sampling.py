@@ -13,7 +13,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from kb.core.optional import np
+from kb.core.installation import np
 
 PURPOSES = {
     name: number
@@ -27,9 +27,9 @@ def video_keys(seed: int, ids: Iterable[str]) -> np.ndarray:
     start = hashlib.sha256(f"{seed}\x1f".encode())
     keys = []
     for one in ids:
-        whole = start.copy()
-        whole.update(one.encode())
-        keys.append(whole.digest()[:8])
+        digest = start.copy()
+        digest.update(one.encode())
+        keys.append(digest.digest()[:8])
     return np.frombuffer(b"".join(keys), "<u8")
 
 
@@ -40,8 +40,8 @@ def bits(keys: np.ndarray, positions: np.ndarray, purpose: str) -> np.ndarray:
         return _mix(start + (positions.astype(np.uint64) + np.uint64(1)) * np.uint64(_GOLDEN))
 
 
-def whole(drawn: np.ndarray, low: np.ndarray | int, high: np.ndarray | int) -> np.ndarray:
-    """Bits as whole numbers from `low` to `high`, both included."""
+def integers(drawn: np.ndarray, low: np.ndarray | int, high: np.ndarray | int) -> np.ndarray:
+    """Bits as integers from `low` to `high`, both included."""
     share = (drawn >> np.uint64(11)).astype(np.float64) * 2.0**-53
     numbers: np.ndarray = low + np.floor(share * (np.maximum(high, low) - low + 1)).astype(np.int64)
     return numbers

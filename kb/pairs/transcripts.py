@@ -15,9 +15,10 @@ from kb.artifacts import manifest
 from kb.core.errors import FatalError
 from kb.core.sources import made_of
 from kb.pairs.transcript_batch import Text
-from kb.store import parquet, rawlog
 from kb.store.layout import parquet_files
-from kb.store.reading import reading
+from kb.store.rawlog import rawlog
+from kb.store.tables import parquet
+from kb.store.tables.reading import reading
 
 (VIDEOS,) = made_of("pairs")  # the source of the videos
 _ROWS = 128  # transcripts in memory at once: some 2 MB of text, which the cache half holds
@@ -30,10 +31,10 @@ def parts(root: Path, table: str = "transcripts", *, index: Path | None = None) 
 
     `index`: the released pairs whose transcripts are wanted, for the advice.
     """
-    found = manifest.rows(root, f"{VIDEOS}/{table}")
-    if not found and table == "transcripts":
+    files = manifest.rows(root, f"{VIDEOS}/{table}")
+    if not files and table == "transcripts":
         raise FatalError("there are no transcripts in clean/youtube", hint=_how(root, index))
-    return found
+    return files
 
 
 def _how(root: Path, index: Path | None) -> str:
@@ -112,10 +113,10 @@ class _Lengths:
         if where.null_count and not self._all:
             self._known, self._all = _read(parquet_files(self._folder)), True
             where = pc.index_in(ids, self._known["video_id"])
-        found = self._known["duration_s"].take(
+        lengths = self._known["duration_s"].take(
             where.combine_chunks() if hasattr(where, "combine_chunks") else where
         )
-        return found.combine_chunks()
+        return lengths.combine_chunks()
 
 
 def _read(files: list[Path]) -> pa.Table:

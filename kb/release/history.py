@@ -17,9 +17,9 @@ import pyarrow.parquet as pq
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.errors import DamagedData
 from kb.release.metadata.facts import Facts
-from kb.store import database, parquet
 from kb.store.atomic import writing
 from kb.store.layout import Layout, parquet_files
+from kb.store.tables import database, parquet
 
 _ABOUT = b"lorebase"  # a name on disk, kept from the time before the project was renamed
 
@@ -48,7 +48,7 @@ def changes(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> Ch
         return Changes()
     parquet.check(before)
     try:
-        said = json.loads((pq.read_schema(before).metadata or {}).get(_ABOUT, b"{}"))
+        recorded = json.loads((pq.read_schema(before).metadata or {}).get(_ABOUT, b"{}"))
         with database.asking() as con:
             con.register("now", _keys(folder))
             counted = con.execute(
@@ -65,9 +65,9 @@ def changes(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> Ch
         ) from None
     return Changes(
         version=before.stem,
-        built=said.get("built", ""),
+        built=recorded.get("built", ""),
         tables=tuple(TableChange(*one) for one in counted),
-        tombstones=max(0, facts.tombstones - said.get("tombstones", 0)),
+        tombstones=max(0, facts.tombstones - recorded.get("tombstones", 0)),
     )
 
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from kb.core.config.profile import Profile
 from kb.core.errors import DamagedData
-from kb.core.profile import Profile
 from kb.report.data import ReportData
 from kb.report.style import (
     BLUE,
@@ -207,10 +207,10 @@ def _drawn(
     if image is not None:
         # The screenshot's own pixels: whoever shows the figure scales them once.
         axes.imshow(image, extent=(part.x, right, bottom, part.y), interpolation="none")
-    for kind, look in KINDS.items():
+    for kind, style in KINDS.items():
         for name, box in boxes:
             for one in (box.lines or (box,)) if name == kind else ():
-                axes.add_patch(_outline(one, look, scale, thin))
+                axes.add_patch(_outline(one, style, scale, thin))
     if frame is not None:
         axes.add_patch(_outline(frame, BoxStyle(INK, "-", 1.8), scale))
     axes.set_xlim(part.x, right)

@@ -23,9 +23,9 @@ from kb.search.ranking import IndexedTerm, Only, Ranked, Weights, rank
 from kb.search.snippet import snippet
 from kb.search.spelling import corrected
 from kb.search.tantivy_index import PassageIndex
-from kb.store import parquet
 from kb.store.layout import Layout
-from kb.store.reading import reading
+from kb.store.tables import parquet
+from kb.store.tables.reading import reading
 
 
 class SearchHit(msgspec.Struct):
@@ -185,8 +185,8 @@ def entity(root: Path, name: str) -> str:
             rows += parquet.read_table(path, columns=["entity", "aliases"]).to_pylist()
     names = {str(row["entity"]).casefold(): str(row["entity"]) for row in rows}
     forms = {alias: str(row["entity"]) for row in rows for alias in row["aliases"]}
-    if found := names.get(wanted) or forms.get(wanted):
-        return found
+    if match := names.get(wanted) or forms.get(wanted):
+        return match
     near = difflib.get_close_matches(wanted, [*names, *forms], n=3, cutoff=0.6)
     listed = dict.fromkeys(names.get(one) or forms[one] for one in near)
     hint = f"did you mean {' or '.join(listed)}?" if listed else ""
@@ -196,7 +196,7 @@ def entity(root: Path, name: str) -> str:
 
 def keys(root: Path, name: str, sources: Sequence[str]) -> dict[str, list[str]]:
     """The keys that are linked to an entity, sorted. Only row groups that may name it are read."""
-    held: dict[str, set[str]] = {source: set() for source in sources}
+    linked: dict[str, set[str]] = {source: set() for source in sources}
     files = Catalog(root.absolute()).files("links/links")
     with reading(files):
         for path in files:
@@ -210,6 +210,6 @@ def keys(root: Path, name: str, sources: Sequence[str]) -> dict[str, list[str]]:
                     mine = rows.filter(pc.equal(rows["entity"].cast(pa.string()), name))
                     pairs = zip(mine["source"].to_pylist(), mine["key"].to_pylist(), strict=True)
                     for source, key in cast("list[tuple[str, str]]", list(pairs)):
-                        if source in held:
-                            held[source].add(key)
-    return {source: sorted(found) for source, found in held.items()}
+                        if source in linked:
+                            linked[source].add(key)
+    return {source: sorted(linked_keys) for source, linked_keys in linked.items()}

@@ -14,9 +14,9 @@ import pyarrow.parquet as pq
 
 from kb.artifacts.catalog import Catalog
 from kb.schema import table
-from kb.store.merge import Merge
-from kb.store.reading import reading
-from kb.store.shards import order
+from kb.store.tables.merge import Merge
+from kb.store.tables.reading import reading
+from kb.store.tables.shards import order
 
 KINDS = ("video", "transcript", "section", "table", "post", "comment")
 MOST_WORDS = 200  # of a passage's text
@@ -74,12 +74,12 @@ def rows(root: Path, name: str, columns: list[str]) -> Iterator[dict[str, Any]]:
 
 def batches(root: Path, name: str, columns: list[str]) -> Iterator[pa.Table]:
     """The same as Arrow tables of a few rows."""
-    held, declared = Catalog(root.absolute()), table(name)
-    files = held.texts(name)
+    catalog, declared = Catalog(root.absolute()), table(name)
+    files = catalog.texts(name)
     with reading(files):
         names = set(columns).intersection(*(pq.read_schema(path).names for path in files))
     there = [column for column in columns if column in names]
-    scratch = held.workplace if held.is_download else None
+    scratch = catalog.workplace if catalog.is_download else None
     merge = Merge(files, order(declared), there, ahead=_AHEAD, scratch=scratch)
     with closing(merge) as merged:
         for part in merged:
@@ -95,7 +95,7 @@ def _filled(rows: pa.Table, declared: pa.Schema, columns: list[str]) -> pa.Table
     return rows.select(columns)
 
 
-class Beside:
+class RowsByKey:
     """Rows of a second table in the order of `key`, taken along with the rows of a first one."""
 
     def __init__(self, rows: Iterator[dict[str, Any]], key: str) -> None:
@@ -113,7 +113,7 @@ class Beside:
 
 def pieces(lines: Iterable[str], most: int = MOST_WORDS) -> Iterator[str]:
     """Lines put together to texts of at most `most` words; a longer line is divided."""
-    held: list[str] = []
+    pending: list[str] = []
     count = 0
     for line in lines:
         words = line.split()
@@ -124,10 +124,10 @@ def pieces(lines: Iterable[str], most: int = MOST_WORDS) -> Iterator[str]:
         )
         for part in parts:
             size = len(part.split())
-            if held and count + size > most:
-                yield "\n".join(held)
-                held, count = [], 0
-            held.append(part)
+            if pending and count + size > most:
+                yield "\n".join(pending)
+                pending, count = [], 0
+            pending.append(part)
             count += size
-    if held:
-        yield "\n".join(held)
+    if pending:
+        yield "\n".join(pending)

@@ -64,10 +64,10 @@ def question(text: str) -> Question:
     needed: dict[Term, None] = {}
     barred: dict[Term, None] = {}
     run: list[str] = []
-    for found in _TERM.finditer(clean(text)):
-        sign, phrase = found["sign"], found["phrase"]
-        word = found["word"] if phrase is None else phrase
-        prefix = bool(found["any"]) or (phrase is None and word.endswith("*"))
+    for match in _TERM.finditer(clean(text)):
+        sign, phrase = match["sign"], match["phrase"]
+        word = match["word"] if phrase is None else phrase
+        prefix = bool(match["any"]) or (phrase is None and word.endswith("*"))
         kept = "".join(one if _counts(one) else " " for one in word).split()
         if not kept:
             continue

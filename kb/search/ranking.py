@@ -187,14 +187,14 @@ def rarity(passages: int, having: int) -> float:
 
 def _large(index: PassageIndex, question: Question) -> list[tuple[int, str]]:
     """Words of the run that are not small, as the index has them, with their places in it."""
-    found: list[tuple[int, str]] = []
+    placed: list[tuple[int, str]] = []
     place = 0
     for word in question.run:
         analyzed = index.analyzer.analyze(word)
         if not is_small(word):
-            found += enumerate(analyzed, place)
+            placed += enumerate(analyzed, place)
         place += len(analyzed)
-    return found
+    return placed
 
 
 def _query(

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from kb.core.profile import Profile
-from kb.core.profile.reddit import RedditSection
-from kb.search.passage import Beside, Passage, day, pieces, plain, rows
+from kb.core.config.profile import Profile
+from kb.core.config.profile.reddit import RedditSection
+from kb.search.passage import Passage, RowsByKey, day, pieces, plain, rows
 
 _POST = ["post_id", "title", "body", "poll_options", "created_utc"]
 _COMMENT = ["comment_id", "post_id", "body", "created_utc"]
@@ -17,7 +17,7 @@ _COMMENT = ["comment_id", "post_id", "body", "created_utc"]
 def passages(profile: Profile, root: Path) -> Iterator[Passage]:
     """The passages of all kept threads, by post. Raises DamagedData."""
     subreddit = profile.section(RedditSection).subreddit
-    replies = Beside(rows(root, "reddit/comments", _COMMENT), "post_id")
+    replies = RowsByKey(rows(root, "reddit/comments", _COMMENT), "post_id")
     for post in rows(root, "reddit/posts", _POST):
         key, title = post["post_id"], plain(post["title"])
         url = f"https://www.reddit.com/r/{subreddit}/comments/{key}/"

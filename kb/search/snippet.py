@@ -49,9 +49,9 @@ def snippet(text: str, analyzer: TextAnalyzer, marked: Sequence[IndexedTerm]) ->
         assert after is not None
         parts += [text[at:first], MARK, text[first:after], MARK]
         at = after
-    whole = "".join(["…" * (begin > 0), *parts, text[at:last], "…" * (end < len(words))])
+    marked_text = "".join(["…" * (begin > 0), *parts, text[at:last], "…" * (end < len(words))])
     marks = [(tokens[one.first].char_offset_from, one.after - one.first) for one in shown]
-    return Snippet(" ".join(whole.split()), marks)
+    return Snippet(" ".join(marked_text.split()), marks)
 
 
 def _spans(words: Sequence[str], marked: Sequence[IndexedTerm]) -> list[_Span]:

@@ -2,7 +2,7 @@
 
 A passage is one document. Its `words` are its title twice, its headings, its text and its alt texts
 one after the other, so that a word of the title counts twice; a phrase never reaches from one into
-the next. Beside them stand what filters ask for, and `row`, all that an answer shows.
+the next. Next to them are the fields that filters use, and `row`, all that an answer shows.
 """
 
 from __future__ import annotations
@@ -121,9 +121,9 @@ class PassageIndex:
     def kinds(self, kinds: Iterable[str]) -> Query:
         """Passages of these kinds."""
         numbers = [KINDS.index(one) for one in kinds]
-        whole = tantivy.FieldType.Integer
+        integer = tantivy.FieldType.Integer
         return Query.boolean_query(
-            [(Occur.Should, Query.range_query(self.schema, KIND, whole, n, n)) for n in numbers]
+            [(Occur.Should, Query.range_query(self.schema, KIND, integer, n, n)) for n in numbers]
         )
 
     def keys(self, keys: Iterable[str]) -> Query:

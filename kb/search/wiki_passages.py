@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from kb.core.profile import Profile
-from kb.search.passage import MOST_WORDS, Beside, Passage, day, pieces, plain, rows
+from kb.core.config.profile import Profile
+from kb.search.passage import MOST_WORDS, Passage, RowsByKey, day, pieces, plain, rows
 
 _PAGE = ["page_id", "title", "url", "revision_id", "revision_timestamp", "license"]
 _ELEMENT = ["page_id", "element_id", "parent_id", "kind", "tag", "region", "heading_level"]
@@ -39,9 +39,9 @@ class PageSection:
 def passages(_: Profile, root: Path) -> Iterator[Passage]:
     """The passages of all kept pages, by page. Raises DamagedData."""
     shown = [*_ELEMENT, "text", "visible"]
-    elements = Beside(rows(root, "wiki/elements", shown), "page_id")
-    cells = Beside(rows(root, "wiki/cells", _CELL), "page_id")
-    images = Beside(rows(root, "wiki/images", ["page_id", "element_id", "alt_text"]), "page_id")
+    elements = RowsByKey(rows(root, "wiki/elements", shown), "page_id")
+    cells = RowsByKey(rows(root, "wiki/cells", _CELL), "page_id")
+    images = RowsByKey(rows(root, "wiki/images", ["page_id", "element_id", "alt_text"]), "page_id")
     for page in rows(root, "wiki/pages", _PAGE):
         key = page["page_id"]
         tables = grid(cells.of(key))
@@ -52,13 +52,13 @@ def passages(_: Profile, root: Path) -> Iterator[Passage]:
 
 def grid(cells: Iterable[dict[str, Any]]) -> dict[int, list[str]]:
     """The rows of each table of a page, the words of a row's cells between bars."""
-    found: dict[int, list[str]] = {}
+    grids: dict[int, list[str]] = {}
     for (table, _), row in groupby(cells, key=lambda one: (one["table_id"], one["row_index"])):
         words = [" ".join(plain(cell["text"]).split()) for cell in row]
         line = " | ".join(word for word in words if word)
         if line:
-            found.setdefault(table, []).append(line)
-    return found
+            grids.setdefault(table, []).append(line)
+    return grids
 
 
 def sections(
@@ -106,8 +106,8 @@ def _begun(headings: list[tuple[int, str]], anchors: Counter[str]) -> PageSectio
         return PageSection()
     anchor = names[-1].replace(" ", "_")
     anchors[anchor.lower()] += 1
-    again = anchors[anchor.lower()]
-    return PageSection(anchor if again == 1 else f"{anchor}_{again}", " › ".join(names))
+    number = anchors[anchor.lower()]
+    return PageSection(anchor if number == 1 else f"{anchor}_{number}", " › ".join(names))
 
 
 def _of(page: dict[str, Any], section: PageSection) -> Iterator[Passage]:

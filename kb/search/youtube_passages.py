@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.profile import Profile
-from kb.search.passage import Beside, Passage, batches, day, pieces, plain, rows
+from kb.core.config.profile import Profile
+from kb.search.passage import Passage, RowsByKey, batches, day, pieces, plain, rows
 
 MOST = 120  # words of a window
 LEAST = 60  # words before which no pause ends one
@@ -55,7 +55,7 @@ class Talk(NamedTuple):
 
 def passages(_: Profile, root: Path) -> Iterator[Passage]:
     """The passages of all kept videos, by video. Raises DamagedData."""
-    heard = Beside(spoken(root), "video_id")
+    heard = RowsByKey(spoken(root), "video_id")
     for video in rows(root, "youtube/videos", _VIDEO):
         key, title = video["video_id"], plain(video["title"])
         about = {
@@ -69,9 +69,9 @@ def passages(_: Profile, root: Path) -> Iterator[Passage]:
         for text in list(pieces(described)) or [""]:
             yield Passage("video", text=text, url=f"{_WATCH}{key}", **about)
         for transcript in heard.of(key):
-            said: Talk = transcript["talk"]
-            for begin, after in said.windows():
-                text, times = "\n".join(said.texts[begin:after]), said.starts[begin:after]
+            speech: Talk = transcript["talk"]
+            for begin, after in speech.windows():
+                text, times = "\n".join(speech.texts[begin:after]), speech.starts[begin:after]
                 url = f"{_WATCH}{key}&t={int(times[0])}s"
                 yield Passage("transcript", text=text, url=url, times=times, **about)
 
@@ -123,9 +123,9 @@ def talk(
 
 
 def _talk(starts: list[float], ends: list[float], texts: list[str]) -> Talk:
-    whole = f" {' '.join(texts)} "
-    one_form = whole.isascii() or unicodedata.is_normalized("NFC", whole)
-    if one_form and whole.isprintable() and "  " not in whole:  # as nearly all are
+    joined = f" {' '.join(texts)} "
+    one_form = joined.isascii() or unicodedata.is_normalized("NFC", joined)
+    if one_form and joined.isprintable() and "  " not in joined:  # as nearly all are
         counts = [text.count(" ") + 1 for text in texts]
         if max(counts, default=0) <= MOST:
             return Talk(starts, ends, texts, list(accumulate(counts, initial=0)))
@@ -142,10 +142,10 @@ def _divided(
 ) -> tuple[list[float], list[float], list[list[str]]]:
     """Cues without words left out, those of more than a window's in parts."""
     starts, ends, parts = [], [], []
-    for start, end, said in zip(begun, ended, words, strict=True):
-        for at in range(0, len(said), MOST):
-            after = min(at + MOST, len(said))
-            starts.append(start + at / len(said) * (end - start))
-            ends.append(start + after / len(said) * (end - start))
-            parts.append(said[at:after])
+    for start, end, cue_words in zip(begun, ended, words, strict=True):
+        for at in range(0, len(cue_words), MOST):
+            after = min(at + MOST, len(cue_words))
+            starts.append(start + at / len(cue_words) * (end - start))
+            ends.append(start + after / len(cue_words) * (end - start))
+            parts.append(cue_words[at:after])
     return starts, ends, parts

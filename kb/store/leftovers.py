@@ -14,9 +14,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from kb.core.sources import EXPORTS, MADE_OF, SPECS, made_of
-from kb.store import database, process
+from kb.store import process
 from kb.store.atomic import followed, settle_folder
 from kb.store.layout import Layout
+from kb.store.tables import database
 
 _FILE = re.compile(r"\..+\.(tmp|filled\.parquet)|\.filled\.parquet")
 _FOLDER = re.compile(r"\.(?P<name>.+)\.(new|old)|\.(sort|shot)-.+")

@@ -8,10 +8,11 @@ from pathlib import Path
 from kb.artifacts import manifest
 from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES, SPECS
-from kb.store import leftovers, rawlog, sidefiles
+from kb.store import leftovers
 from kb.store.advice import advice
+from kb.store.rawlog import rawlog, sidefiles
 from kb.verify import raw, tables
-from kb.verify.found import Look
+from kb.verify.findings import Look
 
 # Beside the folders of commands: other roots and what belongs to a checkout.
 NEIGHBOURS = {"demo", "dumps", "profiles", "demo-finished", ".gitignore", ".gitkeep"}

@@ -11,9 +11,10 @@ import msgspec
 import zstandard
 
 from kb.core.errors import DamagedData
-from kb.store import checksums, damage, mending, rawlog, reading, sidefiles
 from kb.store.layout import BELOW, CAPTURED, Layout
-from kb.verify.found import Look
+from kb.store.rawlog import damaged_answers, quarantine, rawlog, sidefiles
+from kb.store.tables import checksums, reading
+from kb.verify.findings import Look
 
 _CAPTURE = ("extraction.json.zst", "page.html.zst", "screenshot.png")
 _STATE = "move it away; the next run rebuilds it from the raw data"
@@ -35,7 +36,7 @@ class SegmentVerifier:
         """Read a segment in full."""
         look, name, size = self._look, rawlog.base_name(path), path.stat().st_size
         committed = self._known.pop((path.parent.name, name), 0)
-        gaps = damage.gaps(path, committed)
+        gaps = quarantine.gaps(path, committed)
         look.advance(size)
         if committed > size:
             what = f"ends at byte {size:,}, {committed - size:,} bytes are missing"
@@ -62,7 +63,7 @@ class SegmentVerifier:
         ]
         if not told and self._state_is_whole():
             try:
-                mending.check(self._root, self._source)
+                damaged_answers.check(self._root, self._source)
             except DamagedData as error:
                 self._look.missing("raw answers", base, error.hint, str(error))
 

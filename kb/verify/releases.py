@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from kb.artifacts import manifest, release_folder
-from kb.store import checksums
+from kb.store.tables import checksums
 from kb.verify import tables
-from kb.verify.found import Look
+from kb.verify.findings import Look
 
 CROISSANT = "croissant.json"
 _PLAIN = {".gitkeep"}

@@ -14,10 +14,13 @@ from typing import Protocol
 
 from kb.core.errors import KbError
 from kb.core.progress import Progress
-from kb.store import checksums, lock, sidefiles, tombstones
+from kb.store import lock
 from kb.store.atomic import write_bytes
 from kb.store.layout import CAPTURED, Layout, parquet_files
-from kb.verify.found import Look, VerifyFinding
+from kb.store.rawlog import sidefiles
+from kb.store.state import tombstones
+from kb.store.tables import checksums
+from kb.verify.findings import Look, VerifyFinding
 from kb.verify.root import verify
 
 Act = Callable[[], object]

@@ -9,10 +9,10 @@ from pathlib import Path
 from kb.artifacts.catalog import Catalog, empty, existing, is_root
 from kb.artifacts.release_folder import DOWNLOAD
 from kb.core.progress import Progress
-from kb.verify import releases, together
-from kb.verify.busy import Busy
+from kb.verify import cross_checks, releases
+from kb.verify.concurrent_writes import Busy
 from kb.verify.files import NEIGHBOURS, FileVerifier
-from kb.verify.found import Look
+from kb.verify.findings import Look
 
 
 def verify(folder: Path, progress: Progress) -> Look:
@@ -52,7 +52,7 @@ def verify(folder: Path, progress: Progress) -> Look:
 def _root(look: Look, root: Path, files: Iterable[Path]) -> None:
     """Each file by where it is, then what is not there, then what the files say together."""
     FileVerifier(look, root).read(files)
-    together.compare(look, root)
+    cross_checks.compare(look, root)
 
 
 def _look_again(look: Look, root: Path, busy: Busy, progress: Progress) -> None:

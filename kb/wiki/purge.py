@@ -10,10 +10,11 @@ from collections.abc import Collection
 from kb.artifacts.purge import Purge, PurgeList, PurgeRules
 from kb.artifacts.purge_raw import Names
 from kb.artifacts.purge_rows import location_of, shared_locations
-from kb.store import rawlog, sidefiles, tombstones
-from kb.store.frontier import Frontier
 from kb.store.inside import is_inside
 from kb.store.layout import BELOW, Layout
+from kb.store.rawlog import rawlog, sidefiles
+from kb.store.state import tombstones
+from kb.store.state.frontier import Frontier
 from kb.wiki.connector.ids import read_names
 from kb.wiki.connector.reduce import LEFT
 from kb.wiki.parse import extraction, tables

@@ -73,7 +73,7 @@ def test_an_older_release_goes_whole(tmp_path: Path, make_rows, run_at, fill) ->
     parquet.export(
         run_at(tmp_path),
         "youtube",
-        beside=lambda fresh: (fresh / "extra.tar").write_bytes(b"x") and None,
+        add_files=lambda fresh: (fresh / "extra.tar").write_bytes(b"x") and None,
     )
     assert sorted(path.name for path in old.iterdir()) == [
         "extra.tar",

@@ -13,11 +13,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.artifacts import build, manifest
+from kb.core.config.pipeline import load, locate
 from kb.core.errors import FatalError, UsageError
-from kb.core.pipeline import load, locate
 from kb.core.progress import Silent
-from kb.store import parquet
-from kb.verify.found import Look, VerifyFinding
+from kb.store.tables import parquet
+from kb.verify.findings import Look, VerifyFinding
 from kb.verify.repair import Crawl, Make, Step, repaired
 from kb.verify.root import verify as look_at
 from tests.filters.made import run_at

@@ -25,17 +25,17 @@ from kb.artifacts.restore import (
     RestoreFolder,
     fresh_rows,
 )
+from kb.core.config.profile.reddit import Links
 from kb.core.errors import SettingError
-from kb.core.profile.reddit import Links
 from kb.reddit.connector.ids import Released, WantedThings
 from kb.reddit.dumps.cursor import KIND
 from kb.reddit.parse import answers as parse
 from kb.reddit.parse.assemble import assemble, newest_of, with_counts
 from kb.reddit.parse.tree import depths
 from kb.schema.tables import Table
-from kb.store import rawlog
 from kb.store.atomic import full_disk_is_resumable
-from kb.store.shuffle import Shuffle
+from kb.store.rawlog import rawlog
+from kb.store.tables.shuffle import Shuffle
 
 TABLES = (RestoredTable("reddit/posts", "t3_"), RestoredTable("reddit/comments", "t1_"))
 DONE = ".done.json"  # which lists of ids were answered, and how many rows the tables have
@@ -172,11 +172,11 @@ def _in_order(rows: pa.Table) -> pa.Table:
     what was there, then the later dump. A removal that does not say when it was read is newer than
     anything: nothing shows that it was undone.
     """
-    gone = pc.is_valid(rows["gone"])
-    undated = pc.and_(gone, pc.is_null(rows["fetched_at"]))
+    is_removed = pc.is_valid(rows["gone"])
+    undated = pc.and_(is_removed, pc.is_null(rows["fetched_at"]))
     forever = pa.scalar(FOREVER, rows.schema.field("fetched_at").type)
     rows = _put(rows, "fetched_at", pc.if_else(undated, forever, rows["fetched_at"]))
-    rows = rows.append_column("is_gone", gone)
+    rows = rows.append_column("is_gone", is_removed)
     return rows.sort_by([("is_gone", "ascending"), ("dump", "ascending")]).drop_columns("is_gone")
 
 
@@ -217,7 +217,7 @@ def _put(rows: pa.Table, name: str, values: pa.ChunkedArray[Any]) -> pa.Table:
     return rows.set_column(rows.column_names.index(name), name, values)
 
 
-def _reason(state: str, gone: str | None) -> str | None:
+def _reason(state: str, removed: str | None) -> str | None:
     if state != "there":
         return "missing" if state in ("missing", "stub") else "malformed"
-    return gone
+    return removed

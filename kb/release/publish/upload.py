@@ -22,8 +22,8 @@ from kb.release.metadata.zenodo import Document
 from kb.release.publish.service import Forbidden, Gone, doi, page
 from kb.release.publish.zenodo import Zenodo, md5
 from kb.store.atomic import write_text
-from kb.store.checksums import SUMS, digest
 from kb.store.layout import Layout
+from kb.store.tables.checksums import SUMS, digest
 
 
 def document_of(folder: ReleaseFolder) -> dict[str, Any]:
@@ -88,9 +88,9 @@ class Upload:
 
     def _published(self, shown: dict[str, Any], state: str, uploaded: int) -> dict[str, Any]:
         """Note a record, so that it is not made again."""
-        told = {"id": shown["id"], "doi": doi(shown), "page": page(shown)}
-        self._write({**told, "published": self.digest})
-        return {"state": state, **told, "uploaded": uploaded}
+        record = {"id": shown["id"], "doi": doi(shown), "page": page(shown)}
+        self._write({**record, "published": self.digest})
+        return {"state": state, **record, "uploaded": uploaded}
 
     def _known(self) -> dict[str, Any]:
         """What the state says of this folder, as far as the service still has it."""

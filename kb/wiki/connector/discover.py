@@ -12,11 +12,12 @@ from pathlib import Path
 import msgspec
 
 from kb.core import clock
+from kb.core.config.profile.wiki import Wiki
 from kb.core.errors import DamagedData
-from kb.core.profile.wiki import Wiki
-from kb.store import rawlog, sidefiles, tombstones
-from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
+from kb.store.rawlog import rawlog, sidefiles
+from kb.store.state import tombstones
+from kb.store.state.frontier import Frontier
 from kb.wiki.connector import reduce
 from kb.wiki.connector.reduce import SiteItem, Title
 from kb.wiki.parse import extraction

@@ -19,8 +19,8 @@ from typing import Any
 import msgspec
 from msgspec.structs import replace
 
-from kb.store.frontier import Frontier
-from kb.store.rawlog import Envelope
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state.frontier import Frontier
 from kb.wiki.parse import answers
 
 # Reasons for which a page is too large, and what in [wiki] allows more.

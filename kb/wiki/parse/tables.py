@@ -36,7 +36,7 @@ def size(root: Path) -> int:
 
 
 def read_pages(
-    root: Path, rows: dict[str, Any], whole: bool, *, rules: facts.MarkupRules
+    root: Path, rows: dict[str, Any], follows: bool, *, rules: facts.MarkupRules
 ) -> dict[str, Any]:
     """Pages with sizes, `text` and `word_count`; with `whole` also the tables of PARTS.
 
@@ -48,7 +48,7 @@ def read_pages(
     pages = rows["wiki/pages"]
     stored: Files = (
         {row["key"]: row for row in rows["files"].to_pylist() if row["path"] is not None}
-        if whole
+        if follows
         else {}
     )
     parts = _Parts(stored, rules)
@@ -73,7 +73,7 @@ def read_pages(
                 "word_count": len(text.split()),
                 "text": text,
             }
-            if whole:
+            if follows:
                 parts.add(page, seen)
         for name, values in columns.items():
             values.append(values_of_page.get(name))
@@ -82,7 +82,7 @@ def read_pages(
     types = {column.name: column.parsed.arrow() for column in table("wiki/pages").columns}
     for name, values in columns.items():
         pages = pages.append_column(name, pa.array(values, types.get(name, pa.string())))
-    return {"wiki/pages": pages, **(parts.tables() if whole else {})}
+    return {"wiki/pages": pages, **(parts.tables() if follows else {})}
 
 
 class _Parts:

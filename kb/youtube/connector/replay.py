@@ -14,10 +14,10 @@ from typing import Any, TypedDict
 import msgspec
 import pyarrow as pa
 
-from kb.store import rawlog, typed
-from kb.store.frontier import Frontier
-from kb.store.newest import newest
-from kb.store.rawlog import Envelope
+from kb.store.rawlog import rawlog, typed
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state.frontier import Frontier
+from kb.store.tables.latest import newest
 from kb.youtube.connector.reduce import (
     RAW_INFO,
     RAW_STATISTICS,

@@ -44,9 +44,9 @@ def subtitles(name: str) -> SubtitleName | None:
     if match is None:
         return None
     stem = match["stem"]
-    found = _IN_BRACKETS.search(stem)
-    if found is not None:
-        video_id: str | None = found[1]
+    in_brackets = _IN_BRACKETS.search(stem)
+    if in_brackets is not None:
+        video_id: str | None = in_brackets[1]
     else:
         video_id = stem if VIDEO_ID.fullmatch(stem) else None
     return SubtitleName(stem, video_id, match["language"], match["format"])

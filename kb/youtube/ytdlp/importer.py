@@ -20,11 +20,11 @@ import msgspec
 from kb.core import clock, signals
 from kb.core.context import Run
 from kb.core.errors import FatalError, KbError, LimitReached, SettingError
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.crawl.session import CrawlSession, open_session
 from kb.schema.tables import table
-from kb.store import rawlog
-from kb.store.rawlog import Envelope, Request
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import Envelope, Request
 from kb.youtube.connector.reduce import RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES
 from kb.youtube.connector.source import YouTubeSource
 from kb.youtube.ytdlp import files, info, subtitles
@@ -146,18 +146,18 @@ class _Import:
         self, data: bytes, params: dict[str, Any], changed: datetime
     ) -> Iterator[tuple[str, Envelope]]:
         """A playlist's own answer is the last one: only it says that the file was read."""
-        found = info.read(data)
-        if not (found.videos or found.playlists):
+        parsed = info.read(data)
+        if not (parsed.videos or parsed.playlists):
             raise _LeftOut(FOREIGN)
-        gone = self._session.gone
-        videos = [one for one in found.videos if one["id"] not in gone]
-        if not (videos or found.playlists):
+        purged = self._session.gone
+        videos = [one for one in parsed.videos if one["id"] not in purged]
+        if not (videos or parsed.playlists):
             raise _LeftOut(PURGED)
         for one in videos:
-            named = {"playlist_file": params["file"]} if found.playlists else params
+            named = {"playlist_file": params["file"]} if parsed.playlists else params
             yield RAW_INFO, _envelope(info.read_at(one) or changed, named, one)
-        for one in found.playlists:
-            one["entries"] = [each for each in one["entries"] if each["id"] not in gone]
+        for one in parsed.playlists:
+            one["entries"] = [each for each in one["entries"] if each["id"] not in purged]
             yield RAW_PLAYLISTS, _envelope(info.read_at(one) or changed, params, one)
 
     def _subtitles(
@@ -171,7 +171,7 @@ class _Import:
         text = data.decode("utf-8-sig")  # UnicodeDecodeError is a ValueError
         if not subtitles.read(named.format, text).cues:
             raise ValueError("no cue in it")
-        video_id = named.video_id or _id_beside(Path(entry.path), named.stem)
+        video_id = named.video_id or _id_from_info(Path(entry.path), named.stem)
         if video_id is None:
             raise _LeftOut(NAMELESS)
         if video_id in self._session.gone:
@@ -234,7 +234,7 @@ class _LeftOut(Exception):
     """A file that is not imported; its text is the reason."""
 
 
-def told(summary: Summary) -> list[str]:
+def unfilled_columns(summary: Summary) -> list[str]:
     """Lines for a person: files left out by reason, and columns that files leave null."""
     lines = []
     if left_out := summary["left_out_by"]:
@@ -282,10 +282,10 @@ def _envelope(at: datetime, params: dict[str, Any], response: Any) -> Envelope:
     return Envelope(clock.stamp(at), Request("file", params), 200, response)
 
 
-def _id_beside(path: Path, stem: str) -> str | None:
+def _id_from_info(path: Path, stem: str) -> str | None:
     """The video's id by the info.json of the same name; None where there is none."""
     try:
-        found = info.read(path.with_name(f"{stem}{files.INFO}").read_bytes())
+        parsed = info.read(path.with_name(f"{stem}{files.INFO}").read_bytes())
     except (OSError, ValueError):
         return None
-    return found.videos[0]["id"] if len(found.videos) == 1 else None
+    return parsed.videos[0]["id"] if len(parsed.videos) == 1 else None

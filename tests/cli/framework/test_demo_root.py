@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from kb.cli.framework.demo_root import FINISHED, in_demo_root
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.errors import MissingExtra
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.sandbox import toxicity
 
 

@@ -15,7 +15,7 @@ from kb.cli.framework.command import command, group
 from kb.cli.framework.options import Part, Plan, parse_part, pipeline
 from kb.cli.framework.source_commands import add_export, add_filter
 from kb.core.errors import SettingError
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -153,10 +153,10 @@ def import_(
     same command resumes. Columns that the files don't contain stay null and are listed at the end.
     The files lack YouTube's game label, so keywords alone decide the topic.
     """
-    from kb.youtube.ytdlp.importer import import_folders, told
+    from kb.youtube.ytdlp.importer import import_folders, unfilled_columns
 
     summary = import_folders(run, folders)
-    for line in told(summary):
+    for line in unfilled_columns(summary):
         typer.echo(line)
     return summary
 

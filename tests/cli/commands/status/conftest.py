@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from kb.store.frontier import Frontier
+from kb.store.state.frontier import Frontier
 
 
 @pytest.fixture

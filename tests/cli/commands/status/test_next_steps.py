@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from kb.core import vocabulary
-from kb.core.verdict import Summary
+from kb.core.summary import Summary, vocabulary
 from kb.sandbox.server import Sandbox
 from tests.contract.test_one_noun import MAIN, world
 from tests.youtube.job import Job

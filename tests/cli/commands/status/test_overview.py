@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from kb.store.frontier import Frontier
 from kb.store.lock import writer
+from kb.store.state.frontier import Frontier
 from tests.cli.commands.status.conftest import fill, status
 
 
