@@ -19,8 +19,8 @@ def ask(sql: str, *, seconds: float = 30, **given: int) -> QueryReply:
 
 def test_rows_and_characters_are_bounded() -> None:
     reply = ask("FROM range(100)", rows=3)
-    assert (reply.lines, reply.more) == (["range", "0", "1", "2"], True)
-    assert ask("SELECT 7 AS n") == QueryReply(["n", "7"])
+    assert (reply.lines, reply.more) == (["range\n", "0\n", "1\n", "2\n"], True)
+    assert ask("SELECT 7 AS n") == QueryReply(["n\n", "7\n"])
     reply = ask("SELECT repeat('x', 900) AS text FROM range(3)", cell=900, characters=1000)
     assert (len(reply.lines), reply.more) == (2, True)
 

@@ -30,7 +30,7 @@ def test_a_demo_without_the_model_is_not_scored(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def missing() -> Path:
-        raise MissingExtra("torch", "toxicity")
+        raise MissingExtra("torch is not installed")
 
     monkeypatch.delenv("KB_TOXICITY_MODEL", raising=False)
     monkeypatch.setattr(toxicity, "tiny_checkpoint", missing)

@@ -26,19 +26,19 @@ def sandbox() -> Iterator[Sandbox]:
 def api(sandbox: Sandbox) -> Any:
     """api(path, …) → the answer as JSON, asked with a token."""
     url = sandbox.settings()["KB_REDDIT_ENDPOINT"]
-    token = requests.post(f"{url}/api/v1/access_token", auth=(CLIENT, SECRET), timeout=10).json()
+    token = requests.post(f"{url}/api/v1/access_token", auth=(CLIENT, SECRET), timeout=60).json()
     headers = {"Authorization": f"bearer {token['access_token']}"}
 
     def get(path: str, **params: Any) -> Any:
-        return requests.get(f"{url}/{path}", params=params, headers=headers, timeout=10).json()
+        return requests.get(f"{url}/{path}", params=params, headers=headers, timeout=60).json()
 
     return get
 
 
 def test_without_a_token_nothing_is_answered(sandbox: Sandbox) -> None:
     url = sandbox.settings()["KB_REDDIT_ENDPOINT"]
-    assert requests.get(f"{url}/r/Minecraft/new", timeout=10).status_code == 401
-    refused = requests.post(f"{url}/api/v1/access_token", auth=(CLIENT, "x"), timeout=10)
+    assert requests.get(f"{url}/r/Minecraft/new", timeout=60).status_code == 401
+    refused = requests.post(f"{url}/api/v1/access_token", auth=(CLIENT, "x"), timeout=60)
     assert refused.status_code == 401
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from kb.core.errors import DamagedData
 from kb.filters.clean import run_clean
-from kb.store import rawlog
+from kb.store.rawlog import rawlog
 from tests.wiki.handmade_data import (
     MONDAY,
     page,
