@@ -130,7 +130,7 @@ def open_session(
 
     `place` is a work folder that holds raw answers and state instead of the data root. `asks` is
     false where nothing is asked of the service, so that no credential is needed and any host will
-    do. Without `tells` the caller says by `mending.tell` which raw data are damaged.
+    do. Without `tells` the caller reports by `damaged_answers.report` which raw data are damaged.
     Raises UsageError before anything is sent or written, WriterLocked, DamagedData.
     """
     root = place or run.root
