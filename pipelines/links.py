@@ -17,7 +17,7 @@ from kb.artifacts import domain_binding
 from kb.artifacts.catalog import Catalog
 from kb.core.context import Run
 from kb.core.errors import FatalError, MissingExtra, ProfileError
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.export import layouts
 from kb.links.build import build, check
 from kb.links.entity_pages import Names

@@ -19,7 +19,7 @@ from pathlib import Path
 from kb.artifacts import domain_binding
 from kb.core.context import Run
 from kb.core.errors import LimitReached
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.export import layouts
 from kb.pairs.build import build, check
 from kb.store.layout import Layout

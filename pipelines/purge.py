@@ -19,10 +19,10 @@ from kb.annotate.scores import drop_unused
 from kb.artifacts import domain_binding, manifest
 from kb.artifacts import purge as steps
 from kb.artifacts.purge import PurgeLine, Step
+from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.pipeline import load, locate
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.crawl.purge import purge_answers
 from kb.export import layouts
 from kb.filters.clean import texts

@@ -13,9 +13,9 @@ from pathlib import Path
 
 from kb.artifacts.build import clear_finished
 from kb.artifacts.purge import connector
+from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.pipeline import load, locate
 from kb.core.sources import PUBLISHED, SOURCES, SPECS, exported_by
 from kb.crawl.job import crawl_source
 from kb.crawl.session import open_session

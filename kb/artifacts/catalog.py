@@ -25,8 +25,8 @@ from typing import NamedTuple
 
 from kb.artifacts import manifest, release_folder
 from kb.artifacts.release_folder import ReleaseFolder
-from kb.core.cache import cache_root
 from kb.core.errors import DamagedData, FatalError, KbError, SettingError, UsageError
+from kb.core.installation import cache_root
 from kb.core.sources import PUBLISHED, SOURCES, SPECS
 from kb.schema.tables import Table, table, tables
 from kb.store.advice import advice

@@ -16,10 +16,10 @@ from urllib.parse import urlsplit
 import msgspec
 
 from kb.artifacts.catalog import Catalog, is_root
+from kb.core.config.profile import Profile, is_shipped, load_profile
 from kb.core.context import Run
 from kb.core.errors import OtherService, ProfileError
-from kb.core.profile import Profile, is_shipped, load_profile
-from kb.core.resources import PROFILE_FILE
+from kb.core.installation import PROFILE_FILE
 from kb.core.sources import SOURCES
 from kb.store import leftovers, lock
 from kb.store.atomic import write_bytes

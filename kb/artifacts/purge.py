@@ -37,7 +37,7 @@ from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.source_spec import load_name
 from kb.core.sources import SPECS
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.store import lock
 from kb.store.atomic import write_bytes
 from kb.store.layout import BELOW, Layout

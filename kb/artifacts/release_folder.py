@@ -23,7 +23,7 @@ import pyarrow as pa
 
 from kb.artifacts import manifest
 from kb.core.errors import DamagedData
-from kb.core.resources import PROFILE_FILE
+from kb.core.installation import PROFILE_FILE
 from kb.core.sources import RELEASES
 from kb.schema.tables import Table, released_tables, table, tables
 from kb.store.tables import parquet

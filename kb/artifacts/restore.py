@@ -29,8 +29,8 @@ import pyarrow.parquet as pq
 
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.errors import SettingError
-from kb.core.plan import PlanPart
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPart
 from kb.schema.tables import Table, table
 from kb.store.atomic import replacing_folder, settle_folder
 from kb.store.layout import Layout, parquet_files

@@ -28,7 +28,7 @@ import duckdb
 from kb.artifacts import manifest
 from kb.core.context import Run
 from kb.core.errors import FatalError
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
 from kb.store.tables import database, parquet

@@ -27,7 +27,7 @@ from pathlib import Path
 from urllib.parse import quote, unquote, urlsplit
 
 from kb.core.context import Run
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.export.rows import Row, check_rows, sorted_rows
 from kb.store.atomic import replacing_folder
 from kb.store.layout import CAPTURED, Layout

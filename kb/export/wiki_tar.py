@@ -24,7 +24,7 @@ from typing import Any
 import pyarrow as pa
 
 from kb.core.context import Run
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.export import parquet
 from kb.export.rows import check_rows, sorted_rows
 from kb.schema.tables import table

@@ -22,11 +22,11 @@ from typing import Any
 import pyarrow as pa
 
 from kb.artifacts import domain_binding, index, manifest
-from kb.core import pipeline, vocabulary
+from kb.core.config import pipeline
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import CountMismatch, DamagedData, FatalError
-from kb.core.verdict import Summary, Tally
+from kb.core.summary import Summary, Tally, vocabulary
 from kb.filters.chain import VERDICTS, Clean
 from kb.filters.tasks import FilterJob, collect_texts, decode_segment, filter_bucket, spec_of
 from kb.filters.unanswered import unanswered

@@ -10,7 +10,7 @@ import pyarrow.compute as pc
 
 from kb.core.context import Run
 from kb.core.errors import NothingKept
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.store.layout import Layout, parquet_files
 from kb.store.tables import parquet
 

@@ -26,9 +26,9 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core import pipeline
+from kb.core.config import pipeline
+from kb.core.config.profile import Profile
 from kb.core.errors import FatalError
-from kb.core.profile import Profile
 from kb.filters.chain import VERDICTS, Chain, Clean, Judged, declared_columns, judge_chain
 from kb.filters.judgement import SCORED
 from kb.schema.tables import table

@@ -23,9 +23,9 @@ from kb.artifacts.catalog import NO_TABLES, Catalog
 from kb.artifacts.manifest import Build
 from kb.core.context import Run
 from kb.core.errors import FatalError
-from kb.core.optional import require
+from kb.core.installation import require
 from kb.core.sources import SPECS
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.links import entity_pages
 from kb.links.entity_pages import Names, Own
 from kb.links.mentions import Finder, finder, mentions, rows

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.optional import np
+from kb.core.installation import np
 from kb.core.source_spec import TextColumns
 from kb.core.sources import SPECS
 from kb.pairs import transcripts

@@ -20,11 +20,11 @@ from kb.artifacts import domain_binding, manifest
 from kb.artifacts.registry import ARTIFACTS
 from kb.artifacts.restore import WantedContent
 from kb.core import signals
+from kb.core.config.profile.pairs import Pairs
 from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
-from kb.core.plan import PlanPart, PlanPhase
-from kb.core.profile.pairs import Pairs
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPart, PlanPhase
 from kb.pairs import transcripts
 from kb.pairs.clip_tokens import ENDS
 from kb.pairs.extract import make_tools

@@ -7,10 +7,10 @@ import pyarrow as pa
 
 from kb.artifacts import domain_binding, texts
 from kb.artifacts.catalog import Catalog
+from kb.core.config.profile import DEFAULT, load_profile
+from kb.core.config.settings import Settings
 from kb.core.context import Run
 from kb.core.errors import UsageError
-from kb.core.profile import DEFAULT, load_profile
-from kb.core.settings import Settings
 from kb.core.sources import SOURCES
 from kb.reader.open_tables import OpenTables
 from kb.reader.tables import QueryResult

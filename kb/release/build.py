@@ -25,7 +25,7 @@ from kb.core.errors import DamagedData, ReleaseRefused, UsageError
 from kb.core.licences import KNOWN
 from kb.core.progress import Task
 from kb.core.sources import PUBLISHED, exported_by, made_of
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.release import folders, history, provenance, sample
 from kb.release.gate import check
 from kb.release.gate.problem import GateProblem

@@ -11,13 +11,13 @@ from pathlib import Path
 from kb.artifacts import domain_binding
 from kb.artifacts.catalog import Catalog, empty
 from kb.core import signals
+from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, MissingExtra, UsageError
 from kb.core.installation import install_extra
-from kb.core.profile import Profile
 from kb.core.source_spec import ReportSpec, load_name
 from kb.core.sources import SOURCES, SPECS
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.report.data import ReportData
 from kb.report.figures import funnel
 from kb.report.page import ReportSection, page

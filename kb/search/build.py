@@ -13,11 +13,11 @@ from typing import NamedTuple
 from kb.artifacts import domain_binding, manifest, texts
 from kb.artifacts import index as index_of
 from kb.artifacts.catalog import NO_TABLES, Catalog, empty
+from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.errors import FatalError
-from kb.core.profile import Profile
 from kb.core.sources import SOURCES, SPECS
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.search import tantivy_index
 from kb.search.tantivy_index import STEMMERS
 from kb.store.layout import Layout

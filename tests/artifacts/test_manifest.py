@@ -12,8 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.artifacts import manifest
+from kb.core.config.pipeline import load, locate
 from kb.core.errors import DamagedData, KbError, ReleaseRefused
-from kb.core.pipeline import load, locate
 from kb.export import minedojo, parquet
 from kb.filters.clean import run_clean
 from kb.pairs.build import build

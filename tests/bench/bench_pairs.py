@@ -23,7 +23,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.pairs.extract import make_tools, pairs_of
 from kb.pairs.keywords import load
 from kb.pairs.matching import Folded, leftmost_longest
@@ -176,8 +176,8 @@ _CHILD = """
 import json, sys, time
 from pathlib import Path
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.pairs.build import build
 begin, cpu = time.perf_counter(), time.process_time()
 settings, profile = load_settings(dotenv=False), load_profile("minecraft")

@@ -28,7 +28,7 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.schema import table
 from kb.search import youtube_passages
 from kb.search.answers import search

@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from kb.core import vocabulary
-from kb.core.verdict import Summary
+from kb.core.summary import Summary, vocabulary
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.wiki.browser import chromium

@@ -11,9 +11,9 @@ import pytest
 from kb.annotate import chunks
 from kb.annotate.toxicity import ToxicityScorer
 from kb.core import clock
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.sandbox.toxicity import tiny_checkpoint
 from tests.annotate.demo_texts import WORDS
 from tests.conftest import needs

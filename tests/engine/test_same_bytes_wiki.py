@@ -9,9 +9,9 @@ import shutil
 import pytest
 
 from kb.annotate.toxicity import ToxicityScorer
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.filters.clean import run_clean, texts
 from kb.sandbox.toxicity import tiny_checkpoint
 from kb.store.tables import partition

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from kb.core import pipeline
+from kb.core.config import pipeline
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.filters.clean import run_clean
 from kb.pairs import build
 from kb.sandbox.server import Sandbox

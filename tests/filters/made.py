@@ -8,9 +8,9 @@ from typing import Any
 
 import pyarrow.parquet as pq
 
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import Settings
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import Settings
 from kb.store.rawlog import rawlog
 
 GAME = "UCQvWX73GQygcwXOTSf_VDVg"

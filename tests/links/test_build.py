@@ -15,9 +15,9 @@ import pytest
 
 import kb
 from kb.artifacts import manifest
+from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
 from kb.core.errors import DamagedData, WriterLocked
-from kb.core.pipeline import load, locate
 from kb.core.progress import Silent
 from kb.links import build as building
 from kb.links.entity_pages import Names

@@ -16,10 +16,10 @@ import pytest
 
 import kb
 from kb import query
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import DamagedData, LimitReached, MissingCredential, QuotaSpent, SettingError
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.net import retry
 from kb.release.build import describe
 from kb.release.downloaded import find

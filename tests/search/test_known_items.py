@@ -17,8 +17,8 @@ from urllib.parse import unquote, urlsplit
 import pytest
 import requests
 
-from kb.core import pipeline
-from kb.core.profile import load_profile
+from kb.core.config import pipeline
+from kb.core.config.profile import load_profile
 from kb.core.sources import SOURCES
 from kb.filters.clean import run_clean
 from kb.sandbox.reddit.subreddit import Subreddit

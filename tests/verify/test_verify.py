@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.artifacts import build, manifest
+from kb.core.config.pipeline import load, locate
 from kb.core.errors import FatalError, UsageError
-from kb.core.pipeline import load, locate
 from kb.core.progress import Silent
 from kb.store.tables import parquet
 from kb.verify.findings import Findings, VerifyFinding

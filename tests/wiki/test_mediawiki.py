@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.filters.clean import run_clean
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones

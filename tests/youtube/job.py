@@ -10,7 +10,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-from kb.core.resources import folder
+from kb.core.installation import folder
 from kb.sandbox.server import Sandbox
 from kb.store.rawlog import rawlog
 from tests import processes

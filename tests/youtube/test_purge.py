@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from kb.artifacts import domain_binding
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from tests.crash import harm

@@ -13,7 +13,7 @@ from kb.cli.framework.options import CLUSTER
 from kb.core.errors import KbError
 from kb.core.source_spec import CommandHelp
 from kb.core.sources import SPECS
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run

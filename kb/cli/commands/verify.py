@@ -12,7 +12,7 @@ from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show, with_options
 from kb.cli.framework.options import pipeline
 from kb.core.errors import DamagedData, UsageError
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.cli.framework.options import Options

@@ -11,7 +11,7 @@ import typer
 from kb.cli.framework.command import command
 from kb.cli.framework.options import CLUSTER, pipeline
 from kb.core.sources import SPECS
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run

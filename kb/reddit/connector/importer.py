@@ -12,11 +12,11 @@ from pathlib import Path
 import msgspec
 
 from kb.core import signals
+from kb.core.config.profile.reddit import RedditSection
 from kb.core.context import Run
 from kb.core.engine import make_executor
 from kb.core.errors import Interrupted, LimitReached, Stopped
-from kb.core.profile.reddit import RedditSection
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.crawl.session import open_session
 from kb.reddit.connector.source import Dumps
 from kb.reddit.dumps.containers import memory

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from kb.core.addresses import is_loopback
+from kb.core.config.addresses import is_loopback
+from kb.core.config.profile.reddit import RedditSection
 from kb.core.context import Run
-from kb.core.plan import PlanPhase, plan, to_read
-from kb.core.profile.reddit import RedditSection
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPhase, plan, to_read
 from kb.reddit.connector.client import IDS, ROOT
 from kb.reddit.connector.ids import Ids, asked_for
 from kb.reddit.connector.reduce import PAGES

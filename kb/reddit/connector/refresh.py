@@ -23,7 +23,7 @@ import pyarrow.parquet as pq
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import Retryable
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession

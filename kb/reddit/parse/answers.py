@@ -14,8 +14,8 @@ from typing import Any
 import msgspec
 import pyarrow as pa
 
+from kb.core.config.profile.reddit import Links
 from kb.core.errors import DamagedData
-from kb.core.profile.reddit import Links
 from kb.reddit.parse import tree
 from kb.reddit.parse.records import RecordReader, Row, new_row
 from kb.schema.coerce import times

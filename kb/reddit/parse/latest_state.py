@@ -16,9 +16,9 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core.config.profile.reddit import Links, RedditSection
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
-from kb.core.profile.reddit import Links, RedditSection
 from kb.reddit.parse import answers as parse
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.layout import Layout

@@ -25,8 +25,8 @@ from kb.artifacts.restore import (
     RestoreFolder,
     fresh_rows,
 )
+from kb.core.config.profile.reddit import Links
 from kb.core.errors import SettingError
-from kb.core.profile.reddit import Links
 from kb.reddit.connector.ids import Released, WantedThings
 from kb.reddit.dumps.cursor import KIND
 from kb.reddit.parse import answers as parse

@@ -20,8 +20,8 @@ import duckdb
 import pyarrow as pa
 
 from kb.artifacts.release_folder import ReleaseFolder
+from kb.core.config.profile.release import Release
 from kb.core.errors import DamagedData
-from kb.core.profile.release import Release
 from kb.release.gate.problem import GateProblem
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import scan

@@ -12,14 +12,14 @@ from typing import Any
 from kb.artifacts import domain_binding
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core import signals
-from kb.core.addresses import is_loopback
-from kb.core.contact import is_placeholder
+from kb.core.config.addresses import is_loopback
+from kb.core.config.profile.base import is_placeholder
+from kb.core.config.profile.release import Release
 from kb.core.context import Run
 from kb.core.errors import KbError, ProfileError
-from kb.core.profile.release import Release
-from kb.core.resources import PROFILE_FILE
+from kb.core.installation import PROFILE_FILE
 from kb.core.sources import exported_by, made_by, made_of
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.net.session import HttpSession, host_of
 from kb.release.build import exported, refuse
 from kb.release.gate import check

@@ -12,8 +12,8 @@ from pathlib import Path
 import msgspec
 
 from kb.core import clock
+from kb.core.config.profile.wiki import Wiki
 from kb.core.errors import DamagedData
-from kb.core.profile.wiki import Wiki
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog, sidefiles
 from kb.store.state import tombstones

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from kb.core import signals
+from kb.core.config.profile.wiki import Wiki
 from kb.core.errors import ItemFinal, Retryable
-from kb.core.profile.wiki import Wiki
 from kb.crawl.source import Answer
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog

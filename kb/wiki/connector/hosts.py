@@ -14,7 +14,7 @@ from urllib.parse import urlsplit, urlunsplit
 import requests
 
 from kb.core import clock
-from kb.core.addresses import is_loopback
+from kb.core.config.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.net import retry

@@ -13,8 +13,8 @@ from typing import Any
 import msgspec
 
 from kb.core import clock
+from kb.core.config.profile.wiki import Wiki
 from kb.core.errors import Blocked, ItemFinal, Retryable
-from kb.core.profile.wiki import Wiki
 from kb.net import retry
 from kb.store.atomic import full_disk_is_resumable, replacing_folder
 from kb.store.layout import Layout

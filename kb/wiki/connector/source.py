@@ -20,9 +20,9 @@ from urllib.parse import urlsplit
 
 from requests import PreparedRequest
 
+from kb.core.config.profile.wiki import Wiki
 from kb.core.context import Run
-from kb.core.profile.wiki import Wiki
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.crawl.id_list import IdList
 from kb.crawl.job import work
 from kb.crawl.loop import Loop

@@ -22,11 +22,11 @@ from typing import Any, NamedTuple
 import msgspec
 
 from kb.core import clock
+from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
-from kb.core.plan import PlanPhase as Step
-from kb.core.plan import plan as make_plan
-from kb.core.profile.youtube import YouTubeSection
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPhase as Step
+from kb.core.summary.plan import plan as make_plan
 from kb.crawl import id_list
 from kb.crawl.job import work
 from kb.crawl.loop import Loop

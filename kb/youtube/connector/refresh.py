@@ -21,12 +21,12 @@ from typing import Any, NamedTuple
 import msgspec
 
 from kb.core import clock
+from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.profile.youtube import YouTubeSection as Profile
 from kb.core.context import Run
-from kb.core.plan import PlanPhase as Step
-from kb.core.plan import plan
-from kb.core.profile.youtube import YouTubeSection
-from kb.core.profile.youtube import YouTubeSection as Profile
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPhase as Step
+from kb.core.summary.plan import plan
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession

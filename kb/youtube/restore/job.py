@@ -30,11 +30,11 @@ from kb.artifacts.restore import (
     RestoreFolder,
     WantedContent,
 )
+from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import Interrupted, Stopped
-from kb.core.plan import PlanPart
-from kb.core.profile.youtube import YouTubeSection
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPart
 from kb.crawl.job import work
 from kb.crawl.source import Opened
 from kb.store.atomic import write_text

@@ -20,7 +20,7 @@ import msgspec
 from kb.core import clock, signals
 from kb.core.context import Run
 from kb.core.errors import FatalError, KbError, LimitReached, SettingError
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.crawl.session import CrawlSession, open_session
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog

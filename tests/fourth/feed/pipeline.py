@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 
 import pyarrow as pa
 
-from kb.core.profile import Profile
+from kb.core.config.profile import Profile
 from kb.filters.chain import Chain, Clean
 from kb.filters.predicates import AtLeast
 from kb.schema.decode import ColumnReader

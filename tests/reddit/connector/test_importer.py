@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
+from kb.core.config.profile import load_profile
+from kb.core.config.profile.toxicity import Toxicity
 from kb.core.errors import LimitReached, SettingError
-from kb.core.profile import load_profile
-from kb.core.profile.toxicity import Toxicity
 from kb.core.progress import LineProgress
 from kb.filters.clean import run_clean
 from kb.reddit.connector.importer import _side_by_side, import_dumps

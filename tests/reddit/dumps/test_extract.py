@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.reddit.connector.importer import import_dumps
 from kb.reddit.parse import answers as parse
 from kb.store.rawlog import rawlog

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData
-from kb.core.profile import load_profile
 from kb.reddit.parse import answers as parse
 from kb.reddit.parse import tree
 from kb.store.rawlog import rawlog

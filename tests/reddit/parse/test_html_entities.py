@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.reddit.parse import answers as parse
 from kb.reddit.parse.html_entities import resolve, unescaped, was_never_escaped
 from kb.store.rawlog import rawlog

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from kb.artifacts import domain_binding
+from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData, OtherService, ProfileError
-from kb.core.profile import load_profile
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store import lock, process
@@ -96,7 +96,7 @@ def test_another_profile_is_refused_once_something_is_stored(tmp_path: Path) -> 
 BEGINS = """
 import sys
 from pathlib import Path
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.store import lock
 from kb.artifacts import domain_binding
 root = Path(sys.argv[1])

@@ -10,8 +10,8 @@ import json
 import pyarrow.parquet as pq
 import pytest
 
+from kb.core.config.pipeline import load, locate
 from kb.core.errors import NothingRead, SettingError
-from kb.core.pipeline import load, locate
 from kb.filters.clean import run_clean
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones

@@ -17,6 +17,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+from kb.core.config.pipeline import load, locate
 from kb.core.errors import (
     Blocked,
     DamagedData,
@@ -26,7 +27,6 @@ from kb.core.errors import (
     SettingError,
     Unreachable,
 )
-from kb.core.pipeline import load, locate
 from kb.core.progress import Silent
 from kb.export import minedojo_wiki, wiki_tar
 from kb.filters.clean import run_clean

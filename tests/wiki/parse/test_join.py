@@ -11,10 +11,10 @@ import pyarrow.parquet as pq
 import pytest
 import zstandard
 
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.filters.clean import run_clean
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones

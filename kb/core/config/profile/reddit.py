@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field, field_validator
 
-from kb.core.profile.base import Section
+from kb.core.config.profile.base import Section
 
 _SPANS = ("all", "year", "month", "week", "day", "hour")
 

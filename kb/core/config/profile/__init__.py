@@ -13,16 +13,15 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from pydantic import Field, ValidationError, create_model
 
+from kb.core.config.profile.base import Section, explain
+from kb.core.config.profile.pairs import Pairs
+from kb.core.config.profile.reddit import RedditSection
+from kb.core.config.profile.release import Release, Report
+from kb.core.config.profile.toxicity import Toxicity
+from kb.core.config.profile.wiki import Wiki
+from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.errors import ProfileError
-from kb.core.profile.base import Section, explain
-from kb.core.profile.pairs import Pairs
-from kb.core.profile.reddit import RedditSection
-from kb.core.profile.release import Release
-from kb.core.profile.report import Report
-from kb.core.profile.toxicity import Toxicity
-from kb.core.profile.wiki import Wiki
-from kb.core.profile.youtube import YouTubeSection
-from kb.core.resources import PROFILE_FILE, folder
+from kb.core.installation import PROFILE_FILE, folder
 from kb.core.sources import SPECS
 
 DEFAULT = "minecraft"

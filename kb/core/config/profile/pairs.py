@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from kb.core.profile.base import Section
+from kb.core.config.profile.base import Section
 
 
 class Pairs(Section):

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 from kb.core.errors import SettingError
-from kb.core.resources import folder
+from kb.core.installation import folder
 from kb.core.sources import SPECS
 
 

@@ -13,14 +13,13 @@ from collections.abc import Iterator
 from typing import Any
 from urllib.parse import urlsplit
 
-from kb.core.contact import is_placeholder
+from kb.core.config.profile import Profile, load_profile, shipped_names
+from kb.core.config.profile.base import FILL_IN, is_placeholder
+from kb.core.config.profile.everyday_words import is_everyday
+from kb.core.config.profile.finding import ERROR, NOTE, WARNING
 from kb.core.errors import ProfileError
+from kb.core.installation import folder
 from kb.core.licences import KNOWN
-from kb.core.profile import Profile, load_profile, shipped_names
-from kb.core.profile.base import FILL_IN
-from kb.core.profile.everyday_words import is_everyday
-from kb.core.profile.finding import ERROR, NOTE, WARNING
-from kb.core.resources import folder
 from kb.core.sources import SOURCES, made_of
 
 Said = tuple[str, str, str, str]

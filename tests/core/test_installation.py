@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from kb.core.cache import making
+from kb.core.installation import making
 
 
 def test_the_first_whole_one_stays(tmp_path):

@@ -19,8 +19,8 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from kb.core.profile import Profile
-from kb.core.profile.base import FILL_IN, model_in
+from kb.core.config.profile import Profile
+from kb.core.config.profile.base import FILL_IN, model_in
 
 _WIDTH = 98
 _CATEGORIES = (

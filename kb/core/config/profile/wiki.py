@@ -7,9 +7,8 @@ from urllib.parse import urlsplit
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from kb.core.addresses import NOT_HTTPS, in_the_clear
-from kb.core.profile.base import Section
-from kb.core.profile.selectors import problem
+from kb.core.config.addresses import NOT_HTTPS, in_the_clear
+from kb.core.config.profile.base import Section
 
 _REGIONS = {
     "infobox": ".infobox, .portable-infobox, .notaninfobox, [class^='infobox']",
@@ -87,7 +86,11 @@ class Markup(Section):
     @field_validator("*")
     @classmethod
     def _selector(cls, value: object, info: ValidationInfo) -> object:
-        if isinstance(value, str) and info.field_name != "item" and (wrong := problem(value)):
+        if (
+            isinstance(value, str)
+            and info.field_name != "item"
+            and (wrong := selector_problem(value))
+        ):
             raise ValueError(wrong)
         return value
 
@@ -111,7 +114,7 @@ class Markup(Section):
                 f"has unknown regions {', '.join(sorted(unknown))}; known: {', '.join(_REGIONS)}"
             )
         for name, selector in value.items():
-            if wrong := problem(selector):
+            if wrong := selector_problem(selector):
                 raise ValueError(f"{name} {wrong}")
         return value
 
@@ -211,3 +214,48 @@ class Wiki(Section):
             "image_tries": 2,
             "max_pixels": self.max_pixels,
         }
+
+
+_NAME = r"(?:[\w-]|[^\x00-\x7f]|\\.)+"
+_TEXT = r"\"(?:[^\"\\]|\\.)*\"|'(?:[^'\\]|\\.)*'"
+_SIMPLE = re.compile(
+    rf"\*|{_NAME}|[.#]{_NAME}"
+    rf"|\[\s*{_NAME}(?:\s*[~|^$*]?=\s*(?:{_NAME}|{_TEXT})(?:\s*[iIsS])?)?\s*\]"
+    rf"|::?{_NAME}(?P<open>\()?"
+)
+_COMBINATOR = re.compile(r"\s*[>+~,]\s*|\s+")
+_INNER = re.compile(rf"{_TEXT}|[()]|[^()\"']+")
+
+
+def selector_problem(selector: str) -> str | None:
+    """What is wrong with a list of selectors, None where nothing is."""
+    text, place = selector.strip(), 0
+    if not text:
+        return "must be a CSS selector"
+    wanted = True  # a simple selector must come
+    while place < len(text):
+        simple = _SIMPLE.match(text, place)
+        if simple is None:
+            between = None if wanted else _COMBINATOR.match(text, place)
+            if between is None:
+                return f"must be a CSS selector; {text[place:][:20]!r} is out of place"
+            place, wanted = between.end(), True
+            continue
+        place, wanted = simple.end(), False
+        if simple["open"]:
+            end = _closed(text, place)
+            if end is None:
+                return f"must be a CSS selector; {simple[0]!r} is never closed"
+            place = end
+    return "must be a CSS selector; it ends before its last part" if wanted else None
+
+
+def _closed(text: str, place: int) -> int | None:
+    """The place behind the bracket that closes one opened before `place`."""
+    depth = 1
+    while (part := _INNER.match(text, place)) is not None:
+        depth += (part[0] == "(") - (part[0] == ")")
+        place = part.end()
+        if not depth:
+            return place
+    return None

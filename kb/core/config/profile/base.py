@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import types
 import typing
 from typing import Any, ClassVar, NamedTuple
@@ -10,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 
-from kb.core import wording
+from kb.core.config import value_errors
 
 # What `kb profile new` writes where only the user knows the value.
 FILL_IN = "FILL-IN"
@@ -77,8 +78,8 @@ def _problem(problem: Any, model: type[BaseModel]) -> ProfileProblem:
         return ProfileProblem(key, f"'{key}' is still to be filled in")
     field = field_of(model, problem["loc"])
     # A table is not shown whole: what is wrong in it is said.
-    given = "" if isinstance(value, (dict, BaseModel)) else f" is {wording.shown(value)}"
-    fix = wording.wrong(problem, field)
+    given = "" if isinstance(value, (dict, BaseModel)) else f" is {value_errors.shown(value)}"
+    fix = value_errors.wrong(problem, field)
     if kind == "literal_error" and isinstance(value, str):
         close = difflib.get_close_matches(
             value, [part.strip("' ") for part in allowed.replace(" or ", ",").split(",")], n=1
@@ -135,3 +136,17 @@ def model_in(annotation: Any) -> type[BaseModel] | None:
             if model is not None:
                 return model
     return None
+
+
+# Hosts of RFC 2606 and RFC 6761, which nobody can own.
+_HOST = re.compile(
+    r"(?:[@/.]|^)(?:example\.(?:com|org|net|edu)|(?:[\w-]+\.)*(?:example|invalid|test|localhost))"
+    r"(?![\w.-]*\w)",
+    re.IGNORECASE,
+)
+_NAME = re.compile(r"\b(?:you|your[-_.]?\w+|someone)@", re.IGNORECASE)
+
+
+def is_placeholder(contact: str) -> bool:
+    """Whether it is an example's address (example.org, you@…, FILL-IN, …invalid)."""
+    return FILL_IN in contact or bool(_HOST.search(contact) or _NAME.search(contact))

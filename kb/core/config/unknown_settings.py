@@ -9,7 +9,7 @@ from pathlib import Path
 
 from dotenv import dotenv_values
 
-from kb.core.settings import Settings
+from kb.core.config.settings import Settings
 
 _OURS = ("KB_", "YOUTUBE_", "REDDIT_", "ZENODO_")
 _OF_TESTS = ("KB_TEST_", "KB_BENCH_", "KB_RECORDED")

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from kb.core.profile.base import Section
+from kb.core.config.profile.base import Section
 
 Score = Annotated[float, Field(ge=0, le=1)]
 

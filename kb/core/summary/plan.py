@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from kb.core import terminal, vocabulary
+from kb.core import terminal
+from kb.core.summary import vocabulary
 
 _MORE = ("days", "searches_left_today", "units_left_today")
 _COLUMNS = ("items", "requests", "units", "hours", "gb")

@@ -22,8 +22,9 @@ from pydantic_settings import (
     SettingsConfigDict,
 )
 
-from kb.core import clock, terminal, wording
-from kb.core.addresses import NOT_HTTPS, in_the_clear
+from kb.core import clock, terminal
+from kb.core.config import value_errors
+from kb.core.config.addresses import NOT_HTTPS, in_the_clear
 from kb.core.errors import MissingCredential, SettingError
 
 _log = logging.getLogger("kb.settings")
@@ -250,7 +251,7 @@ class Settings(BaseSettings):
         """Raises SettingError when a contact is set that nobody could write to or look at."""
         if self.kb_contact and not _CONTACT.search(self.kb_contact):
             raise SettingError(
-                f"KB_CONTACT is {wording.shown(self.kb_contact)}:"
+                f"KB_CONTACT is {value_errors.shown(self.kb_contact)}:"
                 " must contain an e-mail or web address",
                 hint="such as me@example.org or https://example.org/about;"
                 " services see it in the User-Agent",
@@ -293,8 +294,8 @@ def _problem(first: Any) -> str:
     field = Settings.model_fields.get(name)
     given = first.get("input")
     secret = field is None or name in _MAY_BE_EMPTY or name.endswith(_ADDRESSES)
-    shown = "" if secret else f" is {wording.shown(str(given))}"
-    return f"{name.upper()}{shown}: {wording.wrong(first, field)}"
+    shown = "" if secret else f" is {value_errors.shown(str(given))}"
+    return f"{name.upper()}{shown}: {value_errors.wrong(first, field)}"
 
 
 def load_settings(*, dotenv: bool = True, **values: object) -> Settings:

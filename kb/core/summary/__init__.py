@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from kb.core import plan, vocabulary
 from kb.core.errors import CountMismatch
+from kb.core.summary import plan, vocabulary
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +39,8 @@ class Tally:
 class Summary(dict[str, Any]):
     """What a command did: the numbers of its last line (`--json`), in order.
 
-    Names are those of kb.core.vocabulary; `command` says whose summary it is, `counted` what
-    its `crawled` counts.
+    The names are those of kb.core.summary.vocabulary. `command` is the command that ran, `counted`
+    the noun that `crawled` counts.
     """
 
     def line(self) -> str:
