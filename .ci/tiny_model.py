@@ -36,7 +36,7 @@ import numpy as np
 import torch
 import zstandard
 
-from kb.store.reading import SANDBOX_MODEL
+from kb.store.tables.reading import SANDBOX_MODEL
 
 DATA = Path(__file__).resolve().parents[1] / "kb" / "sandbox" / "data" / "toxicity"
 WORDS = tomllib.loads((DATA / "words.toml").read_text(encoding="utf-8"))

@@ -13,11 +13,11 @@ from __future__ import annotations
 import shutil
 from collections.abc import Mapping
 
-from kb.artifacts import belonging
+from kb.artifacts import domain_binding
 from kb.artifacts.catalog import Catalog
 from kb.core.context import Run
 from kb.core.errors import FatalError, MissingExtra, ProfileError
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.export import layouts
 from kb.links.build import build, check
 from kb.links.entity_pages import Names
@@ -28,7 +28,7 @@ from kb.wiki.parse import page_names
 def links(run: Run) -> Summary:
     """Make the entity tables, then their release."""
     check(run)
-    with belonging.writing(run, "links", "release-links"):
+    with domain_binding.writing(run, "links", "release-links"):
         made = tables(run)
         if Catalog(run.root.absolute()).is_download:
             return made

@@ -16,10 +16,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from kb.artifacts import belonging
+from kb.artifacts import domain_binding
 from kb.core.context import Run
 from kb.core.errors import LimitReached
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.export import layouts
 from kb.pairs.build import build, check
 from kb.store.layout import Layout
@@ -28,7 +28,7 @@ from kb.store.layout import Layout
 def pairs(run: Run, layout: str) -> Summary:
     """Make the pairs, then write them in the given layout."""
     check(run)
-    with belonging.writing(run, "pairs", "release-pairs"):
+    with domain_binding.writing(run, "pairs", "release-pairs"):
         try:
             made = build(run)
         except LimitReached:

@@ -16,13 +16,13 @@ import shutil
 from pathlib import Path
 
 from kb.annotate.scores import drop_unused
-from kb.artifacts import belonging, manifest
+from kb.artifacts import domain_binding, manifest
 from kb.artifacts import purge as steps
 from kb.artifacts.purge import PurgeLine, Step
+from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.pipeline import load, locate
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.crawl.purge import purge_answers
 from kb.export import layouts
 from kb.filters.clean import texts
@@ -41,7 +41,7 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
     """
     rules = steps.rules_of(source)
     listed = rules.read_ids(ids, run.progress.say) if ids else None
-    with belonging.writing(run, *lock.of_purge(source)):
+    with domain_binding.writing(run, *lock.of_purge(source)):
         clean = f"clean/{source}"
         current = manifest.is_current(run.root, clean)
         purge = purge_answers(run, rules, listed)

@@ -11,10 +11,10 @@ from __future__ import annotations
 from functools import partial
 
 from kb.annotate import toxicity
+from kb.core.config.profile import Profile
+from kb.core.config.profile.reddit import RedditSection
 from kb.core.context import Run
-from kb.core.profile import Profile
-from kb.core.profile.reddit import RedditSection
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.export import layouts
 from kb.filters.chain import Chain, Clean
 from kb.filters.judgement import Predicate

@@ -13,7 +13,7 @@ folder: what the paper's authors made by hand.
 from __future__ import annotations
 
 from kb.core.context import Run
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.release.publish.publish import publish as upload
 
 

@@ -12,12 +12,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from kb.artifacts.restore import RestoreJob, choose, write_missing
-from kb.core import plan as planned
+from kb.core.config.pipeline import load, locate
+from kb.core.config.profile import Profile
+from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
-from kb.core.pipeline import load, locate
-from kb.core.profile import Profile
-from kb.core.profile.youtube import YouTubeSection
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
+from kb.core.summary import plan as planned
 from kb.crawl.job import Parts
 from kb.filters.chain import Clean
 from kb.filters.clean import run_clean

@@ -15,10 +15,10 @@ from functools import partial
 from pathlib import Path
 
 from kb.annotate import toxicity
+from kb.core.config.profile import Profile
+from kb.core.config.profile.wiki import Wiki
 from kb.core.context import Run
-from kb.core.profile import Profile
-from kb.core.profile.wiki import Wiki
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.export import layouts
 from kb.filters.chain import Chain, Clean, Follow, SideFiles
 from kb.filters.judgement import Predicate

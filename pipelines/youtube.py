@@ -13,10 +13,10 @@ from pathlib import Path
 
 from kb.annotate import toxicity
 from kb.annotate.word_count import word_count_of_lists
+from kb.core.config.profile import Profile
+from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
-from kb.core.profile import Profile
-from kb.core.profile.youtube import YouTubeSection
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.export import layouts
 from kb.filters.chain import Chain, Clean, Follow
 from kb.filters.judgement import Predicate

@@ -17,12 +17,11 @@ from pathlib import Path
 
 from kb.annotate.model_files import check_model_files
 from kb.annotate.published_models import KNOWN, PUBLISHED, Published
-from kb.core.cache import cache_root
+from kb.core.config.settings import Settings
 from kb.core.errors import MissingExtra, MissingModel, SettingError
-from kb.core.installation import install_extra
-from kb.core.settings import Settings
-from kb.store import checksums
-from kb.store.reading import SANDBOX_MODEL
+from kb.core.installation import cache_root, install_extra
+from kb.store.tables import checksums
+from kb.store.tables.reading import SANDBOX_MODEL
 
 EXTRA = ("torch", "transformers", "detoxify", "onnx", "onnxruntime")
 _PREFIX = re.compile(r"-([0-9a-f]{8,64})\.[A-Za-z0-9]+$")

@@ -18,7 +18,7 @@ from kb.annotate.published_models import PUBLISHED, Published
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, Retryable, SettingError
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.net.retry import attempt
 from kb.net.session import HttpSession, failure, send
 from kb.store.atomic import full_disk_is_resumable, sync_file, sync_folder

@@ -22,7 +22,7 @@ from kb.annotate.checkpoint import Checkpoint, sha256_of
 from kb.annotate.detoxify_model import load_detoxify
 from kb.annotate.inference import Meta, ModelNetwork, Runner
 from kb.annotate.model_files import tokenizer_files
-from kb.core.cache import cache_root, making
+from kb.core.installation import cache_root, making
 from kb.store.atomic import writing
 
 FORMAT = 6  # raise it when the folder's files change meaning

@@ -21,10 +21,10 @@ import pyarrow.compute as pc
 
 from kb.artifacts import manifest, purge_rows
 from kb.schema.tables import table
-from kb.store import database, parquet
 from kb.store.layout import Layout, parquet_files
-from kb.store.reading import reading, scan
-from kb.store.shards import ShardWriter, order, write_table
+from kb.store.tables import database, parquet
+from kb.store.tables.reading import reading, scan
+from kb.store.tables.shards import ShardWriter, order, write_table
 
 TABLE = "shared/annotations"
 CATEGORIES = (

@@ -28,7 +28,7 @@ from kb.core.engine import make_executor, map_in_order
 from kb.schema import table
 from kb.store.atomic import write_text
 from kb.store.layout import Layout, parquet_files
-from kb.store.shards import write_table
+from kb.store.tables.shards import write_table
 
 _PLAN = "plan.json"
 
@@ -140,8 +140,8 @@ def write_part(
 ) -> None:
     """Write a finished part: its figures, then its rows. Raises DiskFull."""
     write_text(Path(folder, f"{name}.json"), json.dumps(figures))
-    whole = pa.concat_tables(rows) if rows else table(declared).arrow().empty_table()
-    write_table(Path(folder, f"{name}.parquet"), whole, declared)
+    complete = pa.concat_tables(rows) if rows else table(declared).arrow().empty_table()
+    write_table(Path(folder, f"{name}.parquet"), complete, declared)
 
 
 def read_plan(folder: str) -> Any:

@@ -36,11 +36,13 @@ import pyarrow.parquet as pq
 
 from kb.artifacts.registry import ARTIFACTS, Artifact, artifact_of, of_table
 from kb.core.errors import DamagedData
-from kb.store import checksums, notes, rawlog
 from kb.store.atomic import replacing_folder, write_bytes
-from kb.store.checksums import FileEntry
 from kb.store.layout import Layout, parquet_files, rows_pattern
-from kb.store.parquet import content_digest
+from kb.store.rawlog import rawlog
+from kb.store.state import json_files
+from kb.store.tables import checksums
+from kb.store.tables.checksums import FileEntry
+from kb.store.tables.parquet import content_digest
 
 NAME = checksums.MANIFEST
 SUMMARY = "_summary.json"  # the figures of pairs and links in data roots of older versions
@@ -85,8 +87,8 @@ def path(root: Path, name: str) -> Path:
 def read(root: Path, name: str) -> Manifest | None:
     """The manifest of an artifact; None where it was never made. Raises DamagedData."""
     artifact, place = ARTIFACTS[name], path(root, name)
-    found: Manifest | None = notes.read(place, Manifest, fix=artifact.hint)
-    return _from_older_notes(root, artifact) if found is None else found
+    loaded: Manifest | None = json_files.read(place, Manifest, fix=artifact.hint)
+    return _from_older_notes(root, artifact) if loaded is None else loaded
 
 
 @contextlib.contextmanager
@@ -193,13 +195,13 @@ def check_folder(folder: Path) -> None:
     """Raises DamagedData for the first missing file of a folder of Parquet files, which may be one
     of a data root, a release folder or any other with numbered shards.
     """
-    found = artifact_of(folder)
+    match = artifact_of(folder)
     lost = [folder / one for one in siblings(one.name for one in parquet_files(folder))]
     lost = [one for one in lost if not one.is_file()]
-    if found is not None:
-        root, artifact = found
+    if match is not None:
+        root, artifact = match
         lost += [one for one in missing(root, artifact.name) if one.parent == folder]
-    _refuse(sorted(lost), found[1].hint if found is not None else "restore it from a copy")
+    _refuse(sorted(lost), match[1].hint if match is not None else "restore it from a copy")
 
 
 def _refuse(lost: list[Path], hint: str) -> None:
@@ -210,15 +212,15 @@ def _refuse(lost: list[Path], hint: str) -> None:
 
 def missing(root: Path, name: str) -> list[Path]:
     """Files of an artifact, or of one declared table in it, that were written and are not there."""
-    whole = name in ARTIFACTS
-    artifact = ARTIFACTS[name] if whole else of_table(name)
+    is_artifact = name in ARTIFACTS
+    artifact = ARTIFACTS[name] if is_artifact else of_table(name)
     folder, manifest = artifact.folder(root), read(root, artifact.name)
     written = {folder / one for one in (manifest.files if manifest is not None else ())}
     if not artifact.public:
-        for table in artifact.tables if whole else (name,):
+        for table in artifact.tables if is_artifact else (name,):
             there = Layout(root).rows(table)
             written |= {one.with_name(shard) for one in there for shard in siblings([one.name])}
-    if not whole:
+    if not is_artifact:
         at = Layout(root)
         written = {one for one in written if one.match(str(at.table(name) / rows_pattern(name)))}
     return sorted(one for one in written if not one.is_file())
@@ -271,8 +273,8 @@ def _digest_of_input(
     if source != name:
         return _digest_of_raw(root, source)
     wanted = [one for one in ARTIFACTS[name].tables if one in reads or not reads]
-    found = {f"{one.partition('/')[2]}/{file.name}": file for one in wanted for file in files(one)}
-    return _digest(f"{name} {content_digest(file)}" for name, file in found.items())
+    paths = {f"{one.partition('/')[2]}/{file.name}": file for one in wanted for file in files(one)}
+    return _digest(f"{name} {content_digest(file)}" for name, file in paths.items())
 
 
 def _digest_of_raw(root: Path, source: str) -> str:
@@ -315,13 +317,13 @@ def _from_older_notes(root: Path, artifact: Artifact) -> Manifest | None:
     figures: dict[str, Any] = {}
     if kind == "clean":
         named: dict[str, list[str]] | None
-        named = notes.read(folder / "files.json", dict[str, list[str]], fix=artifact.hint)
+        named = json_files.read(folder / "files.json", dict[str, list[str]], fix=artifact.hint)
         if named is None and not (folder / "summary.json").is_file():
             return None
         for table, names in (named or {}).items():
             files.update({f"{table}/{one}": FileEntry() for one in names})
         with contextlib.suppress(DamagedData):
-            noted = notes.read(folder / "inputs.json", dict[str, str], fix="") or {}
+            noted = json_files.read(folder / "inputs.json", dict[str, str], fix="") or {}
             inputs[f"raw/{source}"] = noted.get("raw", "")
     elif kind == "release":
         place = Layout(root).state_folder() / f"release-{source}.exported"
@@ -329,7 +331,7 @@ def _from_older_notes(root: Path, artifact: Artifact) -> Manifest | None:
             return None
         inputs = {artifact.inputs[0]: place.read_text(encoding="utf-8", errors="replace")}
     elif artifact.name in ("pairs", "links"):
-        summary = notes.read(folder / SUMMARY, dict[str, Any], fix=artifact.hint)
+        summary = json_files.read(folder / SUMMARY, dict[str, Any], fix=artifact.hint)
         if summary is None:
             return None
         figures = summary

@@ -37,12 +37,15 @@ from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.source_spec import load_name
 from kb.core.sources import SPECS
-from kb.core.verdict import Summary
-from kb.store import buckets, lock, mending, notes, rawlog, tombstones
+from kb.core.summary import Summary
+from kb.store import lock
 from kb.store.atomic import write_bytes
-from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
-from kb.store.rawlog import Envelope
+from kb.store.rawlog import damaged_answers, rawlog
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state import json_files, tombstones
+from kb.store.state.frontier import Frontier
+from kb.store.tables import partition
 
 BY_NAME = "kb.crawl.purge:rules_by_name"  # the rules of sources that declare none
 _PARALLEL = 64 << 20  # bytes of segments that are worth worker processes, which take a second
@@ -199,7 +202,7 @@ def connector(source: str) -> Any:
 def unfinished(root: Path, source: str) -> dict[str, str]:
     """The list of an interrupted purge (key → reason), {} if there is none."""
     hint = f"delete it, then run `kb purge {source}` again"
-    return notes.read(Layout(root).purge(source), dict[str, str], fix=hint) or {}
+    return json_files.read(Layout(root).purge(source), dict[str, str], fix=hint) or {}
 
 
 def finish(root: Path, source: str) -> None:
@@ -215,7 +218,7 @@ def finish(root: Path, source: str) -> None:
             Layout(root).purge(source).unlink(missing_ok=True)
             # Parts of interrupted links have keys of all sources, whether there are links or not.
             shutil.rmtree(Layout(root).linking, ignore_errors=True)
-            mending.tell(root, source, frontier)
+            damaged_answers.report(root, source, frontier)
         finally:
             frontier.close()
 
@@ -280,7 +283,7 @@ def strip_segment(
         repeats.update(rules.repeats(envelope, keys))
         return rules.strip_envelope(path.parent.name, envelope, {**names, "": keys})
 
-    with buckets.without_collecting():
+    with partition.without_collecting():
         changes = purge_raw.changed_frames(path, matches, strip)
         count = sum(1 for _ in changes) if dry else purge_raw.rewrite_segment(path, changes)
     return count, sorted(repeats)
@@ -308,7 +311,9 @@ def state(purge: Purge) -> Iterator[PurgeLine]:
     """Items of the frontier, and unreadable bytes that may hold a key."""
     if not purge.dry:
         rules, frontier = purge.rules, purge.frontier
-        mending.drop_asides(purge.root, rules.source, frontier, purge.keys, rules.exact)
+        damaged_answers.remove_quarantined(
+            purge.root, rules.source, frontier, purge.keys, rules.exact
+        )
         for kind in rules.items:
             frontier.remove(kind, purge.keys)
         rules.forget(purge)
@@ -325,7 +330,7 @@ def rows(purge: Purge) -> Iterator[PurgeLine]:
         yield from _rows(purge, locations)
         return
     folders = (purge.root / location.folder / "rows" for location in purge.rules.rows)
-    artifacts = {found[1].name for folder in folders if (found := artifact_of(folder))}
+    artifacts = {match[1].name for folder in folders if (match := artifact_of(folder))}
     with manifest.editing(purge.root, *sorted(artifacts)):
         yield from _rows(purge, purge.rules.rows)
         purge.rules.repair(purge)

@@ -15,10 +15,10 @@ from ahocorasick_rs import BytesAhoCorasick, Implementation
 from kb.core import signals
 from kb.core.engine import make_threads
 from kb.schema import keys as schema
-from kb.store import damage, rawlog
 from kb.store.atomic import writing
-from kb.store.frontier import Frontier
-from kb.store.rawlog import Envelope, Request
+from kb.store.rawlog import quarantine, rawlog
+from kb.store.rawlog.rawlog import Envelope, Request
+from kb.store.state.frontier import Frontier
 
 Names = Mapping[str, Collection[str]]
 """What is removed, by kind of name as `of` in `x-keys` calls it; "" has the keys."""
@@ -112,10 +112,10 @@ def rewrite_segment(path: Path, changes: Iterable[tuple[int, int, Envelope | Non
     with writing(path) as temporary, path.open("rb") as old, temporary.open("wb") as new:
         at = 0
         for start, end, frame in frames:
-            damage.copy(old, new, at, start)
+            quarantine.copy(old, new, at, start)
             new.write(frame)
             at = end
-        damage.copy(old, new, at, path.stat().st_size)
+        quarantine.copy(old, new, at, path.stat().st_size)
     return len(frames)
 
 

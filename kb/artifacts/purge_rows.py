@@ -17,10 +17,10 @@ import pyarrow.compute as pc
 
 from kb.core.context import default_workers
 from kb.core.engine import make_threads
-from kb.store import parquet
 from kb.store.layout import BELOW, Layout, parquet_files, rows_pattern
-from kb.store.reading import reading
-from kb.store.shards import ShardWriter
+from kb.store.tables import parquet
+from kb.store.tables.reading import reading
+from kb.store.tables.shards import ShardWriter
 
 IsKept = Callable[[pa.RecordBatch], "pa.Array[Any]"]
 

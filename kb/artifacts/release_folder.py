@@ -23,12 +23,12 @@ import pyarrow as pa
 
 from kb.artifacts import manifest
 from kb.core.errors import DamagedData
-from kb.core.resources import PROFILE_FILE
+from kb.core.installation import PROFILE_FILE
 from kb.core.sources import RELEASES
 from kb.schema.tables import Table, released_tables, table, tables
-from kb.store import parquet
-from kb.store.checksums import SUMS, parsed
-from kb.store.reading import reading
+from kb.store.tables import parquet
+from kb.store.tables.checksums import SUMS, parsed
+from kb.store.tables.reading import reading
 
 TOMBSTONES = "tombstones.ndjson"  # readers of `*.parquet` took a Parquet file for a shard
 EARLIER_TOMBSTONES = "tombstones.parquet"  # of earlier releases
@@ -149,11 +149,11 @@ def tombstone_lines(rows: pa.Table) -> str:
     return "".join(f"{line.decode()}\n" for line in lines)
 
 
-def below(folder: Path) -> Iterator[ReleaseFolder]:
+def releases_below(folder: Path) -> Iterator[ReleaseFolder]:
     """The release folders directly below a folder, by name."""
     for inner in sorted(folder.glob("*/")):
-        if not inner.name.startswith(".") and (found := recognise(inner)):
-            yield found
+        if not inner.name.startswith(".") and (release := recognise(inner)):
+            yield release
 
 
 def entries(folder: Path) -> list[Path]:

@@ -89,7 +89,7 @@ def _paragraphs(text: str) -> str:
 
 def summaries() -> str:
     """Every name in a summary, as `--json` writes it, and its meaning."""
-    from kb.core.vocabulary import WORDS
+    from kb.core.summary.vocabulary import WORDS
 
     lines = [
         "# Summaries\n",
@@ -110,7 +110,7 @@ def summaries() -> str:
 
 def settings() -> str:
     """Every environment variable."""
-    from kb.core.settings import Settings
+    from kb.core.config.settings import Settings
 
     lines = [
         "# Settings\n",
@@ -129,7 +129,7 @@ def settings() -> str:
 
 def profile_keys() -> str:
     """Every key of a profile, by section."""
-    from kb.core.profile import Profile
+    from kb.core.config.profile import Profile
 
     lines = [
         "# Profiles\n",

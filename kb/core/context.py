@@ -6,9 +6,9 @@ import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from kb.core.profile import Profile
+from kb.core.config.profile import Profile
+from kb.core.config.settings import Settings
 from kb.core.progress import Progress, Silent
-from kb.core.settings import Settings
 
 
 def default_workers() -> int:

@@ -1,16 +1,24 @@
-"""What this software is, where it comes from and how to install it, for messages and cards.
+"""The installed software: its version, the files that travel with it, its extras and its cache.
 
 No package index has Lorecrawl, so no text names a package that anybody else could register there.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.metadata
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
 from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from kb import __version__
-from kb.core.resources import lock_file
+from kb.core.errors import DamagedData, MissingExtra
 
 _LABELS = ("source", "repository", "github", "homepage")  # of a package's addresses, best first
 
@@ -19,13 +27,6 @@ def install_extra(extra: str = "") -> str:
     """How to install an optional part of the software, or with "" the software itself."""
     package = f'".[{extra}]"' if extra else "."
     return f"run `make setup` in the checkout of Lorecrawl, or `pip install -e {package}` there"
-
-
-def software() -> str:
-    """Name, version, address (where the package declares one) and lock file of this software."""
-    facts = [software_address(), f"lock file SHA-256 {digest}" if (digest := lock_digest()) else ""]
-    known = ", ".join(fact for fact in facts if fact)
-    return f"Lorecrawl {__version__}" + (f" ({known})" if known else "")
 
 
 @cache
@@ -51,3 +52,86 @@ def software_address() -> str | None:
         label, _, url = line.partition(",")
         urls[label.strip().lower()] = url.strip()
     return next((urls[label] for label in _LABELS if urls.get(label)), None)
+
+
+PROFILE_FILE = "profile.toml"  # its name in a folder of its own, and in a release folder
+_CHECKOUT = {"schemas": "schemas", "pipelines": "pipelines", "profiles": "data/profiles"}
+
+
+def lock_file() -> Path | None:
+    """The exact versions that Lorecrawl is tested with; None where they were not installed."""
+    package = Path(__file__).resolve().parent.parent
+    places = (package / "requirements.lock", package.parent / ".ci" / "requirements.lock")
+    return next((path for path in places if path.is_file()), None)
+
+
+@cache
+def folder(name: str) -> Path:
+    """The folder "schemas", "pipelines" or "profiles". Raises DamagedData when it is gone."""
+    package = Path(__file__).resolve().parent.parent
+    for candidate in (package / name, package.parent / _CHECKOUT[name]):
+        if candidate.is_dir():
+            return candidate
+    raise DamagedData(
+        f"the folder {name!r} of Lorecrawl is missing", hint="install Lorecrawl again"
+    )
+
+
+__all__ = ["np", "require"]
+
+
+class _OptionalPackage:
+    """Imports the package when an attribute is asked for."""
+
+    def __init__(self, name: str, extra: str) -> None:
+        self._name, self._extra = name, extra
+
+    def __getattr__(self, attribute: str) -> Any:
+        require(self._extra, self._name)
+        value = getattr(import_module(self._name), attribute)
+        setattr(self, attribute, value)
+        return value
+
+
+def require(extra: str, *packages: str) -> None:
+    """Raises MissingExtra unless these packages, which `extra` installs, can be imported."""
+    for package in packages:
+        if find_spec(package) is None:
+            raise MissingExtra(
+                f"the package {package.replace('_', '-')} is not installed",
+                hint=install_extra(extra),
+            )
+
+
+if TYPE_CHECKING:
+    import numpy as np
+else:
+    np = _OptionalPackage("numpy", "pairs")
+
+
+def cache_root() -> Path:
+    """Where models and what is made of them are kept for every data root of this user."""
+    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base).absolute() / "lorecrawl"
+
+
+@contextlib.contextmanager
+def making(folder: Path, whole: Callable[[], bool]) -> Iterator[Path]:
+    """A fresh folder that becomes `folder` when the block ends well.
+
+    Several processes may make the same one at once (workers of a cluster): the first one's stays,
+    if it is `whole`. Raises OSError when the cache can't be written.
+    """
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    fresh.chmod(0o755)
+    try:
+        yield fresh
+        try:
+            os.rename(fresh, folder)
+        except OSError:
+            if not whole():
+                shutil.rmtree(folder, ignore_errors=True)
+                os.rename(fresh, folder)
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)

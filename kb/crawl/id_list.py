@@ -30,7 +30,7 @@ import msgspec
 import pyarrow.parquet as pq
 
 from kb.core.errors import SettingError
-from kb.store import parquet
+from kb.store.tables import parquet
 
 _HEAD = 4096  # characters by which a text's form is recognised
 _HOLDERS = ("metadata", "query", "allpages", "pages", "entries", "items")

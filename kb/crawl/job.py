@@ -12,7 +12,7 @@ from typing import Any
 from kb.core.context import Run
 from kb.core.errors import Interrupted, KbError, NothingRead, Stopped
 from kb.core.source_spec import SourceSpec
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.crawl.limits import upstream
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession, open_session

@@ -32,7 +32,7 @@ from kb.crawl.limits import worst
 from kb.crawl.session import CrawlSession
 from kb.crawl.source import Phase
 from kb.crawl.turns import Turn, Turns
-from kb.store.frontier import Item
+from kb.store.state.frontier import Item
 
 _EVERYTHING = (DiskFull, Interrupted)  # stops that are not one service's matter
 

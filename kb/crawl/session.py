@@ -12,16 +12,17 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from kb.artifacts import belonging
+from kb.artifacts import domain_binding
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import Blocked, Retryable
 from kb.crawl.source import Answer, Source
-from kb.store import identity, lock, tombstones
-from kb.store.frontier import Frontier
+from kb.store import lock
 from kb.store.layout import Layout
-from kb.store.rawlog import Envelope
-from kb.store.recorder import Recorder
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.rawlog.recorder import Recorder
+from kb.store.state import identity, tombstones
+from kb.store.state.frontier import Frontier
 
 BLOCKED = "blocked:"  # cursor: since when the service turns a lane away
 _STEP_S = 0.5  # how soon a thread that waits hears that its lane has ended
@@ -129,7 +130,7 @@ def open_session(
 
     `place` is a work folder that holds raw answers and state instead of the data root. `asks` is
     false where nothing is asked of the service, so that no credential is needed and any host will
-    do. Without `tells` the caller says by `mending.tell` which raw data are damaged.
+    do. Without `tells` the caller reports by `damaged_answers.report` which raw data are damaged.
     Raises UsageError before anything is sent or written, WriterLocked, DamagedData.
     """
     root = place or run.root
@@ -137,7 +138,7 @@ def open_session(
     with ExitStack() as stack:
         stack.enter_context(lock.writer(root, source.name))
         if root == run.root:
-            belonging.note(run.root, run.profile)
+            domain_binding.note(run.root, run.profile)
         identity.remember(root, source.name, **facts)
         frontier = Frontier(Layout(root).state(source.name), payloads=source.payloads)
         stack.callback(frontier.close)

@@ -9,9 +9,9 @@ from typing import Any, Protocol
 import msgspec
 
 from kb.core.context import Run
-from kb.store import rawlog
-from kb.store.frontier import Frontier, Item
-from kb.store.rawlog import Envelope
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state.frontier import Frontier, Item
 
 
 @dataclass(frozen=True, kw_only=True)

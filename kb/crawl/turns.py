@@ -18,7 +18,7 @@ from kb.core.errors import Blocked, LimitReached, QuotaSpent, Stopped, Unreachab
 from kb.crawl.limits import Limit, back_at, together, upstream
 from kb.crawl.session import CrawlSession
 from kb.crawl.source import Phase
-from kb.store.frontier import Item
+from kb.store.state.frontier import Item
 
 Turn = tuple[Phase, list[Item]]
 

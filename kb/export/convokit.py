@@ -28,11 +28,11 @@ import duckdb
 from kb.artifacts import manifest
 from kb.core.context import Run
 from kb.core.errors import FatalError
-from kb.core.verdict import Summary
-from kb.store import database, parquet
+from kb.core.summary import Summary
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
-from kb.store.reading import reading, scan
+from kb.store.tables import database, parquet
+from kb.store.tables.reading import reading, scan
 
 _GONE = "unknown-"  # and the id: ConvoKit needs a speaker for every utterance
 _TEXT, _NUMBER, _FLAG = ["<class 'str'>"], ["<class 'int'>"], ["<class 'bool'>"]

@@ -9,7 +9,7 @@ from typing import Any
 
 from kb.core.context import Run
 from kb.core.sources import SPECS
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.export import clip4mc, minedojo, parquet, video2dataset
 from kb.store.layout import Layout
 

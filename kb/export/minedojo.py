@@ -22,7 +22,7 @@ import re
 from pathlib import Path
 
 from kb.core.context import Run
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.export.rows import check_rows, json_list, sorted_rows
 from kb.store.atomic import writing
 from kb.store.layout import Layout

@@ -27,13 +27,13 @@ from pathlib import Path
 from urllib.parse import quote, unquote, urlsplit
 
 from kb.core.context import Run
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.export.rows import Row, check_rows, sorted_rows
 from kb.schema.nesting import ancestors
-from kb.store import sidefiles
 from kb.store.atomic import replacing_folder
-from kb.store.inside import inside
 from kb.store.layout import CAPTURED, Layout
+from kb.store.rawlog import sidefiles
+from kb.store.rawlog.sidefiles import captured_path
 
 _BOX = ["x", "y", "width", "height"]
 
@@ -237,7 +237,7 @@ def _image(root: Path, folder: Path, row: Row, element: Row) -> Row | None:
     """One image with its file beside the page; None where the wiki could not give the file."""
     if not row["path"]:
         return None
-    source = inside(root, row["path"])
+    source = captured_path(root, row["path"])
     name = source.name
     if row["media_type"] == "image/svg+xml":
         name = f"{row['sha256']}-{row['element_id']}.png"
@@ -255,8 +255,8 @@ def _image(root: Path, folder: Path, row: Row, element: Row) -> Row | None:
 
 def _copy(root: Path, path: str, target: Path) -> None:
     """A file beside the raw log. Raises DamagedData for one that is not what was stored."""
-    file = inside(root, path)
-    if not sidefiles.is_whole(file):
+    file = captured_path(root, path)
+    if not sidefiles.is_intact(file):
         raise sidefiles.lost(root, CAPTURED, [file])
     shutil.copyfile(file, target)
 

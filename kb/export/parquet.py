@@ -14,15 +14,14 @@ from typing import NamedTuple
 import pyarrow as pa
 
 from kb.artifacts import manifest
-from kb.core import vocabulary
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError
 from kb.core.sources import SOURCES, made_by
-from kb.core.verdict import Summary
+from kb.core.summary import Summary, vocabulary
 from kb.schema.tables import released_tables
-from kb.store import shards
 from kb.store.layout import Layout
+from kb.store.tables import shards
 
 
 class RowTransform(NamedTuple):

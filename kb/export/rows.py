@@ -14,8 +14,8 @@ from kb.core.errors import FatalError
 from kb.schema.tables import table
 from kb.store.atomic import writing
 from kb.store.layout import Layout
-from kb.store.merge import Merge
-from kb.store.shards import order
+from kb.store.tables.merge import Merge
+from kb.store.tables.shards import order
 
 Row = dict[str, Any]
 

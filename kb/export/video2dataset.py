@@ -18,9 +18,9 @@ import pyarrow as pa
 
 from kb.core.context import Run
 from kb.export.rows import check_rows, sorted_rows
-from kb.store import parquet
 from kb.store.atomic import writing
 from kb.store.layout import Layout
+from kb.store.tables import parquet
 
 _COLUMNS = ["video_id", "pair_id", "keyword", "text", "clip_start_s", "clip_end_s"]
 _ROWS = 16_384  # clips written at a time

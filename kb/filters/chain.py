@@ -14,7 +14,7 @@ from kb.core.context import Run
 from kb.core.errors import SchemaMismatch
 from kb.filters.judgement import SCORED, Judgement, Predicate, one
 from kb.schema.tables import table
-from kb.store.buckets import RawKind
+from kb.store.tables.partition import RawKind
 
 DESCRIBED_BY = ("title", "channel_id", "channel_title", "type")  # columns of shared/rejected
 VERDICTS = ("rejected", "failed", "pending")

@@ -21,22 +21,24 @@ from typing import Any
 
 import pyarrow as pa
 
-from kb.artifacts import belonging, index, manifest
-from kb.core import pipeline, vocabulary
+from kb.artifacts import domain_binding, index, manifest
+from kb.core.config import pipeline
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import CountMismatch, DamagedData, FatalError
-from kb.core.verdict import Summary, Tally
+from kb.core.summary import Summary, Tally, vocabulary
 from kb.filters.chain import VERDICTS, Clean
 from kb.filters.tasks import FilterJob, collect_texts, decode_segment, filter_bucket, spec_of
 from kb.filters.unanswered import unanswered
 from kb.schema.tables import table
-from kb.store import buckets, mending, rawlog, tally, tombstones
 from kb.store.atomic import write_text
-from kb.store.frontier import Frontier
 from kb.store.layout import Layout
 from kb.store.lock import of_clean, writer
-from kb.store.shards import write_table
+from kb.store.rawlog import damaged_answers, rawlog
+from kb.store.state import tombstones
+from kb.store.state.frontier import Frontier
+from kb.store.tables import partition, row_counts
+from kb.store.tables.shards import write_table
 
 
 def run_clean(run: Run, source: str) -> Summary:
@@ -50,13 +52,13 @@ def run_clean(run: Run, source: str) -> Summary:
     spec = spec_of(job)
     key = spec.scorer.check(run, source) if spec.scorer is not None else ""
     _segments(run.root, spec)  # without any, nothing is written
-    with belonging.writing(run, *of_clean(source)), _work(job) as work:
+    with domain_binding.writing(run, *of_clean(source)), _work(job) as work:
         segments = _segments(run.root, spec)
         raw = manifest.inputs(run.root, f"clean/{source}")
         tombstones.heal(run.root, source)
-        mending.check(run.root, source)
+        damaged_answers.check(run.root, source)
         size = _size(run.root, spec, segments)
-        job = job._replace(work=str(work), buckets=buckets.how_many(size), scores=key)
+        job = job._replace(work=str(work), buckets=partition.how_many(size), scores=key)
         with make_executor(run.engine, run.processes(size), run.scheduler) as executor:
             try:
                 decoded = _decode(run, job, segments, executor)
@@ -85,7 +87,7 @@ def texts(run: Run, source: str) -> Iterator[pa.Array[Any]]:
     with writer(run.root, source), _work(job) as work:
         segments = _segments(run.root, spec)
         size = _size(run.root, spec, segments)
-        job = job._replace(work=str(work), buckets=buckets.how_many(size))
+        job = job._replace(work=str(work), buckets=partition.how_many(size))
         with make_executor(run.engine, run.processes(size), run.scheduler) as executor:
             try:
                 _decode(run, job, segments, executor)
@@ -179,7 +181,7 @@ def _suspect(run: Run, source: str, error: DamagedData) -> None:
     """Note damaged segments for the crawl, which is what to run."""
     frontier = Frontier(Layout(run.root).state(source))
     try:
-        mending.note(
+        damaged_answers.note(
             run.root,
             source,
             frontier,
@@ -236,7 +238,7 @@ def _summary(
 ) -> Summary:
     """The numbers of the written files, by table. Raises CountMismatch when the workers' differ."""
     tables = {table(chain.table).short: chain.prefix for chain in spec.chains}
-    tallies = tally.tally(folder, tables)
+    tallies = row_counts.tally(folder, tables)
     names = ("crawled", "kept", "rejected", "failed", "pending")
     total = Tally(*(sum(each[name] for each in tallies.values()) for name in names))
     if total.check(spec.source) != Tally(*(counts[name] for name in names)):

@@ -10,9 +10,9 @@ import pyarrow.compute as pc
 
 from kb.core.context import Run
 from kb.core.errors import NothingKept
-from kb.core.verdict import Summary
-from kb.store import parquet
+from kb.core.summary import Summary
 from kb.store.layout import Layout, parquet_files
+from kb.store.tables import parquet
 
 _WHY = {"rejected": ("stage", "reason"), "failed": ("reason",)}  # the columns that say it
 

@@ -26,15 +26,16 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core import pipeline
+from kb.core.config import pipeline
+from kb.core.config.profile import Profile
 from kb.core.errors import FatalError
-from kb.core.profile import Profile
 from kb.filters.chain import VERDICTS, Chain, Clean, Judged, declared_columns, judge_chain
 from kb.filters.judgement import SCORED
 from kb.schema.tables import table
-from kb.store import buckets, tombstones
 from kb.store.atomic import full_disk_is_resumable
-from kb.store.shards import write_table
+from kb.store.state import tombstones
+from kb.store.tables import partition
+from kb.store.tables.shards import write_table
 
 
 class FilterJob(NamedTuple):
@@ -66,9 +67,9 @@ def spec_of(job: FilterJob) -> Clean:
 
 
 def decode_segment(job: FilterJob, kind: str, segment: str, number: int) -> dict[str, Any]:
-    """Decode a raw segment and partition its rows; counts and damage as in `buckets.spread`."""
+    """Decode a raw segment and partition its rows; counts and damage as in `partition.spread`."""
     with full_disk_is_resumable(Path(job.work)):
-        return buckets.spread(
+        return partition.spread(
             spec_of(job).kinds[kind],
             f"{job.source}/{kind}",
             Path(segment),
@@ -88,7 +89,7 @@ def collect_texts(job: FilterJob, number: int, keep: bool) -> str:
     path = str(Path(job.work, f"texts-{number:06d}.arrow"))
     schema = pa.schema([("text", pa.string())])
     with full_disk_is_resumable(Path(job.work)), pa.ipc.new_file(path, schema) as file:
-        with buckets.without_collecting():
+        with partition.without_collecting():
             rows, counts = join(job, spec, number, follows=keep)
         if keep:
             _keep(job, spec, number, rows, counts)
@@ -106,7 +107,7 @@ def filter_bucket(job: FilterJob, number: int) -> dict[str, int]:
     def score(chain: Chain, rows: pa.Table) -> pa.Table:
         return add_scores(job, spec, chain, rows)
 
-    with buckets.without_collecting():
+    with partition.without_collecting():
         rows, counts = join(job, spec, number, follows=True)
     judged, follows = judge(spec, rows, score)
     kept = {chain.table: result.kept for chain, result in judged}
@@ -144,7 +145,7 @@ def latest(job: FilterJob, spec: Clean, number: int) -> tuple[dict[str, pa.Table
             if namer is None:
                 continue
             wanted = pc.unique(pc.list_flatten(namer.column(about.named_by[1])))
-        part, older = buckets.newest_of(
+        part, older = partition.newest_of(
             Path(job.work, kind, str(number) if about.bucket else "0"), about, wanted
         )
         counts["duplicates"] += older if about.bucket else 0

@@ -15,7 +15,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.profile.youtube import YouTubeSection
+from kb.core.config.profile.youtube import YouTubeSection
 from kb.filters.judgement import Judgement, Predicate, malformed, nothing, one, text
 from kb.filters.predicates import NotTrue, Present, passes
 

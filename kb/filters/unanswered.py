@@ -12,9 +12,9 @@ import pyarrow.compute as pc
 from kb.filters.chain import VERDICTS, Clean
 from kb.filters.tasks import FilterJob, purged_keys
 from kb.schema.tables import table
-from kb.store import parquet
 from kb.store.layout import parquet_files
-from kb.store.shards import write_table
+from kb.store.tables import parquet
+from kb.store.tables.shards import write_table
 
 
 def unanswered(job: FilterJob, spec: Clean) -> Counter[str]:

@@ -23,20 +23,20 @@ from kb.artifacts.catalog import NO_TABLES, Catalog
 from kb.artifacts.manifest import Build
 from kb.core.context import Run
 from kb.core.errors import FatalError
-from kb.core.optional import require
+from kb.core.installation import require
 from kb.core.sources import SPECS
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.links import entity_pages
 from kb.links.entity_pages import Names, Own
 from kb.links.mentions import Finder, finder, mentions, rows
 from kb.links.texts import parts
 from kb.pairs import keywords as lists
 from kb.pairs.keywords import Keywords
-from kb.store import parquet
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
-from kb.store.reading import reading
-from kb.store.shards import ShardWriter, sorted_shards, write_table
+from kb.store.tables import parquet
+from kb.store.tables.reading import reading
+from kb.store.tables.shards import ShardWriter, sorted_shards, write_table
 
 _LAYOUT = 1  # raised when the same input gives other rows
 _PAGES = next(f"{name}/{spec.pages}" for name, spec in SPECS.items() if spec.pages)

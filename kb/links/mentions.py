@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import pyarrow as pa
 
-from kb.core.optional import np
+from kb.core.installation import np
 from kb.links.texts import TextPart
 from kb.pairs.extract import PairCounts, matches
 from kb.pairs.keywords import Keywords

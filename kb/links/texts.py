@@ -14,15 +14,15 @@ from typing import Any, NamedTuple, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.optional import np
+from kb.core.installation import np
 from kb.core.source_spec import TextColumns
 from kb.core.sources import SPECS
 from kb.pairs import transcripts
 from kb.pairs.transcript_batch import Text
 from kb.schema import table
 from kb.schema.nesting import is_outermost
-from kb.store import parquet
-from kb.store.reading import reading
+from kb.store.tables import parquet
+from kb.store.tables.reading import reading
 
 _ROWS = 8192  # rows that are read at once
 _BYTES = 8 << 20  # of texts that are looked through at once

@@ -18,9 +18,9 @@ import urllib3
 from requests.adapters import HTTPAdapter
 
 from kb import __version__
-from kb.core.addresses import in_the_clear
+from kb.core.config.addresses import in_the_clear
+from kb.core.config.settings import Settings
 from kb.core.errors import FatalError, ItemFinal, KbError, Retryable
-from kb.core.settings import Settings
 from kb.net import redact
 from kb.net.rate import Pace
 from kb.net.retry import retry_after

@@ -14,17 +14,17 @@ from typing import Any
 
 from kb.artifacts import manifest
 from kb.artifacts.build import Part, PartedBuild, read_plan, write_part
+from kb.core.config.profile.pairs import Pairs
 from kb.core.context import Run
 from kb.core.errors import LimitReached
-from kb.core.optional import np
-from kb.core.profile.pairs import Pairs
-from kb.core.verdict import Summary
+from kb.core.installation import np
+from kb.core.summary import Summary
 from kb.pairs import keywords as lists
 from kb.pairs import transcripts
 from kb.pairs.extract import PairCounts, Tools, make_tools, pairs_of
 from kb.store.layout import Layout
 from kb.store.lock import writer
-from kb.store.shards import sorted_shards
+from kb.store.tables.shards import sorted_shards
 
 _LAYOUT = 3  # raised when the same input gives other rows
 _ROWS = 4096  # transcripts of a part: some seconds of work

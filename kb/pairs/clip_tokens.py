@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
-from kb.core.optional import np
+from kb.core.installation import np
 
 if TYPE_CHECKING:
     from instant_clip_tokenizer import Tokenizer

@@ -14,10 +14,9 @@ from typing import Any, NamedTuple, Protocol, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core.config.profile.pairs import Pairs
 from kb.core.errors import MissingExtra
-from kb.core.installation import install_extra
-from kb.core.optional import np
-from kb.core.profile.pairs import Pairs
+from kb.core.installation import install_extra, np
 from kb.pairs import sampling
 from kb.pairs.clip_tokens import ENDS, Tokens
 from kb.pairs.keywords import EXCLUDED, NEVER, Keywords

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from typing import NamedTuple, cast
 
 from kb.core import signals
+from kb.core.config.profile.pairs import Pairs
 from kb.core.context import Run
-from kb.core.optional import np
-from kb.core.profile.pairs import Pairs
+from kb.core.installation import np
 from kb.pairs import keywords as lists
 from kb.pairs import sampling, transcripts
 from kb.pairs.extract import PairCounts, Tools, make_tools, matches

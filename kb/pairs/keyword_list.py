@@ -14,11 +14,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
+from kb.core.config.profile.base import FILL_IN
+from kb.core.config.profile.everyday_words import is_everyday
+from kb.core.config.profile.finding import ERROR, NOTE, WARNING, Finding
+from kb.core.config.profile.pairs import Pairs
 from kb.core.errors import ProfileError
-from kb.core.profile.base import FILL_IN
-from kb.core.profile.everyday_words import is_everyday
-from kb.core.profile.finding import ERROR, NOTE, WARNING, Finding
-from kb.core.profile.pairs import Pairs
 from kb.pairs.keyword_forms import forms
 from kb.pairs.matching import phrase
 

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from kb.core.profile.everyday_words import is_everyday
+from kb.core.config.profile.everyday_words import is_everyday
 from kb.pairs.keyword_forms import forms
 from kb.pairs.keyword_list import COLUMNS, LONGEST
 from kb.pairs.matching import phrase

@@ -19,10 +19,10 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
+from kb.core.config.profile import Profile
+from kb.core.config.profile.pairs import Pairs
 from kb.core.errors import ProfileError
-from kb.core.optional import np
-from kb.core.profile import Profile
-from kb.core.profile.pairs import Pairs
+from kb.core.installation import np
 from kb.pairs.keyword_forms import forms
 from kb.pairs.keyword_list import COLUMNS, LONGEST, NEVER, Keyword, read
 from kb.pairs.matching import phrase

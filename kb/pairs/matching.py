@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from ahocorasick_rs import BytesAhoCorasick, Implementation
 
-from kb.core.optional import np
+from kb.core.installation import np
 
 WALL = 0xFF  # between texts: no byte of UTF-8, so no phrase reaches across
 _GONE = 0x00

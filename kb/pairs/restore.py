@@ -16,15 +16,15 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from kb.artifacts import belonging, manifest
+from kb.artifacts import domain_binding, manifest
 from kb.artifacts.registry import ARTIFACTS
 from kb.artifacts.restore import WantedContent
 from kb.core import signals
+from kb.core.config.profile.pairs import Pairs
 from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
-from kb.core.plan import PlanPart, PlanPhase
-from kb.core.profile.pairs import Pairs
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPart, PlanPhase
 from kb.pairs import transcripts
 from kb.pairs.clip_tokens import ENDS
 from kb.pairs.extract import make_tools
@@ -33,11 +33,12 @@ from kb.pairs.transcript_batch import Text, without_sounds
 from kb.pairs.transcripts import VIDEOS
 from kb.schema.conform import conform
 from kb.schema.tables import table
-from kb.store import parquet, tombstones
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
-from kb.store.reading import reading
-from kb.store.shards import sorted_shards, write_table
+from kb.store.state import tombstones
+from kb.store.tables import parquet
+from kb.store.tables.reading import reading
+from kb.store.tables.shards import sorted_shards, write_table
 
 
 def refill(run: Run, index: Path) -> Summary:
@@ -48,7 +49,7 @@ def refill(run: Run, index: Path) -> Summary:
     """
     files = transcripts.parts(run.root, index=index)
     rows = _read(index)
-    with belonging.writing(run, "pairs"):
+    with domain_binding.writing(run, "pairs"):
         return fill(run, rows, files, "pairs")
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from kb.core.optional import np
+from kb.core.installation import np
 
 PURPOSES = {
     name: number

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from kb.core.optional import np
+from kb.core.installation import np
 from kb.pairs.clip_tokens import ENDS, Tokens
 from kb.pairs.transcript_batch import Text
 

@@ -17,7 +17,7 @@ from typing import Any, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.optional import np
+from kb.core.installation import np
 from kb.pairs.matching import WALL
 
 _WALL = b" " + bytes([WALL]) + b" "

@@ -15,9 +15,10 @@ from kb.artifacts import manifest
 from kb.core.errors import FatalError
 from kb.core.sources import made_of
 from kb.pairs.transcript_batch import Text
-from kb.store import parquet, rawlog
 from kb.store.layout import parquet_files
-from kb.store.reading import reading
+from kb.store.rawlog import rawlog
+from kb.store.tables import parquet
+from kb.store.tables.reading import reading
 
 (VIDEOS,) = made_of("pairs")  # the source of the videos
 _ROWS = 128  # transcripts in memory at once: some 2 MB of text, which the cache half holds

@@ -15,8 +15,8 @@ from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.core.progress import Progress, Silent
 from kb.query import statements, suggestions
 from kb.query.views import find_views
-from kb.store import checksums, parquet
-from kb.store.reading import broken
+from kb.store.tables import checksums, parquet
+from kb.store.tables.reading import broken
 
 _BATCH = 10_000  # rows
 _QUICK = 1 << 30  # bytes that are read in a moment

@@ -24,7 +24,7 @@ from rich.cells import cell_len, set_cell_size
 from kb.core import terminal
 from kb.core.errors import UsageError
 from kb.query.statements import distinct
-from kb.store import database
+from kb.store.tables import database
 
 _TABLE_ROWS = 100  # rows that a table shows
 _CELL = 60  # columns of a terminal that a text may take

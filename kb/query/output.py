@@ -14,8 +14,8 @@ import pyarrow as pa
 from kb.core import terminal
 from kb.core.errors import UsageError
 from kb.query.formats import as_box, as_csv, as_json, as_ndjson, as_table
-from kb.store import parquet
 from kb.store.atomic import writing
+from kb.store.tables import parquet
 
 SUFFIXES = {
     ".csv": "csv",

@@ -20,9 +20,9 @@ from kb.artifacts.catalog import SCHEMAS, Catalog, View, bare
 from kb.artifacts.release_folder import read_tombstones
 from kb.core.errors import DamagedData
 from kb.query.limits import Limits
-from kb.store import database
 from kb.store.advice import advice
-from kb.store.reading import escaped, reading, scan
+from kb.store.tables import database
+from kb.store.tables.reading import escaped, reading, scan
 
 
 class ViewInfo(NamedTuple):

@@ -10,8 +10,8 @@ import pyarrow as pa
 
 from kb import query
 from kb.artifacts.catalog import SCHEMAS, Catalog, View, check_once
-from kb.store import parquet
-from kb.store.reading import reading
+from kb.store.tables import parquet
+from kb.store.tables.reading import reading
 
 
 class OpenTables:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import msgspec
 import pyarrow as pa
 
-from kb.artifacts import belonging, texts
+from kb.artifacts import domain_binding, texts
 from kb.artifacts.catalog import Catalog
+from kb.core.config.profile import DEFAULT, load_profile
+from kb.core.config.settings import Settings
 from kb.core.context import Run
 from kb.core.errors import UsageError
-from kb.core.profile import DEFAULT, load_profile
-from kb.core.settings import Settings
 from kb.core.sources import SOURCES
 from kb.reader.open_tables import OpenTables
 from kb.reader.tables import QueryResult
@@ -60,9 +60,9 @@ def find(
 
 def _run(catalog: Catalog) -> Run:
     """A run with the folder's own profile, as indexing needs."""
-    bound = belonging.remembered(catalog.path)
+    bound = domain_binding.remembered(catalog.path)
     if bound is not None:
-        profile = belonging.load(catalog.path, bound)[0]
+        profile = domain_binding.load(catalog.path, bound)[0]
     else:
-        profile = load_profile(belonging.profile_of(catalog.path) or DEFAULT)
+        profile = load_profile(domain_binding.profile_of(catalog.path) or DEFAULT)
     return Run(settings=Settings(kb_data=catalog.path), profile=profile, root=catalog.path)

@@ -17,8 +17,8 @@ from kb.artifacts.release_folder import read_tombstones
 from kb.core.errors import MissingExtra, UsageError
 from kb.reader import html
 from kb.reader.error_hints import with_hints
-from kb.store import parquet
-from kb.store.reading import reading
+from kb.store.tables import parquet
+from kb.store.tables.reading import reading
 
 if TYPE_CHECKING:
     import pandas

@@ -24,9 +24,9 @@ from kb.reddit.parse import tree
 from kb.reddit.parse.assemble import count_again
 from kb.reddit.parse.latest_state import latest_state
 from kb.reddit.parse.remove_ids import crossposts_of, drop_parents, strip
-from kb.store import tombstones
 from kb.store.layout import BELOW, Layout
-from kb.store.rawlog import Envelope
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state import tombstones
 
 REBUILT = (BELOW.reconstructed, BELOW.restored("reddit"))
 BASES = (BELOW.clean("reddit"), *REBUILT)

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from kb.reddit.connector.reduce import OUTSIDE, PAYLOADS, crawled, incomplete_posts
-from kb.store import reading
 from kb.store.layout import Layout
+from kb.store.tables import reading
 
 __all__ = ["crawled", "failures", "incomplete", "incomplete_count"]
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import duckdb
 import pyarrow as pa
 
-from kb.artifacts import belonging, manifest
+from kb.artifacts import domain_binding, manifest
 from kb.artifacts.release_folder import (
     EARLIER_TOMBSTONES,
     TOMBSTONES,
@@ -25,7 +25,7 @@ from kb.core.errors import DamagedData, ReleaseRefused, UsageError
 from kb.core.licences import KNOWN
 from kb.core.progress import Task
 from kb.core.sources import PUBLISHED, exported_by, made_of
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.release import folders, history, provenance, sample
 from kb.release.gate import check
 from kb.release.gate.problem import GateProblem
@@ -35,11 +35,11 @@ from kb.release.metadata.croissant import croissant
 from kb.release.metadata.facts import Facts
 from kb.release.metadata.zenodo import deposit
 from kb.schema import table
-from kb.store import tombstones
 from kb.store.atomic import write_text
-from kb.store.checksums import SUMS, listed
 from kb.store.layout import Layout
 from kb.store.lock import RELEASES
+from kb.store.state import tombstones
+from kb.store.tables.checksums import SUMS, listed
 
 _log = logging.getLogger(__name__)
 
@@ -49,7 +49,7 @@ def release(run: Run, only: Sequence[str] = ()) -> Summary:
 
     Raises ReleaseRefused with `.problems`, UsageError.
     """
-    with belonging.writing(run, *RELEASES):
+    with domain_binding.writing(run, *RELEASES):
         return _release(run, only)
 
 

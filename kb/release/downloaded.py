@@ -11,8 +11,8 @@ from kb.artifacts.release_folder import DOWNLOAD, ReleaseFolder
 from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
 from kb.store.atomic import write_bytes
-from kb.store.checksums import SUMS, digest
 from kb.store.layout import Layout
+from kb.store.tables.checksums import SUMS, digest
 
 Folders = Sequence[ReleaseFolder]
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from kb.artifacts.release_folder import EARLIER_TOMBSTONES, TOMBSTONES, ReleaseFolder, entries, read
+from kb.core.installation import PROFILE_FILE
 from kb.core.licences import KNOWN
-from kb.core.resources import PROFILE_FILE
 from kb.core.sources import PUBLISHED
 from kb.schema import Table, released_tables
-from kb.store.checksums import SUMS
 from kb.store.layout import Layout
+from kb.store.tables.checksums import SUMS
 
 DEPOSIT = "zenodo.json"
 # What `kb release` writes into every folder, and what only into some.

@@ -17,9 +17,9 @@ import pyarrow.parquet as pq
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.errors import DamagedData
 from kb.release.metadata.facts import Facts
-from kb.store import database, parquet
 from kb.store.atomic import writing
 from kb.store.layout import Layout, parquet_files
+from kb.store.tables import database, parquet
 
 _ABOUT = b"lorebase"  # a name on disk, kept from the time before the project was renamed
 

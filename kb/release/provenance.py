@@ -15,11 +15,10 @@ from typing import Any
 import msgspec
 
 from kb import __version__
+from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.errors import ProfileError
-from kb.core.installation import lock_digest, software_address
-from kb.core.profile import Profile
-from kb.core.resources import PROFILE_FILE
+from kb.core.installation import PROFILE_FILE, lock_digest, software_address
 from kb.core.sources import RELEASES, SOURCES
 from kb.release.history import Changes
 

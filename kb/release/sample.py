@@ -19,9 +19,9 @@ from duckdb import DuckDBPyConnection
 
 from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.release.folders import sample_name
-from kb.store import database
 from kb.store.atomic import writing
-from kb.store.shards import order
+from kb.store.tables import database
+from kb.store.tables.shards import order
 
 _MOST = 5_000  # groups: a sample is for reading
 

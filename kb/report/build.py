@@ -8,16 +8,16 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from kb.artifacts import belonging
+from kb.artifacts import domain_binding
 from kb.artifacts.catalog import Catalog, empty
 from kb.core import signals
+from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, MissingExtra, UsageError
 from kb.core.installation import install_extra
-from kb.core.profile import Profile
 from kb.core.source_spec import ReportSpec, load_name
 from kb.core.sources import SOURCES, SPECS
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.report.data import ReportData
 from kb.report.figures import funnel
 from kb.report.page import ReportSection, page
@@ -25,7 +25,7 @@ from kb.report.style import Figure, applied
 from kb.schema import table
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
-from kb.store.reading import SANDBOX_MODEL, filtered
+from kb.store.tables.reading import SANDBOX_MODEL, filtered
 
 Maker = Callable[[ReportData, "Profile"], "Figure | tuple[Figure, ...] | None"]
 PAGE = "index.html"
@@ -74,7 +74,7 @@ def report(run: Run, out: Path | None = None) -> Summary:
         raise MissingExtra(f"figures need {', '.join(missing)}", hint=install_extra("figures"))
     if not Catalog(run.root.absolute()).views:  # before anything is written
         raise empty(run.root)
-    with belonging.writing(run, "report"):
+    with domain_binding.writing(run, "report"):
         return _report(run, out)
 
 

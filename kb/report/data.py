@@ -18,9 +18,9 @@ import pyarrow.parquet as pq
 from kb.artifacts.catalog import Catalog
 from kb.core.context import Run
 from kb.schema import table, tables
-from kb.store import database, parquet
 from kb.store.layout import Layout
-from kb.store.reading import reading, scan, state
+from kb.store.tables import database, parquet
+from kb.store.tables.reading import reading, scan, state
 
 # The contract's stages in their order; a stage that is not named here comes last.
 STAGES = {

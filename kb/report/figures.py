@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from kb.core.profile import Profile
+from kb.core.config.profile import Profile
 from kb.report.charts import bars, histogram, over_time
 from kb.report.data import Funnel, ReportData
 from kb.report.style import BLUE, GREEN, GREY, ORANGE, PALE, Figure, canvas, number, saved

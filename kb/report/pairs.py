@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from kb.core.profile import Profile
+from kb.core.config.profile import Profile
 from kb.report.charts import even, histogram
 from kb.report.data import ReportData
 from kb.report.figures import bar_figure

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from kb.core.profile import Profile
+from kb.core.config.profile import Profile
 from kb.core.sources import SPECS
 from kb.report.charts import over_time
 from kb.report.data import ReportData

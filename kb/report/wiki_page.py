@@ -7,8 +7,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from kb.core.config.profile import Profile
 from kb.core.errors import DamagedData
-from kb.core.profile import Profile
 from kb.report.data import ReportData
 from kb.report.style import (
     BLUE,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from kb.core.profile import Profile
+from kb.core.config.profile import Profile
 from kb.report.data import ReportData
 from kb.report.style import BLUE, GREEN, INK, PURPLE, RED, WIDTH, Figure, canvas, number, saved
 

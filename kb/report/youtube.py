@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from functools import partial
 
-from kb.core.profile import Profile
+from kb.core.config.profile import Profile
 from kb.report.charts import even, histogram
 from kb.report.data import ReportData
 from kb.report.figures import bar_figure, dates, funnel, logarithmic, toxicity, values

@@ -15,8 +15,8 @@ from typing import Any
 import msgspec
 
 from kb.core import clock
+from kb.core.config.profile import DEFAULT, Profile, load_profile
 from kb.core.errors import ProfileError
-from kb.core.profile import DEFAULT, Profile, load_profile
 from kb.pairs import keywords
 from kb.pairs.keyword_list import NEVER, Keyword
 from kb.sandbox.speech import Speech, grammar, names_topic

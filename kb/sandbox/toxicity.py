@@ -16,8 +16,8 @@ from pathlib import Path
 import zstandard
 
 from kb.annotate.checkpoint import need_extra, sha256_of
-from kb.core.cache import cache_root, making
-from kb.store.reading import SANDBOX_MODEL
+from kb.core.installation import cache_root, making
+from kb.store.tables.reading import SANDBOX_MODEL
 
 DATA = Path(__file__).with_name("data") / "toxicity"
 _ARCHIVE = DATA / "model.tar.zst"

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from kb.core.errors import SchemaMismatch, UsageError
-from kb.core.resources import folder
+from kb.core.installation import folder
 
 _FREE: dict[str, Any] = {"additionalProperties": True}
 

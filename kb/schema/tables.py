@@ -11,7 +11,7 @@ from typing import Any
 import pyarrow as pa
 
 from kb.core.errors import SchemaMismatch, UsageError
-from kb.core.resources import folder
+from kb.core.installation import folder
 from kb.schema.declaration import blocks, check_table
 from kb.schema.types import Type, parse_type
 

@@ -23,9 +23,9 @@ from kb.search.ranking import IndexedTerm, Only, Ranked, Weights, rank
 from kb.search.snippet import snippet
 from kb.search.spelling import corrected
 from kb.search.tantivy_index import PassageIndex
-from kb.store import parquet
 from kb.store.layout import Layout
-from kb.store.reading import reading
+from kb.store.tables import parquet
+from kb.store.tables.reading import reading
 
 
 class SearchHit(msgspec.Struct):

@@ -10,14 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from kb.artifacts import belonging, manifest, texts
+from kb.artifacts import domain_binding, manifest, texts
 from kb.artifacts import index as index_of
 from kb.artifacts.catalog import NO_TABLES, Catalog, empty
+from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.errors import FatalError
-from kb.core.profile import Profile
 from kb.core.sources import SOURCES, SPECS
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.search import tantivy_index
 from kb.search.tantivy_index import STEMMERS
 from kb.store.layout import Layout
@@ -60,7 +60,7 @@ def follow(run: Run, source: str) -> BuiltIndex | None:
     None where the source has no texts: then no index stays either. Raises as `index`.
     """
     name, root = f"index/{source}", run.root
-    with belonging.writing(run, f"index-{source}"):
+    with domain_binding.writing(run, f"index-{source}"):
         if not texts.files(root, name):
             index_of.remove(root, source)
             return None

@@ -14,9 +14,9 @@ import pyarrow.parquet as pq
 
 from kb.artifacts.catalog import Catalog
 from kb.schema import table
-from kb.store.merge import Merge
-from kb.store.reading import reading
-from kb.store.shards import order
+from kb.store.tables.merge import Merge
+from kb.store.tables.reading import reading
+from kb.store.tables.shards import order
 
 KINDS = ("video", "transcript", "section", "table", "post", "comment")
 MOST_WORDS = 200  # of a passage's text

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from kb.core.profile import Profile
-from kb.core.profile.reddit import RedditSection
+from kb.core.config.profile import Profile
+from kb.core.config.profile.reddit import RedditSection
 from kb.search.passage import Passage, RowsByKey, day, pieces, plain, rows
 
 _POST = ["post_id", "title", "body", "poll_options", "created_utc"]

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from kb.core.profile import Profile
+from kb.core.config.profile import Profile
 from kb.search.passage import MOST_WORDS, Passage, RowsByKey, day, pieces, plain, rows
 
 _PAGE = ["page_id", "title", "url", "revision_id", "revision_timestamp", "license"]

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.profile import Profile
+from kb.core.config.profile import Profile
 from kb.search.passage import Passage, RowsByKey, batches, day, pieces, plain, rows
 
 MOST = 120  # words of a window

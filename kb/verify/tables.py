@@ -6,8 +6,8 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from kb.store import checksums
-from kb.store.reading import broken
+from kb.store.tables import checksums
+from kb.store.tables.reading import broken
 
 
 def problem(path: Path, advance: Callable[[int], None]) -> str:

@@ -8,8 +8,8 @@ from pathlib import Path
 from kb.artifacts.purge import Purge, PurgeRules
 from kb.artifacts.purge_rows import RowLocation, location_of, shared_locations
 from kb.crawl.id_list import IdList
-from kb.store import rawlog
 from kb.store.layout import BELOW
+from kb.store.rawlog import rawlog
 from kb.youtube.connector.ids import read_ids
 from kb.youtube.connector.reduce import (
     RAW_STATISTICS,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from kb.core import clock
+from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
-from kb.core.profile.youtube import YouTubeSection
-from kb.store.frontier import Frontier
+from kb.store.state.frontier import Frontier
 from kb.youtube.connector import quota
 from kb.youtube.connector.reduce import crawled, with_po_token
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from kb.annotate.checkpoint import Checkpoint, find_checkpoint
-from kb.core.settings import load_settings
+from kb.core.config.settings import load_settings
 from kb.sandbox.toxicity import tiny_checkpoint
 from tests.conftest import needs
 
@@ -36,8 +36,8 @@ def detoxify(checkpoint: Checkpoint):
 @pytest.fixture
 def make_run(tmp_path: Path, tiny: Path):
     """A Run over an own data root with the tiny model; options as keywords."""
+    from kb.core.config.profile import load_profile
     from kb.core.context import Run
-    from kb.core.profile import load_profile
 
     def make(**options):
         settings = load_settings(dotenv=False, kb_toxicity_model=options.pop("model", str(tiny)))

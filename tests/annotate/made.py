@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from kb.annotate.checkpoint import Checkpoint, find_checkpoint, sha256_of
-from kb.core.settings import load_settings
+from kb.core.config.settings import load_settings
 
 ORIGINAL = ("toxic", "severe_toxic", "obscene", "threat", "insult", "identity_hate")
 UNBIASED = (

@@ -17,9 +17,9 @@ from kb.annotate import published_models as published
 from kb.annotate.backends import open_runner
 from kb.annotate.checkpoint import find_checkpoint, sha256_of
 from kb.annotate.detoxify_model import load_detoxify
+from kb.core.config.settings import load_settings
 from kb.core.errors import MissingExtra, MissingModel, SettingError
-from kb.core.settings import load_settings
-from kb.store.reading import SANDBOX_MODEL
+from kb.store.tables.reading import SANDBOX_MODEL
 from tests.annotate.made import WORDS, checkpoint_of, make_checkpoint
 
 
@@ -255,7 +255,7 @@ def test_it_loads_without_asking_any_host(tiny):
         "socket.socket.connect = socket.getaddrinfo = socket.create_connection = refuse\n"
         "from kb.annotate.checkpoint import find_checkpoint\n"
         "from kb.annotate.detoxify_model import load_detoxify\n"
-        "from kb.core.settings import load_settings\n"
+        "from kb.core.config.settings import load_settings\n"
         "model = load_detoxify(find_checkpoint(load_settings(dotenv=False,"
         f" kb_toxicity_model={str(tiny)!r})))\nassert max(model.predict('you are a stupid"
         " idiot').values()) > 0.5\nprint(model.class_names)\n"

@@ -13,10 +13,10 @@ from kb.annotate.checkpoint import find_checkpoint
 from kb.annotate.fetch import PIECE, fetch
 from kb.annotate.published_models import PUBLISHED, Published
 from kb.core import clock
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, MissingModel, SettingError, Unreachable
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 
 BIG = hashlib.sha256(b"seed").digest() * 100_000  # 3.2 MB
 KEPT = len(BIG) // 2 // PIECE * PIECE  # of a download that is cut in the middle
@@ -193,7 +193,7 @@ def test_what_was_fetched_is_found_and_a_broken_one_names_the_command(run, monke
     found = find_checkpoint(chosen)
     assert (found.model, found.sha256) == ("mine", digest(BIG))
     found.path.write_bytes(BIG[:1000])
-    with pytest.raises(MissingModel, match="cut off") as error:
+    with pytest.raises(MissingModel, match="checksum mismatch") as error:
         find_checkpoint(chosen)
     assert error.value.exit_code == 2
     assert "kb models fetch mine" in error.value.hint

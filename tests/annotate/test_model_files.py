@@ -7,8 +7,8 @@ import shutil
 import pytest
 
 from kb.annotate.checkpoint import find_checkpoint
+from kb.core.config.settings import load_settings
 from kb.core.errors import MissingModel
-from kb.core.settings import load_settings
 
 BESIDE = {
     "cut configuration": ("config.json", '{"a":', "config.json is no JSON object"),

@@ -8,7 +8,7 @@ import pytest
 
 from kb.artifacts import manifest
 from kb.artifacts.build import Part, PartedBuild, clear_finished, write_part
-from kb.store.shards import sorted_shards
+from kb.store.tables.shards import sorted_shards
 from tests.filters.made import run_at
 
 PARTS = [Part(name, (), 2) for name in "abc"]

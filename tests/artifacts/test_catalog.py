@@ -9,7 +9,7 @@ import pytest
 
 from kb.artifacts import catalog
 from kb.core.errors import FatalError, SettingError, UsageError
-from kb.store.shards import write_table
+from kb.store.tables.shards import write_table
 
 SHARD = "-00000-of-00001.parquet"
 

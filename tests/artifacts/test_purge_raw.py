@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from kb.artifacts.purge_raw import changed_frames, matcher, rewrite_segment, strip_by_schema
 from kb.reddit.purge import texts
-from kb.store import rawlog
-from kb.store.rawlog import Envelope, Request
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import Envelope, Request
 
 keys = st.text(min_size=1, max_size=4) | st.sampled_from(["a", "é", 'q"', "b\\c", "7", "x/y", "\n"])
 

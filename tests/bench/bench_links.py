@@ -18,14 +18,14 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.links.mentions import finder, mentions
 from kb.links.texts import TextPart, in_pieces
 from kb.pairs.extract import make_tools, pairs_of
 from kb.pairs.keywords import load
 from kb.pairs.transcript_batch import Text
 from kb.schema import table
-from kb.store.shards import write_table
+from kb.store.tables.shards import write_table
 from tests.bench.measured import words_a_second
 from tests.pairs.made import tables
 
@@ -84,8 +84,8 @@ _BUILD = """
 import sys
 from pathlib import Path
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.links.build import build
 run = Run(load_settings(dotenv=False), load_profile("minecraft"), Path(sys.argv[1]), workers=1)
 links = build(run, dict)["links"]

@@ -23,12 +23,12 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.pairs.extract import make_tools, pairs_of
 from kb.pairs.keywords import load
 from kb.pairs.matching import Folded, leftmost_longest
 from kb.pairs.transcript_batch import Text
-from kb.store.shards import ShardWriter, write_table
+from kb.store.tables.shards import ShardWriter, write_table
 from tests.bench.measured import words_a_second
 from tests.pairs.made import tables
 
@@ -176,8 +176,8 @@ _CHILD = """
 import json, sys, time
 from pathlib import Path
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.pairs.build import build
 begin, cpu = time.perf_counter(), time.process_time()
 settings, profile = load_settings(dotenv=False), load_profile("minecraft")

@@ -28,14 +28,14 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.schema import table
 from kb.search import youtube_passages
 from kb.search.answers import search
 from kb.search.build import index
 from kb.search.ranking import Only
 from kb.store.layout import Layout
-from kb.store.shards import write_table
+from kb.store.tables.shards import write_table
 from tests.bench.scale_raw import Words, _spoken, _vocabulary, video_id
 from tests.filters.made import run_at
 

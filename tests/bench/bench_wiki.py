@@ -15,7 +15,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.wiki.browser import chromium

@@ -29,9 +29,9 @@ import numpy as np
 import orjson
 import zstandard
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.schema.raw import raw, types
-from kb.store.rawlog import SUFFIX, compressor
+from kb.store.rawlog.rawlog import SUFFIX, compressor
 
 SOURCES = ("youtube", "reddit", "wiki")
 VIDEOS = 1_460_000  # listed; about half of them pass all stages
@@ -181,7 +181,7 @@ def _vocabulary() -> tuple[Any, Any, list[str]]:
 
 
 def _everyday() -> list[str]:
-    import kb.core.profile.everyday_words as module
+    import kb.core.config.profile.everyday_words as module
 
     text = Path(str(module.__file__)).with_name("everyday_words.txt").read_text(encoding="utf-8")
     lines = (line for line in text.splitlines() if not line.startswith("#"))

@@ -19,8 +19,8 @@ import numpy as np
 import orjson
 import zstandard
 
-from kb.store import sidefiles
-from kb.store.rawlog import SUFFIX, compressor
+from kb.store.rawlog import sidefiles
+from kb.store.rawlog.rawlog import SUFFIX, compressor
 from tests.bench.scale_raw import Part, Words
 
 PAGES = 6_735

@@ -22,7 +22,7 @@ from kb.cli import main
 from kb.cli.commands import demo
 from kb.cli.commands.demo import play
 from kb.cli.framework.options import Options
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.pairs import keywords
 from kb.pairs.matching import phrase
 from kb.sandbox.domain import domain_of

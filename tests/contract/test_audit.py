@@ -15,7 +15,7 @@ SWAP = "crash/test_swap_killed.py"
 LINES = {
     "1 purge destroys good raw data": (
         "youtube/test_damage.py: purge_keeps_both_sides_of_a_damaged_frame",
-        "store/test_reading.py: a_purge_takes_no_damaged_table_for_an_empty_one",
+        "store/tables/test_reading.py: a_purge_takes_no_damaged_table_for_an_empty_one",
     ),
     "2 crawl cuts committed data": (
         "youtube/test_damage.py: crawl_keeps_both_sides_of_a_damaged_frame_and_asks_again_for_it",
@@ -30,8 +30,8 @@ LINES = {
         "crash/test_two_at_once.py: the_second_names_the_first_and_nothing_comes_back",
     ),
     "5 no checksums": (
-        "store/test_parquet.py: of_2000_changed_bits_in_raw_and_parquet_none_is_silent",
-        "store/test_parquet.py: a_footer_is_told_by_itself",
+        "store/tables/test_parquet.py: of_2000_changed_bits_in_raw_and_parquet_none_is_silent",
+        "store/tables/test_parquet.py: a_footer_is_told_by_itself",
         "query/test_execute.py: a_changed_bit_never_changes_an_answer",
         "reader/test_tables.py: a_changed_bit_is_told_by_rows_and_by_counts",
         "search/test_answers.py: a_damaged_index_is_told",
@@ -75,8 +75,8 @@ LINES = {
     "16 unexpected without a way out": (
         "annotate/test_damage.py: a_damaged_file_of_scores_is_named",
         "annotate/test_damage.py: too_little_memory_is_no_wrong_model",
-        "store/test_notes.py: a_damaged_note_is_named_with_what_to_do",
-        "store/test_notes.py: a_malformed_state_is_named_with_what_to_do",
+        "store/state/test_json_files.py: a_damaged_note_is_named_with_what_to_do",
+        "store/state/test_json_files.py: a_malformed_state_is_named_with_what_to_do",
         "net/test_odd_answers.py: an_answer_nested_too_deep_is_one_line",
         "release/test_deposit.py: an_odd_answer_is_one_line_and_the_token_goes_nowhere",
         "core/test_profile.py: tables_nested_without_end_are_one_line",
@@ -111,7 +111,7 @@ LINES = {
         "reddit/test_places.py: a_repaired_dump_of_the_same_size_and_beginning_is_read",
     ),
     "a state without permission": (
-        "store/test_notes.py: a_state_that_may_not_be_opened_is_no_damaged_one",
+        "store/state/test_json_files.py: a_state_that_may_not_be_opened_is_no_damaged_one",
     ),
     "the lock has no hashes": ("package/test_setup.py: every_file_of_the_lock_has_its_hash",),
 }

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from kb.sandbox.server import Sandbox
-from kb.store import rawlog
+from kb.store.rawlog import rawlog
 from tests.inprocess import Here
 from tests.reddit.conftest import small_world
 from tests.reddit.work import NOW, Work

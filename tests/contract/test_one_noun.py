@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from kb.core import vocabulary
-from kb.core.verdict import Summary
+from kb.core.summary import Summary, vocabulary
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.wiki.browser import chromium
@@ -145,7 +144,7 @@ def test_a_stopped_crawl_says_what_is_left_as_status_does(tmp_path: Path) -> Non
             assert left in Summary(stopped).line()
             text = job.kb("status").stdout
             assert left in text
-            assert f"{limit} {MAIN[source]} crawled and not filtered yet" in text
+            assert f"{limit} {MAIN[source]} crawled but not filtered yet" in text
             assert f"next: kb {source} crawl\n" in text
             rest = job.done(source, "crawl")
             assert rest["crawled_in_all"] == rest["crawled"] + int(limit)

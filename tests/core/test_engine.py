@@ -13,8 +13,8 @@ import pytest
 from kb.core import engine
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError
-from kb.store.frontier import Frontier
-from kb.store.recorder import Recorder
+from kb.store.rawlog.recorder import Recorder
+from kb.store.state.frontier import Frontier
 
 PROGRAM = """
 import os, time
@@ -32,8 +32,8 @@ import sys
 from pathlib import Path
 from kb.core.context import Run
 from kb.core.engine import make_executor
-from kb.core.profile import load_profile
-from kb.core.settings import Settings
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import Settings
 from kb.filters import clean, tasks
 
 HEAVY = ("pandas", "torch", "transformers", "onnxruntime", "selenium", "PIL", "matplotlib", "dask")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from kb.core.config.profile import load_profile
+from kb.core.config.profile.check import check_file
+from kb.core.config.profile.finding import ERROR
 from kb.core.errors import ProfileError
-from kb.core.profile import load_profile
-from kb.core.profile.check import check_file
-from kb.core.profile.finding import ERROR
 
 GOOD = 'name = "garden"\ntitle = "Garden"\n[youtube]\nkeywords = ["roses"]\ncategory_ids = [26]\n'
 

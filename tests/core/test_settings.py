@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from kb.core.config.settings import REDDIT, Settings, load_settings
+from kb.core.config.unknown_settings import unknown_names
 from kb.core.errors import MissingCredential, SettingError
-from kb.core.settings import REDDIT, Settings, load_settings
-from kb.core.unknown_settings import unknown_names
 from kb.net.session import HttpSession
 
 

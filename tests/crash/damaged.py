@@ -20,7 +20,7 @@ import kb
 from kb import query
 from kb.core.errors import DamagedData
 from kb.core.progress import Silent
-from kb.store.checksums import digest
+from kb.store.tables.checksums import digest
 from kb.verify.root import verify
 from tests.crash import harm
 from tests.crash.worlds import Worlds

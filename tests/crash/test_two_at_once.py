@@ -15,8 +15,8 @@ from typing import Any
 
 import pytest
 
+from kb.core.installation import folder
 from kb.core.progress import Silent, Task
-from kb.core.resources import folder
 from kb.export import parquet
 from kb.filters.clean import run_clean
 from kb.pairs.build import build

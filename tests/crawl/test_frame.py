@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 
 from kb.core import clock
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import (
     Blocked,
@@ -24,16 +26,14 @@ from kb.core.errors import (
     Unreachable,
     WriterLocked,
 )
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession, open_session
 from kb.crawl.source import Answer, Phase
-from kb.store import rawlog
-from kb.store.frontier import Frontier, Item
-from kb.store.rawlog import Envelope
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state.frontier import Frontier, Item
 from tests import processes
 from tests.fourth.feed.connector import NOTES, PAGES, Feed
 from tests.fourth.service import Service, serving
@@ -323,8 +323,8 @@ SCRIPT = """
 import sys
 from pathlib import Path
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from tests.crawl.test_frame import Feed, summary, work
 root = Path(sys.argv[1])
 run = Run(load_settings(dotenv=False, kb_data=root), load_profile("minecraft"), root)

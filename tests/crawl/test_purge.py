@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from kb.store import damage
+from kb.store.rawlog import quarantine
 from tests.youtube.job import Job
 from tests.youtube.test_damage import frames, job, overwrite, plain, segment, video_of
 
@@ -40,7 +40,7 @@ def test_a_purge_leaves_no_damaged_bytes_that_may_hold_its_key(job: Job) -> None
     gone = job.place / "gone.txt"
     gone.write_text(video_of(line) + "\n")
     job.stopped("purge", "youtube", "--ids", str(gone), code=1)
-    assert not damage.asides(job.root, "youtube")
+    assert not quarantine.quarantined_files(job.root, "youtube")
     job.done("youtube", "crawl")
     assert video_of(line) not in {
         str(one["response"]["video_id"]) for one in job.raw("transcripts")

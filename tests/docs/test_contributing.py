@@ -13,12 +13,12 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.core.sources import SOURCES
 from kb.store.layout import Layout
-from kb.store.shards import write_table
+from kb.store.tables.shards import write_table
 
 ROOT = Path(__file__).resolve().parents[2]
 GUIDES = ("CONTRIBUTING.md", "schemas/WRITING.md", "docs/architecture.md")

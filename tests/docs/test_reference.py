@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from kb.cli import reference
-from kb.core.settings import Settings
+from kb.core.config.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -11,9 +11,9 @@ import pytest
 from kb.annotate import chunks
 from kb.annotate.toxicity import ToxicityScorer
 from kb.core import clock
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.sandbox.toxicity import tiny_checkpoint
 from tests.annotate.demo_texts import WORDS
 from tests.conftest import needs
@@ -36,7 +36,7 @@ def score(root: Path, texts: list[str], **options) -> bytes:
     run = Run(settings=settings, profile=load_profile("minecraft"), root=root, **options)
     counts = ToxicityScorer.open(run, "reddit").annotate([texts])
     assert counts.scored == len(set(texts))
-    [file] = (root / "annotations/reddit").iterdir()
+    [file] = (root / "annotations/reddit").glob("*.parquet")
     return file.read_bytes()
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.pairs import build as building
 from tests.conftest import needs
 from tests.pairs.made import fill, tables

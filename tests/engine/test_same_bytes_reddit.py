@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 import zstandard
 
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.reddit.connector.importer import import_dumps
 from kb.reddit.parse.anonymize import load_key
 from tests.conftest import needs

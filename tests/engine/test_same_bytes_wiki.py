@@ -9,12 +9,12 @@ import shutil
 import pytest
 
 from kb.annotate.toxicity import ToxicityScorer
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.filters.clean import run_clean, texts
 from kb.sandbox.toxicity import tiny_checkpoint
-from kb.store import buckets
+from kb.store.tables import partition
 from tests.conftest import needs
 from tests.engine.test_same_bytes_youtube import digests
 from tests.wiki.handmade_data import MONDAY, many, page, put, refused, told
@@ -45,7 +45,7 @@ def start(crawled, tmp_path, monkeypatch):
     """start(name, options of the run) → a Run on a copy of the crawl,
     cut into as many tasks as a large one.
     """
-    monkeypatch.setattr(buckets, "RAW_BYTES", 300_000)
+    monkeypatch.setattr(partition, "RAW_BYTES", 300_000)
     settings = load_settings(dotenv=False, kb_toxicity_model=str(tiny_checkpoint()))
 
     def start(name: str, **options) -> Run:

@@ -10,16 +10,16 @@ from pathlib import Path
 
 import pytest
 
-from kb.core import pipeline
+from kb.core.config import pipeline
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.filters.clean import run_clean
 from kb.pairs import build
 from kb.sandbox.server import Sandbox
 from kb.sandbox.toxicity import tiny_checkpoint
 from kb.sandbox.world import World
-from kb.store import buckets
+from kb.store.tables import partition
 from tests.conftest import needs
 from tests.youtube.job import NOW, Job
 
@@ -42,7 +42,7 @@ def crawled(tmp_path_factory):
 def many_tasks(monkeypatch):
     """A small crawl cut into as many tasks as a large one."""
     monkeypatch.setenv("KB_NOW", NOW)
-    monkeypatch.setattr(buckets, "RAW_BYTES", 12_000)
+    monkeypatch.setattr(partition, "RAW_BYTES", 12_000)
     monkeypatch.setattr(build, "_ROWS", 6)
 
 

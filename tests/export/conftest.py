@@ -7,12 +7,12 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import Settings
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import Settings
 from kb.schema import table
 from kb.store.layout import Layout
-from kb.store.shards import write_table
+from kb.store.tables.shards import write_table
 
 
 @pytest.fixture

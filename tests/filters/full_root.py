@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from kb.core.pipeline import load, locate
+from kb.core.config.pipeline import load, locate
 from kb.export import minedojo, parquet
 from kb.filters.clean import run_clean
 from kb.pairs.build import build

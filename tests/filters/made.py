@@ -8,10 +8,10 @@ from typing import Any
 
 import pyarrow.parquet as pq
 
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import Settings
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import Settings
-from kb.store import rawlog
+from kb.store.rawlog import rawlog
 
 GAME = "UCQvWX73GQygcwXOTSf_VDVg"
 MONDAY, TUESDAY = "2026-11-16T12:00:00Z", "2026-11-17T12:00:00Z"

@@ -13,7 +13,9 @@ from kb.core import context, engine
 from kb.core.errors import DamagedData, FatalError
 from kb.export import parquet
 from kb.filters.clean import run_clean
-from kb.store import buckets, rawlog, tombstones
+from kb.store.rawlog import rawlog
+from kb.store.state import tombstones
+from kb.store.tables import partition
 from tests.filters.made import (
     MONDAY,
     TUESDAY,
@@ -166,7 +168,7 @@ def test_workers_segments_and_buckets_change_no_byte_of_the_release(
         for start in range(0, 600, step * 50):
             put(tmp_path / name, "transcripts", *said[start : start + step * 50])
     run_clean(run_at(tmp_path / "one"), "youtube")
-    monkeypatch.setattr(buckets, "RAW_BYTES", 10_000)
+    monkeypatch.setattr(partition, "RAW_BYTES", 10_000)
     summary = run_clean(run_at(tmp_path / "many", workers=2), "youtube")
     assert summary["kept"] == 566
     assert len(list((tmp_path / "many/clean/youtube/videos").iterdir())) > 4
@@ -182,7 +184,7 @@ def test_buckets_without_rows_are_no_failure_and_every_table_is_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     put(tmp_path, "videos", (MONDAY, {}, listing(video("alone"))))
-    monkeypatch.setattr(buckets, "RAW_BYTES", 10)
+    monkeypatch.setattr(partition, "RAW_BYTES", 10)
     assert run_clean(run_at(tmp_path), "youtube")["pending"] == 1
     assert {path.name for path in (tmp_path / "clean/youtube").iterdir() if path.is_dir()} == {
         "videos",

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from kb.filters.clean import run_clean
-from kb.store import buckets
+from kb.store.tables import partition
 from tests.filters.made import (
     run_at,
 )
@@ -35,7 +35,7 @@ def clean(p):
 def test_a_bucket_is_joined_once_for_texts_and_for_judging(
     root: Path, tmp_path: Path, size: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(buckets, "RAW_BYTES", size)
+    monkeypatch.setattr(partition, "RAW_BYTES", size)
     mine = tmp_path / "mine.py"
     mine.write_text(MINE + ONCE)
     run_clean(run_at(root, workers=1, pipeline=mine), "youtube")

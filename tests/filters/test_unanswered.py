@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from kb.filters.clean import run_clean
-from kb.store.frontier import Frontier
+from kb.store.state.frontier import Frontier
 from tests.filters.made import (
     rows,
     run_at,

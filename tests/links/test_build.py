@@ -15,9 +15,9 @@ import pytest
 
 import kb
 from kb.artifacts import manifest
+from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
 from kb.core.errors import DamagedData, WriterLocked
-from kb.core.pipeline import load, locate
 from kb.core.progress import Silent
 from kb.links import build as building
 from kb.links.entity_pages import Names
@@ -25,9 +25,10 @@ from kb.query import connect
 from kb.release.build import release
 from kb.schema import table
 from kb.search.answers import keys
-from kb.store import lock, parquet, shards
+from kb.store import lock
 from kb.store.layout import Layout, parquet_files
-from kb.store.shards import write_table
+from kb.store.tables import parquet, shards
+from kb.store.tables.shards import write_table
 from kb.verify.root import verify
 from tests.inprocess import Here
 from tests.links import made

@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from kb.core import clock
-from kb.core.addresses import is_loopback
+from kb.core.config.addresses import is_loopback
 from kb.net.rate import Pace
 from kb.net.robots import Robots, robots_url
 

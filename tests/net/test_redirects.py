@@ -10,8 +10,8 @@ from typing import Self
 
 import pytest
 
+from kb.core.config.settings import load_settings
 from kb.core.errors import FatalError
-from kb.core.settings import load_settings
 from kb.net import retry
 from kb.net.session import HttpSession, host_of, send
 from kb.sandbox.server import Sandbox

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from kb.core.config.settings import load_settings
 from kb.core.errors import Retryable
-from kb.core.settings import load_settings
 from kb.net.session import HttpSession, send, user_agent
 
 

@@ -66,8 +66,8 @@ def test_it_runs_outside_the_checkout(installed: Path, tmp_path: Path) -> None:
 
 def test_profile_schemas_and_pipelines_are_found_in_it(installed: Path, tmp_path: Path) -> None:
     code = (
-        "from kb.core.resources import folder\n"
-        "from kb.core.profile import load_profile\n"
+        "from kb.core.installation import folder\n"
+        "from kb.core.config.profile import load_profile\n"
         "from kb.schema.tables import tables\n"
         "print(len(list(folder('pipelines').glob('*.py'))), len(tables()),"
         " load_profile('minecraft').path)\n"

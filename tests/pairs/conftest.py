@@ -5,8 +5,8 @@ from __future__ import annotations
 import pyarrow as pa
 import pytest
 
-from kb.core.profile import load_profile
-from kb.core.profile.pairs import Pairs
+from kb.core.config.profile import load_profile
+from kb.core.config.profile.pairs import Pairs
 from kb.pairs.extract import Tools, make_tools, pairs_of
 from kb.pairs.keywords import NEVER, Keyword, Keywords, make
 from kb.pairs.transcript_batch import Text

@@ -10,11 +10,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.artifacts import manifest
+from kb.core.config.pipeline import load, locate
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import FatalError, LimitReached, ProfileError, SettingError
-from kb.core.pipeline import load, locate
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.pairs import build as building
 from kb.pairs.clip_tokens import ENDS, Tokens
 from kb.pairs.keyword_hits import keyword_lines

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kb.core.config.profile import load_profile
 from kb.core.errors import ProfileError
-from kb.core.profile import load_profile
 from kb.pairs.keyword_forms import forms, plural, singular
 from kb.pairs.keywords import NEVER, Keyword, load, make, read
 from kb.pairs.matching import phrase

@@ -14,11 +14,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from kb.core.config.pipeline import load, locate
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError
-from kb.core.pipeline import load, locate
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.export import clip4mc
 from tests.pairs.made import fill, tables
 

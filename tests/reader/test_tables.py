@@ -11,7 +11,7 @@ import pytest
 
 import kb
 from kb.core.errors import DamagedData, MissingExtra, UsageError
-from kb.store.checksums import SUMS, listed
+from kb.store.tables.checksums import SUMS, listed
 
 RELEASED = {
     "pairs",

@@ -11,8 +11,8 @@ import pytest
 
 import kb
 from kb.core.errors import UsageError
-from kb.store import tombstones
-from kb.store.shards import write_table
+from kb.store.state import tombstones
+from kb.store.tables.shards import write_table
 
 
 def direct(sql: str) -> list[tuple[Any, ...]]:

@@ -8,11 +8,11 @@ import time
 
 import zstandard
 
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.reddit.dumps.import_file import ImportJob, import_file
-from kb.store import rawlog
+from kb.store.rawlog import rawlog
 from tests import processes
 
 

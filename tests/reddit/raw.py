@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from kb.store.rawlog import Envelope, Request, Segment, encode, folder
+from kb.store.rawlog.rawlog import Envelope, Request, Segment, encode, folder
 
 MADE = {
     "created_utc": 1_700_000_000,

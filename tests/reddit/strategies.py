@@ -7,7 +7,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from kb.reddit.parse import answers as parse
-from kb.store.rawlog import Envelope, Request
+from kb.store.rawlog.rawlog import Envelope, Request
 from tests.reddit.raw import post
 
 anything = st.recursive(

@@ -15,8 +15,8 @@ from kb.sandbox.invented_ids import ELSEWHERE
 from kb.sandbox.reddit.service import dumps
 from kb.sandbox.reddit.subreddit import CASES
 from kb.sandbox.server import Sandbox
-from kb.store import tombstones
 from kb.store.layout import Layout
+from kb.store.state import tombstones
 from tests.reddit.conftest import small_world
 from tests.reddit.work import Work, texts
 

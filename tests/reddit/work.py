@@ -10,12 +10,12 @@ from typing import Any
 import pyarrow.parquet as pq
 import zstandard
 
-from kb.core import pipeline
+from kb.core.config import pipeline
+from kb.core.config.profile import load_profile
+from kb.core.config.profile.toxicity import Toxicity
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.profile.toxicity import Toxicity
-from kb.core.settings import load_settings
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.filters.clean import run_clean
 from kb.reddit.connector.importer import import_dumps
 from kb.reddit.connector.refresh import refresh

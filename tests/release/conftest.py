@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.core.sources import PUBLISHED
 from kb.release.build import release
 from tests.release.made import build

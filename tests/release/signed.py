@@ -6,7 +6,7 @@ import tempfile
 from functools import cache
 from pathlib import Path
 
-from kb.core.resources import folder
+from kb.core.installation import folder
 
 LINES = """contact = "data@example.org"
 creators = [{ name = "Doe, Jane" }]

@@ -16,7 +16,7 @@ import kb
 from kb.core.context import Run
 from kb.core.licences import KNOWN
 from kb.release.build import describe, release
-from kb.store import tombstones
+from kb.store.state import tombstones
 from tests.release.conftest import a_run
 from tests.release.made import build
 

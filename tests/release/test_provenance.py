@@ -13,8 +13,8 @@ from cffconvert import Citation
 from kb import __version__
 from kb.cli import main
 from kb.core import installation
+from kb.core.config.profile import load_profile
 from kb.core.errors import ProfileError
-from kb.core.profile import load_profile
 from kb.pairs import keywords
 from kb.release.build import release
 from kb.release.publish.publish import publish

@@ -12,7 +12,7 @@ import pytest
 
 from kb.report import style
 from kb.report.build import report
-from kb.store.frontier import Frontier
+from kb.store.state.frontier import Frontier
 from tests.once import once
 from tests.release.made import build
 from tests.report.made import OfOne, a_run, odd

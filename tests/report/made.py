@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 
 def a_run(root: Path, workers: int = 1) -> Run:

@@ -20,8 +20,8 @@ from kb.core.sources import PUBLISHED
 from kb.report import style
 from kb.report.build import report
 from kb.schema import table
-from kb.store.frontier import Frontier
-from kb.store.shards import write_table
+from kb.store.state.frontier import Frontier
+from kb.store.tables.shards import write_table
 from tests.release.made import build
 from tests.report.made import OfOne, a_run
 

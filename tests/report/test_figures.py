@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.report.data import ReportData
 from kb.report.figures import funnel, toxicity
 from tests.release.made import build

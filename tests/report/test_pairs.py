@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.report import pairs
 from kb.report.data import ReportData
 from tests.report.made import a_run

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.report import services
 from kb.report.data import ReportData
 from tests.report.made import a_run

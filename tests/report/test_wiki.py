@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.report.data import ReportData
 from kb.report.wiki import FIGURES
 from tests.report.made import a_run

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData
-from kb.core.profile import load_profile
 from kb.report import style, wiki_page
 from kb.report.build import report
 from kb.report.data import ReportData

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import duckdb
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.report import youtube
 from kb.report.data import ReportData
 from tests.report.made import a_run

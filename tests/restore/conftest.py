@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from kb.core import pipeline
+from kb.core.config import pipeline
 from kb.filters.clean import run_clean
 from kb.release.build import describe
 from kb.sandbox.reddit.subreddit import Subreddit

@@ -16,15 +16,15 @@ import pytest
 
 import kb
 from kb import query
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import DamagedData, LimitReached, MissingCredential, QuotaSpent, SettingError
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.net import retry
 from kb.release.build import describe
 from kb.release.downloaded import find
 from kb.schema import table
-from kb.store import tombstones
+from kb.store.state import tombstones
 from tests.reddit.dumped import write
 from tests.reddit.restore.test_tables import archived
 from tests.reddit.work import NOW, rows, texts

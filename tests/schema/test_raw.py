@@ -14,7 +14,7 @@ import pytest
 from jsonschema.validators import Draft7Validator
 
 from kb.core.errors import UsageError
-from kb.core.resources import folder
+from kb.core.installation import folder
 from kb.schema import raw
 
 ALLOWED = {

@@ -12,12 +12,12 @@ import pyarrow as pa
 import pytest
 
 from kb.core.errors import SchemaMismatch, UsageError
-from kb.core.resources import folder
+from kb.core.installation import folder
 from kb.schema import conform, raw, table, tables
 from kb.schema.declaration import check_table
 from kb.schema.tables import load_table
 from kb.schema.types import parse_type
-from kb.store.shards import write_table
+from kb.store.tables.shards import write_table
 
 FILES = sorted((folder("schemas") / "tables").glob("*/*.toml"))
 

@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 import kb
 from kb.artifacts import index as index_of
 from kb.artifacts import manifest
+from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData, UsageError
-from kb.core.profile import load_profile
 from kb.core.sources import SOURCES
 from kb.filters.clean import run_clean
 from kb.search import reddit_passages, tantivy_index, wiki_passages, youtube_passages

@@ -19,8 +19,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData
-from kb.store import checksums, parquet, rawlog
-from kb.store.reading import reading
+from kb.store.rawlog import rawlog
+from kb.store.tables import checksums, parquet
+from kb.store.tables.reading import reading
 
 
 def files(root: Path) -> list[Path]:

@@ -8,12 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from kb.store import database, lock
+from kb.store import lock
+from kb.store.tables import database
 
 PROGRAM = """
 import sys
 from pathlib import Path
-from kb.store import database
+from kb.store.tables import database
 con = database.connect(Path(sys.argv[1]), threads=1, memory="60MB")
 rows = con.sql(
     "SELECT range::VARCHAR || repeat('x', 100) AS t FROM range(1000000) ORDER BY hash(range)"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from kb.crawl.session import open_session
-from kb.store import tombstones
+from kb.store.state import tombstones
 from kb.youtube.connector.source import YouTubeSource
 from tests.cli.conftest import kb  # noqa: F401  a fixture
 from tests.filters import full_root

@@ -14,10 +14,10 @@ from werkzeug.serving import WSGIRequestHandler, make_server
 from werkzeug.wrappers import Request, Response
 
 from kb.core import clock, signals
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import MissingExtra
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.net import retry
 from kb.net.rate import Pace
 from kb.wiki.browser import chromium

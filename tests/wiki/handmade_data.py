@@ -8,7 +8,7 @@ from typing import Any
 
 import zstandard
 
-from kb.store import rawlog
+from kb.store.rawlog import rawlog
 
 MONDAY, TUESDAY, FRIDAY = "2026-11-16T08:00:00Z", "2026-11-17T08:00:00Z", "2026-11-20T08:00:00Z"
 WORDS = (

@@ -14,9 +14,10 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.filters.clean import run_clean
-from kb.store import rawlog, tombstones
+from kb.store.rawlog import rawlog
+from kb.store.state import tombstones
 from kb.wiki.browser.browser import Browser, reach
 from kb.wiki.browser.pool import Pool
 from kb.wiki.capture import page

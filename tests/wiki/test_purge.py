@@ -10,13 +10,13 @@ import zstandard
 
 from kb.artifacts import purge as steps
 from kb.artifacts import purge_raw
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.crawl.purge import purge_answers
-from kb.store import rawlog
-from kb.store.frontier import Frontier
-from kb.store.rawlog import Envelope, Request, Segment
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import Envelope, Request, Segment
+from kb.store.state.frontier import Frontier
 from kb.wiki.purge import RULES
 
 HOST = "https://minecraft.wiki"

@@ -10,9 +10,9 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-from kb.core.resources import folder
+from kb.core.installation import folder
 from kb.sandbox.server import Sandbox
-from kb.store import rawlog
+from kb.store.rawlog import rawlog
 from tests import processes
 from tests.cli.conftest import clean_environment
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from kb.artifacts import belonging
-from kb.core.profile import load_profile
+from kb.artifacts import domain_binding
+from kb.core.config.profile import load_profile
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from tests.crash import harm
@@ -54,7 +54,7 @@ def finished(once: Job, tmp_path: Path) -> Job:
     """A copy of it on the same services; it knows where its profile is now."""
     job = Job(once.sandbox, tmp_path)
     shutil.copytree(once.root, job.root)
-    belonging.note(job.root, load_profile(job.env["KB_PROFILE"]))
+    domain_binding.note(job.root, load_profile(job.env["KB_PROFILE"]))
     return job
 
 

@@ -15,7 +15,7 @@ from kb.cli.framework.demo_root import FINISHED, without_scores
 from kb.cli.framework.options import CLUSTER, Options, pipeline
 from kb.core.errors import MissingExtra
 from kb.core.sources import SOURCES, made_of
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.store.layout import TOP, Layout
 
 if TYPE_CHECKING:
@@ -58,8 +58,8 @@ def demo(options: Options) -> Summary:
 def play(options: Options, without: Collection[str] = (), **size: Any) -> Summary:
     """The demo without some steps, in a world of this size (n_channels …; kb.sandbox.world)."""
     from kb.cli.commands.profile.check import refuse
-    from kb.core.profile import DEFAULT, load_profile
-    from kb.core.settings import Settings, load_settings
+    from kb.core.config.profile import DEFAULT, load_profile
+    from kb.core.config.settings import Settings, load_settings
     from kb.sandbox.domain import domain_of
     from kb.sandbox.reddit.service import dumps
     from kb.sandbox.server import Sandbox

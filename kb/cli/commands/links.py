@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.options import CLUSTER, pipeline
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run

@@ -12,7 +12,7 @@ from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show_row
 from kb.cli.framework.options import CLUSTER, pipeline
 from kb.core.errors import SettingError
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run

@@ -11,7 +11,7 @@ from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show, with_options
 from kb.cli.framework.options import Options, pipeline
 from kb.core.errors import KbError, ReleaseRefused
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run

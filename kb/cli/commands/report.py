@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run

@@ -12,9 +12,9 @@ import typer
 from kb.cli.framework.command import command, group
 from kb.cli.framework.command_classes import DumpsCommand
 from kb.cli.framework.options import Dumps, Options, Plan
-from kb.core.pipeline import load, locate
+from kb.core.config.pipeline import load, locate
 from kb.core.sources import SPECS
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 app = group("Restore the content of a downloaded release with your own keys.")
 

@@ -102,8 +102,8 @@ def sandbox(
 def _domain(options: Options) -> Domain:
     """The world's domain. Raises ProfileError for a profile that commands would refuse."""
     from kb.cli.commands.profile.check import refuse
-    from kb.core.profile import DEFAULT, load_profile
-    from kb.core.settings import load_settings
+    from kb.core.config.profile import DEFAULT, load_profile
+    from kb.core.config.settings import load_settings
     from kb.sandbox.domain import domain_of
 
     profile = load_profile(load_settings(kb_profile=options.profile).kb_profile or DEFAULT)

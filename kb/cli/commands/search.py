@@ -13,7 +13,7 @@ from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show
 from kb.cli.framework.options import Options
 from kb.core.sources import SOURCES
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run

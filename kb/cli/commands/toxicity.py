@@ -13,7 +13,7 @@ from kb.cli.framework.options import CLUSTER
 from kb.core.errors import KbError
 from kb.core.source_spec import CommandHelp
 from kb.core.sources import SPECS
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -55,7 +55,7 @@ DeviceOption = Annotated[
 
 def _annotate(run: Run, source: str, precision: Precision | None, device: Device) -> Summary:
     from kb.annotate.toxicity import ToxicityScorer
-    from kb.artifacts import belonging
+    from kb.artifacts import domain_binding
     from kb.filters.clean import texts
 
     run.profile.section(source)  # raises where the profile leaves the source out
@@ -65,7 +65,7 @@ def _annotate(run: Run, source: str, precision: Precision | None, device: Device
     if checkpoint is None or scores is None:
         return Summary(command=name, source=source, scored=0, toxicity="off in the profile")
     try:
-        with belonging.writing(run, source):
+        with domain_binding.writing(run, source):
             counts = scorer.annotate(texts(run, source))
     except KbError as error:
         error.summary = Summary(command=name, source=source, precisions=scores.precisions())

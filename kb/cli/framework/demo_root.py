@@ -9,8 +9,8 @@ from kb.core.errors import MissingExtra
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from kb.core.profile import Profile
-    from kb.core.settings import Settings
+    from kb.core.config.profile import Profile
+    from kb.core.config.settings import Settings
 
 FINISHED = "demo-finished"  # a file in the root of a finished demo
 

@@ -80,7 +80,7 @@ def show_summary(summary: dict[str, Any], as_json: bool) -> None:
     if as_json:
         print(terminal.json(json.dumps(summary, default=str, ensure_ascii=False)), flush=True)
         return
-    from kb.core.verdict import Summary
+    from kb.core.summary import Summary
 
     # A plan is a table of the program's own words and numbers; any other summary is one line.
     clean = terminal.lines if "phases" in summary else terminal.one_line

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 import typer
 
 from kb.cli.framework.messages import warn
+from kb.core.config.pipeline import load, locate
 from kb.core.errors import ProfileError, SettingError
-from kb.core.pipeline import load, locate
 
 if TYPE_CHECKING:
+    from kb.core.config.profile import Profile
     from kb.core.context import Run
-    from kb.core.profile import Profile
 
 
 class Engine(StrEnum):
@@ -113,9 +113,9 @@ class Options:
         from kb.cli.commands.profile.check import refuse
         from kb.cli.framework import progress
         from kb.cli.framework.demo_root import in_demo_root
+        from kb.core.config.settings import load_settings
+        from kb.core.config.unknown_settings import unknown_names
         from kb.core.context import Run, default_workers
-        from kb.core.settings import load_settings
-        from kb.core.unknown_settings import unknown_names
         from kb.net import redact
 
         given = {"kb_data": self.data, "kb_profile": self.profile, **settings}
@@ -188,20 +188,20 @@ def shared_option(name: str, help: str | None = None) -> inspect.Parameter:
 
 def _profile(name: str | None, root: Path, needs: str) -> Profile:
     """The named profile, else the data root's own, else that of a download, else the default."""
-    from kb.artifacts import belonging
-    from kb.core.profile import DEFAULT, Profile, load_profile
+    from kb.artifacts import domain_binding
+    from kb.core.config.profile import DEFAULT, Profile, load_profile
 
     if needs == "nothing":
         return Profile(name="none", title="none")
     if name is not None:
         profile = load_profile(name)
-        belonging.check(root, profile)
+        domain_binding.check(root, profile)
         return profile
-    bound = belonging.remembered(root)
+    bound = domain_binding.remembered(root)
     try:
         if bound is None:
-            return load_profile(belonging.profile_of(root) or DEFAULT)
-        profile, note = belonging.load(root, bound)
+            return load_profile(domain_binding.profile_of(root) or DEFAULT)
+        profile, note = domain_binding.load(root, bound)
     except ProfileError as error:
         if needs == "profile":
             raise

@@ -11,7 +11,7 @@ import typer
 from kb.cli.framework.command import command
 from kb.cli.framework.options import CLUSTER, pipeline
 from kb.core.sources import SPECS
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -56,10 +56,10 @@ def add_export(
     parquet = formats("parquet")
 
     def export(run: Run, format: Any = parquet) -> Summary:
-        from kb.artifacts import belonging
+        from kb.artifacts import domain_binding
         from kb.export import layouts
 
-        with belonging.writing(run, f"release-{source}"):
+        with domain_binding.writing(run, f"release-{source}"):
             own = getattr(pipeline(run, source), "export", None)
             if own is None:
                 return layouts.export(run, source, format.value)

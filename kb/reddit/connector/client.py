@@ -18,9 +18,9 @@ from prawcore.requestor import Requestor
 from prawcore.sessions import FiniteRetryStrategy
 
 from kb.core import clock
-from kb.core.addresses import is_loopback
+from kb.core.config.addresses import is_loopback
+from kb.core.config.settings import REDDIT, Settings
 from kb.core.errors import Blocked, Retryable
-from kb.core.settings import REDDIT, Settings
 from kb.net.rate import Pace
 from kb.net.retry import PATIENCE_S, attempt
 from kb.net.session import HttpSession, Ledger, host_of

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from kb.core.profile.reddit import RedditSection as Section
+from kb.core.config.profile.reddit import RedditSection as Section
 from kb.reddit.connector.reduce import OUTSIDE, ListingCursor, PostItem
 from kb.reddit.parse import tree
-from kb.store.frontier import Frontier
+from kb.store.state.frontier import Frontier
 
 KINDS = ("listing", "tree", "more", "thread")
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import prawcore.exceptions as wrong
 
+from kb.core.config.settings import REDDIT
 from kb.core.context import Run
 from kb.core.errors import (
     Blocked,
@@ -23,7 +24,6 @@ from kb.core.errors import (
     MissingCredential,
     Retryable,
 )
-from kb.core.settings import REDDIT
 from kb.net.session import refusal
 from kb.reddit.parse.tree import is_deeper
 from kb.schema.coerce import inner

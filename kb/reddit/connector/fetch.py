@@ -15,7 +15,7 @@ from kb.reddit.connector.errors import REDIRECT, STATUS, no_subreddit, too_deep
 from kb.reddit.connector.reduce import ListingCursor
 from kb.reddit.parse.anonymize import Scrubber
 from kb.reddit.parse.remove_ids import without
-from kb.store.frontier import Item
+from kb.store.state.frontier import Item
 
 
 class RedditFetcher:

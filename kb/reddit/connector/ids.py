@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from kb.core.errors import SettingError
-from kb.core.resources import PROFILE_FILE
+from kb.core.installation import PROFILE_FILE
 from kb.crawl.id_list import (
     IdRules,
     ListedId,
@@ -28,7 +28,7 @@ from kb.crawl.id_list import (
     read_some,
     readable,
 )
-from kb.store import parquet
+from kb.store.tables import parquet
 
 Ids = Path | str | Iterable[str | Path] | None
 """A file or folder of ids, several of them, or full names; None: the data root's own release."""

@@ -12,11 +12,11 @@ from pathlib import Path
 import msgspec
 
 from kb.core import signals
+from kb.core.config.profile.reddit import RedditSection
 from kb.core.context import Run
 from kb.core.engine import make_executor
 from kb.core.errors import Interrupted, LimitReached, Stopped
-from kb.core.profile.reddit import RedditSection
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.crawl.session import open_session
 from kb.reddit.connector.source import Dumps
 from kb.reddit.dumps.containers import memory
@@ -32,7 +32,7 @@ from kb.reddit.dumps.cursor import (
 from kb.reddit.dumps.files import find_dumps
 from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.reddit.parse.anonymize import load_key
-from kb.store import mending, rawlog
+from kb.store.rawlog import damaged_answers, rawlog
 
 
 def import_dumps(
@@ -59,7 +59,7 @@ def import_dumps(
         )
         try:
             summary = import_files(run, job, dumps.files)
-            mending.asked_again(session.frontier, imported=run.again)
+            damaged_answers.forget_refetched(session.frontier, imported=run.again)
         finally:
             for path in rawlog.segments(run.root, "reddit", KIND):
                 session.frontier.set_offset(KIND, rawlog.base_name(path), path.stat().st_size)

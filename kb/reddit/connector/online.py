@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from kb.core.config.profile.finding import ERROR, NOTE, WARNING, WRONG, OnlineAnswer, QuestionCost
+from kb.core.config.profile.reddit import RedditSection
 from kb.core.context import Run
 from kb.core.errors import ItemFinal
-from kb.core.profile.finding import ERROR, NOTE, WARNING, WRONG, OnlineAnswer, QuestionCost
-from kb.core.profile.reddit import RedditSection
 from kb.reddit.connector.client import Client
 
 

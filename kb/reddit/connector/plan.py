@@ -9,19 +9,21 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from kb.core.addresses import is_loopback
+from kb.core.config.addresses import is_loopback
+from kb.core.config.profile.reddit import RedditSection
 from kb.core.context import Run
-from kb.core.plan import PlanPhase, plan, to_read
-from kb.core.profile.reddit import RedditSection
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPhase, plan, to_read
 from kb.reddit.connector.client import IDS, ROOT
 from kb.reddit.connector.ids import Ids, asked_for
 from kb.reddit.connector.reduce import PAGES
 from kb.reddit.connector.refresh import due_parts, oldest_due
 from kb.reddit.dumps.files import find_dumps
 from kb.reddit.parse.latest_state import latest_state
-from kb.store import rawlog, reading, tombstones
 from kb.store.layout import Layout
+from kb.store.rawlog import rawlog
+from kb.store.state import tombstones
+from kb.store.tables import reading
 
 LISTED = 100  # posts a page of a listing
 # Used only where this data root has nothing to measure.

@@ -14,8 +14,8 @@ from typing import Any
 import msgspec
 
 from kb.reddit.parse import tree
-from kb.store.frontier import Frontier
-from kb.store.rawlog import Envelope
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state.frontier import Frontier
 
 PAGES = 10  # of 100: Reddit ends a listing at about 1,000
 AGAIN = "came back as a stub"

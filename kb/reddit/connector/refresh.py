@@ -23,7 +23,7 @@ import pyarrow.parquet as pq
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import Retryable
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
@@ -33,11 +33,11 @@ from kb.reddit.connector.source import INFO, RedditSource
 from kb.reddit.parse import tree
 from kb.reddit.parse.latest_state import LatestState, latest_state
 from kb.reddit.spec import SPEC
-from kb.store import parquet
 from kb.store.atomic import full_disk_is_resumable
-from kb.store.frontier import ROUND, Frontier, Item, going_on
-from kb.store.merge import Merge
-from kb.store.shards import PAGE
+from kb.store.state.frontier import ROUND, Frontier, Item, going_on
+from kb.store.tables import parquet
+from kb.store.tables.merge import Merge
+from kb.store.tables.shards import PAGE
 
 _ORDER = ["place", "fullname"]
 _COLUMNS = [*_ORDER, "there"]

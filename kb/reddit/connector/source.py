@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterator
 from datetime import datetime
 from functools import cached_property
 
+from kb.core.config.profile.reddit import RedditSection
 from kb.core.context import Run
 from kb.core.errors import ItemFinal
-from kb.core.profile.reddit import RedditSection
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
@@ -28,8 +28,8 @@ from kb.reddit.dumps.cursor import recover_segments
 from kb.reddit.parse import tree
 from kb.reddit.parse.anonymize import Scrubber, load_key
 from kb.reddit.spec import SPEC
-from kb.store.frontier import Frontier, Item
-from kb.store.rawlog import Envelope
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state.frontier import Frontier, Item
 
 MORE = Phase(kind="more", unit="further comments", feeds=("more", "thread"), batch=IDS, shown=False)
 THREAD = Phase(kind="thread", unit="deep threads", feeds=("more", "thread"), shown=False)

@@ -18,9 +18,10 @@ from pathlib import Path
 import msgspec
 
 from kb.core import signals
-from kb.store import notes, rawlog
 from kb.store.atomic import sync_folder, write_bytes
 from kb.store.layout import Layout
+from kb.store.rawlog import rawlog
+from kb.store.state import json_files
 
 KIND = "dumps"
 PART = ".part"
@@ -78,7 +79,7 @@ def load_cursor(root: Path, name: str, file: str = "", round: str = "") -> DumpC
     """Where an import stopped: at the beginning without a note, in a new round of `--again`, and
     for a damaged `file` that was modified since.
     """
-    noted = notes.read(_folder(root) / f"{name}.json", DumpCursor, fix=_REPAIR)
+    noted = json_files.read(_folder(root) / f"{name}.json", DumpCursor, fix=_REPAIR)
     if noted is None or (round and noted.round != round):
         return DumpCursor(file, round=round)
     if file and noted.done and noted.damaged and noted.changed != Path(file).stat().st_mtime_ns:
@@ -124,7 +125,7 @@ def publish_segment(base: Path, cursor: DumpCursor) -> None:
 def begin_round(root: Path, names: Sequence[str]) -> str:
     """The round of `--again` over these notes: a new one, or the same one if it was interrupted."""
     path = _folder(root) / f"{_ROUND}.json"
-    noted = notes.read(path, tuple[str, list[str]], fix=_REPAIR)
+    noted = json_files.read(path, tuple[str, list[str]], fix=_REPAIR)
     if noted and noted[1] == sorted(names):
         return str(noted[0])
     round = uuid.uuid4().hex[:8]

@@ -16,7 +16,7 @@ from kb.reddit.parse.anonymize import Scrubber, load_key
 from kb.reddit.parse.records import LATEST, retrieved
 from kb.reddit.parse.remove_ids import without
 from kb.schema.decode import holdable
-from kb.store import tombstones
+from kb.store.state import tombstones
 
 
 class RecordRules(msgspec.Struct, frozen=True):

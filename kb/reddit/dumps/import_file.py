@@ -31,9 +31,10 @@ from kb.reddit.dumps.cursor import (
 )
 from kb.reddit.dumps.extract import ExtractedChunk, ExtractedRecord, RecordRules, extract
 from kb.reddit.dumps.subreddit_search import SearchState
-from kb.store import rawlog, tombstones
 from kb.store.atomic import full_disk_is_resumable
-from kb.store.rawlog import SEGMENT_BYTES, SUFFIX, Envelope, Request
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import SEGMENT_BYTES, SUFFIX, Envelope, Request
+from kb.store.state import tombstones
 
 THINGS = 100  # records of an envelope
 BLOCK = 4 << 20  # decompressed bytes that a worker gets at once

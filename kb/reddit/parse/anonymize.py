@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from kb.core.errors import DamagedData
-from kb.store import rawlog
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout
+from kb.store.rawlog import rawlog
 
 # Besides everything that starts with "author": who wrote, moderated, reported, and what moderators
 # note of them.

@@ -14,14 +14,14 @@ from typing import Any
 import msgspec
 import pyarrow as pa
 
+from kb.core.config.profile.reddit import Links
 from kb.core.errors import DamagedData
-from kb.core.profile.reddit import Links
 from kb.reddit.parse import tree
 from kb.reddit.parse.records import RecordReader, Row, new_row
 from kb.schema.coerce import times
 from kb.schema.decode import holdable, problems
 from kb.schema.tables import table
-from kb.store.buckets import RawKind
+from kb.store.tables.partition import RawKind
 
 ROWS = 8_192
 # Of answers of the same age the later kind counts: a refresh (info) reads again what others

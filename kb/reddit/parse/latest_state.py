@@ -16,14 +16,15 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core.config.profile.reddit import Links, RedditSection
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
-from kb.core.profile.reddit import Links, RedditSection
 from kb.reddit.parse import answers as parse
-from kb.store import buckets, rawlog
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.layout import Layout
-from kb.store.newest import newest
+from kb.store.rawlog import rawlog
+from kb.store.tables import partition
+from kb.store.tables.latest import newest
 
 COLUMNS = ("fullname", "post_id", "state", "fetched_at", "live", "gone", "dump")
 
@@ -62,7 +63,7 @@ def latest_state(run: Run, folder: Path | None = None) -> Iterator[LatestState]:
             for path in rawlog.segments(run.root, "reddit", kind)
         ]
         size = sum(path.stat().st_size for _, path in segments)
-        number = buckets.how_many(size)
+        number = partition.how_many(size)
         with (
             full_disk_is_resumable(folder),
             make_executor(run.engine, run.processes(size), run.scheduler) as executor,
@@ -96,11 +97,11 @@ def _spread(
 
 def spread(kind: str, links: Links, segment: str, place: int, folder: str, number: int) -> None:
     """Spread one segment; runs in a worker."""
-    about = buckets.RawKind(
+    about = partition.RawKind(
         partial(_rows, kind=kind, links=links), key=("fullname",), bucket="fullname"
     )
     with full_disk_is_resumable(Path(folder)):
-        buckets.spread(about, f"reddit/{kind}", Path(segment), place, Path(folder), number)
+        partition.spread(about, f"reddit/{kind}", Path(segment), place, Path(folder), number)
 
 
 def _rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:

@@ -11,7 +11,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from kb.core.profile.reddit import Links
+from kb.core.config.profile.reddit import Links
 from kb.reddit.parse import tree
 from kb.reddit.parse.html_entities import resolve
 from kb.reddit.parse.post_types import (

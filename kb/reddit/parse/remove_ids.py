@@ -23,10 +23,10 @@ import pyarrow.compute as pc
 from kb.reddit.parse import tree
 from kb.schema import raw
 from kb.schema.keys import asked
-from kb.store import parquet
-from kb.store.rawlog import Envelope, Request
-from kb.store.reading import reading
-from kb.store.shards import ShardWriter
+from kb.store.rawlog.rawlog import Envelope, Request
+from kb.store.tables import parquet
+from kb.store.tables.reading import reading
+from kb.store.tables.shards import ShardWriter
 
 HOLDERS = ("data", "json", "things", "children", "replies")  # fields in which things may be
 

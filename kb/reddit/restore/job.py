@@ -10,15 +10,15 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.artifacts.restore import MISSING, WantedContent
+from kb.core.config.profile.reddit import RedditSection
 from kb.core.context import Run
-from kb.core.plan import PlanPart, PlanPhase
-from kb.core.profile.reddit import RedditSection
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPart, PlanPhase
 from kb.reddit.connector.errors import require
 from kb.reddit.connector.plan import plan_rebuild
 from kb.reddit.restore.reconstruct import WITHOUT_KEY, rebuild
-from kb.store import parquet
 from kb.store.layout import Layout
+from kb.store.tables import parquet
 
 
 @dataclass(frozen=True)

@@ -29,12 +29,12 @@ import msgspec
 import pyarrow.parquet as pq
 
 from kb.artifacts.restore import FAILED, MISSING, WORK
+from kb.core.config.profile import DEFAULT, load_profile
+from kb.core.config.profile.reddit import RedditSection
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError
-from kb.core.profile import DEFAULT, load_profile
-from kb.core.profile.reddit import RedditSection
-from kb.core.settings import load_settings
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.crawl import job
 from kb.net import redact
 from kb.reddit.connector.errors import require
@@ -47,10 +47,12 @@ from kb.reddit.dumps.import_file import ImportJob
 from kb.reddit.parse.anonymize import load_key
 from kb.reddit.restore import tables
 from kb.reddit.restore.source import KnownIds, unanswered
-from kb.store import leftovers, parquet, tombstones
+from kb.store import leftovers
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
+from kb.store.state import tombstones
+from kb.store.tables import parquet
 
 LOCK = ".lock"  # in a folder of tables outside of the data root: one run at a time adds to them
 _SINCE = "writes"  # in a work folder: how often the tables had been written when it began
@@ -114,7 +116,7 @@ def reconstruct(
 
     `ids`: a file or folder as for `--ids`, several of them, or full names; by default the data
     root's own release. `dumps` are read instead of asking Reddit: no key, no network. What `out`
-    has already is added to, and comes as well. `settings` are names of kb.core.settings
+    has already is added to, and comes as well. `settings` are names of kb.core.config.settings
     (`reddit_client_id="…"`, `kb_data="…"`); the environment and `.env` count as for the command.
     Everything is read first (cut off, the same call goes on), then posts, comments and what is
     missing come in order. Raises as `rebuild`.
@@ -161,7 +163,7 @@ def rebuild(
     tables.check_place(out)
     with _writer(run.root, out):
         for name in (tables.DONE, MISSING):
-            leftovers.ended(out / name)  # of a killed run
+            leftovers.remove_temporary(out / name)  # of a killed run
         tables.folder_of(out).settle()
         done, work = _load(out), out / f"{WORK}-{digest}"
         if digest in done.answered and not run.again:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from kb.core.context import Run
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Opened, Phase
@@ -15,8 +15,8 @@ from kb.reddit.connector.ids import WantedThings
 from kb.reddit.connector.reduce import PAYLOADS
 from kb.reddit.connector.source import INFO, MORE, THREAD, TREE, RedditSource
 from kb.reddit.spec import SPEC
-from kb.store import reading
-from kb.store.frontier import Frontier, Item
+from kb.store.state.frontier import Frontier, Item
+from kb.store.tables import reading
 
 _WHY = {"404": "missing", "410": "missing", "purged": "purged"}
 

@@ -25,17 +25,17 @@ from kb.artifacts.restore import (
     RestoreFolder,
     fresh_rows,
 )
+from kb.core.config.profile.reddit import Links
 from kb.core.errors import SettingError
-from kb.core.profile.reddit import Links
 from kb.reddit.connector.ids import Released, WantedThings
 from kb.reddit.dumps.cursor import KIND
 from kb.reddit.parse import answers as parse
 from kb.reddit.parse.assemble import assemble, newest_of, with_counts
 from kb.reddit.parse.tree import depths
 from kb.schema.tables import Table
-from kb.store import rawlog
 from kb.store.atomic import full_disk_is_resumable
-from kb.store.shuffle import Shuffle
+from kb.store.rawlog import rawlog
+from kb.store.tables.partition import Shuffle
 
 TABLES = (RestoredTable("reddit/posts", "t3_"), RestoredTable("reddit/comments", "t1_"))
 DONE = ".done.json"  # which lists of ids were answered, and how many rows the tables have

@@ -17,8 +17,8 @@ from kb.core.sources import RELEASES, exported_by
 from kb.release.folders import is_made, strays
 from kb.release.gate.problem import GateProblem, damaged
 from kb.release.gate.tables import numbered
-from kb.store import database
-from kb.store.checksums import SUMS, digest
+from kb.store.tables import database
+from kb.store.tables.checksums import SUMS, digest
 
 _COLUMNS = (
     "{tar: 'VARCHAR', member: 'VARCHAR', \"offset\": 'BIGINT', size: 'BIGINT', sha256: 'VARCHAR'}"

@@ -20,11 +20,11 @@ import duckdb
 import pyarrow as pa
 
 from kb.artifacts.release_folder import ReleaseFolder
+from kb.core.config.profile.release import Release
 from kb.core.errors import DamagedData
-from kb.core.profile.release import Release
 from kb.release.gate.problem import GateProblem
-from kb.store import database, parquet
-from kb.store.reading import scan
+from kb.store.tables import database, parquet
+from kb.store.tables.reading import scan
 
 # DuckDB's expressions (RE2) know letters of every script as \pL.
 EMAIL = r"[\pL\pN._%+\-]+@[\pL\pN\-]+(?:\.[\pL\pN\-]+)*\.[A-Za-z]{2,}"

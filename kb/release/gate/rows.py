@@ -20,8 +20,8 @@ from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES, SPECS, made_by
 from kb.release.gate.problem import GateProblem, damaged
 from kb.schema import Table, released_tables
-from kb.store import database, parquet
 from kb.store.layout import Layout
+from kb.store.tables import database, parquet
 
 
 def check(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) -> list[GateProblem]:

@@ -17,8 +17,8 @@ from ahocorasick_rs import BytesAhoCorasick, MatchKind
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.errors import DamagedData
 from kb.release.gate.problem import GateProblem
-from kb.store import database, parquet
-from kb.store.reading import scan
+from kb.store.tables import database, parquet
+from kb.store.tables.reading import scan
 
 KEY_SHAPES = {
     "a Google API key": r"AIza[0-9A-Za-z_\-]{35}",

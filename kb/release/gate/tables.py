@@ -20,8 +20,8 @@ from kb.release.folders import samples
 from kb.release.gate.problem import GateProblem, damaged
 from kb.schema import Table, table
 from kb.schema.tables import Column
-from kb.store import database, parquet
-from kb.store.reading import scan
+from kb.store.tables import database, parquet
+from kb.store.tables.reading import scan
 
 _LONGEST_ID = 16  # characters of ids, types and full names; anything longer is content
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import msgspec
 
-from kb.core.profile import Profile
+from kb.core.config.profile import Profile
 from kb.core.sources import SPECS
 from kb.release.metadata.text import ENVIRONMENT, TEMPLATES, line
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from kb import __version__
 from kb.core.context import Run
-from kb.core.installation import install_extra, lock_digest, software, software_address
+from kb.core.installation import install_extra, lock_digest, software_address
 from kb.core.licences import licence
 from kb.core.sources import RELEASES
 from kb.release import provenance
@@ -116,7 +116,7 @@ def _in_markdown(run: Run, facts: Facts) -> dict[str, Any]:
         "note": SANDBOX_NOTE,
         "install": install_extra(RELEASES[facts.source].extra),
         "release": section,
-        "software": software(),
+        "software": _software(),
         "address": software_address(),
         "topic": run.profile.title,
     }
@@ -129,3 +129,10 @@ def _search_words(run: Run, facts: Facts) -> list[str]:
 
 def _is_main(table: TableFacts) -> bool:
     return table.table.short == RELEASES[table.table.source].main
+
+
+def _software() -> str:
+    """Name, version, address (where the package declares one) and lock file of this software."""
+    facts = [software_address(), f"lock file SHA-256 {digest}" if (digest := lock_digest()) else ""]
+    known = ", ".join(fact for fact in facts if fact)
+    return f"Lorecrawl {__version__}" + (f" ({known})" if known else "")

@@ -7,7 +7,7 @@ from datetime import datetime
 from typing import Any
 
 from kb.schema import Column, Table
-from kb.store.reading import SANDBOX_MODEL
+from kb.store.tables.reading import SANDBOX_MODEL
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from duckdb import DuckDBPyConnection
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.source_spec import load_name
 from kb.core.sources import RELEASES
-from kb.store.reading import scan
+from kb.store.tables.reading import scan
 
 # The longest chain of comments that can be walked from a post, each by its parent.
 _WALK = """

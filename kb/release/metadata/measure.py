@@ -23,11 +23,12 @@ from kb.release.gate.personal import personal_counts
 from kb.release.metadata.facts import ColumnFacts, DataFile, Facts, TableFacts
 from kb.release.metadata.gaps import gaps
 from kb.schema import Column, released_tables
-from kb.store import database, parquet, tombstones
-from kb.store.checksums import digest
 from kb.store.layout import Layout, parquet_files
-from kb.store.reading import filtered
-from kb.store.tally import VERDICTS
+from kb.store.state import tombstones
+from kb.store.tables import database, parquet
+from kb.store.tables.checksums import digest
+from kb.store.tables.reading import filtered
+from kb.store.tables.row_counts import VERDICTS
 
 _TOPS = 8
 # DuckDB hands out times with a zone only where pytz is installed.

@@ -9,17 +9,17 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from kb.artifacts import belonging
+from kb.artifacts import domain_binding
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core import signals
-from kb.core.addresses import is_loopback
-from kb.core.contact import is_placeholder
+from kb.core.config.addresses import is_loopback
+from kb.core.config.profile.base import is_placeholder
+from kb.core.config.profile.release import Release
 from kb.core.context import Run
 from kb.core.errors import KbError, ProfileError
-from kb.core.profile.release import Release
-from kb.core.resources import PROFILE_FILE
+from kb.core.installation import PROFILE_FILE
 from kb.core.sources import exported_by, made_by, made_of
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.net.session import HttpSession, host_of
 from kb.release.build import exported, refuse
 from kb.release.gate import check
@@ -28,9 +28,9 @@ from kb.release.metadata.measure import models
 from kb.release.publish.service import TIMEOUT_S, stray
 from kb.release.publish.upload import Upload, document_of
 from kb.release.publish.zenodo import Zenodo
-from kb.store.checksums import SUMS
 from kb.store.lock import RELEASES, writer
-from kb.store.reading import SANDBOX_MODEL
+from kb.store.tables.checksums import SUMS
+from kb.store.tables.reading import SANDBOX_MODEL
 
 HOSTS = {"zenodo-sandbox": "https://sandbox.zenodo.org", "zenodo": "https://zenodo.org"}
 MOST_FILES, MOST_BYTES = 100, 50 * 10**9  # a record at Zenodo
@@ -43,7 +43,7 @@ def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None 
     """
     token = run.settings.need("zenodo_token")
     endpoint = run.settings.kb_zenodo_endpoint or HOSTS[to]
-    with belonging.writing(run, *RELEASES):
+    with domain_binding.writing(run, *RELEASES):
         return _publish(run, endpoint, token, publish, only)
 
 

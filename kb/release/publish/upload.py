@@ -22,8 +22,8 @@ from kb.release.metadata.zenodo import Document
 from kb.release.publish.service import Forbidden, Gone, doi, page
 from kb.release.publish.zenodo import Zenodo, md5
 from kb.store.atomic import write_text
-from kb.store.checksums import SUMS, digest
 from kb.store.layout import Layout
+from kb.store.tables.checksums import SUMS, digest
 
 
 def document_of(folder: ReleaseFolder) -> dict[str, Any]:

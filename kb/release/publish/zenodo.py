@@ -25,7 +25,7 @@ from kb.release.publish.service import (
     UploadedFile,
     latest_draft,
 )
-from kb.store.checksums import digest
+from kb.store.tables.checksums import digest
 
 PAGE = 100
 

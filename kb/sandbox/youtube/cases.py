@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from kb.core.profile import Profile
-from kb.core.profile.youtube import YouTubeSection
+from kb.core.config.profile import Profile
+from kb.core.config.profile.youtube import YouTubeSection
 
 
 @dataclass(frozen=True)

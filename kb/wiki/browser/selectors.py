@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from kb.core.profile.wiki import Markup
+from kb.core.config.profile.wiki import Markup
 from kb.wiki.browser import chromium
 from kb.wiki.browser.browser import Browser
 from kb.wiki.browser.process_guard import Guard

@@ -12,11 +12,12 @@ from pathlib import Path
 import msgspec
 
 from kb.core import clock
+from kb.core.config.profile.wiki import Wiki
 from kb.core.errors import DamagedData
-from kb.core.profile.wiki import Wiki
-from kb.store import rawlog, sidefiles, tombstones
-from kb.store.frontier import Frontier
 from kb.store.layout import BELOW, Layout
+from kb.store.rawlog import rawlog, sidefiles
+from kb.store.state import tombstones
+from kb.store.state.frontier import Frontier
 from kb.wiki.connector import reduce
 from kb.wiki.connector.payloads import SiteItem, Title
 from kb.wiki.parse import extraction
@@ -179,7 +180,7 @@ def reopen_lost(frontier: Frontier, root: Path) -> None:
                 done = {key for key, *_ in frontier.items(kind, "done")}
                 frontier.mark(kind, sorted(keys & done), "todo")
         for path in lost:
-            sidefiles.set_aside(root / path)
+            sidefiles.quarantine_file(root / path)
     sidefiles.forget(root, "wiki")
 
 

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from kb.core import signals
+from kb.core.config.profile.wiki import Wiki
 from kb.core.errors import ItemFinal, Retryable
-from kb.core.profile.wiki import Wiki
 from kb.crawl.source import Answer
-from kb.store import rawlog
-from kb.store.frontier import Frontier, Item
 from kb.store.layout import BELOW, Layout
+from kb.store.rawlog import rawlog
+from kb.store.state.frontier import Frontier, Item
 from kb.wiki import urls
 from kb.wiki.browser.pool import Pool
 from kb.wiki.capture import images

@@ -14,7 +14,7 @@ from urllib.parse import urlsplit, urlunsplit
 import requests
 
 from kb.core import clock
-from kb.core.addresses import is_loopback
+from kb.core.config.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.net import retry
@@ -31,7 +31,7 @@ from kb.net.session import (
     send,
     user_agent,
 )
-from kb.store import sidefiles
+from kb.store.rawlog import sidefiles
 from kb.wiki.errors import NoPicture, of_status
 
 Result = TypeVar("Result")

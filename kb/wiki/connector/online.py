@@ -6,11 +6,11 @@ import contextlib
 from collections.abc import Callable, Iterator
 from typing import TypeVar
 
-from kb.core import wording
+from kb.core.config import value_errors
+from kb.core.config.profile.finding import NOTE, OnlineAnswer, QuestionCost
+from kb.core.config.profile.wiki import Wiki
 from kb.core.context import Run
 from kb.core.errors import ItemFinal
-from kb.core.profile.finding import NOTE, OnlineAnswer, QuestionCost
-from kb.core.profile.wiki import Wiki
 from kb.net import retry
 from kb.wiki.connector.client import WikiApi, find_endpoint
 from kb.wiki.connector.hosts import WikiHosts
@@ -42,7 +42,10 @@ def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
         cost.requests = web.requests
     general, rights = site.get("general", {}), site.get("rightsinfo", {})
     pages = site.get("statistics", {}).get("articles")
-    facts = [wording.shown(str(general.get("sitename", url))), str(general.get("generator", ""))]
+    facts = [
+        value_errors.shown(str(general.get("sitename", url))),
+        str(general.get("generator", "")),
+    ]
     facts += [f"{pages:,} pages"] if isinstance(pages, int) else []
     facts += [f"licence: {rights.get('text') or rights.get('url') or 'none named'}"]
     return OnlineAnswer(NOTE, "wiki.url", ", ".join(filter(None, facts)))

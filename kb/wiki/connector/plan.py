@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from kb.core.addresses import is_loopback
+from kb.core.config.addresses import is_loopback
+from kb.core.config.profile.wiki import Wiki
 from kb.core.context import Run
-from kb.core.plan import PlanPhase, plan, to_read
-from kb.core.profile.wiki import Wiki
-from kb.core.verdict import Summary
-from kb.store import reading
+from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPhase, plan, to_read
 from kb.store.layout import Layout
+from kb.store.tables import reading
 from kb.wiki.connector.ids import read_titles
 
 BATCH = 50  # titles a request

@@ -6,8 +6,8 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from kb.store.frontier import Frontier
-from kb.store.rawlog import Envelope
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state.frontier import Frontier
 from kb.wiki.connector.payloads import ImageItem, List, PageItem, SiteItem, Title
 from kb.wiki.parse import answers
 

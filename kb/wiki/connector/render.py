@@ -13,13 +13,13 @@ from typing import Any
 import msgspec
 
 from kb.core import clock
+from kb.core.config.profile.wiki import Wiki
 from kb.core.errors import Blocked, ItemFinal, Retryable
-from kb.core.profile.wiki import Wiki
 from kb.net import retry
-from kb.store import rawlog, sidefiles
 from kb.store.atomic import full_disk_is_resumable, replacing_folder
-from kb.store.frontier import Item
 from kb.store.layout import Layout
+from kb.store.rawlog import rawlog, sidefiles
+from kb.store.state.frontier import Item
 from kb.wiki import urls
 from kb.wiki.browser.pool import Pool
 from kb.wiki.capture.page import Captured, capture, check_page

@@ -20,18 +20,18 @@ from urllib.parse import urlsplit
 
 from requests import PreparedRequest
 
+from kb.core.config.profile.wiki import Wiki
 from kb.core.context import Run
-from kb.core.profile.wiki import Wiki
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.crawl.id_list import IdList
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Opened, Phase, Plain
 from kb.net.session import Note
-from kb.store import tombstones
-from kb.store.frontier import Frontier, Item
-from kb.store.rawlog import Envelope
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state import tombstones
+from kb.store.state.frontier import Frontier, Item
 from kb.wiki.browser import browser, chromium
 from kb.wiki.browser.pool import Pool
 from kb.wiki.browser.process_guard import Guard

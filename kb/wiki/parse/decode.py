@@ -17,8 +17,8 @@ from kb.schema import raw
 from kb.schema.coerce import Bad, coerce, times
 from kb.schema.decode import problems
 from kb.schema.tables import Column, table
-from kb.store import rawlog
-from kb.store.rawlog import Envelope
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import Envelope
 from kb.wiki.parse import answers
 
 ROWS = 8_192

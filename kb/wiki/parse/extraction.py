@@ -14,7 +14,7 @@ import msgspec
 import zstandard
 
 from kb.schema.tables import Column, table
-from kb.store import sidefiles
+from kb.store.rawlog import sidefiles
 
 SIDES = ("x", "y", "width", "height")
 _Box = tuple[float, float, float, float]

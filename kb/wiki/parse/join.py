@@ -7,7 +7,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.store.buckets import RawKind
+from kb.store.tables.partition import RawKind
 from kb.wiki import urls
 from kb.wiki.parse import decode
 

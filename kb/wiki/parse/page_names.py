@@ -6,7 +6,8 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from kb.store import rawlog, tombstones
+from kb.store.rawlog import rawlog
+from kb.store.state import tombstones
 from kb.wiki.parse import answers
 
 

@@ -13,8 +13,8 @@ import pyarrow as pa
 
 from kb.schema.nesting import is_outermost
 from kb.schema.tables import Column, table
-from kb.store.inside import inside
 from kb.store.layout import BELOW, Layout
+from kb.store.rawlog.sidefiles import captured_path
 from kb.wiki import urls
 from kb.wiki.parse import extraction, facts
 
@@ -63,7 +63,7 @@ def read_pages(
     ):
         folder = page["folder"]
         values_of_page: Row = {}
-        seen = None if folder is None else extraction.read(root, inside(root, folder))
+        seen = None if folder is None else extraction.read(root, captured_path(root, folder))
         if seen is not None and extraction.is_foreign(seen.page, page["page_id"]):
             render[row] = "challenge"
         elif seen is not None:

@@ -22,11 +22,11 @@ from typing import Any, NamedTuple
 import msgspec
 
 from kb.core import clock
+from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
-from kb.core.plan import PlanPhase as Step
-from kb.core.plan import plan as make_plan
-from kb.core.profile.youtube import YouTubeSection
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPhase as Step
+from kb.core.summary.plan import plan as make_plan
 from kb.crawl import id_list
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
@@ -34,11 +34,11 @@ from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Phase
 from kb.schema.coerce import durations
 from kb.schema.decode import holdable
-from kb.store import rawlog
 from kb.store.atomic import write_bytes
-from kb.store.frontier import Frontier, Item
 from kb.store.layout import Layout
-from kb.store.rawlog import Envelope
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state.frontier import Frontier, Item
 from kb.youtube.connector.fetch import API, PACK
 from kb.youtube.connector.ids import RULES, some_ids
 from kb.youtube.connector.quota import GENERAL

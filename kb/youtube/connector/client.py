@@ -11,9 +11,9 @@ import requests
 from googleapiclient.discovery import build
 from googleapiclient.errors import HttpError
 
+from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import Retryable
-from kb.core.profile.youtube import YouTubeSection
 from kb.crawl.source import Opened
 from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
 from kb.net.session import HttpSession, failure, host_of, never_sent, user_agent

@@ -7,10 +7,10 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 
 from kb.core import clock
+from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import FatalError
-from kb.core.profile.youtube import YouTubeSection
-from kb.store.frontier import Frontier
+from kb.store.state.frontier import Frontier
 from kb.youtube.connector import errors
 from kb.youtube.connector.reduce import (
     BEYOND,

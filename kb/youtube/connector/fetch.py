@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
-from kb.core.addresses import is_loopback
+from kb.core.config.addresses import is_loopback
+from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import ItemFinal, Retryable
-from kb.core.profile.youtube import YouTubeSection
 from kb.crawl.source import Answer, Opened
 from kb.net.rate import Pace
-from kb.store.frontier import Item
+from kb.store.state.frontier import Item
 from kb.youtube.connector.client import YouTubeApi
 from kb.youtube.connector.quota import WEB as SITE_BUCKET
 from kb.youtube.connector.reduce import (

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from kb.core import clock, wording
+from kb.core import clock
+from kb.core.config import value_errors
+from kb.core.config.profile.finding import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
+from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
-from kb.core.profile.finding import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
-from kb.core.profile.youtube import YouTubeSection
-from kb.store.frontier import Frontier
+from kb.store.state.frontier import Frontier
 from kb.youtube.connector.client import YouTubeApi
 
 
@@ -30,7 +31,7 @@ def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
         finally:
             ledger.close()
     titles = [_title(one) for one in answer.get("items", [])]
-    searched = f"a search for {wording.shown(words)}"
+    searched = f"a search for {value_errors.shown(words)}"
     if not titles:
         fix = "search for words that channels of the domain use in their names"
         return OnlineAnswer(ERROR, "youtube.keywords", f"{searched} finds no channel", fix, WRONG)
@@ -59,4 +60,4 @@ class _Alone:
 
 
 def _title(item: dict[str, Any]) -> str:
-    return wording.shown(str(item.get("snippet", {}).get("title", "")))
+    return value_errors.shown(str(item.get("snippet", {}).get("title", "")))

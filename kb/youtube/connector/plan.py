@@ -11,14 +11,15 @@ import math
 from pathlib import Path
 from typing import Any
 
-from kb.core.addresses import is_loopback
+from kb.core.config.addresses import is_loopback
+from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
-from kb.core.plan import PlanPhase, to_read
-from kb.core.plan import plan as make_plan
-from kb.core.profile.youtube import YouTubeSection
-from kb.core.verdict import Summary
-from kb.store import rawlog, reading
+from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPhase, to_read
+from kb.core.summary.plan import plan as make_plan
 from kb.store.layout import Layout
+from kb.store.rawlog import rawlog
+from kb.store.tables import reading
 from kb.youtube.connector import quota
 from kb.youtube.connector.fetch import PACK
 from kb.youtube.connector.ids import Part, share, some_ids

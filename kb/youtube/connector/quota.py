@@ -12,9 +12,9 @@ from datetime import UTC, datetime, timedelta
 from zoneinfo import ZoneInfo
 
 from kb.core import clock
+from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.errors import QuotaSpent
-from kb.core.profile.youtube import YouTubeSection
-from kb.store.frontier import Frontier
+from kb.store.state.frontier import Frontier
 
 PACIFIC = ZoneInfo("America/Los_Angeles")
 SEARCH, GENERAL, STATISTICS, WEB = "search", "general", "statistics", "web"

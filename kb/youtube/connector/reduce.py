@@ -19,9 +19,9 @@ from typing import Any
 import msgspec
 import pyarrow as pa
 
-from kb.core.profile.youtube import YouTubeSection
-from kb.store.frontier import Frontier
-from kb.store.rawlog import Envelope
+from kb.core.config.profile.youtube import YouTubeSection
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state.frontier import Frontier
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.answers import PO_TOKEN
 from kb.youtube.ytdlp.tracks import TrackLanguage

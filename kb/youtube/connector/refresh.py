@@ -21,18 +21,19 @@ from typing import Any, NamedTuple
 import msgspec
 
 from kb.core import clock
+from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.profile.youtube import YouTubeSection as Profile
 from kb.core.context import Run
-from kb.core.plan import PlanPhase as Step
-from kb.core.plan import plan
-from kb.core.profile.youtube import YouTubeSection
-from kb.core.profile.youtube import YouTubeSection as Profile
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPhase as Step
+from kb.core.summary.plan import plan
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
 from kb.crawl.source import Opened, Phase
-from kb.store import rawlog, tombstones
-from kb.store.frontier import ROUND, Frontier, going_on
+from kb.store.rawlog import rawlog
+from kb.store.state import tombstones
+from kb.store.state.frontier import ROUND, Frontier, going_on
 from kb.youtube.connector import quota
 from kb.youtube.connector.fetch import API, PACK
 from kb.youtube.connector.reduce import RAW_INFO, RAW_STATISTICS, RAW_VIDEOS, REFRESH, STATISTICS

@@ -25,16 +25,16 @@ from typing import Any, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import KbError, SettingError
-from kb.core.profile.youtube import YouTubeSection
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Opened, Phase, Plain
-from kb.store.frontier import Frontier, Item
-from kb.store.rawlog import Envelope
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state.frontier import Frontier, Item
 from kb.youtube.connector import replay
 from kb.youtube.connector.client import GOOGLE
 from kb.youtube.connector.discover import extend, new_round, no_channel, reopen

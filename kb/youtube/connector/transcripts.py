@@ -19,9 +19,9 @@ import urllib3
 import youtube_transcript_api as lib
 from youtube_transcript_api import YouTubeTranscriptApi
 
+from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.settings import Settings
 from kb.core.errors import Retryable
-from kb.core.profile.youtube import YouTubeSection
-from kb.core.settings import Settings
 from kb.net.rate import Pace
 from kb.net.retry import PATIENCE_S, attempt, blocked
 from kb.net.session import Door, HttpSession, failure, refusal

@@ -19,7 +19,7 @@ from kb.schema.coerce import inner, times
 from kb.schema.decode import ColumnReader, DecodedAnswer, problems
 from kb.schema.records import records
 from kb.schema.tables import table
-from kb.store.rawlog import Envelope
+from kb.store.rawlog.rawlog import Envelope
 
 PO_TOKEN = "po_token"  # outcome: the track can be had only with a proof-of-origin token
 AGAIN = pa.array(["failed", PO_TOKEN])  # outcomes that are tried again

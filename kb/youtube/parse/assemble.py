@@ -10,9 +10,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.schema.tables import table
-from kb.store.buckets import RawKind
-from kb.store.frontier import Frontier
 from kb.store.layout import Layout
+from kb.store.state.frontier import Frontier
+from kb.store.tables.partition import RawKind
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.join import FROM_FILE, one_row_each
 from kb.youtube.parse.view_rule import view_rule

@@ -17,8 +17,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.store import parquet
 from kb.store.layout import parquet_files
+from kb.store.tables import parquet
 
 WATCH_TIME, PLAYBACK_START = "watch_time", "playback_start"
 _ALL_VIDEOS = datetime(2026, 8, 27, tzinfo=UTC)

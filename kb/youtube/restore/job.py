@@ -30,18 +30,19 @@ from kb.artifacts.restore import (
     RestoreFolder,
     WantedContent,
 )
+from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import Interrupted, Stopped
-from kb.core.plan import PlanPart
-from kb.core.profile.youtube import YouTubeSection
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPart
 from kb.crawl.job import work
 from kb.crawl.source import Opened
-from kb.store import parquet, tombstones
 from kb.store.atomic import write_text
 from kb.store.layout import Layout, parquet_files
-from kb.store.reading import reading
-from kb.store.shuffle import Shuffle
+from kb.store.state import tombstones
+from kb.store.tables import parquet
+from kb.store.tables.partition import Shuffle
+from kb.store.tables.reading import reading
 from kb.youtube.connector.plan import REQUESTS_A_TRANSCRIPT, phases_of_known
 from kb.youtube.connector.source import YouTubeSource
 

@@ -20,11 +20,11 @@ import msgspec
 from kb.core import clock, signals
 from kb.core.context import Run
 from kb.core.errors import FatalError, KbError, LimitReached, SettingError
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.crawl.session import CrawlSession, open_session
 from kb.schema.tables import table
-from kb.store import rawlog
-from kb.store.rawlog import Envelope, Request
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import Envelope, Request
 from kb.youtube.connector.reduce import RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES
 from kb.youtube.connector.source import YouTubeSource
 from kb.youtube.ytdlp import files, info, subtitles

@@ -17,8 +17,8 @@ import pyarrow.compute as pc
 
 from kb.schema.decode import ColumnReader, problems
 from kb.schema.tables import table
-from kb.store import rawlog
-from kb.store.newest import newest
+from kb.store.rawlog import rawlog
+from kb.store.tables.latest import newest
 from kb.youtube.parse.join import aligned
 from kb.youtube.ytdlp import subtitles
 

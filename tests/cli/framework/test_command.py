@@ -120,7 +120,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 from kb.cli.framework.exit_codes import run_to_exit_code
 from kb.cli.framework.command import command, group
 from kb.core import clock, signals
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 app = group("Test.")
 

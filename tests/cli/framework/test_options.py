@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from kb.core.resources import folder
+from kb.core.installation import folder
 
 
 def test_a_wrong_setting_names_itself_and_not_its_value(kb: Any) -> None:

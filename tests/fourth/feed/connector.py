@@ -13,8 +13,8 @@ from kb.core.context import Run
 from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.crawl.source import Answer, Phase, Plain
 from kb.net.session import HttpSession, send
-from kb.store.frontier import Frontier, Item
-from kb.store.rawlog import Envelope
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state.frontier import Frontier, Item
 
 PAGES = Phase(kind="pages", unit="pages", feeds=("notes",))
 NOTES = Phase(kind="notes", unit="notes", limited=True)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from kb.core.profile import Profile
+from kb.core.config.profile import Profile
 from kb.search.passage import Passage, day, plain, rows
 
 

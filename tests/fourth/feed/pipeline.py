@@ -4,12 +4,12 @@ from collections.abc import Iterable, Iterator
 
 import pyarrow as pa
 
-from kb.core.profile import Profile
+from kb.core.config.profile import Profile
 from kb.filters.chain import Chain, Clean
 from kb.filters.predicates import AtLeast
 from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
-from kb.store.buckets import RawKind
+from kb.store.tables.partition import RawKind
 
 
 def parse(lines: Iterable[bytes]) -> Iterator[pa.Table]:

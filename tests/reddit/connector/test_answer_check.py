@@ -13,7 +13,7 @@ from kb.core.errors import Unreachable
 from kb.reddit.connector import refresh
 from kb.reddit.connector.errors import DEEPEST, problem
 from kb.sandbox.server import Sandbox
-from kb.store import rawlog
+from kb.store.rawlog import rawlog
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post
 from tests.reddit.work import LATER, Work

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 import requests
 
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import FatalError, ItemFinal
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.net.rate import Pace
 from kb.reddit.connector import client as room
 from kb.reddit.connector.client import Client, Limiter

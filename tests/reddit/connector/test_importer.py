@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
+from kb.core.config.profile import load_profile
+from kb.core.config.profile.toxicity import Toxicity
 from kb.core.errors import LimitReached, SettingError
-from kb.core.profile import load_profile
-from kb.core.profile.toxicity import Toxicity
 from kb.core.progress import LineProgress
 from kb.filters.clean import run_clean
 from kb.reddit.connector.importer import _side_by_side, import_dumps
@@ -24,7 +24,7 @@ from kb.reddit.dumps.import_file import ImportJob
 from kb.reddit.dumps.subreddit_search import CHECKED
 from kb.reddit.parse import answers as parse
 from kb.reddit.parse.anonymize import load_key
-from kb.store import rawlog
+from kb.store.rawlog import rawlog
 from tests.reddit.dumped import import_killed, imported, post, run_in, write
 from tests.reddit.work import rows as read_rows
 

@@ -22,7 +22,7 @@ from kb.reddit.parse import answers as parse
 from kb.sandbox.invented_ids import PEOPLE
 from kb.sandbox.reddit.service import CLIENT, SECRET, TOKEN
 from kb.sandbox.reddit.subreddit import CASES
-from kb.store import rawlog
+from kb.store.rawlog import rawlog
 from tests.reddit.work import Work
 
 

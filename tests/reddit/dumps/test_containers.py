@@ -17,7 +17,7 @@ from kb.core.errors import LimitReached
 from kb.reddit.connector.importer import import_dumps
 from kb.reddit.dumps import containers
 from kb.reddit.dumps.containers import ReadProgress, memory
-from kb.store import rawlog
+from kb.store.rawlog import rawlog
 from tests.reddit.dumped import import_killed, imported, post, run_in, write
 
 Pack = Callable[[bytes], bytes]

@@ -22,7 +22,7 @@ from kb.reddit.dumps import cursor
 from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.reddit.parse.anonymize import load_key
 from kb.reddit.purge import RULES
-from kb.store import rawlog
+from kb.store.rawlog import rawlog
 from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.reddit.dumped import imported, post, run_in, write

@@ -6,10 +6,11 @@ from datetime import UTC, datetime
 
 import pytest
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.reddit.connector.importer import import_dumps
 from kb.reddit.parse import answers as parse
-from kb.store import rawlog, tombstones
+from kb.store.rawlog import rawlog
+from kb.store.state import tombstones
 from tests.reddit.dumped import imported, post, run_in, write
 
 

@@ -15,7 +15,7 @@ from kb.reddit.dumps import import_file as module
 from kb.reddit.dumps.extract import extract
 from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.reddit.parse.anonymize import load_key
-from kb.store import rawlog
+from kb.store.rawlog import rawlog
 from tests.reddit.dumped import imported, post, run_in, write
 
 

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData
-from kb.core.profile import load_profile
 from kb.reddit.parse import answers as parse
 from kb.reddit.parse import tree
-from kb.store import rawlog
-from kb.store.rawlog import Envelope, Request
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import Envelope, Request
 from tests.reddit.raw import comment, listing, post
 from tests.reddit.strategies import params, response, things
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from kb.core import pipeline
+from kb.core.config import pipeline
 from kb.sandbox.invented_ids import ELSEWHERE
 from kb.sandbox.reddit.subreddit import CASES
 from kb.sandbox.server import Sandbox
@@ -153,7 +153,7 @@ def test_depth_counts_deleted_ancestors_too(judged: Work) -> None:
 
 
 def test_the_stages_stand_in_the_contracts_order() -> None:
-    from kb.core.profile import load_profile
+    from kb.core.config.profile import load_profile
 
     made, p = pipeline.load(str(pipeline.locate("reddit"))), load_profile("minecraft")
     for stages, order in (

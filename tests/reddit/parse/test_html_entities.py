@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.reddit.parse import answers as parse
 from kb.reddit.parse.html_entities import resolve, unescaped, was_never_escaped
-from kb.store import rawlog
-from kb.store.rawlog import Envelope, Request
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import Envelope, Request
 
 LINKS = load_profile("minecraft").section("reddit").links
 

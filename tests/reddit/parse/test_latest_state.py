@@ -15,8 +15,10 @@ from kb.reddit.parse.latest_state import latest_state
 from kb.reddit.purge import RULES
 from kb.sandbox.reddit.service import dumps
 from kb.sandbox.server import Sandbox
-from kb.store import buckets, rawlog, tombstones
-from kb.store.rawlog import read
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import read
+from kb.store.state import tombstones
+from kb.store.tables import partition
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post, write
 from tests.reddit.work import Work
@@ -25,7 +27,7 @@ from tests.reddit.work import Work
 @pytest.fixture
 def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     """A data root whose few answers fill many buckets."""
-    monkeypatch.setattr(buckets, "RAW_BYTES", 200)
+    monkeypatch.setattr(partition, "RAW_BYTES", 200)
     with Sandbox(small_world(24, width=12, depth=12), services=["reddit"]) as sandbox:
         yield Work(sandbox, tmp_path)
 

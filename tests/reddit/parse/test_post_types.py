@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.reddit.parse.post_types import (
     is_crosspost,
     link_classifier,

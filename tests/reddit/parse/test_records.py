@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
+from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData
-from kb.core.profile import load_profile
 from kb.reddit.parse import answers as parse
-from kb.store.rawlog import Envelope, Request, encode
+from kb.store.rawlog.rawlog import Envelope, Request, encode
 from tests.reddit.cassettes import Exchange, read
 
 Row = dict[str, Any]

@@ -16,8 +16,8 @@ from kb.core.errors import DamagedData
 from kb.reddit.parse import tree
 from kb.reddit.parse.remove_ids import crossposts_of, strip
 from kb.reddit.purge import texts
-from kb.store import rawlog
-from kb.store.rawlog import Envelope, Request
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import Envelope, Request
 from tests.reddit.raw import comment, listing, post
 from tests.reddit.strategies import NAMES, answers
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.reddit.parse import answers as parse
 from kb.reddit.parse import tree
 from kb.reddit.parse.tree import depths
-from kb.store.rawlog import Envelope, Request, encode
+from kb.store.rawlog.rawlog import Envelope, Request, encode
 from tests.reddit.cassettes import Exchange, read
 
 

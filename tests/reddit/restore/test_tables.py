@@ -20,7 +20,7 @@ import pytest
 from kb.core.errors import LimitReached, SettingError
 from kb.reddit.restore.reconstruct import rebuild
 from kb.sandbox.invented_ids import PEOPLE
-from kb.store import tombstones
+from kb.store.state import tombstones
 from tests.reddit.dumped import post, write
 from tests.reddit.restore.test_reconstruct import plain, released
 from tests.reddit.work import NOW, Work, rows, texts

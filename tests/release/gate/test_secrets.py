@@ -50,7 +50,7 @@ def test_shapes_of_keys(tmp_path: Path, text: str, what: str) -> None:
 
 
 def test_secret_in_the_profile_that_the_card_would_show(tmp_path: Path) -> None:
-    from kb.core.resources import folder
+    from kb.core.installation import folder
 
     build(tmp_path, sources=("youtube",))
     shipped = (folder("profiles") / "minecraft" / "profile.toml").read_text()

@@ -27,7 +27,7 @@ from kb.core.errors import (
     Unreachable,
     UsageError,
 )
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 from kb.release.build import release
 from kb.release.publish.publish import publish
 from kb.sandbox.server import Sandbox
@@ -577,7 +577,7 @@ def test_a_limit_with_a_date(root: Path, service: Sandbox) -> None:
 
 
 def test_an_upload_ends_in_the_midst_of_a_file(tmp_path: Path, service: Sandbox) -> None:
-    from kb.core.settings import load_settings
+    from kb.core.config.settings import load_settings
     from kb.core.signals import stop
     from kb.net.session import HttpSession
     from kb.release.publish.zenodo import Zenodo, md5

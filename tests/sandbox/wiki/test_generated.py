@@ -6,7 +6,7 @@ from pathlib import Path
 
 import requests
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.sandbox.domain import domain_of
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from kb.core.profile import load_profile
+from kb.core.config.profile import load_profile
 from kb.sandbox.domain import domain_of
 from tests.sandbox.domains import PROFILES, written
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from kb.core.profile import load_profile
-from kb.core.profile.selectors import problem
+from kb.core.config.profile import load_profile
+from kb.core.config.profile.wiki import selector_problem
 from kb.wiki.browser.selectors import count_matches, selectors_of
 
 MARKUP = load_profile("minecraft").wiki.markup
@@ -26,7 +26,7 @@ def test_matches_are_counted_over_pages_and_inside_of_what_holds_them(programs):
 
 @pytest.mark.parametrize("selector", [*selectors_of(MARKUP).values(), ':not([a="("]) > ::before'])
 def test_selectors_are_taken(selector):
-    assert problem(selector) is None
+    assert selector_problem(selector) is None
 
 
 @pytest.mark.parametrize(
@@ -46,4 +46,4 @@ def test_selectors_are_taken(selector):
     ],
 )
 def test_what_is_no_selector_is_refused(selector):
-    assert problem(selector) is not None
+    assert selector_problem(selector) is not None

@@ -12,9 +12,9 @@ import pytest
 
 from kb.core.context import Run
 from kb.core.errors import NothingRead
-from kb.store import tombstones
-from kb.store.frontier import Frontier
 from kb.store.layout import Layout
+from kb.store.state import tombstones
+from kb.store.state.frontier import Frontier
 from kb.wiki.browser import chromium
 from kb.wiki.connector.source import crawl
 from tests.wiki.small_wiki import SmallWiki

@@ -10,10 +10,11 @@ import json
 import pyarrow.parquet as pq
 import pytest
 
+from kb.core.config.pipeline import load, locate
 from kb.core.errors import NothingRead, SettingError
-from kb.core.pipeline import load, locate
 from kb.filters.clean import run_clean
-from kb.store import rawlog, tombstones
+from kb.store.rawlog import rawlog
+from kb.store.state import tombstones
 from kb.wiki.connector.source import crawl
 from tests.wiki.small_wiki import WORDS, SmallWiki
 

@@ -17,6 +17,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+from kb.core.config.pipeline import load, locate
 from kb.core.errors import (
     Blocked,
     DamagedData,
@@ -26,14 +27,14 @@ from kb.core.errors import (
     SettingError,
     Unreachable,
 )
-from kb.core.pipeline import load, locate
 from kb.core.progress import Silent
 from kb.export import minedojo_wiki, wiki_tar
 from kb.filters.clean import run_clean
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from kb.store import rawlog, tombstones
-from kb.store.frontier import Frontier
+from kb.store.rawlog import rawlog
+from kb.store.state import tombstones
+from kb.store.state.frontier import Frontier
 from kb.verify.root import verify
 from kb.wiki.browser import chromium
 from kb.wiki.browser.browser import Browser
@@ -615,7 +616,7 @@ def test_a_wiki_that_refuses_us_is_no_fact_about_its_pages(make_run, faults, tmp
 
 
 def crawl_left(run) -> int:
-    from kb.store.frontier import Frontier
+    from kb.store.state.frontier import Frontier
 
     frontier = Frontier(run.root / "state/wiki.sqlite", readonly=True)
     try:

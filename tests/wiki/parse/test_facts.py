@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kb.core.config.profile import load_profile
 from kb.core.errors import ItemFinal
-from kb.core.profile import load_profile
 from kb.wiki.parse import facts
 
 UNITS = facts.UNITS

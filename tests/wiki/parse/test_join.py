@@ -11,12 +11,14 @@ import pyarrow.parquet as pq
 import pytest
 import zstandard
 
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.filters.clean import run_clean
-from kb.store import buckets, rawlog, tombstones
+from kb.store.rawlog import rawlog
+from kb.store.state import tombstones
+from kb.store.tables import partition
 from tests.wiki.handmade_data import (
     FRIDAY,
     MONDAY,
@@ -308,7 +310,7 @@ def test_buckets_and_workers_change_no_row(
     names = ("pages", "elements", "cells", "images", "facts", "recipes", "rejected", "pending")
     run_clean(run_at(root), "wiki")
     whole = {name: rows(root, name) for name in names}
-    monkeypatch.setattr(buckets, "RAW_BYTES", 100_000)
+    monkeypatch.setattr(partition, "RAW_BYTES", 100_000)
     run_clean(run_at(root), "wiki")
     assert len(list((root / "clean/wiki/pages").iterdir())) > 8
     for name in names:

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from kb.artifacts.purge_raw import strip_by_schema
-from kb.store import rawlog, tombstones
+from kb.store.rawlog import rawlog
+from kb.store.state import tombstones
 from kb.wiki.parse.page_names import NamedPage, pages
 from tests.wiki.handmade_data import FRIDAY, MONDAY, page, put, told
 

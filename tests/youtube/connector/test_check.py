@@ -11,10 +11,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import LimitReached, MissingCredential
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.sandbox.youtube.catalogue import Video

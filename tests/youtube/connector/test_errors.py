@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from kb.sandbox.youtube import resources as errors
-from kb.store.frontier import Frontier
+from kb.store.state.frontier import Frontier
 from kb.youtube.connector.reduce import SEARCHES, UPLOADS, VIDEOS
 from tests.sandbox.domains import of_case
 from tests.youtube import walls

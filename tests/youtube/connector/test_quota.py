@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from kb.core import clock, signals
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.core.profile import load_profile
-from kb.core.settings import load_settings
 from kb.sandbox.server import Sandbox
 from kb.sandbox.youtube import resources as errors
 from kb.youtube.connector.quota import PACIFIC

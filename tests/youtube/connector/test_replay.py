@@ -10,10 +10,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from kb.core.profile import load_profile
-from kb.store import rawlog
-from kb.store.frontier import Frontier
-from kb.store.rawlog import Envelope, Request
+from kb.core.config.profile import load_profile
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import Envelope, Request
+from kb.store.state.frontier import Frontier
 from kb.youtube.connector import replay
 from kb.youtube.connector.reduce import RAW_TRANSCRIPTS, RAW_VIDEOS, Reducer, nothing
 

@@ -9,15 +9,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kb.core.addresses import is_loopback
-from kb.core.contact import is_placeholder
+from kb.core.config.addresses import is_loopback
+from kb.core.config.profile.base import is_placeholder
+from kb.core.config.profile.check import Checked, check_file
+from kb.core.config.profile.finding import ERROR, Finding, worst_first
 from kb.core.errors import ProfileError
-from kb.core.profile.check import Checked, check_file
-from kb.core.profile.finding import ERROR, Finding, worst_first
 
 if TYPE_CHECKING:
+    from kb.core.config.profile import Profile
     from kb.core.context import Run
-    from kb.core.profile import Profile
 
 
 def examine(path: Path, *, publishing: bool = True) -> Checked:

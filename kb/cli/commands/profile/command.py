@@ -13,12 +13,12 @@ from kb.cli.framework.messages import show_row, show_summary
 from kb.cli.framework.options import Options
 from kb.core import terminal
 from kb.core.errors import SettingError
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.cli.commands.profile.online import ServiceCheck
+    from kb.core.config.profile.finding import Finding
     from kb.core.context import Run
-    from kb.core.profile.finding import Finding
     from kb.pairs.keyword_proposal import Proposal
 
 app = group("Make and check the profile of a new domain.")
@@ -112,8 +112,8 @@ def check(
     """
     from kb.cli.commands.profile.check import contact_findings, examine
     from kb.cli.commands.profile.data import captured_pages, keyword_hits, selector_findings
-    from kb.core.profile import find_profile
-    from kb.core.profile.finding import ERROR, LEVELS, NOTE, Finding
+    from kb.core.config.profile import find_profile
+    from kb.core.config.profile.finding import ERROR, LEVELS, NOTE, Finding
 
     if name is not None and options.profile not in (None, name):
         raise SettingError(f"two profiles are named, {name} and {options.profile}")
@@ -215,7 +215,7 @@ def keywords(
 def _proposal(run: Run) -> Proposal:
     from kb.pairs import keywords
     from kb.pairs.keyword_proposal import PageNames, propose
-    from kb.store import rawlog
+    from kb.store.rawlog import rawlog
     from kb.wiki.parse.page_names import pages
     from kb.wiki.spec import SPEC
 
@@ -240,16 +240,16 @@ def _proposal(run: Run) -> Proposal:
 
 def _current_profile(options: Options) -> Path:
     """The file of the profile that other commands with these options would use."""
-    from kb.artifacts import belonging
-    from kb.core.profile import DEFAULT, find_profile
-    from kb.core.settings import load_settings
+    from kb.artifacts import domain_binding
+    from kb.core.config.profile import DEFAULT, find_profile
+    from kb.core.config.settings import load_settings
 
     settings = load_settings(kb_data=options.data, kb_profile=options.profile)
     if settings.kb_profile is not None:
         return find_profile(settings.kb_profile)
     root = settings.kb_data.expanduser().absolute()
-    bound = belonging.remembered(root)
-    return belonging.load(root, bound)[0].path if bound else find_profile(DEFAULT)
+    bound = domain_binding.remembered(root)
+    return domain_binding.load(root, bound)[0].path if bound else find_profile(DEFAULT)
 
 
 def _show_hits(hits: list[dict[str, Any]]) -> None:

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import zstandard
 
+from kb.core.config.profile.finding import ERROR, NOTE, WARNING, Finding
+from kb.core.config.profile.wiki import Markup
 from kb.core.errors import FatalError, MissingExtra, Retryable
-from kb.core.profile.finding import ERROR, NOTE, WARNING, Finding
-from kb.core.profile.wiki import Markup
 from kb.pairs.keyword_hits import keyword_lines
 from kb.store.layout import Layout
 from kb.wiki.browser.selectors import SelectorMatches, count_matches
 
 if TYPE_CHECKING:
+    from kb.core.config.profile import Profile
     from kb.core.context import Run
-    from kb.core.profile import Profile
 
 _UNUSED = 10  # keywords without a match that are named
 _EXAMPLES = 3

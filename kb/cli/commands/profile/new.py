@@ -7,14 +7,14 @@ import shlex
 import tempfile
 from pathlib import Path
 
+from kb.core.config.profile import is_shipped, load_profile
+from kb.core.config.profile.check import check_file
+from kb.core.config.profile.finding import ERROR
+from kb.core.config.profile.new import KEYWORDS, profile_text
+from kb.core.config.profile.plausibility import subreddit_meant
 from kb.core.errors import ProfileError, SettingError
-from kb.core.profile import is_shipped, load_profile
-from kb.core.profile.check import check_file
-from kb.core.profile.finding import ERROR
-from kb.core.profile.new import KEYWORDS, profile_text
-from kb.core.profile.plausibility import subreddit_meant
-from kb.core.resources import PROFILE_FILE
-from kb.core.resources import folder as shared
+from kb.core.installation import PROFILE_FILE
+from kb.core.installation import folder as shared
 from kb.store import leftovers
 from kb.store.atomic import write_text
 
@@ -52,7 +52,7 @@ def write_new(
             )
     for file, content in files.items():
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
-        leftovers.ended(folder / file)
+        leftovers.remove_temporary(folder / file)
         write_text(folder / file, content)
     return folder, list(files)
 

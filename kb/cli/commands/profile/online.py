@@ -10,16 +10,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
-from kb.core.errors import (
-    CredentialRefused,
-    Interrupted,
-    KbError,
-    MissingCredential,
-    Retryable,
-    SettingError,
-    Stopped,
-)
-from kb.core.profile.finding import (
+from kb.core.config.profile.finding import (
     ERROR,
     REFUSED,
     UNREACHABLE,
@@ -28,6 +19,15 @@ from kb.core.profile.finding import (
     Finding,
     OnlineAnswer,
     QuestionCost,
+)
+from kb.core.errors import (
+    CredentialRefused,
+    Interrupted,
+    KbError,
+    MissingCredential,
+    Retryable,
+    SettingError,
+    Stopped,
 )
 from kb.core.sources import SPECS
 

@@ -12,7 +12,7 @@ from kb.core.sources import SPECS
 
 if TYPE_CHECKING:
     from kb.core.context import Run
-    from kb.core.verdict import Summary
+    from kb.core.summary import Summary
 
 
 def app_of(name: str) -> typer.Typer:

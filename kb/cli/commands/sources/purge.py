@@ -12,7 +12,7 @@ from kb.cli.framework.messages import show_row
 from kb.cli.framework.options import CLUSTER, pipeline
 from kb.core.source_spec import CommandHelp
 from kb.core.sources import SPECS
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run

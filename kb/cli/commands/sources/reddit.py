@@ -14,7 +14,7 @@ from kb.cli.framework.options import CLUSTER, Dumps, Plan
 from kb.cli.framework.source_commands import add_export, add_filter
 from kb.core import clock
 from kb.core.errors import SettingError
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run

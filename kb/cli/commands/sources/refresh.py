@@ -8,7 +8,7 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.options import CLUSTER, Plan
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run

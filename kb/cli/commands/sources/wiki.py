@@ -10,7 +10,7 @@ import typer
 from kb.cli.framework.command import command, group
 from kb.cli.framework.options import Plan, pipeline
 from kb.cli.framework.source_commands import add_export, add_filter
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run

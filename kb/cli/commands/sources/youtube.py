@@ -15,7 +15,7 @@ from kb.cli.framework.command import command, group
 from kb.cli.framework.options import Part, Plan, parse_part, pipeline
 from kb.cli.framework.source_commands import add_export, add_filter
 from kb.core.errors import SettingError
-from kb.core.verdict import Summary
+from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.core.context import Run

@@ -8,7 +8,8 @@ from typing import Any
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show
 from kb.cli.framework.options import Options
-from kb.core import terminal, vocabulary
+from kb.core import terminal
+from kb.core.summary import vocabulary
 from kb.store.layout import BELOW
 
 app = group("Show progress, quota, age of the data and what is left.")

@@ -13,9 +13,10 @@ from kb.cli.commands.status import row_counts
 from kb.cli.commands.status.next_steps import next_steps
 from kb.core.source_spec import SourceSpec
 from kb.core.sources import SOURCES, SPECS
-from kb.store import lock, reading
-from kb.store.frontier import Frontier
+from kb.store import lock
 from kb.store.layout import TOP, Layout
+from kb.store.state.frontier import Frontier
+from kb.store.tables import reading
 
 if TYPE_CHECKING:
     from kb.core.context import Run

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any
 import pyarrow.parquet as pq
 
 from kb.artifacts.catalog import Catalog, view_name
-from kb.core import clock, vocabulary
+from kb.core import clock
 from kb.core.sources import SPECS
+from kb.core.summary import vocabulary
 from kb.schema.tables import tables as declared
 from kb.store.layout import Layout, parquet_files
-from kb.store.reading import filtered, reading
-from kb.store.tally import rows, span, tally
+from kb.store.tables.reading import filtered, reading
+from kb.store.tables.row_counts import rows, span, tally
 
 if TYPE_CHECKING:
     from kb.core.context import Run

@@ -154,13 +154,14 @@ def test_a_warning_stops_nothing(
 def test_a_copied_folder_beside_the_shipped_ones_needs_its_own_name(
     tmp_path: Path, typed: Typed, capsys: pytest.CaptureFixture[str], monkeypatch: Any
 ) -> None:
-    from kb.core import profile, resources
-    from kb.core.profile import plausibility
+    from kb.core import installation
+    from kb.core.config import profile
+    from kb.core.config.profile import plausibility
 
     profiles = tmp_path / "profiles"
     (profiles / "garden").mkdir(parents=True)
     written(profiles / "garden", toml('"garden"', '"minecraft"', 1, ""))
-    for module in (profile, plausibility, resources):
+    for module in (profile, plausibility, installation):
         monkeypatch.setattr(module, "folder", lambda name: profiles)
     assert typed("profile", "check", "garden", "--json") == 2
     (one,) = [found for found in summary_of(capsys)["findings"] if found["level"] == "error"]

@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 
-from kb.core.profile import Profile, load_profile
-from kb.core.profile.check import check_file
-from kb.core.profile.finding import ERROR
-from kb.core.profile.new import KEYWORDS, profile_text
-from kb.core.resources import folder
+from kb.core.config.profile import Profile, load_profile
+from kb.core.config.profile.check import check_file
+from kb.core.config.profile.finding import ERROR
+from kb.core.config.profile.new import KEYWORDS, profile_text
+from kb.core.installation import folder
 from kb.pairs.keywords import NEVER, Keyword, read
 from kb.sandbox.server import Sandbox
 from tests.cli.conftest import Kb, clean_environment

@@ -11,8 +11,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from kb.store.frontier import Frontier
 from kb.store.lock import writer
+from kb.store.state.frontier import Frontier
 
 
 @pytest.fixture

@@ -1,0 +1,181 @@
+"""A data root remembers the profile of its data, whose keywords and thresholds fit no other domain.
+
+state/profile.json holds the name and, for a profile of one's own, its file. Like a service's host
+it binds once something is stored: a mistyped profile that nothing came from does no harm. Numbers
+may change within a profile; another name is refused (OtherService, exit 2).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import msgspec
+
+from kb.artifacts.catalog import Catalog, is_root
+from kb.core.config.profile import Profile, is_shipped, load_profile
+from kb.core.context import Run
+from kb.core.errors import OtherService, ProfileError
+from kb.core.installation import PROFILE_FILE
+from kb.core.sources import SOURCES
+from kb.store import leftovers, lock
+from kb.store.atomic import write_bytes
+from kb.store.layout import Layout
+from kb.store.rawlog import rawlog
+from kb.store.state import identity, json_files
+
+
+class Remembered(msgspec.Struct, frozen=True):
+    """A profile by name; `file`: where one of the user's own was, `from_root`: from the root."""
+
+    name: str
+    file: str | None = None
+    from_root: str | None = None
+
+
+def remembered(root: Path) -> Remembered | None:
+    """The profile that binds the data root; None while nothing is stored. Raises DamagedData."""
+    profile = _read(root)
+    return profile if profile is not None and _holds_data(root) else None
+
+
+def profile_of(root: Path) -> Path | None:
+    """The profile that came with a download or with what was restored of one."""
+    restored = Layout(root).restored() / PROFILE_FILE
+    if restored.is_file():
+        return restored
+    return next((one.profile for one in Catalog(root).releases if one.profile), None)
+
+
+def check(root: Path, profile: Profile) -> None:
+    """Raises OtherService when the data root holds data of another profile."""
+    bound = remembered(root)
+    if bound is not None and bound.name != profile.name:
+        raise OtherService(
+            f"{root} holds data of the profile {bound.name!r}, not {profile.name!r}",
+            hint=f"use another --data folder, or --profile {bound.file or bound.name}",
+        )
+
+
+def load(root: Path, bound: Remembered) -> tuple[Profile, str]:
+    """The remembered profile, and a line for the user when it is not the file that it was.
+
+    Raises ProfileError when it is gone or can't be read, OtherService when its file has another
+    name now.
+    """
+    message = ""
+    if bound.file is None:
+        profile = load_profile(bound.name)
+    else:
+        places = [Path(bound.file)]
+        if bound.from_root is not None:
+            places.append(Path(os.path.normpath(root / bound.from_root)))
+        there = next((place for place in places if place.is_file()), None)
+        if there is not None:
+            profile = load_profile(there)
+        elif is_shipped(bound.name):
+            profile = load_profile(bound.name)
+            message = f"{bound.file} is gone; the shipped profile {bound.name!r} is used"
+        else:
+            raise ProfileError(
+                f"{bound.file}, the profile {bound.name!r} of {root}, is gone",
+                hint="name its new location with --profile FILE; the data root remembers it",
+            )
+    check(root, profile)
+    return profile, message
+
+
+def note(root: Path, profile: Profile) -> None:
+    """Remember the profile of what is about to be written; the file may be another one than before.
+
+    Where that memory was deleted the root is bound again, if the rest that it remembers agrees.
+    What another command of this moment has noted binds before anything is stored. Raises
+    OtherService.
+    """
+    check(root, profile)
+    if _read(root) == _of(root, profile):
+        return
+    with lock.deciding(Layout(root).profile):
+        _note(root, profile)
+
+
+def _note(root: Path, profile: Profile) -> None:
+    check(root, profile)
+    old = _read(root)
+    if old is not None and old.name != profile.name and (pid := lock.another(root)):
+        raise OtherService(
+            f"another process (pid {pid}) is starting {root} with the profile {old.name!r},"
+            f" not {profile.name!r}",
+            hint="use another --data folder, or wait for it",
+        )
+    if old is None and _holds_data(root) and not _agrees(root, profile):
+        return
+    leftovers.remove_temporary(
+        Layout(root).profile
+    )  # a command that takes no lock of this root was killed
+    write_bytes(Layout(root).profile, msgspec.json.encode(_of(root, profile)))
+
+
+def _of(root: Path, profile: Profile) -> Remembered:
+    file = None if profile.is_shipped or profile.path == Path() else str(profile.path)
+    relative = os.path.relpath(file, root.absolute()) if file else None
+    return Remembered(profile.name, file, relative)
+
+
+@contextmanager
+def writing(run: Run, *locks: str) -> Iterator[None]:
+    """Hold these locks of the run's data root, which remembers the run's profile from then on; of a
+    download, those of its workplace.
+
+    Every command that works on stored data writes inside this block, and looks for the
+    credential, model or extra that it needs before it. A root without data is left as it is.
+    Raises WriterLocked, OtherService.
+    """
+    catalog = Catalog(run.root.absolute())
+    if catalog.is_download:
+        catalog.workplace.mkdir(parents=True, exist_ok=True)
+    with lock.taking(catalog.workplace, *locks):
+        note_if_stored(run.root, run.profile)
+        yield
+
+
+def note_if_stored(root: Path, profile: Profile) -> None:
+    """The same as `note` where data is stored; else nothing is written."""
+    if is_root(root) and _holds_data(root):
+        note(root, profile)
+
+
+def _read(root: Path) -> Remembered | None:
+    fix = "delete it, then name the profile once with --profile NAME|FILE"
+    return json_files.read(Layout(root).profile, Remembered, fix=fix)
+
+
+def _holds_data(root: Path) -> bool:
+    made = (at := Layout(root)).clean(), at.pairs, at.release()
+    return any(rawlog.any_answer(root, source) for source in SOURCES) or any(
+        folder.is_dir() for folder in made if is_root(root)
+    )
+
+
+def _agrees(root: Path, profile: Profile) -> bool:
+    """Whether hosts and subreddit, as far as they were noted, can be this profile's.
+
+    A subreddit comes from nowhere else, so another one is refused. A wiki's address may have been
+    a setting.
+    """
+    subreddit = identity.noted(root, "reddit").get("subreddit")
+    if profile.reddit and subreddit and subreddit != profile.reddit.subreddit.lower():
+        raise OtherService(
+            f"{root} holds reddit data of subreddit {subreddit},"
+            f" which is not that of the profile {profile.name!r}",
+            hint="use another --data folder, or the --profile it was made with",
+        )
+    wiki = identity.noted(root, "wiki").get("wiki")
+    return not (profile.wiki and wiki) or wiki.split("/")[0] in (
+        urlsplit(profile.wiki.url).hostname,
+        "127.0.0.1",
+        "localhost",
+    )

@@ -1,0 +1,216 @@
+"""The files of a new profile, made from the declarations in this folder: every key, its default,
+what it is for and what it may be. What only the user knows stands first.
+
+profile_text("rock-gardens")            profile.toml of a new domain
+profile_text("mine", source=profile)    the same with another profile's values
+KEYWORDS                                keywords.tsv, with its columns and rules
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import textwrap
+import typing
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from annotated_types import Ge, Gt, Le, Lt
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from kb.core.config.profile import Profile
+from kb.core.config.profile.base import FILL_IN, model_in
+
+_WIDTH = 98
+_CATEGORIES = (
+    "1 Film, 2 Autos, 10 Music, 15 Pets, 17 Sports, 19 Travel, 20 Gaming, 22 People, 23 Comedy,"
+    " 24 Entertainment, 25 News, 26 Howto & Style, 27 Education, 28 Science & Technology"
+)
+# What stands first, with what to say of it. Of a source that is not collected, the line goes.
+_FIRST = {
+    "title": "The domain's name for people, as cards and reports bear it.",
+    "youtube.keywords": "Searches that find channels: the domain's name, alone and with Guide …",
+    "youtube.category_ids": f"YouTube categories of the domain: {_CATEGORIES}.",
+    "wiki.url": "The root of the domain's MediaWiki, with https:// in front.",
+    "reddit.subreddit": "The subreddit, without r/.",
+    "pairs.keyword_files": "Words that are matched in transcripts, in the file beside this one.",
+}
+_HEAD = """\
+# The profile of {title}: everything that Lorecrawl knows about the domain.
+#
+# A line that begins with # and a key shows its default: take the # away to change it.
+# Keys stand by their full names, as messages name them.{marked}
+# `kb profile check` says what is missing or wrong.
+
+# ---- First
+"""
+_MARKED = f"""
+# {FILL_IN} marks what only you know. A source that you don't collect: take its line out."""
+
+KEYWORDS = f"""\
+# Words that are matched in transcripts, one a line; columns are separated by tabs.
+#
+#   keyword   as people know it: Rock Garden. Plurals and joined forms (rock gardens, rockgarden)
+#             follow by rule; case and hyphens make no difference.
+#   kind      a word of your own that sorts keywords: plant, tool, place …
+#   rule      nothing where the word is your domain's alone. For everyday words (bed, spring):
+#               near      counts when a keyword without a rule is near (pairs.near_words)
+#               near:30   the same within 30 words
+#               never     is counted, and makes no pair
+#               always    counts wherever it is said, as without a rule: you mean this everyday word
+#   forms     other words for the same, separated by commas
+#
+# For example, with tabs in between:
+#   Secateurs       tool                    pruning shears, pruners
+#   Bed             place       near        flower bed
+#
+# `kb profile check --data DIR` shows what each would hit in transcripts that you have.
+keyword\tkind\trule\tforms
+{FILL_IN}\tkind
+"""
+
+
+def profile_text(
+    name: str,
+    *,
+    wiki: str | None = None,
+    subreddit: str | None = None,
+    source: Profile | None = None,
+) -> str:
+    """The text of a profile.toml named `name`. `wiki` and `subreddit` win over the source's."""
+    title = source.title if source else title_of(name)
+    known = dict(_values("", source)) if source else _unknown(title)
+    known |= {"name": name}
+    if wiki is not None:
+        known["wiki.url"] = wiki
+    if subreddit is not None:
+        known["reddit.subreddit"] = subreddit
+    marked = _MARKED if FILL_IN in json.dumps(list(known.values()), default=str) else ""
+    parts = [_HEAD.format(title=title, marked=marked), f"name = {_toml(name)}\n"]
+    for key, about in _FIRST.items():
+        if key in known:
+            parts.append(f"\n{_comment(about)}{key} = {_toml(known[key])}\n")
+        elif key != "pairs.keyword_files":
+            parts.append(f"\n{_comment(about)}#{key} = {_toml(FILL_IN)}\n")
+    parts.append("\n# ---- Random choices\n" + "".join(_keys("", Profile, known)))
+    for section, field in Profile.model_fields.items():
+        inner = model_in(field.annotation)
+        if inner is not None:
+            head = _comment(f"---- {getattr(inner, 'about', section)}")
+            parts.append(f"\n{head}" + "".join(_keys(section, inner, known)))
+    return "".join(parts)
+
+
+def title_of(name: str) -> str:
+    """rock-gardens as Rock Gardens."""
+    return " ".join(part.capitalize() for part in re.split("[-_]+", name))
+
+
+def _unknown(title: str) -> dict[str, Any]:
+    """What a new profile has, and what only its user knows."""
+    return {
+        "title": title,
+        "youtube.keywords": [title],
+        "youtube.category_ids": [FILL_IN],
+        "wiki.url": FILL_IN,
+        "reddit.subreddit": FILL_IN,
+        "pairs.keyword_files": ["keywords.tsv"],
+    }
+
+
+def _values(prefix: str, section: BaseModel) -> Iterator[tuple[str, Any]]:
+    """Every value of a profile that is no default, by its full name."""
+    for name, field in type(section).model_fields.items():
+        value, key = getattr(section, name), f"{prefix}{name}"
+        if name == "path" or value is None:
+            continue
+        if isinstance(value, BaseModel):
+            yield from _values(f"{key}.", value)
+        elif field.is_required() or value != field.get_default(call_default_factory=True):
+            yield key, value
+
+
+def _keys(prefix: str, section: type[BaseModel], known: Mapping[str, Any]) -> Iterator[str]:
+    """The lines of a section: those that were not first."""
+    deeper = []
+    for name, field in section.model_fields.items():
+        key = f"{prefix}.{name}" if prefix else name
+        inner = model_in(field.annotation)
+        listed = typing.get_origin(field.annotation) is tuple
+        if inner is not None and not listed:
+            deeper.append((key, inner))
+        elif name != "path" and key not in ("name", *_FIRST):
+            yield from _key(key, field, known)
+    if prefix:
+        for key, inner in deeper:
+            yield from _keys(key, inner, known)
+
+
+def _key(key: str, field: FieldInfo, known: Mapping[str, Any]) -> Iterator[str]:
+    """A key with what it is for; behind # where it has its default."""
+    default = field.get_default(call_default_factory=True)
+    value = known.get(key, default)
+    yield "\n" + _comment("; ".join(filter(None, [field.description, _allowed(field, value)])))
+    sign = "" if key in known else "#"
+    if value is None:
+        value = _example(field)
+    if not isinstance(value, dict):
+        yield _behind(sign, f"{key} = {_toml(value)}")
+        return
+    if not value:
+        yield _behind(sign, f"{key} = {{}}")
+    for name, inner in value.items():
+        bare = name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name)
+        yield _behind(sign, f"{key}.{bare} = {_toml(inner)}")
+
+
+def _allowed(field: FieldInfo, value: Any) -> str:
+    """The limits of a value, or the words that it is one of."""
+    if typing.get_origin(field.annotation) is typing.Literal:
+        return "one of " + ", ".join(json.dumps(one) for one in typing.get_args(field.annotation))
+    if value is None:
+        return "not set"
+    if isinstance(value, dict) and value:
+        return "change all of these lines or none"
+    said = []
+    for rule in field.metadata:
+        for kind, name, words in (
+            (Ge, "ge", "at least"),
+            (Gt, "gt", "more than"),
+            (Le, "le", "at most"),
+            (Lt, "lt", "less than"),
+        ):
+            if isinstance(rule, kind):
+                said.append(f"{words} {getattr(rule, name):,}")
+    return ", ".join(said)
+
+
+def _example(field: FieldInfo) -> Any:
+    """What a key that is not set may be."""
+    if field.examples:
+        return field.examples[0]
+    kinds = typing.get_args(field.annotation)
+    return "…" if str in kinds else 30 if int in kinds else 0.5
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, BaseModel):
+        held = value.model_dump(exclude_none=True)
+        return "{ " + ", ".join(f"{name} = {_toml(one)}" for name, one in held.items()) + " }"
+    if isinstance(value, (list, tuple)):
+        inner = [_toml(one) for one in value]
+        line = f"[{', '.join(inner)}]"
+        return line if len(line) <= 70 else "[\n" + "".join(f"  {one},\n" for one in inner) + "]"
+    if isinstance(value, (str, bool)):
+        return json.dumps(value, ensure_ascii=False)
+    return str(value)
+
+
+def _comment(text: str) -> str:
+    lines = textwrap.wrap(text, _WIDTH, break_long_words=False, break_on_hyphens=False)
+    return "".join(f"# {line}\n" for line in lines)
+
+
+def _behind(sign: str, text: str) -> str:
+    return "".join(f"{sign}{line}\n" for line in text.splitlines())

@@ -1,0 +1,81 @@
+"""[reddit]: which subreddit, which posts are kept, what links are images or videos."""
+
+from __future__ import annotations
+
+from pydantic import Field, field_validator
+
+from kb.core.config.profile.base import Section
+
+_SPANS = ("all", "year", "month", "week", "day", "hour")
+
+
+class Links(Section):
+    """How the address of a link post tells what it shows. Endings decide first, then hosts.
+
+    A host counts with its subdomains `www`, `m`, `old`, `new` and `i`. `video_paths` are sites
+    where only some pages are videos: the path starts with one of these.
+    """
+
+    image_endings: tuple[str, ...] = Field(
+        ("jpg", "jpeg", "png", "gif", "webp", "bmp"), description="file endings of images"
+    )
+    video_endings: tuple[str, ...] = Field(
+        ("gifv", "mp4", "webm", "mov"), description="file endings of videos"
+    )
+    image_hosts: tuple[str, ...] = Field(
+        ("i.redd.it", "preview.redd.it", "i.reddituploads.com", "imgur.com"),
+        description="image hosts",
+    )
+    video_hosts: tuple[str, ...] = Field(
+        ("v.redd.it", "streamable.com", "gfycat.com"), description="video hosts"
+    )
+    video_paths: dict[str, tuple[str, ...]] = Field(
+        default_factory=dict, description="path prefixes of videos, by host"
+    )
+
+
+class RedditSection(Section):
+    """The Reddit part of a profile (MineDojo paper, data collection appendix: Reddit)."""
+
+    table = "reddit"
+    about = "Reddit: which posts are kept, what their links show"
+
+    subreddit: str = Field(
+        pattern=r"^[A-Za-z0-9_]{2,21}$", description="name without r/", examples=["Minecraft"]
+    )
+    search: tuple[str, ...] = Field(
+        (), description="search terms in the subreddit, besides its listings"
+    )
+    listings: tuple[str, ...] = Field(
+        ("new", "top", "controversial", "hot", "rising"), description="listings to read"
+    )
+    spans: tuple[str, ...] = Field(
+        _SPANS,
+        description="time spans of top and controversial",
+    )
+    min_score: int = Field(5, description="minimum score of a kept post")
+    links: Links = Links()
+    max_age_days: int = Field(
+        30, ge=1, description="live figures older than this are re-read by `kb refresh reddit`"
+    )
+    requests_per_minute: float = Field(
+        100, gt=0, description="maximum requests per minute to the public service"
+    )
+    max_tries: int = Field(
+        5, ge=1, le=20, description="attempts per request before its items count as failed"
+    )
+
+    @field_validator("listings")
+    @classmethod
+    def _known(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        allowed = {"new", "top", "controversial", "hot", "rising"}
+        if set(value) - allowed:
+            raise ValueError(f"allowed: {', '.join(sorted(allowed))}")
+        return value
+
+    @field_validator("spans")
+    @classmethod
+    def _known_spans(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        if set(value) - set(_SPANS):
+            raise ValueError(f"allowed: {', '.join(_SPANS)}")
+        return value

@@ -1,0 +1,131 @@
+"""[release] and [report] of a profile: what a release says about itself, what the figures show."""
+
+from __future__ import annotations
+
+from pydantic import Field, field_validator
+
+from kb.core.config.profile.base import Section
+from kb.core.sources import PUBLISHED, SPECS
+
+
+def _licences() -> dict[str, str]:
+    """The default licence of each release folder that has one."""
+    own = {name: spec.release.licence for name, spec in SPECS.items()}
+    return {name: own.get(name, "CC-BY-4.0") for name in PUBLISHED if own.get(name, True)}
+
+
+class Creator(Section):
+    """A person or group that the citation names."""
+
+    name: str = Field(min_length=1, description="family name, given name; or the group's name")
+    affiliation: str | None = Field(None, description="affiliation")
+    orcid: str | None = Field(
+        None,
+        pattern=r"^\d{4}-\d{4}-\d{4}-\d{3}[\dX]$",
+        description="ORCID id",
+        examples=["0000-0002-1825-0097"],
+    )
+
+
+class Release(Section):
+    """The release part of a profile (Zenodo deposit metadata; Datasheets for Datasets)."""
+
+    table = "release"
+    about = "Release: what a published data set says about itself"
+
+    version: str = Field(
+        "1.0.0",
+        pattern=r"^\d+\.\d+\.\d+$",
+        examples=["1.0.0"],
+        description="version of the data: raise it for each published release",
+    )
+    creators: tuple[Creator, ...] = Field(
+        (Creator(name="Lorecrawl contributors"),), min_length=1, description="who made the data set"
+    )
+    homepage: str | None = Field(
+        None,
+        pattern=r"^https?://\S+$",
+        description="URL of the project's page",
+        examples=["https://example.org/dataset"],
+    )
+    contact: str | None = Field(
+        None,
+        description="contact for removal requests and questions; default: the project's page",
+        examples=["me@example.org"],
+    )
+    keywords: tuple[str, ...] = Field(
+        (), description="search words of the deposit, besides the domain's name"
+    )
+    biases: tuple[str, ...] = Field(
+        (), description="sentences about the domain for cards: who and what is over-represented"
+    )
+    limits: tuple[str, ...] = Field(
+        (), description="the same: what a user of the data should not rely on"
+    )
+    uses: tuple[str, ...] = Field((), description="the same: what the data can be used for")
+    avoid: tuple[str, ...] = Field((), description="the same: what it should not be used for")
+    communities: tuple[str, ...] = Field(
+        (), description="Zenodo communities that the deposit is offered to"
+    )
+    licenses: dict[str, str] = Field(
+        default_factory=_licences,
+        description="SPDX id of each folder's licence; the wiki's own licence is used when its"
+        " pages name one",
+    )
+    rows_per_shard: int = Field(
+        1_048_576,
+        ge=1_000,
+        description="rows per released Parquet file; the last file has the rest",
+    )
+    max_age_days: int | None = Field(
+        None,
+        ge=1,
+        description="older rows are refused; a source's own max_age_days takes precedence",
+    )
+    emails_per_thousand: float = Field(
+        0.2,
+        ge=0,
+        description="rows with an e-mail address that are tolerated, per 1,000 rows of a table",
+    )
+    phones_per_thousand: float = Field(
+        0.5,
+        ge=0,
+        description="rows with a phone number that are tolerated, per 1,000 rows of a table",
+    )
+    sample_mb: float = Field(
+        4.0, gt=0, le=50, description="size of the sample next to the shards, in megabytes"
+    )
+
+    def unsigned(self) -> list[str]:
+        """What it lacks to say who made a release: "a creator", "a contact"."""
+        creator = [] if "creators" in self.model_fields_set else ["a creator"]
+        return creator + ([] if self.contact or self.homepage else ["a contact"])
+
+    @field_validator("licenses")
+    @classmethod
+    def _known_sources(cls, value: dict[str, str]) -> dict[str, str]:
+        unknown = sorted(set(value) - set(PUBLISHED))
+        if unknown:
+            raise ValueError(f"names {unknown[0]!r}; known: {', '.join(PUBLISHED)}")
+        return value
+
+
+class Report(Section):
+    """The report part of a profile (figures of the MineDojo paper's data appendix)."""
+
+    table = "report"
+    about = "Report: how much the figures show"
+
+    trim_percentile: float = Field(
+        85,
+        gt=0,
+        le=100,
+        description="durations above this percentile are left out of their histogram,"
+        " as in the paper",
+    )
+    cloud_words: int = Field(150, ge=10, le=1000, description="words in the word cloud")
+    stop_words: tuple[str, ...] = Field(
+        (), description="words excluded from the word cloud, besides the usual ones"
+    )
+    top_keywords: int = Field(25, ge=1, le=100, description="keywords shown in the pairs figure")
+    samples: int = Field(8, ge=0, le=100, description="rows of each table shown on the page")

@@ -1,0 +1,324 @@
+"""Settings from the environment or `.env` (the environment wins). Secrets never print.
+
+Names and meanings are the contract's; `.env.example` lists them.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any
+from urllib.parse import SplitResult, urlsplit
+
+from pydantic import Field, SecretStr, ValidationError, ValidationInfo, field_validator
+from pydantic.fields import FieldInfo
+from pydantic_settings import (
+    BaseSettings,
+    EnvSettingsSource,
+    PydanticBaseSettingsSource,
+    SettingsConfigDict,
+)
+
+from kb.core import clock, terminal
+from kb.core.config import value_errors
+from kb.core.config.addresses import NOT_HTTPS, in_the_clear
+from kb.core.errors import MissingCredential, SettingError
+
+_log = logging.getLogger("kb.settings")
+_CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
+_ADDRESSES = ("_endpoint", "_web", "_url")  # a name and a password may stand in them
+_CONTACT = re.compile(
+    r"[^\s@<>]+@[^\s@<>]+\.[^\s@<>.]|https?://[^\s/]+\.[^\s/.]|\bwww\.[^\s/]+\.\w"
+)
+REDDIT = ("reddit_client_id", "reddit_client_secret", "kb_contact")  # what asking Reddit needs
+_MAY_BE_EMPTY = ("youtube_api_key", "reddit_client_id", "reddit_client_secret", "zenodo_token")
+
+
+class _Texts(PydanticBaseSettingsSource):
+    """The texts that stand in the environment or in `.env`, by field.
+
+    No setting has others within it, and to look for them in each field's type takes longer than
+    all else.
+    """
+
+    def __init__(self, source: PydanticBaseSettingsSource) -> None:
+        super().__init__(source.settings_cls)
+        assert isinstance(source, EnvSettingsSource)
+        self._texts = source.env_vars
+
+    def get_field_value(self, field: FieldInfo, field_name: str) -> tuple[Any, str, bool]:
+        """As pydantic-settings asks."""
+        return self._texts.get(field_name), field_name, False
+
+    def __call__(self) -> dict[str, Any]:
+        """What is set."""
+        found = {name: self._texts.get(name) for name in self.settings_cls.model_fields}
+        return {name: text for name, text in found.items() if text is not None}
+
+
+class Settings(BaseSettings):
+    """Everything that is not about the domain.
+
+    Field names are the variables' names in lower case.
+    """
+
+    model_config = SettingsConfigDict(env_file=None, extra="ignore", frozen=True)
+
+    youtube_api_key: SecretStr | None = Field(None, description="YouTube Data API v3 key")
+    reddit_client_id: SecretStr | None = Field(None, description="id of your own Reddit app")
+    reddit_client_secret: SecretStr | None = Field(
+        None, description="its secret; empty for an installed app"
+    )
+    zenodo_token: SecretStr | None = Field(None, description="token for `kb release publish`")
+    kb_contact: str | None = Field(None, description="e-mail or web address in the User-Agent")
+    kb_data: Path = Field(Path("data"), description="the data root")
+    kb_profile: str | None = Field(
+        None,
+        description="the profile: a name or a path; default: the data root's own, or `minecraft`",
+    )
+    kb_youtube_endpoint: str | None = Field(
+        None, description="root of the Data API instead of Google's"
+    )
+    kb_youtube_web: str | None = Field(
+        None, description="root of the YouTube web site instead of youtube.com"
+    )
+    kb_reddit_endpoint: str | None = Field(
+        None, description="root for Reddit's web and OAuth hosts"
+    )
+    kb_wiki_url: str | None = Field(None, description="the wiki's root instead of the profile's")
+    kb_zenodo_endpoint: str | None = Field(None, description="root of the deposit API")
+    kb_models_endpoint: str | None = Field(None, description="root of the hosts of model files")
+    kb_toxicity_model: str = Field(
+        "original", description="Detoxify model name, or a checkpoint file"
+    )
+    kb_toxicity_sha256: str | None = Field(None, description="SHA-256 of your own checkpoint file")
+    kb_import_memory_gb: float = Field(
+        3,
+        gt=0,
+        description="memory limit in GB for the dumps of an import; a single dump is always read",
+    )
+    source_date_epoch: int | None = Field(
+        None,
+        ge=0,
+        le=253_402_300_799,
+        description="build date of releases, in seconds since 1970",
+        examples=[1767225600],
+    )
+    kb_now: str | None = Field(
+        None,
+        description="fixed date for data and quota days, for tests",
+        examples=["2026-11-20T12:00:00Z"],
+    )
+
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,
+        file_secret_settings: PydanticBaseSettingsSource,
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """The first that has a value wins."""
+        return init_settings, _Texts(env_settings), _Texts(dotenv_settings)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _is_clean(cls, value: object, info: ValidationInfo) -> object:
+        """Spaces around a value are dropped, and an empty one is unset:
+        a line of `.env` that nobody filled in.
+        """
+        if isinstance(value, str):
+            value = value.strip()
+            if _CONTROL.search(value):
+                raise ValueError("must not hold line breaks or other control characters")
+        # An empty secret says something of its own: a Reddit app that has none.
+        if value == "" and info.field_name not in _MAY_BE_EMPTY:
+            return cls.model_fields[info.field_name or ""].default
+        return value
+
+    @field_validator(
+        "youtube_api_key",
+        "reddit_client_id",
+        "reddit_client_secret",
+        "zenodo_token",
+        "kb_contact",
+        mode="before",
+    )
+    @classmethod
+    def _fits_a_header(cls, value: object) -> object:
+        if isinstance(value, str) and not _fits(value, "latin-1"):
+            raise ValueError(
+                "must be of Latin letters, digits and signs, as it is sent in a header"
+            )
+        return value
+
+    @field_validator(
+        "kb_youtube_endpoint",
+        "kb_youtube_web",
+        "kb_reddit_endpoint",
+        "kb_wiki_url",
+        "kb_zenodo_endpoint",
+        "kb_models_endpoint",
+    )
+    @classmethod
+    def _is_root(cls, value: str | None) -> str | None:
+        if not value:
+            return None
+        parts = urlsplit(value)
+        if (
+            parts.scheme not in ("http", "https")
+            or not parts.hostname
+            or " " in value
+            or not _fits(parts.hostname, "idna")
+        ):
+            raise ValueError("must be an address like http://127.0.0.1:8000")
+        if parts.username is not None or parts.password is not None:
+            raise ValueError("must not hold a user name or password")
+        if "?" in value or "#" in value:
+            raise ValueError("must be a root, without ? or #")
+        if not _has_port(parts):
+            raise ValueError("must have a port from 1 to 65535, or none")
+        if in_the_clear(value):
+            raise ValueError(NOT_HTTPS)
+        return value.rstrip("/")
+
+    @field_validator("kb_now")
+    @classmethod
+    def _is_time(cls, value: str | None) -> str | None:
+        if value:
+            try:
+                clock.parse(value)
+            except OverflowError:
+                raise ValueError("must be a time from the years 1 to 9999") from None
+            except ValueError:
+                raise ValueError("must be a date and time") from None
+        return value
+
+    def secrets(self) -> dict[str, str]:
+        """The literal secrets that are set, by their variables."""
+        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        return {
+            name.upper(): value.get_secret_value()
+            for name, value in fields.items()
+            if isinstance(value, SecretStr) and value.get_secret_value()
+        }
+
+    def secret_values(self) -> list[str]:
+        """The literal secrets that must never leave, for redaction and the release gate."""
+        return list(self.secrets().values())
+
+    def need(self, field: str) -> str:
+        """The secret or text of `field`. Raises as `require`."""
+        self.require(field)
+        value = getattr(self, field)
+        if not isinstance(value, SecretStr):
+            return str(value)
+        secret = value.get_secret_value()
+        if 0 < len(secret) < terminal.SHORTEST_SECRET:
+            _warn_of_short(field.upper())
+        return secret
+
+    def require(self, *fields: str) -> None:
+        """Raises MissingCredential that names all fields which are not set, SettingError for a
+        contact that nobody could write to.
+        """
+        missing = [field for field in dict.fromkeys(fields) if not self._has(field)]
+        if missing:
+            known = type(self).model_fields
+            facts = [f"{name.upper()} is not set ({known[name].description})" for name in missing]
+            raise MissingCredential(
+                ", ".join(facts),
+                hint=f"set {'it' if len(facts) == 1 else 'them'} in the environment or in .env;"
+                " .env.example shows how",
+            )
+        if "kb_contact" in fields:
+            self.check_contact()
+
+    def _has(self, field: str) -> bool:
+        value = getattr(self, field)
+        text = value.get_secret_value() if isinstance(value, SecretStr) else value
+        return text is not None and (text != "" or field == "reddit_client_secret")
+
+    def named(self, field: str) -> str:
+        """The variable of `field`, and whether it is set: for a plan."""
+        return field.upper() if getattr(self, field) is not None else f"{field.upper()} (not set)"
+
+    def check_contact(self) -> None:
+        """Raises SettingError when a contact is set that nobody could write to or look at."""
+        if self.kb_contact and not _CONTACT.search(self.kb_contact):
+            raise SettingError(
+                f"KB_CONTACT is {value_errors.shown(self.kb_contact)}:"
+                " must contain an e-mail or web address",
+                hint="such as me@example.org or https://example.org/about;"
+                " services see it in the User-Agent",
+            )
+
+
+@cache  # once for each process
+def _warn_of_short(name: str) -> None:
+    _log.warning(
+        "%s has fewer than %d characters, too few to be hidden in messages:"
+        " check that it is complete",
+        name,
+        terminal.SHORTEST_SECRET,
+    )
+
+
+def _fits(text: str, encoding: str) -> bool:
+    try:
+        text.encode(encoding)
+    except UnicodeError:
+        return False
+    return True
+
+
+def _has_port(parts: SplitResult) -> bool:
+    """Whether the port is one that can be connected to, or is left to the scheme."""
+    try:
+        return parts.port != 0
+    except ValueError:
+        return False
+
+
+def _said(error: ValidationError) -> str:
+    """Every problem: the name, what was given if it can't hold a secret, what is expected."""
+    return "; ".join(_problem(one) for one in error.errors(include_url=False))
+
+
+def _problem(first: Any) -> str:
+    name = str(first["loc"][0]) if first["loc"] else ""
+    field = Settings.model_fields.get(name)
+    given = first.get("input")
+    secret = field is None or name in _MAY_BE_EMPTY or name.endswith(_ADDRESSES)
+    shown = "" if secret else f" is {value_errors.shown(str(given))}"
+    return f"{name.upper()}{shown}: {value_errors.wrong(first, field)}"
+
+
+def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
+    """Settings of this process; `values` (field names) win over everything.
+
+    Raises SettingError that names the variable and what is allowed, never the value of a secret.
+    """
+    given: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
+    try:
+        settings = Settings(_env_file=".env" if dotenv else None, **given)
+    except ValidationError as error:
+        raise SettingError(_said(error), hint="see .env.example") from None
+    except (OSError, UnicodeDecodeError) as error:
+        what = (
+            error.strerror
+            if isinstance(error, OSError)
+            else f"not UTF-8 text (byte {error.start + 1})"
+        )
+        raise SettingError(
+            f"{Path('.env').absolute()} can't be read: {what}",
+            hint="save it as plain UTF-8; see .env.example",
+        ) from None
+    if settings.kb_now:
+        # The clock reads the environment, so that worker processes see the same date.
+        os.environ["KB_NOW"] = settings.kb_now
+    return settings

@@ -1,0 +1,82 @@
+"""Four answers and no fifth: every crawled item is kept, rejected, failed or pending."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from kb.core.errors import CountMismatch
+from kb.core.summary import plan, vocabulary
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """How many items got which answer, in one shard, table or source."""
+
+    crawled: int = 0
+    kept: int = 0
+    rejected: int = 0
+    failed: int = 0
+    pending: int = 0
+
+    def __add__(self, other: Tally) -> Tally:
+        return Tally(
+            *(a + b for a, b in zip(asdict(self).values(), asdict(other).values(), strict=True))
+        )
+
+    def check(self, what: str) -> Tally:
+        """Itself, or CountMismatch when items were lost or doubled."""
+        answered = self.kept + self.rejected + self.failed + self.pending
+        if answered != self.crawled:
+            raise CountMismatch(
+                f"{what}: {self.crawled} crawled, but {self.kept} kept + {self.rejected} rejected"
+                f" + {self.failed} failed + {self.pending} pending = {answered}",
+                hint="this is a bug in Lorecrawl; no output was replaced",
+            )
+        return self
+
+
+class Summary(dict[str, Any]):
+    """What a command did: the numbers of its last line (`--json`), in order.
+
+    The names are those of kb.core.summary.vocabulary. `command` is the command that ran, `counted`
+    the noun that `crawled` counts.
+    """
+
+    def line(self) -> str:
+        """One line for a person: "youtube crawl: 300 videos crawled, 11 channels, 143 requests".
+
+        Each number stands with its noun; what is nought or for scripts only is left out.
+        """
+        if "phases" in self:
+            return plan.table(self)
+        tally = self.get("tally")
+        silent: tuple[str, ...] = (*_HEAD, *_ANSWERS) if tally else _HEAD
+        if self.get("crawled_in_all") == self.get("crawled"):
+            silent += ("crawled_in_all",)  # the first run is all
+        told = [vocabulary.phrase(name, self[name], self) for name in self if name not in silent]
+        if tally:
+            told.insert(0, "; ".join(vocabulary.tally(of, each) for of, each in tally.items()))
+            if beside := self._beside(tally):
+                told.insert(1, beside)
+        if left := self.get("left_by"):
+            told.append("left: " + vocabulary.nouns(left))
+        for name in _END:
+            why = str(self.get(name) or "")
+            told.append(why if why.startswith(name) or not why else f"{name}: {why}")
+        head = f"{self['command']}: " if self.get("command") else ""
+        return head + ", ".join(phrase for phrase in told if phrase)
+
+    def _beside(self, tally: dict[str, Any]) -> str:
+        """Tables that follow the sorted ones: "with 189 elements and …"."""
+        rows = {
+            name.rpartition("/")[2]: n
+            for name, n in self.get("tables", {}).items()
+            if name.rpartition("/")[2] not in tally
+        }
+        return f"with {vocabulary.nouns(rows)}" if rows else ""
+
+
+_ANSWERS = ("crawled", "kept", "rejected", "failed", "pending", "missing")
+_END = ("stopped", "error")  # why a command ended, after all its numbers
+_HEAD = ("command", "source", "counted", *_END)

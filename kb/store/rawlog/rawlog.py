@@ -1,0 +1,302 @@
+"""The raw log: service answers as they came, one envelope a line and a zstd frame.
+
+    raw/<source>/<kind>/000001-1f2e3d4c.ndjson.zst         closed, never touched again
+    raw/<source>/<kind>/000002-1f2e3d4c.ndjson.zst.open    being written
+
+    raw/<source>/<kind>/….ndjson.zst.damaged-<offset>      what could not be read, set aside
+
+A frame is on disk (fsync) before the frontier hears of it. A segment that SIGKILL cut off is
+cut back to its last whole frame when its writer starts again; what the state has committed is
+never cut (kb.store.rawlog.damaged_answers).
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import msgspec
+import zstandard
+
+from kb.core.errors import DamagedData
+from kb.net import redact
+from kb.store.atomic import full_disk_is_resumable, sync_folder
+from kb.store.layout import Layout
+from kb.store.rawlog.frames import MAGIC, intact_frames
+
+SUFFIX = ".ndjson.zst"
+OPEN = SUFFIX + ".open"
+SEGMENT_BYTES = 64 << 20
+_FIRST = b'{"fetched_at":'
+_SUMMED = 1 << 2  # in the first byte of a frame's header: it has a checksum of its content
+
+
+class Request(msgspec.Struct):
+    """What was asked, without any secret."""
+
+    endpoint: str
+    params: dict[str, Any]
+
+
+class Envelope(msgspec.Struct):
+    """One answer of a service. `fetched_at` is null only for dumps that don't say when."""
+
+    fetched_at: str | None
+    request: Request
+    status: int
+    response: Any
+
+
+_encoder = msgspec.json.Encoder()
+_decoder = msgspec.json.Decoder(Envelope)
+_UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
+
+
+def encode(envelope: Envelope) -> bytes:
+    """The envelope as one line; NUL and lone surrogates become U+FFFD, a secret of ours "***",
+    all else is verbatim.
+    """
+    return storable(envelope)[1]
+
+
+def storable(envelope: Envelope) -> tuple[Envelope, bytes]:
+    """What is kept of an envelope (the same object where that is all of it), and its line."""
+    try:
+        line = _encoder.encode(envelope)
+        if b"\\u0000" not in line and not redact.holds_secret(line):
+            return envelope, line + b"\n"
+    except UnicodeEncodeError:
+        pass
+    params, response = _holdable(envelope.request.params), _holdable(envelope.response)
+    kept = Envelope(
+        envelope.fetched_at, Request(envelope.request.endpoint, params), envelope.status, response
+    )
+    return kept, _encoder.encode(kept) + b"\n"
+
+
+def _holdable(value: Any) -> Any:
+    if isinstance(value, str):
+        return redact.literal(_UNHOLDABLE.sub("�", value))
+    if isinstance(value, dict):
+        return {_holdable(key): _holdable(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_holdable(inner) for inner in value]
+    if isinstance(value, msgspec.Raw):
+        return _holdable(msgspec.json.decode(value))
+    return value
+
+
+def decode(line: bytes) -> Envelope:
+    """The envelope of a line. Raises DamagedData."""
+    try:
+        return _decoder.decode(line)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise DamagedData(f"a raw line is not an envelope: {error}") from None
+
+
+def decode_as(decoder: msgspec.json.Decoder[Any], line: bytes) -> Envelope:
+    """Decode a line with the decoder's type for the response, or in full if it does not fit.
+
+    Raises DamagedData for a line that is not an envelope.
+    """
+    try:
+        envelope: Envelope = decoder.decode(line)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        return decode(line)
+    return envelope
+
+
+class Frames:
+    """The readable frames of a segment, in order, as (offset behind the frame, line).
+
+    After the last of them the iteration raises DamagedData where something could not be read, so
+    that nobody takes what is damaged for what never was. Whoever deals with damage says `mending`:
+    then it is passed over, and reading goes on at the next whole frame. `start` is the offset of
+    the frame in hand. After the iteration `good` is the offset behind the last readable frame,
+    `torn` tells whether bytes follow it (no damage while a segment is open), and `damaged` lists
+    the stretches (start, end) between readable frames that hold none. With `checked` a frame whose
+    line is no envelope counts as damaged too; one that has a checksum and begins as `encode` writes
+    is not decoded for that. Works on a segment that is still being written.
+    """
+
+    def __init__(
+        self, path: Path, start: int = 0, *, mending: bool = False, checked: bool = False
+    ) -> None:
+        self.path, self.start, self.good, self.torn = path, start, start, False
+        self.damaged: list[tuple[int, int]] = []
+        self._mending, self._checked = mending, checked
+
+    def __iter__(self) -> Iterator[tuple[int, bytes]]:
+        at = self.good
+        with self.path.open("rb") as file:
+            for start, end, line in intact_frames(file, at):
+                if self._checked and not _holds_envelope(file, start, line):
+                    continue
+                if start > self.good:
+                    self.damaged.append((self.good, start))
+                self.start, self.good = start, end
+                yield end, line
+            self.torn = self.good < file.seek(0, os.SEEK_END)
+        at_byte = self.first_damaged()
+        if at_byte is not None and not self._mending:
+            raise _damaged(self.path, at_byte)
+
+    def first_damaged(self) -> int | None:
+        """The first byte that could not be read, after the iteration; None: there is none."""
+        if self.damaged:
+            return self.damaged[0][0]
+        return self.good if self.torn and not self.path.name.endswith(".open") else None
+
+
+def _damaged(path: Path, at: int) -> DamagedData:
+    source = path.parent.parent.name
+    error = DamagedData(
+        f"{path} is damaged at byte {at:,}",
+        hint=f"run `kb {source} filter`, then `kb {source} crawl`: it moves damaged data"
+        " away and fetches it again",
+    )
+    error.path = path  # type: ignore[attr-defined]
+    return error
+
+
+def _holds_envelope(file: BinaryIO, start: int, line: bytes) -> bool:
+    """Whether the frame at `start` holds an envelope.
+
+    Its content was right if the frame has a checksum (RFC 8878, 3.1.1.1.1). Then the line's ends
+    tell ours from what others put there; decoding takes many times as long and says no more.
+    """
+    (descriptor,) = os.pread(file.fileno(), 1, start + len(MAGIC)) or (0,)
+    if descriptor & _SUMMED and line.startswith(_FIRST) and line.endswith(b"}\n"):
+        return True
+    return _is_envelope(line)
+
+
+def _is_envelope(line: bytes) -> bool:
+    try:
+        _decoder.decode(line)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        return False
+    return True
+
+
+def compressor() -> zstandard.ZstdCompressor:
+    """What makes frames; their checksum tells a changed bit that would still be an answer."""
+    return zstandard.ZstdCompressor(level=3, write_checksum=True)
+
+
+def folder(root: Path, source: str, kind: str) -> Path:
+    """Where the segments of a kind are."""
+    return Layout(root).raw(source, kind)
+
+
+def kinds(root: Path, source: str) -> list[str]:
+    """The kinds of answers that a source has on disk."""
+    base = Layout(root).raw(source)
+    return sorted(path.name for path in base.iterdir() if path.is_dir()) if base.is_dir() else []
+
+
+def segments(root: Path, source: str, kind: str) -> list[Path]:
+    """All segments of a kind, oldest first, the open ones too."""
+    base = folder(root, source, kind)
+    if not base.is_dir():
+        return []
+    paths = (path for path in base.iterdir() if path.name.endswith((SUFFIX, OPEN)))
+    return sorted(paths, key=base_name)
+
+
+def all_segments(root: Path, source: str) -> list[Path]:
+    """The segments of every raw kind of a source, kind after kind."""
+    return [path for kind in kinds(root, source) for path in segments(root, source, kind)]
+
+
+def base_name(path: Path) -> str:
+    """The name of a segment, the same while open and when closed."""
+    return path.name.removesuffix(".open").removesuffix(SUFFIX)
+
+
+def read(root: Path, source: str, kind: str) -> Iterator[Envelope]:
+    """Every envelope of a kind, oldest first; the torn tail of an open segment is left out.
+
+    Raises DamagedData, behind what can be read of a segment.
+    """
+    for path in segments(root, source, kind):
+        for _, line in Frames(path):
+            yield decode(line)
+
+
+def any_answer(root: Path, source: str) -> bool:
+    """Whether a source has answers on disk, readable or not."""
+    return any(
+        _holds_answers(path)
+        for kind in kinds(root, source)
+        for path in segments(root, source, kind)
+    )
+
+
+def _holds_answers(path: Path) -> bool:
+    """A closed segment held some, whatever is left of it; in an open one there may be none yet."""
+    if not path.name.endswith(".open"):
+        return True
+    frames = Frames(path, mending=True)
+    return next(iter(frames), None) is not None
+
+
+class Segment:
+    """The open segment of one kind. Only its source's one writer makes it."""
+
+    def __init__(self, base: Path) -> None:
+        base.mkdir(parents=True, exist_ok=True)
+        self._base = base
+        self._compressor = compressor()
+        self._file: Any = None
+        self.path: Path | None = None
+        self.size = 0
+
+    def append(self, *lines: bytes) -> tuple[str, int]:
+        """Write a frame for each line, synced together; (segment, offset behind them).
+
+        What could only be written in part is cut away again. Raises DiskFull.
+        """
+        with full_disk_is_resumable(self._base):
+            if self._file is None:
+                self._open()
+            try:
+                self._file.write(b"".join(map(self._compressor.compress, lines)))
+                self._file.flush()
+                os.fsync(self._file.fileno())
+            except OSError:
+                os.ftruncate(self._file.fileno(), self.size)
+                raise
+            self.size = self._file.tell()
+        assert self.path is not None
+        place = base_name(self.path), self.size
+        if self.size >= SEGMENT_BYTES:
+            self.close()
+        return place
+
+    def close(self) -> None:
+        """Rename the segment to its final name."""
+        if self._file is None or self.path is None:
+            return
+        os.fsync(self._file.fileno())
+        self._file.close()
+        os.rename(self.path, self.path.with_name(self.path.name.removesuffix(".open")))
+        sync_folder(self._base)
+        self._file = self.path = None
+        self.size = 0
+
+    def _open(self) -> None:
+        numbers = [
+            int(match[1])
+            for path in self._base.iterdir()
+            if (match := re.match(r"(\d{6})-", path.name))
+        ]
+        # The random part keeps the names of several machines apart when their folders are merged.
+        self.path = self._base / f"{max(numbers, default=0) + 1:06d}-{uuid.uuid4().hex[:8]}{OPEN}"
+        self._file = self.path.open("ab", buffering=0)
+        self.size = 0
+        sync_folder(self._base)

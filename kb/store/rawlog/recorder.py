@@ -1,0 +1,190 @@
+"""The order of writing that makes a crawl survive SIGKILL.
+
+    ledger row (committed) → request → one frame, synced → frontier and offset in one transaction
+
+At start the raw tail past the known offset is replayed into the frontier by the same function
+that a live answer goes through, so nothing that was answered is asked again. What the state knows
+and the raw data have lost is (kb.store.rawlog.damaged_answers).
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Collection, Iterable
+from pathlib import Path
+from typing import Any, Self
+
+from kb.core import clock
+from kb.core.errors import DamagedData
+from kb.store.atomic import sync_folder
+from kb.store.rawlog import damaged_answers, rawlog
+from kb.store.rawlog.rawlog import Envelope, Frames, Request, Segment, kinds, segments
+from kb.store.state import tombstones
+from kb.store.state.frontier import Frontier
+
+_AGAIN = "run the same command again: it moves damaged data away and lists what that contained"
+Apply = Callable[[Frontier, str, Envelope], None]
+"""Takes (frontier, kind, envelope) into the frontier; must be idempotent."""
+Replay = damaged_answers.Replay
+"""Takes (frontier, kind, lines) in, to the same effect."""
+
+
+class Recorder:
+    """Writes a source's answers. Make it under the source's writer lock; close it at the end.
+
+    `asked`: the kinds of items that a crawl asks for. Raw data that are damaged or missing are set
+    aside, and what they held becomes to do again: DamagedData (exit 1) names them once. Without
+    `tells` the caller reports damage with `damaged_answers.report`.
+    """
+
+    def __init__(
+        self,
+        root: Path,
+        source: str,
+        frontier: Frontier,
+        apply: Apply,
+        replay: Replay | None = None,
+        *,
+        asked: Collection[str] = (),
+        tells: bool = True,
+    ) -> None:
+        self._root, self._source, self._frontier, self._apply = root, source, frontier, apply
+        self._asked, self._take_in = asked, replay or _one_by_one(apply)
+        self._segments: dict[str, Segment] = {}
+        self._lock = threading.Lock()
+        tombstones.heal(root, source)
+        self._quarantine_damage(every=False)
+        if tells:
+            damaged_answers.report(root, source, frontier)
+
+    def check_all_segments(self) -> None:
+        """Set aside what can't be read of segments that nothing was wrong with by the state, and
+        look up what it held. The open segments must be closed.
+        """
+        self._quarantine_damage(every=True)
+
+    def _quarantine_damage(self, *, every: bool) -> None:
+        damaged_answers.quarantine_damage(self._root, self._source, self._frontier, every=every)
+        recover(self._root, self._source)
+        self._replay()
+        damaged_answers.requeue_lost_items(
+            self._root, self._source, self._frontier, self._take_in, self._asked
+        )
+
+    def record(
+        self,
+        kind: str,
+        endpoint: str,
+        params: dict[str, Any],
+        status: int,
+        response: Any,
+    ) -> Envelope:
+        """Keep one answer and its effect on the frontier.
+
+        Raises DiskFull, with nothing half-kept.
+        """
+        # The frontier sees what is on disk, as it would from a replay.
+        envelope, line = rawlog.storable(
+            Envelope(clock.stamp(), Request(endpoint, params), status, response)
+        )
+        with self._lock:
+            if kind not in self._segments:
+                self._segments[kind] = Segment(rawlog.folder(self._root, self._source, kind))
+            name, offset = self._segments[kind].append(line)
+            with self._frontier.transaction():
+                self._apply(self._frontier, kind, envelope)
+                self._frontier.set_offset(kind, name, offset)
+        return envelope
+
+    def record_all(self, kind: str, answers: Iterable[Envelope]) -> list[bytes]:
+        """Keep answers that came together, with times of their own; their lines as they are kept.
+
+        Raises DiskFull, with nothing half-kept.
+        """
+        kept = [rawlog.storable(answer) for answer in answers]
+        lines = [line for _, line in kept]
+        with self._lock:
+            if kind not in self._segments:
+                self._segments[kind] = Segment(rawlog.folder(self._root, self._source, kind))
+            name, offset = self._segments[kind].append(*lines)
+            with self._frontier.transaction():
+                for envelope, _ in kept:
+                    self._apply(self._frontier, kind, envelope)
+                self._frontier.set_offset(kind, name, offset)
+        return lines
+
+    def close(self) -> None:
+        """Close the open segments."""
+        with self._lock:
+            for segment in self._segments.values():
+                segment.close()
+            self._segments.clear()
+            damaged_answers.forget_refetched(self._frontier)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, *trace: object
+    ) -> None:
+        if isinstance(error, DamagedData):
+            # Met by a reader in a segment that nothing was wrong with by the state.
+            damaged_answers.note(self._root, self._source, self._frontier, error, _AGAIN)
+        self.close()
+
+    def _replay(self) -> None:
+        """Take in what the frontier has not seen: a tail after a crash, or copied segments."""
+        for kind in rawlog.kinds(self._root, self._source):
+            for path in rawlog.segments(self._root, self._source, kind):
+                try:
+                    self._replay_one(kind, path)
+                except DamagedData as error:
+                    if getattr(error, "path", None) != path:
+                        raise
+                    damaged_answers.quarantine_segment(path, kind, self._frontier)
+                    self._replay_one(kind, path)
+
+    def _replay_one(self, kind: str, path: Path) -> None:
+        """Raises DamagedData, with nothing taken in, where something can't be read."""
+        name = rawlog.base_name(path)
+        start = self._frontier.offset(kind, name)
+        if start >= path.stat().st_size:
+            return
+        frames = rawlog.Frames(path, start, checked=True)
+        with self._frontier.transaction():
+            self._take_in(self._frontier, kind, (line for _, line in frames))
+            self._frontier.set_offset(kind, name, frames.good)
+
+
+def _one_by_one(apply: Apply) -> Replay:
+    def take_in(frontier: Frontier, kind: str, lines: Iterable[bytes]) -> None:
+        for line in lines:
+            apply(frontier, kind, rawlog.decode(line))
+
+    return take_in
+
+
+def recover(root: Path, source: str) -> None:
+    """Cut torn frames off the ends of open segments and close them.
+
+    Called under the writer's lock, before anything is written, and after
+    `kb.store.rawlog.damaged_answers` took out committed answers that can't be read: only bytes
+    that no state knows are cut.
+    """
+    for kind in kinds(root, source):
+        for path in segments(root, source, kind):
+            if not path.name.endswith(".open"):
+                continue
+            frames = Frames(path, mending=True)
+            for _ in frames:
+                pass
+            if frames.torn:
+                with path.open("r+b") as file:
+                    file.truncate(frames.good)
+                    os.fsync(file.fileno())
+            if frames.good == 0:
+                path.unlink()
+            else:
+                os.rename(path, path.with_name(path.name.removesuffix(".open")))
+            sync_folder(path.parent)

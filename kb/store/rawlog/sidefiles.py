@@ -1,0 +1,141 @@
+"""Files beside the raw log, which no frame's checksum covers: captured pages and images.
+
+    raw/wiki/images/<sha256>.<ending>   the name says what is in it
+    raw/wiki/pages/<id>/<revision>/…    SHA256SUMS beside them says it, as for `sha256sum -c`
+
+Whoever meets one that is not what it was notes it, without any lock; the next crawl sets it aside
+as `<name>.damaged` and asks again for what it held.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Collection, Iterable
+from pathlib import Path
+
+from kb.core.errors import DamagedData
+from kb.store.atomic import sync_folder, write_bytes
+from kb.store.layout import BELOW, CAPTURED, Layout
+from kb.store.tables.checksums import SUMS, digest, listed, parsed
+
+QUARANTINE_SUFFIX = ".damaged"
+_NAMED = re.compile(r"([0-9a-f]{64})\.[a-z0-9]+")
+
+
+def write_sums(folder: Path) -> None:
+    """Write SHA256SUMS over the files of a folder that is on its way."""
+    files = sorted(path for path in folder.iterdir() if path.name != SUMS)
+    (folder / SUMS).write_text(listed(files), encoding="utf-8")
+
+
+def sums(folder: Path) -> dict[str, str]:
+    """File name → digest as SHA256SUMS says, {} where there is none or it can't be read."""
+    try:
+        text = (folder / SUMS).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return {}
+    return parsed(text)[0]
+
+
+def expected(path: Path) -> str | None:
+    """The digest that a file should have, None where nothing says it."""
+    named = _NAMED.fullmatch(path.name)
+    return named[1] if named else sums(path.parent).get(path.name)
+
+
+def is_intact(path: Path, advance: Callable[[int], None] | None = None) -> bool:
+    """Whether a file is there and what it was, by what is `expected` of it."""
+    if not path.is_file() or not path.stat().st_size:
+        return False
+    wanted = expected(path)
+    return wanted is None or digest(path, advance=advance) == wanted
+
+
+def write_named(path: Path, data: bytes) -> None:
+    """Write a file that is named by its content, unless it is there with it. Raises DiskFull."""
+    if not path.is_file() or path.stat().st_size != len(data) or path.read_bytes() != data:
+        write_bytes(path, data)
+
+
+def suspect(root: Path, source: str, paths: Iterable[Path]) -> None:
+    """Note files that are missing or not what they were, for the next crawl to ask again."""
+    lines = [f"{path.relative_to(root)}\n" for path in paths]
+    place = _list(root, source)
+    place.parent.mkdir(parents=True, exist_ok=True)
+    # One write to the end: several processes may do so at a time.
+    descriptor = os.open(place, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    try:
+        os.write(descriptor, "".join(lines).encode())
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def suspects(root: Path, source: str) -> list[str]:
+    """The noted files that still are not what they should be, by path from the data root."""
+    place = _list(root, source)
+    if not place.is_file():
+        return []
+    noted = place.read_text(encoding="utf-8", errors="replace").splitlines()
+    return [
+        path
+        for path in sorted(set(noted))
+        if Path(path).is_relative_to(BELOW.raw(source))
+        and ".." not in path
+        and not is_intact(root / path)
+    ]
+
+
+def forget(root: Path, source: str) -> None:
+    """All that was noted is to be asked again."""
+    _list(root, source).unlink(missing_ok=True)
+
+
+def quarantine_file(path: Path) -> None:
+    """Give a damaged file another name, which no reader takes."""
+    if path.is_file():
+        os.replace(path, quarantine_path(path))
+        sync_folder(path.parent)
+
+
+def quarantine_path(path: Path) -> Path:
+    """The name that a damaged file gets."""
+    return path.with_name(path.name + QUARANTINE_SUFFIX)
+
+
+def lost(root: Path, source: str, paths: Collection[Path]) -> DamagedData:
+    """What to raise for files that are missing or not what they were; notes them."""
+    suspect(root, source, paths)
+    first = min(paths)
+    what = "is not what was stored"
+    if not first.is_file():
+        what = "is not there"
+    elif not first.stat().st_size:
+        what = "is empty"
+    more = f" (and {len(paths) - 1:,} more files)" if len(paths) > 1 else ""
+    error = DamagedData(
+        f"{first} {what}{more}",
+        hint=f"run `kb {source} crawl`, which fetches it again; then `kb {source} filter`",
+    )
+    error.path = first  # type: ignore[attr-defined]
+    return error
+
+
+def _list(root: Path, source: str) -> Path:
+    return Layout(root).state_folder(source) / "damaged-files.txt"
+
+
+def is_captured_path(root: Path, path: str) -> bool:
+    """Whether `path`, relative to the data root, resolves to a place in raw/wiki."""
+    return (root / path).resolve().is_relative_to(Layout(root).raw(CAPTURED).resolve())
+
+
+def captured_path(root: Path, path: str) -> Path:
+    """The place of a captured page or image. Raises DamagedData for a path outside raw/wiki."""
+    if not is_captured_path(root, path):
+        raise DamagedData(
+            f"the wiki's data name {path!r}, which is not in {Layout(root).raw(CAPTURED)}",
+            hint="those raw files are not from a crawl: move them away",
+        )
+    return root / path

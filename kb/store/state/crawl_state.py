@@ -1,0 +1,248 @@
+"""What makes a crawl resumable, in one SQLite file: frontier, cursors, ledger, raw offsets.
+
+One connection guarded by one lock: threads of a crawl share it. Readers (`kb status`) open it
+read-only beside a running crawl (write-ahead log).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sqlite3
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from kb.core import clock
+from kb.core.errors import DamagedData
+from kb.store.atomic import full_disk_is_resumable, writing
+from kb.store.state import sqlite
+
+VERSION = 2
+_CACHE_KIB = 64 << 10
+_TABLES = """
+CREATE TABLE items (
+  kind TEXT NOT NULL, key TEXT NOT NULL, seq INTEGER NOT NULL,
+  status TEXT NOT NULL CHECK (status IN ('todo', 'in_progress', 'done', 'error', 'skipped')),
+  reason TEXT, payload TEXT,
+  PRIMARY KEY (kind, key)) WITHOUT ROWID;
+CREATE INDEX items_by_status ON items (kind, status, seq);
+CREATE INDEX items_by_order ON items (kind, seq);
+CREATE TABLE cursors (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE ledger (
+  id INTEGER PRIMARY KEY, at TEXT NOT NULL, day TEXT NOT NULL, bucket TEXT NOT NULL,
+  units INTEGER NOT NULL, endpoint TEXT NOT NULL, outcome TEXT);
+CREATE INDEX ledger_by_day ON ledger (bucket, day);
+CREATE TABLE offsets (kind TEXT NOT NULL, segment TEXT NOT NULL, offset INTEGER NOT NULL,
+  PRIMARY KEY (kind, segment)) WITHOUT ROWID;
+"""
+# MIGRATIONS[n] brings version n to n + 1; the file is copied aside first.
+MIGRATIONS = {1: "CREATE INDEX items_by_order ON items (kind, seq);"}
+# Of an item in progress: one that had failed before keeps its reason until it is answered.
+PUT_BACK = "status = CASE WHEN reason IS NULL THEN 'todo' ELSE 'error' END"
+SYNCHRONOUS = "FULL"  # a commit is on disk when it returns
+UNREADABLE = (msgspec.DecodeError, TypeError, RecursionError, UnicodeDecodeError)
+
+
+class State:
+    """The file: its tables and changes, and all of them but the items (kb.store.state.frontier)."""
+
+    def __init__(self, path: Path, *, readonly: bool = False) -> None:
+        self.path = path
+        self._lock = threading.RLock()
+        self._depth = 0
+        if readonly:
+            self._db = sqlite.connect(path, readonly=True)
+            return
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._db = sqlite.connect(path)
+        try:
+            self._db.execute("PRAGMA journal_mode = WAL")
+            self._db.execute(f"PRAGMA synchronous = {SYNCHRONOUS}")
+            self._db.execute("PRAGMA secure_delete = ON")  # what is removed leaves its page
+            # Millions of items in one transaction would be written again and again with the 2 MiB
+            # that SQLite takes by itself.
+            self._db.execute(f"PRAGMA cache_size = -{_CACHE_KIB}")
+            self._prepare()
+            # Whatever was in flight when the last writer ended is asked again.
+            self._db.execute(f"UPDATE items SET {PUT_BACK} WHERE status = 'in_progress'")
+        except BaseException:
+            self._db.close()
+            raise
+
+    def _prepare(self) -> None:
+        version = self._db.execute("PRAGMA user_version").fetchone()[0]
+        if version > VERSION:
+            raise DamagedData(
+                f"{self.path} was written by a newer Lorecrawl", hint="upgrade Lorecrawl"
+            )
+        if version == 0:
+            self._db.executescript(f"BEGIN; {_TABLES} PRAGMA user_version = {VERSION}; COMMIT;")
+            return
+        if version < 0:
+            raise self._damaged(f"its version is {version}")
+        while version < VERSION:
+            self._back_up(self.path.with_name(f"{self.path.name}.v{version}.bak"))
+            self._db.executescript(
+                f"BEGIN; {MIGRATIONS[version]} PRAGMA user_version = {version + 1}; COMMIT;"
+            )
+            version += 1
+
+    def _back_up(self, path: Path) -> None:
+        """A whole copy, what a killed writer left in the log included."""
+        with writing(path) as temporary, contextlib.closing(sqlite3.connect(temporary)) as copy:
+            self._db.backup(copy)
+
+    def forget(self) -> None:
+        """What was removed stands in no free page, no log and no backup any more.
+
+        Raises DiskFull.
+        """
+        with self._lock, full_disk_is_resumable(self.path):
+            self._db.execute("VACUUM")
+            self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+            for backup in self.path.parent.glob(f"{self.path.name}.v*.bak"):
+                backup.unlink()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._db.close()
+
+    @contextlib.contextmanager
+    def transaction(self) -> Iterator[None]:
+        """All or nothing; may be nested (the outermost one commits)."""
+        with self._lock, full_disk_is_resumable(self.path):
+            if self._depth == 0:
+                self._db.execute("BEGIN IMMEDIATE")
+            self._depth += 1
+            try:
+                yield
+            except BaseException:
+                self._depth -= 1
+                self._rollback()
+                raise
+            self._depth -= 1
+            if self._depth == 0:
+                try:
+                    self._db.execute("COMMIT")
+                except BaseException:
+                    self._rollback()
+                    raise
+
+    def _rollback(self) -> None:
+        # SQLite has rolled back by itself where it found no room.
+        if self._depth == 0 and self._db.in_transaction:
+            self._db.execute("ROLLBACK")
+
+    def _damaged(self, why: str) -> DamagedData:
+        return DamagedData(f"the state {self.path} can't be read: {why}", hint=sqlite.REBUILT)
+
+    def cursor(self, name: str, default: Any = None, of: Any = None) -> Any:
+        """A value that a source keeps (a page token, a round, a date).
+
+        It is one of the type `of`, else of its default's. Raises DamagedData when it is not.
+        """
+        with self._lock:
+            row = self._db.execute("SELECT value FROM cursors WHERE name = ?", (name,)).fetchone()
+        try:
+            value = default if row is None else msgspec.json.decode(row[0])
+            kind = Any if default is None else type(default)
+            return msgspec.convert(value, kind if of is None else of)
+        except UNREADABLE as error:
+            raise self._damaged(f"the value of {name}: {error}") from None
+
+    def set_cursor(self, name: str, value: Any) -> None:
+        """Keep a value; None forgets it."""
+        with self.transaction():
+            if value is None:
+                self._db.execute("DELETE FROM cursors WHERE name = ?", (name,))
+            else:
+                self._db.execute(
+                    "INSERT OR REPLACE INTO cursors VALUES (?, ?)", (name, as_json(value))
+                )
+
+    def spend(self, bucket: str, units: int, endpoint: str, day: str | None = None) -> int:
+        """Write a ledger row, committed before the request is sent; its id."""
+        with self.transaction():
+            at = clock.stamp()
+            cursor = self._db.execute(
+                "INSERT INTO ledger (at, day, bucket, units, endpoint) VALUES (?, ?, ?, ?, ?)",
+                (at, day or at[:10], bucket, units, endpoint),
+            )
+            return int(cursor.lastrowid or 0)
+
+    def outcome(self, row: int, outcome: str, *, sent: bool = True) -> None:
+        """What became of a request: an HTTP status or an error's name.
+
+        One that was never `sent` costs no units.
+        """
+        with self.transaction():
+            self._db.execute(
+                "UPDATE ledger SET outcome = ?, units = units * ? WHERE id = ?",
+                (outcome, int(sent), row),
+            )
+
+    def spent(self, bucket: str, day: str) -> int:
+        """Units of a bucket spent on a day."""
+        with self._lock:
+            return int(
+                self._db.execute(
+                    "SELECT coalesce(sum(units), 0) FROM ledger WHERE bucket = ? AND day = ?",
+                    (bucket, day),
+                ).fetchone()[0]
+            )
+
+    def ledger(self) -> list[tuple[str, str, str, int, int]]:
+        """(day, bucket, endpoint, requests, units), by day."""
+        with self._lock:
+            return self._db.execute(
+                "SELECT day, bucket, endpoint, count(*), sum(units) FROM ledger"
+                " GROUP BY 1, 2, 3 ORDER BY 1, 2, 3"
+            ).fetchall()
+
+    def requests(self) -> tuple[int, int]:
+        """(requests, units) of all time."""
+        with self._lock:
+            row = self._db.execute(
+                "SELECT count(*), coalesce(sum(units), 0) FROM ledger"
+            ).fetchone()
+        return int(row[0]), int(row[1])
+
+    def offset(self, kind: str, segment: str) -> int:
+        """How far a raw segment was taken into the frontier, in bytes."""
+        with self._lock:
+            row = self._db.execute(
+                "SELECT offset FROM offsets WHERE kind = ? AND segment = ?", (kind, segment)
+            ).fetchone()
+        return 0 if row is None else self._number(row[0])
+
+    def offsets(self) -> dict[tuple[str, str], int]:
+        """How far each raw segment was taken in, by (kind, segment)."""
+        with self._lock:
+            rows = self._db.execute("SELECT kind, segment, offset FROM offsets").fetchall()
+        return {(kind, segment): self._number(offset) for kind, segment, offset in rows}
+
+    def _number(self, value: Any) -> int:
+        """An offset. Raises DamagedData."""
+        if not isinstance(value, int) or value < 0:
+            raise self._damaged(f"an offset is {value!r}")
+        return value
+
+    def drop_offset(self, kind: str, segment: str) -> None:
+        """Forget a raw segment that is no longer there."""
+        with self.transaction():
+            self._db.execute("DELETE FROM offsets WHERE kind = ? AND segment = ?", (kind, segment))
+
+    def set_offset(self, kind: str, segment: str, offset: int) -> None:
+        """Note how far a raw segment was taken in, in the transaction of its effects."""
+        with self.transaction():
+            self._db.execute(
+                "INSERT OR REPLACE INTO offsets VALUES (?, ?, ?)", (kind, segment, offset)
+            )
+
+
+def as_json(value: Any) -> str:
+    """A payload or a cursor as it is kept."""
+    return msgspec.json.encode(value).decode()

@@ -1,0 +1,89 @@
+"""The one place that opens DuckDB.
+
+A connection is in memory, prints times in UTC whatever the machine's zone, never loads or fetches
+an extension by itself, and spills to a folder of this process below the data root, not to where the
+command was typed. DuckDB removes it at the end; what a killed process left there holds rows that
+may have been purged since, so kb.store.leftovers asks `abandoned` and clears it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import os
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+import duckdb
+
+from kb.store import process
+
+SPILL = ".duckdb"  # and the process; below the data root, there only while something is spilled
+_FEW = 16 << 20  # bytes of Parquet of which nothing is spilled
+
+
+def connect(
+    root: Path | None = None, *, threads: int | None = None, memory: str | None = None
+) -> duckdb.DuckDBPyConnection:
+    """A new in-memory DuckDB; `memory` as DuckDB writes it ("1GB"), otherwise its own choice.
+
+    Without a `root`, or where that is not there or can't be written to, it spills to the system's
+    temporary folder.
+    """
+    config: dict[str, str | bool | int | float | list[str]] = {
+        "autoinstall_known_extensions": False,
+        "autoload_known_extensions": False,
+        "temp_directory": str(_spill(root)),
+    }
+    if threads is not None:
+        config["threads"] = threads
+    if memory is not None:
+        config["memory_limit"] = memory
+    con = duckdb.connect(config=config)
+    _set(con)
+    return con
+
+
+def asking() -> duckdb.DuckDBPyConnection:
+    """A connection to the one DuckDB of this process, for a question that leaves no table or view
+    behind: opening one of its own costs more than most questions.
+    """
+    con = _own(os.getpid()).cursor()
+    _set(con)
+    return con
+
+
+def over(
+    files: Iterable[Path], root: Path | None = None, *, memory: str | None = None
+) -> duckdb.DuckDBPyConnection:
+    """A connection for questions about these files that leave no table or view behind: as `asking`
+    where they are small, else as `connect`.
+    """
+    if sum(path.stat().st_size for path in files) <= _FEW:
+        return asking()
+    return connect(root, memory=memory)
+
+
+@functools.cache
+def _own(pid: int) -> duckdb.DuckDBPyConnection:
+    """Of the process `pid`: a forked one has none of the threads of its parent's."""
+    return connect()
+
+
+def _set(con: duckdb.DuckDBPyConnection) -> None:
+    con.execute("SET TimeZone = 'UTC'")
+    # In a notebook without ipywidgets DuckDB shows no progress, and refuses to be told so.
+    with contextlib.suppress(duckdb.InvalidInputException):
+        con.execute("SET enable_progress_bar = false")
+
+
+def _spill(root: Path | None) -> Path:
+    if root is not None and root.is_dir() and os.access(root, os.W_OK):
+        return root.absolute() / f"{SPILL}-{process.mark()}"
+    return Path(tempfile.gettempdir()) / f"lorecrawl-duckdb-{os.getuid()}"
+
+
+def abandoned(folder: Path) -> bool:
+    """Whether a folder is what a process spilled that is not there any more."""
+    return folder.name.startswith(f"{SPILL}-") and process.has_ended(folder.name)

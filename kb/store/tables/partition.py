@@ -1,0 +1,217 @@
+"""Raw segments → rows spread over buckets, so that all of one key meets in one small place.
+
+A bucket is a fixed share of the keys (by a hash of the key, the same on every machine). Its rows
+wait as Arrow files, one for each segment; memory is bounded by a piece of a segment here, and by
+a bucket afterwards. The number of buckets follows from the size of the raw data.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import msgspec
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.core.errors import DamagedData
+from kb.schema import raw
+from kb.store.rawlog.rawlog import Frames
+from kb.store.tables.latest import duplicates, newest
+
+RAW_BYTES = 8 << 20  # compressed raw data a bucket, about 100,000 rows of small answers
+MOST = 512
+PIECE = 32_768  # rows that are spread at once
+FULLY_SEARCHED = (
+    20  # envelopes of a segment that are all searched for unknown keys; then every hundredth
+)
+
+
+@dataclass(frozen=True)
+class RawKind:
+    """A raw kind: how its lines become rows, which key names a record, which column decides its
+    bucket.
+
+    Of several rows with one key the newest stays (`fetched_at`, then the column `then`, then place
+    in the raw log); with `prefer` (a boolean column) a row where it is true beats one where it is
+    not. Everything that is joined must share its bucket, so `bucket` is the same thing in all kinds
+    (a video's id).
+
+    A kind without `bucket` is read by every bucket: all of it (few rows), or with `named_by`
+    (another kind and its column of lists) the rows whose key is named there. `echo` is a boolean
+    column, true for a row that says again under another key what a row before it says: no duplicate
+    of anything.
+    """
+
+    parse: Callable[[Iterable[bytes]], Iterator[pa.Table]]
+    key: tuple[str, ...]
+    bucket: str = ""
+    prefer: str = ""
+    named_by: tuple[str, str] = ("", "")
+    echo: str = ""
+    then: str = ""
+
+
+@contextlib.contextmanager
+def without_collecting() -> Iterator[None]:
+    """Millions of values and no cycle among them: looking for one costs a tenth of the time."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
+
+
+def how_many(size: int) -> int:
+    """Buckets for so many bytes of raw data: a power of two,
+    so that a little more data changes nothing.
+    """
+    wanted = size // RAW_BYTES + 1
+    return min(MOST, 1 << (wanted - 1).bit_length())
+
+
+def spread(
+    kind: RawKind,
+    name: str,
+    segment: Path,
+    number: int,
+    folder: Path,
+    buckets: int,
+    *,
+    mending: bool = False,
+) -> dict[str, Any]:
+    """Parse one segment and write `folder/<bucket>/<number>.arrow`.
+
+    Returns rows, unknown keys as they were seen, and with `mending` the first byte that can't be
+    read, if any (the frames around it are read; the tail of an open segment doesn't count). Raises
+    DamagedData naming the segment when a line is no envelope, and without `mending` also when
+    something can't be read.
+    """
+    unknown: Counter[str] = Counter()
+    rows = 0
+    frames = Frames(segment, mending=mending)
+    try:
+        with without_collecting(), Shuffle(folder, f"{number:06d}", buckets) as shuffle:
+            for piece in _pieces(kind.parse(_lines(frames, name, unknown))):
+                rows += piece.num_rows
+                shuffle.write(piece, piece.column(kind.bucket) if kind.bucket else None)
+    except DamagedData as error:
+        if getattr(error, "path", None) is not None:
+            raise
+        named = DamagedData(f"{segment}: {error}", hint="move the file away, or copy it again")
+        named.path = segment  # type: ignore[attr-defined]
+        raise named from None
+    return {
+        "rows": rows,
+        "unknown": dict(unknown),
+        "damaged": frames.first_damaged(),
+    }
+
+
+def _lines(frames: Frames, name: str, unknown: Counter[str]) -> Iterator[bytes]:
+    known = name in raw.kinds()
+    for number, (_, line) in enumerate(frames):
+        if known and (number < FULLY_SEARCHED or number % 100 == 0):
+            _count_unknown_keys(line, name, unknown)
+        yield line
+
+
+def _count_unknown_keys(line: bytes, name: str, unknown: Counter[str]) -> None:
+    try:
+        response = msgspec.json.decode(line).get("response")
+    except (ValueError, AttributeError):
+        return  # the parser says what is wrong with it
+    for path, count in raw.unknown_keys(name, response).items():
+        unknown[f"{name.partition('/')[2]}.{path}"] += count
+
+
+def _pieces(tables: Iterator[pa.Table]) -> Iterator[pa.Table]:
+    waiting: list[pa.Table] = []
+    for rows in tables:
+        waiting.append(rows)
+        if sum(part.num_rows for part in waiting) >= PIECE:
+            yield pa.concat_tables(waiting)
+            waiting = []
+    if waiting:
+        yield pa.concat_tables(waiting)
+
+
+def newest_of(
+    folder: Path, kind: RawKind, wanted: pa.Array[Any] | None = None
+) -> tuple[pa.Table | None, int]:
+    """The newest row of each key of one kind's bucket, and how many older ones were left out.
+
+    Sorted by key. With `wanted` only the rows whose first key column is in it are read. Echoes
+    don't count as left out.
+    """
+    paths = sorted(folder.glob("*.arrow")) if folder.is_dir() else []
+    if not paths:
+        return None, 0
+    rows = pa.concat_tables([_read(path, kind, wanted) for path in paths])
+    by = [name for name in (kind.prefer, "fetched_at", kind.then) if name]
+    kept = newest(rows, kind.key, by)
+    return kept, duplicates(rows, kept, kind.echo)
+
+
+def _read(path: Path, kind: RawKind, wanted: pa.Array[Any] | None) -> pa.Table:
+    with pa.ipc.open_file(pa.memory_map(str(path))) as file:
+        if wanted is None:
+            return file.read_all()
+        batches = (file.get_batch(number) for number in range(file.num_record_batches))
+        matching = [
+            batch.filter(pc.is_in(batch.column(kind.key[0]), value_set=wanted)) for batch in batches
+        ]
+        return pa.Table.from_batches(matching, file.schema)
+
+
+class Shuffle:
+    """Writes `folder/<bucket>/<name>.arrow` of every bucket that gets rows. A context manager."""
+
+    def __init__(self, folder: Path, name: str, buckets: int) -> None:
+        self._folder, self._name, self._buckets = folder, name, buckets
+        self._writers: dict[int, Any] = {}
+
+    def write(self, rows: pa.Table, keys: pa.ChunkedArray[Any] | None) -> None:
+        """Add rows, each to the bucket of its key; all to the first one without `keys`.
+
+        Rows of one bucket keep their order.
+        """
+        for bucket, part in _split(rows, keys, self._buckets):
+            if bucket not in self._writers:
+                path = self._folder / str(bucket) / f"{self._name}.arrow"
+                path.parent.mkdir(parents=True, exist_ok=True)
+                # Not compressed: what is written and read once costs less as it is, and a reader
+                # maps it into memory.
+                self._writers[bucket] = pa.ipc.new_file(str(path), part.schema)
+            self._writers[bucket].write_table(part)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        for writer in self._writers.values():
+            writer.close()
+
+
+def _split(
+    rows: pa.Table, keys: pa.ChunkedArray[Any] | None, buckets: int
+) -> Iterator[tuple[int, pa.Table]]:
+    if buckets == 1 or keys is None:
+        yield 0, rows
+        return
+    named = pc.fill_null(keys.cast(pa.string()), "None").cast(pa.binary()).to_pylist()
+    numbers = pa.array([zlib.crc32(key) % buckets for key in named], pa.int32())
+    rows = rows.take(pc.sort_indices(numbers))
+    counts = {entry["values"]: entry["counts"] for entry in pc.value_counts(numbers).to_pylist()}
+    start = 0
+    for bucket in sorted(counts):
+        yield bucket, rows.slice(start, counts[bucket])
+        start += counts[bucket]

@@ -1,0 +1,161 @@
+"""How the data root's own files are read: paths taken literally, and damage told by the file's name
+with what to do.
+
+with reading(files):                    # what a library says of a broken file becomes DamagedData
+    con.execute(f"SELECT count(*) FROM {scan(files)}")
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pyarrow as pa
+
+from kb.core.errors import DamagedData
+from kb.schema.tables import table, tables
+from kb.store.advice import advice
+from kb.store.layout import Layout
+from kb.store.state.frontier import Frontier
+from kb.store.tables import parquet
+
+SANDBOX_MODEL = "lorecrawl_tiny"  # what its scores say means nothing about real texts
+
+
+@contextlib.contextmanager
+def reading(files: Iterable[Path | str]) -> Iterator[None]:
+    """Raises DamagedData for the first of these Parquet files that can't be read, when that is why
+    the block failed.
+
+    Nothing is read unless the block fails, and an error that no file explains stays what it is.
+    """
+    try:
+        yield
+    except Exception as error:
+        if _a_readers(error) and (damage := broken(files)):
+            raise damage from error
+        raise
+
+
+def broken(files: Iterable[Path | str]) -> DamagedData | None:
+    """The first file that can't be read, as an error; None when all can.
+
+    Every page is decoded, then the columns are compared with the table that belongs there.
+    """
+    paths = [path for path in map(Path, files) if path.suffix != ".ndjson"]
+    for path in paths:
+        try:
+            parquet.decode(path)
+        except DamagedData as error:
+            return error
+    for path in paths:
+        if what := _other(path):
+            return DamagedData(f"{path} can't be read: {what}", hint=advice(path))
+    return None
+
+
+def _other(path: Path) -> str:
+    """In what a file's columns are not those that its place in a data root promises."""
+    name = _declared(path)
+    if name not in tables():
+        return ""
+    with parquet.open_file(path) as file:
+        stored = file.schema_arrow
+    for field in table(name).arrow():
+        if field.name not in stored.names:
+            return f"it has no column {field.name}"
+        if _plain(stored.field(field.name).type) != _plain(field.type):
+            return f"its column {field.name} is {stored.field(field.name).type}, not {field.type}"
+    return ""
+
+
+def _declared(path: Path) -> str:
+    """The table that a file of a data root should be, "" for one that is elsewhere."""
+    match path.parts[::-1]:
+        case (_, name, source, "clean", *_):
+            return f"{source}/{name}" if f"{source}/{name}" in tables() else f"shared/{name}"
+        case (_, _, "releases" | "restored", *_):
+            return ""
+        case (_, "pairs", *_):
+            return "pairs/pairs"
+        case (name, "links", *_):
+            return f"links/{name.partition('-')[0]}"
+        case (_, _, "annotations", *_):
+            return "shared/annotations"
+    return ""
+
+
+def _plain(kind: pa.DataType) -> pa.DataType:
+    return kind.value_type if isinstance(kind, pa.DictionaryType) else kind
+
+
+def filtered(root: Path, source: str) -> dict[str, Any]:
+    """The summary of the source's last filter, {} when there was none. Raises DamagedData."""
+    path = Layout(root).summary(source)
+    if not path.is_file():
+        return {}
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        document, why = None, str(error)
+    else:
+        why = "it is not an object"
+    if not isinstance(document, dict):
+        raise DamagedData(
+            f"{path} can't be read: {why}", hint=advice(path.parent / "videos" / path.name)
+        )
+    return document
+
+
+def scan(files: Iterable[Path | str]) -> str:
+    """SQL that reads these files and no others."""
+    paths = list(files)
+    listed = ", ".join(literal(file) for file in paths)
+    if any(str(path).endswith(".ndjson") for path in paths):  # tombstones of a release
+        kinds = ", ".join(
+            f"'{field.name}': '{'TIMESTAMPTZ' if pa.types.is_timestamp(field.type) else 'VARCHAR'}'"
+            for field in table("shared/tombstones").arrow(True)
+        )
+        return f"read_json([{listed}], format = 'newline_delimited', columns = {{{kinds}}})"
+    return f"read_parquet([{listed}])"
+
+
+def literal(path: Path | str) -> str:
+    """A path in SQL as DuckDB takes it: a name may hold quotes and what would be a pattern."""
+    return "'" + escaped(str(path)).replace("'", "''") + "'"
+
+
+def escaped(path: str) -> str:
+    """A path as a pattern that only it matches."""
+    return re.sub(r"([*?\[])", r"[\1]", path)
+
+
+@contextlib.contextmanager
+def state(
+    path: Path, payloads: Mapping[str, type[msgspec.Struct]] | None = None
+) -> Iterator[Frontier]:
+    """A source's state, read beside a running crawl; `payloads` as there. Raises DamagedData,
+    DiskFull: even to read it SQLite may need room for a file beside it.
+    """
+    with contextlib.closing(Frontier(path, readonly=True, payloads=payloads)) as frontier:
+        yield frontier
+
+
+def _a_readers(error: Exception) -> bool:
+    """Whether a library may say so of a broken file: Arrow and DuckDB have errors of their own,
+    OSErrors without a number, and errors for names that are not there or not text.
+    """
+    kinds = [
+        getattr(sys.modules.get(name), kind, None)
+        for name, kind in (("pyarrow", "ArrowException"), ("duckdb", "Error"))
+    ]
+    return isinstance(error, tuple(kind for kind in kinds if kind)) or (
+        isinstance(error, (KeyError, UnicodeDecodeError))
+        or (isinstance(error, OSError) and error.errno is None)
+    )

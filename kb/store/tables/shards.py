@@ -1,0 +1,227 @@
+"""The one place that writes Parquet.
+
+Settings as measured best on 10 M comment rows: zstd 3, row groups of 131,072 rows, statistics and
+page index, dictionaries on the columns that `schemas/` marks as low-cardinality and on no other,
+sorted by the table's `sort_by`. Every file appears whole or not at all.
+
+Bytes depend on the rows alone: each row group is written from one contiguous block, so page
+boundaries can't follow from how the rows arrived, and nothing in the file tells the time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from kb.schema.conform import conform
+from kb.schema.tables import Table, table
+from kb.store.atomic import writing
+from kb.store.tables import parquet
+from kb.store.tables.merge import Merge
+from kb.store.tables.reading import reading
+
+ROW_GROUP = 131_072
+ZSTD_LEVEL = 3
+PAGE = 128 << 10  # bytes: small pages keep a merge of many files small, and a look-up cheap
+
+
+class Shard(NamedTuple):
+    """A written file and its rows."""
+
+    path: Path
+    rows: int
+
+
+def order(declared: Table) -> list[str]:
+    """A total order: `sort_by`, then what of the key is not in it."""
+    return [*declared.sort_by, *(name for name in declared.key if name not in declared.sort_by)]
+
+
+def write_table(
+    path: Path,
+    rows: pa.Table,
+    declared: Table | str,
+    *,
+    released: bool = False,
+    sync: bool = True,
+) -> Shard:
+    """Write `rows` as one sorted file; `sync` as in kb.store.atomic.
+
+    Raises SchemaMismatch and DiskFull.
+    """
+    declared = table(declared) if isinstance(declared, str) else declared
+    rows = conform(declared, rows, released=released)
+    if not _sorted(rows, order(declared)):
+        rows = rows.sort_by([(name, "ascending") for name in order(declared)])
+    with ShardWriter(path, declared, released=released, in_order=True, sync=sync) as writer:
+        writer.write(rows)
+    return Shard(path, rows.num_rows)
+
+
+def _sorted(rows: pa.Table, names: list[str]) -> bool:
+    """Whether rows stand in their order already, so that none has to be copied; False where several
+    columns decide.
+    """
+    if rows.num_rows < 2:
+        return True
+    column = rows.column(names[0])
+    if len(names) > 1 or column.null_count or pa.types.is_dictionary(column.type):
+        return False
+    values = column.combine_chunks()
+    last = len(values) - 1
+    return bool(pc.all(pc.less_equal(values.slice(0, last), values.slice(1))).as_py())
+
+
+class ShardWriter:
+    """Writes one Parquet file from tables of any size, in exact row groups.
+
+    A context manager: the file appears at `path` when the block ends well, not at all otherwise.
+    At most one row group and one given table are held in memory. `in_order` is the caller's word
+    that rows come in the table's order, and is written into the file.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        declared: Table | str,
+        *,
+        released: bool = False,
+        in_order: bool = False,
+        sync: bool = True,
+    ) -> None:
+        self.declared = table(declared) if isinstance(declared, str) else declared
+        self.path, self.released, self.rows = path, released, 0
+        self._schema = self.declared.arrow(released)
+        self._waiting: list[pa.Table] = []
+        self._held = 0
+        self._in_order, self._sync = in_order, sync
+
+    def __enter__(self) -> Self:
+        self._stack = contextlib.ExitStack()
+        temporary = self._stack.enter_context(writing(self.path, sync=self._sync))
+        self._file = self._stack.enter_context(
+            _open(temporary, self.declared, self._schema, self._in_order)
+        )
+        return self
+
+    def write(self, rows: pa.Table) -> None:
+        """Add rows in their order. Raises SchemaMismatch."""
+        rows = conform(self.declared, rows, released=self.released)
+        self.rows += rows.num_rows
+        while rows.num_rows:
+            part = rows.slice(0, ROW_GROUP - self._held)
+            rows = rows.slice(part.num_rows)
+            self._waiting.append(part)
+            self._held += part.num_rows
+            if self._held == ROW_GROUP:
+                self._flush()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        failure: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            if kind is None:
+                self._flush()
+        except BaseException as error:
+            self._stack.__exit__(type(error), error, error.__traceback__)
+            raise
+        self._stack.__exit__(kind, failure, trace)
+
+    def _flush(self) -> None:
+        if self._held:
+            group = pa.concat_tables(self._waiting).combine_chunks()
+            self._waiting, self._held = [], 0
+            self._file.write_table(group, row_group_size=ROW_GROUP)
+
+
+def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any:
+    """A writer with the project's settings, as a context manager."""
+    low = [
+        column.name
+        for column in declared.columns
+        if column.dictionary and column.name in schema.names
+    ]
+    marks = pq.SortingColumn.from_ordering(
+        schema, [(name, "ascending") for name in order(declared)], "at_end"
+    )
+    return parquet.writing(
+        path,
+        schema,
+        version="2.6",
+        compression_level=ZSTD_LEVEL,
+        use_dictionary=low or False,
+        data_page_size=PAGE,
+        write_statistics=True,
+        write_page_index=True,
+        sorting_columns=marks if in_order else None,
+    )
+
+
+def sorted_shards(
+    parts: Sequence[Path],
+    folder: Path,
+    declared: Table | str,
+    *,
+    rows_per_shard: int,
+    released: bool = True,
+    reads: Sequence[str] = (),
+    change: Callable[[pa.Table], pa.Table] | None = None,
+) -> list[Shard]:
+    """Merge many part files into globally sorted `<table>-00000-of-0000N.parquet` in `folder`,
+    a fresh one that `replacing_folder` syncs.
+
+    `change` derives columns of a piece of rows, from the declared ones and the clean columns in
+    `reads`. The same rows give the same bytes, whatever the parts. Memory is bounded by two row
+    groups and a page of each part's columns. Without rows one empty shard is written, so that
+    readers find the table. Raises DamagedData, SchemaMismatch and DiskFull.
+    """
+    declared = table(declared) if isinstance(declared, str) else declared
+    with reading(parts):
+        total = sum(pq.read_metadata(path).num_rows for path in parts)
+    number = max(1, -(-total // rows_per_shard))
+    wanted = [
+        *declared.names(released),
+        *(name for name in reads if name not in declared.names(released)),
+    ]
+    shards: list[Shard] = []
+    with contextlib.closing(Merge(parts, order(declared), wanted)) as merge:
+        pieces = _Pieces(
+            change(rows).select(declared.names(released)) if change else rows for rows in merge
+        )
+        for index in range(number):
+            path = folder / f"{declared.short}-{index:05d}-of-{number:05d}.parquet"
+            with ShardWriter(
+                path, declared, released=released, in_order=True, sync=False
+            ) as writer:
+                for rows in pieces.take(rows_per_shard):
+                    writer.write(rows)
+            shards.append(Shard(path, writer.rows))
+    return shards
+
+
+class _Pieces:
+    """Hands out a stream of tables in portions of a wanted number of rows."""
+
+    def __init__(self, tables: Iterator[pa.Table]) -> None:
+        self._tables = tables
+        self._rest: pa.Table | None = None
+
+    def take(self, rows: int) -> Iterator[pa.Table]:
+        while rows:
+            part = self._rest if self._rest is not None else next(self._tables, None)
+            if part is None:
+                return
+            self._rest = part.slice(rows) if part.num_rows > rows else None
+            part = part.slice(0, rows)
+            rows -= part.num_rows
+            yield part

@@ -1,0 +1,95 @@
+"""What the files of a data root say together: which are not there, and keys with two answers."""
+
+from __future__ import annotations
+
+import contextlib
+from functools import partial
+from pathlib import Path
+
+import duckdb
+
+from kb.artifacts import manifest
+from kb.core.errors import DamagedData
+from kb.core.sources import PUBLISHED, SOURCES, SPECS
+from kb.schema.tables import table
+from kb.store import leftovers
+from kb.store.advice import advice
+from kb.store.layout import Layout, parquet_files
+from kb.store.tables import database
+from kb.store.tables.reading import scan
+from kb.store.tables.row_counts import VERDICTS
+from kb.verify import raw, releases
+from kb.verify.findings import Findings
+
+
+def compare(findings: Findings, root: Path) -> None:
+    """Look for what is told by no file alone; `look` has what each one of them says."""
+    steps = [
+        partial(raw.lost_side_files, findings, root),
+        partial(_lost_tables, findings, root),
+        partial(_lost_indexes, findings, root),
+        *(partial(_two_answers, findings, root, source) for source in SOURCES),
+        *(partial(_release, findings, root, source) for source in PUBLISHED),
+    ]
+    for step in steps:
+        findings.retrying(step)
+    for other in sorted(Layout(root).release().glob("*/")):
+        if other.name not in PUBLISHED and not leftovers.is_left((other.name,)):
+            findings.foreign("release", other, "no export has written it", "move it away")
+
+
+def _lost_tables(findings: Findings, root: Path) -> None:
+    """Files of tables that were written and are not there."""
+    for name in ("pairs", "links", *(f"clean/{source}" for source in SOURCES)):
+        with contextlib.suppress(DamagedData):  # told with the manifest
+            for path in manifest.missing(root, name):
+                findings.missing(name.partition("/")[0], path, advice(path))
+
+
+def _lost_indexes(findings: Findings, root: Path) -> None:
+    """Files of indexes that were written and are not there."""
+    for source in SOURCES:
+        name, place = f"index/{source}", Layout(root).index(source)
+        with contextlib.suppress(DamagedData):  # told with the manifest
+            lost = manifest.missing(root, name)
+            if manifest.read(root, name) is None and any(place.glob("*.store")):
+                lost = [manifest.path(root, name)]
+            for path in lost:
+                findings.missing("index", path, "run `kb index --again`")
+
+
+def _two_answers(findings: Findings, root: Path, source: str) -> None:
+    """crawled = kept + rejected + failed + pending: no key is in two of them."""
+    clean = Layout(root).clean(source)
+    if any(clean in one.path.parents for one in findings.of("clean")):
+        return  # counting makes sense of whole files only
+    keys = [
+        (
+            f"'{prefix}' || {table(f'{source}/{short}').key[0]}::VARCHAR",
+            parquet_files(clean / short),
+        )
+        for short, prefix in SPECS[source].tables.items()
+    ]
+    keys += [("key", parquet_files(clean / verdict)) for verdict in VERDICTS]
+    all_files = [file for _, files in keys for file in files]
+    if not all_files:
+        return
+    parts = [f"SELECT {key} AS key FROM {scan(files)}" for key, files in keys if files]
+    sql = f"SELECT count(*) - count(DISTINCT key) FROM ({' UNION ALL '.join(parts)})"
+    try:
+        with database.over(all_files, root) as con:
+            more = (con.execute(sql).fetchone() or (0,))[0]
+    except duckdb.Error as error:
+        findings.damaged("clean", clean, str(error).splitlines()[0], advice(clean / "x"))
+        return
+    if more:
+        what = f"{more:,} keys are in two of kept, rejected, failed and pending"
+        findings.damaged("clean", clean / "summary.json", what, advice(clean / "x"))
+
+
+def _release(findings: Findings, root: Path, source: str) -> None:
+    folder = Layout(root).release(source)
+    if folder.is_dir() and any(folder.iterdir()):
+        releases.folder(findings, folder, advice, described=False)
+    elif manifest.read(root, f"release/{source}"):
+        findings.missing("release", folder, advice(folder / "x"))

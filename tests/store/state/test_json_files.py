@@ -1,0 +1,142 @@
+"""What a data root remembers, when it is damaged: named, with what to do about it."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from kb.core.errors import DamagedData, FatalError
+from kb.store.layout import Layout
+from kb.store.state.frontier import Frontier
+from tests.inprocess import Here
+from tests.reddit.dumped import post, write
+
+DEEP = b"[" * 100_000
+DAMAGE = (b"", b"\xff\xfe", b"null", b"[]", b'{"a": 1}', DEEP)
+IMPORT = ("reddit", "import")
+ENV = {"KB_NOW": "2026-11-20T12:00:00Z", "KB_CONTACT": "me@example.org"}
+
+
+@pytest.fixture(scope="module")
+def dump(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("dump") / "RS_2020-09.zst", [post("p1"), post("p2")])
+
+
+@pytest.fixture
+def root(tmp_path: Path, dump: Path, here: Here) -> Path:
+    """A data root with one imported dump."""
+    root = tmp_path / "data"
+    assert here(*IMPORT, str(dump), "--data", str(root), env=ENV).code == 0
+    return root
+
+
+def note(root: Path) -> Path:
+    (found,) = Layout(root).importing("reddit").glob("*.json")
+    return found
+
+
+@pytest.mark.parametrize("data", DAMAGE, ids=["empty", "binary", "null", "list", "other", "deep"])
+@pytest.mark.parametrize(
+    "place",
+    [lambda root: Layout(root).identity("reddit"), lambda root: Layout(root).profile, note],
+    ids=["identity", "profile", "import"],
+)
+def test_a_damaged_note_is_named_with_what_to_do(
+    root: Path, dump: Path, here: Here, place: Callable[[Path], Path], data: bytes
+) -> None:
+    words = (*IMPORT, str(dump), "--data", str(root))
+    path = place(root)
+    path.write_bytes(data)
+    done = here(*words, env=ENV)
+    assert done.code == 1
+    assert done.said.startswith(f"kb: {path} can't be read: ")
+    assert "; delete it" in done.said
+    assert "unexpected" not in done.err
+    path.unlink()
+    assert here(*words, env=ENV).code == 0
+
+
+@pytest.fixture
+def state(tmp_path: Path) -> Path:
+    path = tmp_path / "state" / "feed.sqlite"
+    frontier = Frontier(path)
+    frontier.add("page", ["a"])
+    frontier.set_cursor("round", 7)
+    frontier.set_offset("page", "000001", 5)
+    frontier.close()
+    return path
+
+
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "PRAGMA user_version = -1",
+        "PRAGMA user_version = -2000000000",
+        "DROP TABLE items",
+        "DROP TABLE cursors",
+        "DROP TABLE offsets",
+        "UPDATE items SET payload = '{'",
+        "UPDATE cursors SET value = 'seven'",
+        "UPDATE cursors SET value = '[7]'",
+        "UPDATE offsets SET offset = 'x'",
+        "UPDATE offsets SET offset = -5",
+    ],
+)
+def test_a_malformed_state_is_named_with_what_to_do(state: Path, sql: str) -> None:
+    with sqlite3.connect(state) as db:
+        db.execute(sql)
+    db.close()
+    with pytest.raises(DamagedData, match=f"the state {state} can't be read") as error:
+        use(state)
+    assert "move it away" in error.value.hint
+    shutil.move(state, state.with_name("away"))  # the log beside it is left where it is
+    use(state)
+
+
+def use(path: Path) -> None:
+    frontier = Frontier(path)
+    try:
+        frontier.take("page")
+        frontier.cursor("round", 0)
+        frontier.offsets()
+    finally:
+        frontier.close()
+
+
+def test_a_log_whose_state_was_moved_away_fills_no_new_one(state: Path) -> None:
+    frontier = Frontier(state)
+    frontier.add("page", ["b"])  # stands in the log as long as the file is open
+    kept = state.with_name(f"{state.name}-wal").read_bytes()
+    frontier.close()
+    shutil.move(state, state.with_name("away"))
+    state.with_name(f"{state.name}-wal").write_bytes(kept)
+    fresh = Frontier(state)
+    assert fresh.counts("page") == {}
+    fresh.close()
+
+
+def test_a_state_that_may_not_be_opened_is_no_damaged_one(tmp_path: Path) -> None:
+    path = tmp_path / "feed.sqlite"
+    path.mkdir()
+    with pytest.raises(FatalError, match="can't be opened: it is a folder") as error:
+        Frontier(path)
+    assert "move" not in error.value.hint
+    assert "read and write" in error.value.hint
+
+
+def test_a_state_that_another_program_holds_says_so(state: Path) -> None:
+    frontier = Frontier(state)
+    frontier._db.execute("PRAGMA busy_timeout = 1")
+    holder = sqlite3.connect(state, isolation_level=None)
+    try:
+        holder.execute("BEGIN IMMEDIATE")
+        with pytest.raises(FatalError, match="can't be read: database is locked") as error:
+            frontier.add("page", ["c"])
+        assert "try again in a moment" in error.value.hint
+    finally:
+        holder.close()
+        frontier.close()

@@ -1,0 +1,180 @@
+"""Parquet as it is written: settings, order, wholeness, and bytes that depend on the rows alone."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from kb.core.errors import SchemaMismatch
+from kb.schema import table
+from kb.store.tables import merge, shards
+
+REJECTED = table("shared/rejected")
+CELLS = table("wiki/cells")
+
+
+def rejected(keys: list[str]) -> pa.Table:
+    return pa.table(
+        {
+            "key": keys,
+            "stage": ["views"] * len(keys),
+            "reason": ["below"] * len(keys),
+            "value": [str(len(key)) if key[-1] != "0" else None for key in keys],
+            "threshold": ["100"] * len(keys),
+            **{
+                name: pa.nulls(len(keys), REJECTED.arrow().field(name).type)
+                for name in ("title", "channel_id", "channel_title", "type", "matched", "unmatched")
+            },
+        }
+    )
+
+
+def cells(rows: list[tuple[int, int, int, int]]) -> pa.Table:
+    columns = list(zip(*rows, strict=True))
+    data: dict[str, object] = {
+        name: columns[i]
+        for i, name in enumerate(["page_id", "table_id", "row_index", "column_index"])
+    }
+    size = len(rows)
+    data |= {
+        "row_span": [1] * size,
+        "column_span": [1] * size,
+        "is_header": [False] * size,
+        "text": [f"{row}" for row in rows],
+    }
+    data |= {name: [0.5] * size for name in ("x", "y", "width", "height")}
+    return pa.table(data)
+
+
+def test_settings_of_a_written_file(tmp_path: Path) -> None:
+    rows = rejected([f"k{number:07d}" for number in range(shards.ROW_GROUP + 10)])
+    shards.write_table(tmp_path / "a.parquet", rows, REJECTED)
+    about = pq.read_metadata(tmp_path / "a.parquet")
+    assert [about.row_group(i).num_rows for i in range(about.num_row_groups)] == [131_072, 10]
+    chunks = {
+        about.row_group(0).column(i).path_in_schema: about.row_group(0).column(i)
+        for i in range(about.num_columns)
+    }
+    assert {chunk.compression for chunk in chunks.values()} == {"ZSTD"}
+    assert all(
+        chunk.is_stats_set and chunk.has_column_index and chunk.has_offset_index
+        for chunk in chunks.values()
+    )
+    assert "RLE_DICTIONARY" in chunks["stage"].encodings
+    assert "RLE_DICTIONARY" not in chunks["key"].encodings
+    schema = pq.read_schema(tmp_path / "a.parquet")
+    assert schema.field("key").metadata[b"doc"]
+    assert not schema.field("key").nullable
+
+
+def test_rows_are_sorted_and_bytes_follow_from_them_alone(tmp_path: Path) -> None:
+    keys = [f"k{number:05d}" for number in range(5000)]
+    shuffled = keys[:]
+    random.Random(1).shuffle(shuffled)
+    shards.write_table(tmp_path / "a.parquet", rejected(keys), REJECTED)
+    shards.write_table(tmp_path / "b.parquet", rejected(shuffled), REJECTED)
+    assert (tmp_path / "a.parquet").read_bytes() == (tmp_path / "b.parquet").read_bytes()
+
+
+def test_pieces_of_any_size_give_the_same_file(tmp_path: Path) -> None:
+    rows = rejected([f"k{number:07d}" for number in range(200_000)])
+    for name, step in (("one", 200_000), ("odd", 33_333)):
+        with shards.ShardWriter(tmp_path / name, REJECTED, in_order=True) as writer:
+            for start in range(0, rows.num_rows, step):
+                writer.write(rows.slice(start, step))
+    assert (tmp_path / "one").read_bytes() == (tmp_path / "odd").read_bytes()
+
+
+def test_a_failed_write_leaves_nothing(tmp_path: Path) -> None:
+    with (
+        pytest.raises(RuntimeError),
+        shards.ShardWriter(tmp_path / "a.parquet", REJECTED) as writer,
+    ):
+        writer.write(rejected(["a"]))
+        raise RuntimeError
+    with (
+        pytest.raises(SchemaMismatch),
+        shards.ShardWriter(tmp_path / "a.parquet", REJECTED) as writer,
+    ):
+        writer.write(pa.table({"key": ["a"]}))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("layout", [1, 3, 40])
+def test_sorted_shards_whatever_the_parts(tmp_path: Path, layout: int) -> None:
+    keys = [f"k{number:05d}" for number in range(20_000)]
+    parts = [tmp_path / f"part-{index:05d}.parquet" for index in range(layout)]
+    for index, path in enumerate(parts):
+        shards.write_table(path, rejected(keys[index::layout]), REJECTED)
+    whole = tmp_path / "whole.parquet"
+    shards.write_table(whole, rejected(keys), REJECTED)
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    made = shards.sorted_shards(
+        parts, tmp_path / "a", REJECTED, rows_per_shard=7_000, released=False
+    )
+    shards.sorted_shards([whole], tmp_path / "b", REJECTED, rows_per_shard=7_000, released=False)
+    assert [shard.path.name for shard in made] == [
+        f"rejected-{i:05d}-of-00003.parquet" for i in range(3)
+    ]
+    assert [shard.rows for shard in made] == [7_000, 7_000, 6_000]
+    read = [key for shard in made for key in pq.read_table(shard.path)["key"].to_pylist()]
+    assert read == keys
+    for shard in made:
+        assert shard.path.read_bytes() == (tmp_path / "b" / shard.path.name).read_bytes()
+
+
+def test_a_group_larger_than_what_is_read_ahead(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(merge, "ROWS_AHEAD", 8)
+    monkeypatch.setattr(merge, "_LEAST", 2)
+    rows = [
+        (page, 1, row, column)
+        for page in (1, 2, 3, 9)
+        for row in range(100 if page == 2 else 3)
+        for column in range(2)
+    ]
+    random.Random(2).shuffle(rows)
+    parts = [tmp_path / f"{index}.parquet" for index in range(3)]
+    for index, path in enumerate(parts):
+        shards.write_table(path, cells(rows[index::3]), CELLS)
+    with_unsorted = tmp_path / "unsorted.parquet"
+    more = [(2, 2, 5, 5), (1, 2, 5, 5)]
+    with shards.ShardWriter(with_unsorted, CELLS) as writer:
+        writer.write(cells(more))
+    (tmp_path / "out").mkdir()
+    made = shards.sorted_shards(
+        [*parts, with_unsorted], tmp_path / "out", CELLS, rows_per_shard=1_000
+    )
+    read = (
+        pq.read_table(made[0].path)
+        .select(["page_id", "table_id", "row_index", "column_index"])
+        .to_pylist()
+    )
+    assert [tuple(row.values()) for row in read] == sorted(rows + more)
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+
+
+def test_columns_are_derived_on_the_way(tmp_path: Path) -> None:
+    part = tmp_path / "part.parquet"
+    shards.write_table(part, cells([(1, 1, 0, 0), (2, 1, 0, 0)]), CELLS)
+
+    def shout(rows: pa.Table) -> pa.Table:
+        return rows.set_column(
+            rows.column_names.index("text"), "text", pa.array(["X"] * rows.num_rows)
+        )
+
+    (tmp_path / "out").mkdir()
+    made = shards.sorted_shards([part], tmp_path / "out", CELLS, rows_per_shard=10, change=shout)
+    assert pq.read_table(made[0].path)["text"].to_pylist() == ["X", "X"]
+
+
+def test_no_rows_still_give_a_table(tmp_path: Path) -> None:
+    made = shards.sorted_shards([], tmp_path, table("youtube/videos"), rows_per_shard=10)
+    assert [shard.path.name for shard in made] == ["videos-00000-of-00001.parquet"]
+    assert pq.read_schema(made[0].path).names == table("youtube/videos").names(released=True)
