@@ -130,8 +130,8 @@ def open_session(
     """Open a source's part of a data root for writing.
 
     `place` is a work folder that holds raw answers and state instead of the data root. `asks` is
-    false where no request is sent, so that neither credentials nor a certain host are needed.
-    Without `tells` the caller reports damaged raw data itself.
+    false where nothing is asked of the service, so that no credential is needed and any host will
+    do. Without `tells` the caller reports by `damaged_answers.report` which raw data are damaged.
     Raises UsageError before anything is sent or written, WriterLocked, DamagedData.
     """
     root = place or run.root

@@ -30,9 +30,9 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export.rows import Row, check_rows, sorted_rows
 from kb.store.atomic import replacing_folder
-from kb.store.inside import inside
 from kb.store.layout import CAPTURED, Layout
 from kb.store.rawlog import sidefiles
+from kb.store.rawlog.sidefiles import captured_path
 
 _BOX = ["x", "y", "width", "height"]
 
@@ -244,7 +244,7 @@ def _image(root: Path, folder: Path, row: Row, element: Row) -> Row | None:
     """One image with its file beside the page; None where the wiki could not give the file."""
     if not row["path"]:
         return None
-    source = inside(root, row["path"])
+    source = captured_path(root, row["path"])
     name = source.name
     if row["media_type"] == "image/svg+xml":
         name = f"{row['sha256']}-{row['element_id']}.png"
@@ -262,8 +262,8 @@ def _image(root: Path, folder: Path, row: Row, element: Row) -> Row | None:
 
 def _copy(root: Path, path: str, target: Path) -> None:
     """A file beside the raw log. Raises DamagedData for one that is not what was stored."""
-    file = inside(root, path)
-    if not sidefiles.is_whole(file):
+    file = captured_path(root, path)
+    if not sidefiles.is_intact(file):
         raise sidefiles.lost(root, CAPTURED, [file])
     shutil.copyfile(file, target)
 

@@ -144,7 +144,7 @@ def test_a_stopped_crawl_says_what_is_left_as_status_does(tmp_path: Path) -> Non
             assert left in Summary(stopped).line()
             text = job.kb("status").stdout
             assert left in text
-            assert f"{limit} {MAIN[source]} crawled and not filtered yet" in text
+            assert f"{limit} {MAIN[source]} crawled but not filtered yet" in text
             assert f"next: kb {source} crawl\n" in text
             rest = job.done(source, "crawl")
             assert rest["crawled_in_all"] == rest["crawled"] + int(limit)

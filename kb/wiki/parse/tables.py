@@ -12,8 +12,8 @@ from typing import Any
 import pyarrow as pa
 
 from kb.schema.tables import Column, table
-from kb.store.inside import inside
 from kb.store.layout import BELOW, Layout
+from kb.store.rawlog.sidefiles import captured_path
 from kb.wiki import urls
 from kb.wiki.parse import extraction, facts
 
@@ -62,7 +62,7 @@ def read_pages(
     ):
         folder = page["folder"]
         values_of_page: Row = {}
-        seen = None if folder is None else extraction.read(root, inside(root, folder))
+        seen = None if folder is None else extraction.read(root, captured_path(root, folder))
         if seen is not None and extraction.is_foreign(seen.page, page["page_id"]):
             render[row] = "challenge"
         elif seen is not None:

@@ -54,7 +54,7 @@ def write_new(
             )
     for file, content in files.items():
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
-        leftovers.ended(folder / file)
+        leftovers.remove_temporary(folder / file)
         write_text(folder / file, content)
     return folder, list(files)
 
