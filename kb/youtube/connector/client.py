@@ -31,7 +31,7 @@ class YouTubeApi:
     With `--wait` it sleeps however long the service asks for.
     """
 
-    def __init__(self, run: Run, profile: YouTubeSection, opened: Opened, *, lane: str) -> None:
+    def __init__(self, run: Run, profile: YouTubeSection, opened: Opened, *, service: str) -> None:
         settings = run.settings
         endpoint = settings.kb_youtube_endpoint or GOOGLE
         session = HttpSession(settings, hosts={host_of(endpoint)})
@@ -46,7 +46,7 @@ class YouTubeApi:
             client_options={"api_endpoint": endpoint},
         )
         self._agent = user_agent(settings.kb_contact)  # Google's client would put its own there
-        self._profile, self._opened, self._lane = profile, opened, lane
+        self._profile, self._opened, self._service = profile, opened, service
         self._frontier = opened.frontier
         self._patience = math.inf if run.wait else PATIENCE_S
 
@@ -81,7 +81,7 @@ class YouTubeApi:
             lambda: self._probe(bucket, endpoint, request),
             tries=self._profile.max_tries,
             patience=self._patience,
-            sleep=partial(self._opened.sleep, self._lane),
+            sleep=partial(self._opened.sleep, self._service),
         )
 
     def _probe(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
@@ -89,7 +89,7 @@ class YouTubeApi:
         try:
             return self._once(bucket, endpoint, request)
         except Retryable as error:
-            if error.throttled and self._opened.probing(self._lane):
+            if error.throttled and self._opened.probing(self._service):
                 raise blocked(
                     f"the YouTube API still rejects requests ({error})", error.after
                 ) from None
