@@ -36,7 +36,7 @@ class YouTubeApi:
         endpoint = settings.kb_youtube_endpoint or GOOGLE
         session = HttpSession(settings, hosts={host_of(endpoint)})
         # build() only reads a file of the package, so that no error of its own shows the key.
-        self._service = build(
+        self._client = build(
             "youtube",
             "v3",
             developerKey=settings.need("youtube_api_key"),
@@ -52,27 +52,27 @@ class YouTubeApi:
 
     def search(self, **params: Any) -> dict[str, Any]:
         """search.list: the one call of the search bucket."""
-        return self._call(quota.SEARCH, "search.list", self._service.search().list(**params))
+        return self._call(quota.SEARCH, "search.list", self._client.search().list(**params))
 
     def playlist_items(self, **params: Any) -> dict[str, Any]:
         """playlistItems.list. Raises ItemFinal("not_found") for a list that does not exist."""
         return self._call(
-            quota.GENERAL, "playlistItems.list", self._service.playlistItems().list(**params)
+            quota.GENERAL, "playlistItems.list", self._client.playlistItems().list(**params)
         )
 
     def videos(self, **params: Any) -> dict[str, Any]:
         """videos.list, up to 50 ids; ids that are gone are absent from the answer."""
-        return self._call(quota.GENERAL, "videos.list", self._service.videos().list(**params))
+        return self._call(quota.GENERAL, "videos.list", self._client.videos().list(**params))
 
     def statistics(self, **params: Any) -> dict[str, Any]:
         """videos.batchGetStats, up to 50 ids; an id that is left out may exist all the same."""
         return self._call(
-            quota.STATISTICS, "videos.batchGetStats", self._service.videos().batchGetStats(**params)
+            quota.STATISTICS, "videos.batchGetStats", self._client.videos().batchGetStats(**params)
         )
 
     def close(self) -> None:
         """Close the connections."""
-        self._service.close()
+        self._client.close()
 
     def _call(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
         """The answer, after several tries."""
