@@ -26,17 +26,17 @@ from kb.release.build import release
 from kb.search.build import follow
 from kb.store.layout import Layout
 from kb.store.rawlog import damaged_answers
-from kb.verify.findings import Look
+from kb.verify.findings import Findings
 from kb.verify.repair import Crawl, Describe, Make, Step, repaired
 from kb.verify.root import verify as look_at
 
 
-def verify(run: Run, folder: Path) -> Look:
+def verify(run: Run, folder: Path) -> Findings:
     """Read everything; change nothing."""
     return look_at(folder, run.progress)
 
 
-def repair(run: Run) -> tuple[Look, list[str]]:
+def repair(run: Run) -> tuple[Findings, list[str]]:
     """The problems that remain after repair, and one line for each repair."""
     return repaired(run.root, run.progress, steps(run))
 
@@ -65,8 +65,8 @@ def _set_aside(run: Run, source: str) -> list[str]:
     """Move damaged parts of raw data away, and mark their items to be fetched again."""
     try:
         with open_session(run, connector(source)(run), asks=False, tells=False) as session:
-            session.recorder.look_into_all()
-            damaged_answers.tell(run.root, source, session.frontier)
+            session.recorder.check_all_segments()
+            damaged_answers.report(run.root, source, session.frontier)
     except DamagedData as error:
         return [f"{error}; {error.hint}"]
     return []

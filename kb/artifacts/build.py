@@ -140,8 +140,8 @@ def write_part(
 ) -> None:
     """Write a finished part: its figures, then its rows. Raises DiskFull."""
     write_text(Path(folder, f"{name}.json"), json.dumps(figures))
-    whole = pa.concat_tables(rows) if rows else table(declared).arrow().empty_table()
-    write_table(Path(folder, f"{name}.parquet"), whole, declared)
+    complete = pa.concat_tables(rows) if rows else table(declared).arrow().empty_table()
+    write_table(Path(folder, f"{name}.parquet"), complete, declared)
 
 
 def read_plan(folder: str) -> Any:

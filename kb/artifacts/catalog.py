@@ -80,17 +80,19 @@ class Catalog:
         """
         if not is_root(self.path) and (single := release_folder.recognise(self.path)):
             return (single,)
-        own = tuple(release_folder.below(Layout(self.path).release()))
+        own = tuple(release_folder.releases_below(Layout(self.path).release()))
         left_out = TOP if is_root(self.path) else ("release",)
-        beside = (one for one in release_folder.below(self.path) if one.path.name not in left_out)
-        return own or tuple(beside)
+        releases = (
+            one for one in release_folder.releases_below(self.path) if one.path.name not in left_out
+        )
+        return own or tuple(releases)
 
     @cached_property
     def views(self) -> tuple[View, ...]:
         """Every table, in a fixed order. Raises UsageError where two releases hold the same."""
-        found = [*_clean(self.path), *_released(self.releases), *_restored(self.path)]
-        found += _links(self.path, self.workplace, self.releases)
-        return tuple(found)
+        views = [*_clean(self.path), *_released(self.releases), *_restored(self.path)]
+        views += _links(self.path, self.workplace, self.releases)
+        return tuple(views)
 
     def check(self) -> None:
         """Raises DamagedData for a table's file that should be there and is not."""
@@ -118,13 +120,13 @@ class Catalog:
         Raises DamagedData for lost clean files: they are never taken for none.
         """
         shorts = [*SPECS[source].tables] if source in SPECS else [source]
-        held = {(view.schema, view.name) for view in self.views}
+        names = {(view.schema, view.name) for view in self.views}
         for schema in CONTENT:
             for short in shorts:
                 declared = table(f"{source}/{short}")
                 if schema == "clean" and not self.is_download:
                     manifest.check_complete(self.path, declared.name)
-                if (schema, view_name(declared)) in held:
+                if (schema, view_name(declared)) in names:
                     return schema
         return ""
 
@@ -166,11 +168,11 @@ def read(path: Path) -> Catalog:
     without tables, DamagedData for a table's file that is missing.
     """
     there = existing(path)
-    found = Catalog(there)
-    found.check()
-    if not found.views:
+    catalog = Catalog(there)
+    catalog.check()
+    if not catalog.views:
         raise empty(there)
-    return found
+    return catalog
 
 
 def existing(path: Path) -> Path:
@@ -207,9 +209,9 @@ def nearest(path: Path) -> Path | None:
     above = (one for one in path.parents[:2] if Layout(one).state_folder().is_dir())
     tries = [*_two_levels(_folders(path)), *above]
     if not path.exists():
-        beside = {one.name: one for one in _folders(path.parent)}
-        like = [beside[name] for name in difflib.get_close_matches(path.name, beside, 3)]
-        tries = [*_two_levels(like), *_two_levels(beside.values()), *tries]
+        siblings = {one.name: one for one in _folders(path.parent)}
+        like = [siblings[name] for name in difflib.get_close_matches(path.name, siblings, 3)]
+        tries = [*_two_levels(like), *_two_levels(siblings.values()), *tries]
     return next((one for one in tries if _holds_data(one)), None)
 
 
@@ -232,8 +234,8 @@ def _folders(path: Path) -> list[Path]:
         return []
     with os.scandir(path) as entries:
         some = [entry for entry, _ in zip(entries, range(_MOST), strict=False)]
-    found = [Path(entry.path) for entry in some if entry.is_dir() and entry.name[0] != "."]
-    return sorted(found, key=lambda one: (one.name != "demo", one.name))
+    folders = [Path(entry.path) for entry in some if entry.is_dir() and entry.name[0] != "."]
+    return sorted(folders, key=lambda one: (one.name != "demo", one.name))
 
 
 def _meant(path: Path) -> str:
@@ -274,7 +276,7 @@ def _clean(root: Path) -> Iterator[View]:
 
 
 def _released(folders: Iterable[ReleaseFolder]) -> list[View]:
-    found: dict[str, View] = {}
+    views: dict[str, View] = {}
     for folder in folders:
         mine = [
             View("release", view_name(part.table), [*part.shards], part.table.doc, folder.path)
@@ -284,13 +286,13 @@ def _released(folders: Iterable[ReleaseFolder]) -> list[View]:
             name, doc = f"{folder.source}_tombstones", table("shared/tombstones").doc
             mine.append(View("release", name, [folder.tombstones], doc, folder.path))
         for view in mine:
-            check_once(found, view)
-    return list(found.values())
+            check_once(views, view)
+    return list(views.values())
 
 
-def check_once(found: dict[str, View], view: View) -> None:
+def check_once(views: dict[str, View], view: View) -> None:
     """Add a view by its full name. Raises UsageError where another folder holds the same table."""
-    other = found.setdefault(view.full, view)
+    other = views.setdefault(view.full, view)
     if other.files != view.files:
         raise UsageError(
             f"{view.full} is in {other.home} and in {view.home}",

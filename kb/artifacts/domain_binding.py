@@ -66,7 +66,7 @@ def load(root: Path, bound: Remembered) -> tuple[Profile, str]:
     Raises ProfileError when it is gone or can't be read, OtherService when its file has another
     name now.
     """
-    said = ""
+    message = ""
     if bound.file is None:
         profile = load_profile(bound.name)
     else:
@@ -78,14 +78,14 @@ def load(root: Path, bound: Remembered) -> tuple[Profile, str]:
             profile = load_profile(there)
         elif is_shipped(bound.name):
             profile = load_profile(bound.name)
-            said = f"{bound.file} is gone; the shipped profile {bound.name!r} is used"
+            message = f"{bound.file} is gone; the shipped profile {bound.name!r} is used"
         else:
             raise ProfileError(
                 f"{bound.file}, the profile {bound.name!r} of {root}, is gone",
                 hint="name its new location with --profile FILE; the data root remembers it",
             )
     check(root, profile)
-    return profile, said
+    return profile, message
 
 
 def note(root: Path, profile: Profile) -> None:
@@ -113,14 +113,16 @@ def _note(root: Path, profile: Profile) -> None:
         )
     if old is None and _holds_data(root) and not _agrees(root, profile):
         return
-    leftovers.ended(Layout(root).profile)  # a command that takes no lock of this root was killed
+    leftovers.remove_temporary(
+        Layout(root).profile
+    )  # a command that takes no lock of this root was killed
     write_bytes(Layout(root).profile, msgspec.json.encode(_of(root, profile)))
 
 
 def _of(root: Path, profile: Profile) -> Remembered:
     file = None if profile.is_shipped or profile.path == Path() else str(profile.path)
-    beside = os.path.relpath(file, root.absolute()) if file else None
-    return Remembered(profile.name, file, beside)
+    relative = os.path.relpath(file, root.absolute()) if file else None
+    return Remembered(profile.name, file, relative)
 
 
 @contextmanager
@@ -132,10 +134,10 @@ def writing(run: Run, *locks: str) -> Iterator[None]:
     credential, model or extra that it needs before it. A root without data is left as it is.
     Raises WriterLocked, OtherService.
     """
-    held = Catalog(run.root.absolute())
-    if held.is_download:
-        held.workplace.mkdir(parents=True, exist_ok=True)
-    with lock.taking(held.workplace, *locks):
+    catalog = Catalog(run.root.absolute())
+    if catalog.is_download:
+        catalog.workplace.mkdir(parents=True, exist_ok=True)
+    with lock.taking(catalog.workplace, *locks):
         note_if_stored(run.root, run.profile)
         yield
 

@@ -87,8 +87,8 @@ def path(root: Path, name: str) -> Path:
 def read(root: Path, name: str) -> Manifest | None:
     """The manifest of an artifact; None where it was never made. Raises DamagedData."""
     artifact, place = ARTIFACTS[name], path(root, name)
-    found: Manifest | None = json_files.read(place, Manifest, fix=artifact.hint)
-    return _from_older_notes(root, artifact) if found is None else found
+    loaded: Manifest | None = json_files.read(place, Manifest, fix=artifact.hint)
+    return _from_older_notes(root, artifact) if loaded is None else loaded
 
 
 @contextlib.contextmanager
@@ -195,13 +195,13 @@ def check_folder(folder: Path) -> None:
     """Raises DamagedData for the first missing file of a folder of Parquet files, which may be one
     of a data root, a release folder or any other with numbered shards.
     """
-    found = artifact_of(folder)
+    match = artifact_of(folder)
     lost = [folder / one for one in siblings(one.name for one in parquet_files(folder))]
     lost = [one for one in lost if not one.is_file()]
-    if found is not None:
-        root, artifact = found
+    if match is not None:
+        root, artifact = match
         lost += [one for one in missing(root, artifact.name) if one.parent == folder]
-    _refuse(sorted(lost), found[1].hint if found is not None else "restore it from a copy")
+    _refuse(sorted(lost), match[1].hint if match is not None else "restore it from a copy")
 
 
 def _refuse(lost: list[Path], hint: str) -> None:
@@ -212,15 +212,15 @@ def _refuse(lost: list[Path], hint: str) -> None:
 
 def missing(root: Path, name: str) -> list[Path]:
     """Files of an artifact, or of one declared table in it, that were written and are not there."""
-    whole = name in ARTIFACTS
-    artifact = ARTIFACTS[name] if whole else of_table(name)
+    is_artifact = name in ARTIFACTS
+    artifact = ARTIFACTS[name] if is_artifact else of_table(name)
     folder, manifest = artifact.folder(root), read(root, artifact.name)
     written = {folder / one for one in (manifest.files if manifest is not None else ())}
     if not artifact.public:
-        for table in artifact.tables if whole else (name,):
+        for table in artifact.tables if is_artifact else (name,):
             there = Layout(root).rows(table)
             written |= {one.with_name(shard) for one in there for shard in siblings([one.name])}
-    if not whole:
+    if not is_artifact:
         at = Layout(root)
         written = {one for one in written if one.match(str(at.table(name) / rows_pattern(name)))}
     return sorted(one for one in written if not one.is_file())
@@ -273,8 +273,8 @@ def _digest_of_input(
     if source != name:
         return _digest_of_raw(root, source)
     wanted = [one for one in ARTIFACTS[name].tables if one in reads or not reads]
-    found = {f"{one.partition('/')[2]}/{file.name}": file for one in wanted for file in files(one)}
-    return _digest(f"{name} {content_digest(file)}" for name, file in found.items())
+    paths = {f"{one.partition('/')[2]}/{file.name}": file for one in wanted for file in files(one)}
+    return _digest(f"{name} {content_digest(file)}" for name, file in paths.items())
 
 
 def _digest_of_raw(root: Path, source: str) -> str:

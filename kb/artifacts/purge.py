@@ -218,7 +218,7 @@ def finish(root: Path, source: str) -> None:
             Layout(root).purge(source).unlink(missing_ok=True)
             # Parts of interrupted links have keys of all sources, whether there are links or not.
             shutil.rmtree(Layout(root).linking, ignore_errors=True)
-            damaged_answers.tell(root, source, frontier)
+            damaged_answers.report(root, source, frontier)
         finally:
             frontier.close()
 
@@ -311,7 +311,9 @@ def state(purge: Purge) -> Iterator[PurgeLine]:
     """Items of the frontier, and unreadable bytes that may hold a key."""
     if not purge.dry:
         rules, frontier = purge.rules, purge.frontier
-        damaged_answers.drop_asides(purge.root, rules.source, frontier, purge.keys, rules.exact)
+        damaged_answers.remove_quarantined(
+            purge.root, rules.source, frontier, purge.keys, rules.exact
+        )
         for kind in rules.items:
             frontier.remove(kind, purge.keys)
         rules.forget(purge)
@@ -328,7 +330,7 @@ def rows(purge: Purge) -> Iterator[PurgeLine]:
         yield from _rows(purge, locations)
         return
     folders = (purge.root / location.folder / "rows" for location in purge.rules.rows)
-    artifacts = {found[1].name for folder in folders if (found := artifact_of(folder))}
+    artifacts = {match[1].name for folder in folders if (match := artifact_of(folder))}
     with manifest.editing(purge.root, *sorted(artifacts)):
         yield from _rows(purge, purge.rules.rows)
         purge.rules.repair(purge)

@@ -149,11 +149,11 @@ def tombstone_lines(rows: pa.Table) -> str:
     return "".join(f"{line.decode()}\n" for line in lines)
 
 
-def below(folder: Path) -> Iterator[ReleaseFolder]:
+def releases_below(folder: Path) -> Iterator[ReleaseFolder]:
     """The release folders directly below a folder, by name."""
     for inner in sorted(folder.glob("*/")):
-        if not inner.name.startswith(".") and (found := recognise(inner)):
-            yield found
+        if not inner.name.startswith(".") and (release := recognise(inner)):
+            yield release
 
 
 def entries(folder: Path) -> list[Path]:

@@ -36,9 +36,9 @@ from kb.store.atomic import replacing_folder, settle_folder
 from kb.store.layout import Layout, parquet_files
 from kb.store.tables import database, parquet
 from kb.store.tables.latest import newest
+from kb.store.tables.partition import Shuffle
 from kb.store.tables.reading import reading
 from kb.store.tables.shards import write_table
-from kb.store.tables.shuffle import Shuffle
 
 MISSING, WORK = "missing.parquet", ".work"
 FAILED, PURGED = "failed", "purged"
@@ -98,7 +98,7 @@ def write_missing(root: Path, jobs: Iterable[RestoreJob]) -> int:
     """One table of what all jobs could not restore → restored/missing.parquet; its rows."""
     declared = table("shared/missing").names()
     schema = pa.schema([(name, pa.string()) for name in declared])
-    rows = [found.select(declared).cast(schema) for job in jobs if (found := job.missing())]
+    rows = [missing.select(declared).cast(schema) for job in jobs if (missing := job.missing())]
     listed = pa.concat_tables([schema.empty_table(), *rows])
     write_table(Layout(root).restored() / MISSING, listed, "shared/missing")
     return listed.num_rows

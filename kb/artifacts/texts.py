@@ -19,8 +19,8 @@ def files(root: Path, name: str) -> dict[str, list[Path]]:
     Raises DamagedData for a lost file.
     """
     catalog = Catalog(root.absolute())
-    found = {table: catalog.texts(table) for table in ARTIFACTS[name].reads}
-    return {table: paths for table, paths in found.items() if paths}
+    texts = {table: catalog.texts(table) for table in ARTIFACTS[name].reads}
+    return {table: paths for table, paths in texts.items() if paths}
 
 
 def inputs(root: Path, name: str) -> dict[str, str]:

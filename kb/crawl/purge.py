@@ -33,7 +33,7 @@ def purge_answers(run: Run, rules: PurgeRules, listed: PurgeList | None) -> Purg
         try:
             purge_raw.check_readable(run.root, rules.source, run.workers)
         except DamagedData:
-            session.recorder.look_into_all()
+            session.recorder.check_all_segments()
         purge.find()
         purge.begin()
         if purge.keys:

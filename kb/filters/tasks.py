@@ -67,7 +67,7 @@ def spec_of(job: FilterJob) -> Clean:
 
 
 def decode_segment(job: FilterJob, kind: str, segment: str, number: int) -> dict[str, Any]:
-    """Decode a raw segment and partition its rows; counts and damage as in `buckets.spread`."""
+    """Decode a raw segment and partition its rows; counts and damage as in `partition.spread`."""
     with full_disk_is_resumable(Path(job.work)):
         return partition.spread(
             spec_of(job).kinds[kind],

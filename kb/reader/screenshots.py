@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from kb.core.errors import DamagedData
 from kb.reader.tables import needs
-from kb.store.inside import inside
+from kb.store.rawlog.sidefiles import captured_path
 
 if TYPE_CHECKING:
     from PIL.Image import Image as Picture
@@ -122,7 +122,7 @@ def _bytes(home: Path, path: str) -> tuple[bytes, str]:
     tar, slash, member = path.partition("/")
     if slash and tar.endswith(".tar") and "/" not in member:
         return _member(home / tar, member), f"{home / tar}: {member}"
-    file = inside(home, path)
+    file = captured_path(home, path)
     try:
         return file.read_bytes(), str(file)
     except OSError as error:

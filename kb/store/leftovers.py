@@ -38,16 +38,16 @@ def is_left(parts: Iterable[str]) -> bool:
 def sweep(root: Path, name: str) -> None:
     """Clear what is left where the lock `name` allows to write. Call it under that lock."""
     _spilled(root)
-    ended(Layout(root).profile)
-    for folder in _read_whole(Layout(root), name):
+    remove_temporary(Layout(root).profile)
+    for folder in _folders_read(Layout(root), name):
         settle_folder(folder)
     # The manifest of a public folder is kept in state/ (kb.artifacts.manifest).
     manifest = Layout(root).state_folder("manifests") / f"{name}.json"
     for path in (manifest, *_places(Layout(root), name)):
         for place in dict.fromkeys((path, followed(path))):
-            _beside(place)
+            _remove_temporary(place)
             if place.is_dir() and not place.is_symlink():
-                _below(place)
+                _remove_temporary_below(place)
 
 
 def _places(at: Layout, name: str) -> tuple[Path, ...]:
@@ -75,7 +75,7 @@ def _places(at: Layout, name: str) -> tuple[Path, ...]:
     return *folders, at.importing(name)
 
 
-def _read_whole(at: Layout, name: str) -> tuple[Path, ...]:
+def _folders_read(at: Layout, name: str) -> tuple[Path, ...]:
     """Folders that nobody replaces while the lock `name` is held (kb.store.lock.of_clean).
 
     Whoever holds it reads them: one whose replacement was cut off is put back first.
@@ -86,7 +86,7 @@ def _read_whole(at: Layout, name: str) -> tuple[Path, ...]:
     return (at.clean(source),) if kind in ("release", "index") and source in SPECS else ()
 
 
-def _beside(path: Path) -> None:
+def _remove_temporary(path: Path) -> None:
     """Hidden files and folders that bear the name of `path`: `.NAME.new`,
     `.NAME.work`, `.NAME….tmp`.
     """
@@ -103,14 +103,14 @@ def _spilled(folder: Path) -> None:
             _clear(entry)
 
 
-def ended(path: Path) -> None:
+def remove_temporary(path: Path) -> None:
     """What processes that ended left of a file which no lock is for."""
     for entry in sorted(path.parent.glob(f".{path.name}.*.tmp")):
-        if process.is_gone(entry.name.removeprefix(f".{path.name}.")):
+        if process.has_ended(entry.name.removeprefix(f".{path.name}.")):
             _clear(entry)
 
 
-def _below(folder: Path) -> None:
+def _remove_temporary_below(folder: Path) -> None:
     for where, folders, files in os.walk(folder):
         _spilled(Path(where))
         for name in files:

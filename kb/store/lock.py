@@ -115,15 +115,15 @@ def taking(root: Path, *names: str) -> Iterator[None]:
 
 def holders(root: Path) -> dict[str, str]:
     """By lock, the pid of another process that holds it now."""
-    held = {}
+    holders = {}
     for name in ORDER:
         path = Layout(root).lock(name)
         # Ours, or nobody's: whoever holds it has written its number.
         if path.resolve() in _taken or not path.exists() or not path.stat().st_size:
             continue
         if holder := _holder(path):
-            held[name] = holder
-    return held
+            holders[name] = holder
+    return holders
 
 
 def _holder(path: Path) -> str:
@@ -149,8 +149,8 @@ def used(root: Path) -> dict[str, int]:
 
 def another(root: Path) -> str:
     """The pid of another process that writes to any source of a data root now, "" for none."""
-    held = (_holder(Layout(root).lock(name)) for name in SOURCES)
-    return next((holder for holder in held if holder not in ("", str(os.getpid()))), "")
+    holders = (_holder(Layout(root).lock(name)) for name in SOURCES)
+    return next((holder for holder in holders if holder not in ("", str(os.getpid()))), "")
 
 
 @contextlib.contextmanager

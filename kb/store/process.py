@@ -14,7 +14,7 @@ def mark() -> str:
     return f"{stat[0]}-{stat[1]}" if stat is not None else "0-0"
 
 
-def is_gone(text: str) -> bool:
+def has_ended(text: str) -> bool:
     """Whether the process that a mark within `text` names has ended; False without a mark."""
     match = _MARK.search(text)
     if match is None or match[1] == "0":
@@ -26,9 +26,9 @@ def is_gone(text: str) -> bool:
 def _stat(process: str) -> tuple[int, int] | None:
     """Number and start (ticks since the machine was booted) of a process of this machine."""
     try:
-        said = Path("/proc", process, "stat").read_text(encoding="utf-8", errors="replace")
+        text = Path("/proc", process, "stat").read_text(encoding="utf-8", errors="replace")
     except OSError:
         return None
     # The second field is a name in brackets, which may hold anything; the start is the 22nd.
-    fields = said.rpartition(")")[2].split()
-    return int(said.split(" ", 1)[0]), int(fields[19])
+    fields = text.rpartition(")")[2].split()
+    return int(text.split(" ", 1)[0]), int(fields[19])

@@ -7,7 +7,7 @@ from pathlib import Path
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.store import lock
 
-_LOOKS = 3
+_CHECKS = 3
 
 
 class Busy:
@@ -27,8 +27,10 @@ class Busy:
 
     def holders(self, path: Path) -> set[str]:
         """The pids of other processes that hold a lock of a path's place now."""
-        held = lock.holders(self._root)
-        return {held[name] for name in _locks(path.relative_to(self._root).parts) if name in held}
+        holders = lock.holders(self._root)
+        return {
+            holders[name] for name in _locks(path.relative_to(self._root).parts) if name in holders
+        }
 
     def is_abandoned(self, path: Path) -> bool:
         """Whether a file is there that no process is writing.
@@ -37,7 +39,7 @@ class Busy:
         on both sides of asking for the lock, and again, as the next one may begin at any time.
         """
         return all(
-            path.exists() and not self.holders(path) and path.exists() for _ in range(_LOOKS)
+            path.exists() and not self.holders(path) and path.exists() for _ in range(_CHECKS)
         )
 
 

@@ -19,34 +19,34 @@ from kb.store.tables import database
 from kb.store.tables.reading import scan
 from kb.store.tables.row_counts import VERDICTS
 from kb.verify import raw, releases
-from kb.verify.findings import Look
+from kb.verify.findings import Findings
 
 
-def compare(look: Look, root: Path) -> None:
+def compare(findings: Findings, root: Path) -> None:
     """Look for what is told by no file alone; `look` has what each one of them says."""
     steps = [
-        partial(raw.lost_side_files, look, root),
-        partial(_lost_tables, look, root),
-        partial(_lost_indexes, look, root),
-        *(partial(_two_answers, look, root, source) for source in SOURCES),
-        *(partial(_release, look, root, source) for source in PUBLISHED),
+        partial(raw.lost_side_files, findings, root),
+        partial(_lost_tables, findings, root),
+        partial(_lost_indexes, findings, root),
+        *(partial(_two_answers, findings, root, source) for source in SOURCES),
+        *(partial(_release, findings, root, source) for source in PUBLISHED),
     ]
     for step in steps:
-        look.steadily(step)
+        findings.retrying(step)
     for other in sorted(Layout(root).release().glob("*/")):
         if other.name not in PUBLISHED and not leftovers.is_left((other.name,)):
-            look.foreign("release", other, "no export has written it", "move it away")
+            findings.foreign("release", other, "no export has written it", "move it away")
 
 
-def _lost_tables(look: Look, root: Path) -> None:
+def _lost_tables(findings: Findings, root: Path) -> None:
     """Files of tables that were written and are not there."""
     for name in ("pairs", "links", *(f"clean/{source}" for source in SOURCES)):
         with contextlib.suppress(DamagedData):  # told with the manifest
             for path in manifest.missing(root, name):
-                look.missing(name.partition("/")[0], path, advice(path))
+                findings.missing(name.partition("/")[0], path, advice(path))
 
 
-def _lost_indexes(look: Look, root: Path) -> None:
+def _lost_indexes(findings: Findings, root: Path) -> None:
     """Files of indexes that were written and are not there."""
     for source in SOURCES:
         name, place = f"index/{source}", Layout(root).index(source)
@@ -55,13 +55,13 @@ def _lost_indexes(look: Look, root: Path) -> None:
             if manifest.read(root, name) is None and any(place.glob("*.store")):
                 lost = [manifest.path(root, name)]
             for path in lost:
-                look.missing("index", path, "run `kb index --again`")
+                findings.missing("index", path, "run `kb index --again`")
 
 
-def _two_answers(look: Look, root: Path, source: str) -> None:
+def _two_answers(findings: Findings, root: Path, source: str) -> None:
     """crawled = kept + rejected + failed + pending: no key is in two of them."""
     clean = Layout(root).clean(source)
-    if any(clean in one.path.parents for one in look.of("clean")):
+    if any(clean in one.path.parents for one in findings.of("clean")):
         return  # counting makes sense of whole files only
     keys = [
         (
@@ -71,25 +71,25 @@ def _two_answers(look: Look, root: Path, source: str) -> None:
         for short, prefix in SPECS[source].tables.items()
     ]
     keys += [("key", parquet_files(clean / verdict)) for verdict in VERDICTS]
-    held = [file for _, files in keys for file in files]
-    if not held:
+    all_files = [file for _, files in keys for file in files]
+    if not all_files:
         return
     parts = [f"SELECT {key} AS key FROM {scan(files)}" for key, files in keys if files]
     sql = f"SELECT count(*) - count(DISTINCT key) FROM ({' UNION ALL '.join(parts)})"
     try:
-        with database.over(held, root) as con:
+        with database.over(all_files, root) as con:
             more = (con.execute(sql).fetchone() or (0,))[0]
     except duckdb.Error as error:
-        look.damaged("clean", clean, str(error).splitlines()[0], advice(clean / "x"))
+        findings.damaged("clean", clean, str(error).splitlines()[0], advice(clean / "x"))
         return
     if more:
         what = f"{more:,} keys are in two of kept, rejected, failed and pending"
-        look.damaged("clean", clean / "summary.json", what, advice(clean / "x"))
+        findings.damaged("clean", clean / "summary.json", what, advice(clean / "x"))
 
 
-def _release(look: Look, root: Path, source: str) -> None:
+def _release(findings: Findings, root: Path, source: str) -> None:
     folder = Layout(root).release(source)
     if folder.is_dir() and any(folder.iterdir()):
-        releases.folder(look, folder, advice, described=False)
+        releases.folder(findings, folder, advice, described=False)
     elif manifest.read(root, f"release/{source}"):
-        look.missing("release", folder, advice(folder / "x"))
+        findings.missing("release", folder, advice(folder / "x"))

@@ -12,7 +12,7 @@ from kb.store import leftovers
 from kb.store.advice import advice
 from kb.store.rawlog import rawlog, sidefiles
 from kb.verify import raw, tables
-from kb.verify.findings import Look
+from kb.verify.findings import Findings
 
 # Beside the folders of commands: other roots and what belongs to a checkout.
 NEIGHBOURS = {"demo", "dumps", "profiles", "demo-finished", ".gitignore", ".gitkeep"}
@@ -33,9 +33,9 @@ _OF_STATE = (
 class FileVerifier:
     """Reads files of a data root in full, one after the other."""
 
-    def __init__(self, look: Look, root: Path) -> None:
-        self._look, self._root = look, root
-        self._segments = {source: raw.SegmentVerifier(look, root, source) for source in SOURCES}
+    def __init__(self, findings: Findings, root: Path) -> None:
+        self._findings, self._root = findings, root
+        self._segments = {source: raw.SegmentVerifier(findings, root, source) for source in SOURCES}
 
     def read(self, files: Iterable[Path]) -> None:
         """Each of them, then what the state knows of raw answers and is not among them."""
@@ -48,11 +48,11 @@ class FileVerifier:
             segments.end()
 
     def _file(self, path: Path, parts: tuple[str, ...]) -> None:
-        look = self._look
+        findings = self._findings
         if path.is_symlink() and not path.exists():
-            look.foreign("other", path, "is a link that leads nowhere", "remove it")
+            findings.foreign("other", path, "is a link that leads nowhere", "remove it")
         elif leftovers.is_left(parts):
-            look.foreign("leftovers", path, "is on its way, or was left", _CLEARED)
+            findings.foreign("leftovers", path, "is on its way, or was left", _CLEARED)
         elif len(parts) == 1:
             if path.name not in NEIGHBOURS:
                 self._strange("other", path)
@@ -68,47 +68,49 @@ class FileVerifier:
             self._index(path, parts)
         elif parts[0] == "release":
             if len(parts) == 2:
-                look.foreign("release", path, "a release is a folder", "move it away")
+                findings.foreign("release", path, "a release is a folder", "move it away")
         else:
-            look.advance(path.stat().st_size)
+            findings.advance(path.stat().st_size)
             self._strange("other", path)
 
     def _raw(self, path: Path, parts: tuple[str, ...]) -> None:
-        look, known = self._look, parts[1] in SOURCES
+        findings, known = self._findings, parts[1] in SOURCES
         if known and len(parts) == 3 and path.name.startswith("tombstones"):
             self._parquet("tombstones", path)
         elif known and len(parts) == 4 and path.name.endswith((rawlog.SUFFIX, rawlog.OPEN)):
             self._segments[parts[1]].file(path)
         elif known and len(parts) == 4 and f"{rawlog.SUFFIX}.damaged-" in path.name:
-            look.advance(path.stat().st_size)
-            look.whole("set aside", path)
+            findings.advance(path.stat().st_size)
+            findings.intact("set aside", path)
         elif known and len(parts) > 2 and parts[2] in SPECS[parts[1]].files:
-            if path.name.endswith(sidefiles.ASIDE):
-                look.whole("set aside", path)
+            if path.name.endswith(sidefiles.QUARANTINE_SUFFIX):
+                findings.intact("set aside", path)
             else:
-                raw.side_file(look, path)
+                raw.side_file(findings, path)
         else:
-            look.foreign("raw answers", path, "no crawl or import has written it", "move it away")
+            findings.foreign(
+                "raw answers", path, "no crawl or import has written it", "move it away"
+            )
 
     def _state(self, path: Path, parts: tuple[str, ...]) -> None:
         name = path.name
         if name.endswith(".sqlite") and len(parts) == 2:
-            raw.state(self._look, path)
+            raw.state(self._findings, path)
         elif name.endswith(".parquet"):
             self._parquet("tombstones" if name == "tombstones.parquet" else "state", path)
         elif name.endswith(".json"):
             self._json("state", path, "move it away, or restore it from a copy")
-        elif name.endswith(sidefiles.ASIDE):
-            self._look.whole("set aside", path)
+        elif name.endswith(sidefiles.QUARANTINE_SUFFIX):
+            self._findings.intact("set aside", path)
         elif name.endswith((*_OF_STATE, ".txt")) or name == ".gitkeep":
-            self._look.whole("state", path)
+            self._findings.intact("state", path)
         else:
             self._strange("state", path)
 
     def _made(self, path: Path, parts: tuple[str, ...]) -> None:
         kind = parts[0]
-        if path.name.endswith(sidefiles.ASIDE):
-            self._look.whole("set aside", path)
+        if path.name.endswith(sidefiles.QUARANTINE_SUFFIX):
+            self._findings.intact("set aside", path)
         elif path.suffix == ".parquet" and self._is_listed(path, kind):
             self._parquet(kind, path)
         elif path.suffix == ".json" and (kind != "annotations" or path.name == manifest.NAME):
@@ -133,19 +135,19 @@ class FileVerifier:
             self._parquet(kind, path)
             return
         size = path.stat().st_size
-        self._look.advance(size)
+        self._findings.advance(size)
         what = "" if size or path.suffix not in _NEVER_EMPTY else "is empty"
-        self._look.judged(kind, path, what, advice(path))
+        self._findings.checked(kind, path, what, advice(path))
 
     def _index(self, path: Path, parts: tuple[str, ...]) -> None:
         """What `kb search` reads; it is made again at any time."""
-        look, again = self._look, "run `kb index --again`"
+        findings, rebuild = self._findings, "run `kb index --again`"
         if len(parts) != 3 or parts[1] not in SOURCES:
             self._strange("index", path)
         elif path.name == manifest.NAME:
-            self._json("index", path, again)
+            self._json("index", path, rebuild)
         else:
-            look.advance(path.stat().st_size)
+            findings.advance(path.stat().st_size)
             known = self._manifest_of_index(parts[1])
             if path.name.startswith(".") or known is None:
                 return  # tantivy's own locks and lists; an index of an older version
@@ -154,7 +156,7 @@ class FileVerifier:
                 self._strange("index", path)
             else:
                 what = "" if manifest.entry_of(path) == entry else "checksum mismatch"
-                look.judged("index", path, what, again)
+                findings.checked("index", path, what, rebuild)
 
     def _manifest_of_index(self, source: str) -> manifest.Manifest | None:
         try:
@@ -163,11 +165,11 @@ class FileVerifier:
             return None  # told with the manifest
 
     def _parquet(self, kind: str, path: Path) -> None:
-        what = tables.problem(path, self._look.advance)
-        self._look.judged(kind, path, what, advice(path))
+        what = tables.problem(path, self._findings.advance)
+        self._findings.checked(kind, path, what, advice(path))
 
     def _json(self, kind: str, path: Path, fix: str) -> None:
-        self._look.judged(kind, path, tables.problem(path, self._look.advance), fix)
+        self._findings.checked(kind, path, tables.problem(path, self._findings.advance), fix)
 
     def _strange(self, kind: str, path: Path) -> None:
-        self._look.foreign(kind, path, "no command has written it", "move it away")
+        self._findings.foreign(kind, path, "no command has written it", "move it away")

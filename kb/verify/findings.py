@@ -46,44 +46,44 @@ class VerifyFinding(NamedTuple):
     advice: str
 
 
-class Look:
+class Findings:
     """Collects what is found; `advance` hears of bytes that were read."""
 
     def __init__(self, advance: Callable[[int], None]) -> None:
         self.advance = advance
-        self.found: list[VerifyFinding] = []
+        self.entries: list[VerifyFinding] = []
         self._counts: dict[str, dict[str, tuple[int, int]]] = {}
 
-    def steadily(self, step: Callable[[], object]) -> None:
+    def retrying(self, step: Callable[[], object]) -> None:
         """Take a step again where a file that it was reading has been replaced meanwhile."""
         for _ in range(_TRIES):
-            found, counts = len(self.found), copy.deepcopy(self._counts)
+            length, counts = len(self.entries), copy.deepcopy(self._counts)
             try:
                 step()
                 return
             except FileNotFoundError:
-                del self.found[found:]
+                del self.entries[length:]
                 self._counts = counts
 
-    def drop(self, gone: Collection[VerifyFinding]) -> None:
+    def drop(self, stale: Collection[VerifyFinding]) -> None:
         """What was found and is so no more."""
-        for one in gone:
+        for one in stale:
             files, size = self._counts[one.kind][one.state]
             self._counts[one.kind][one.state] = files - 1, size - one.size
             if files == 1:
                 del self._counts[one.kind][one.state]
-        self.found = [one for one in self.found if one not in gone]
+        self.entries = [one for one in self.entries if one not in stale]
 
-    def whole(self, kind: str, path: Path) -> None:
+    def intact(self, kind: str, path: Path) -> None:
         """A file that is what was written."""
         self._count(kind, "whole", path.stat().st_size)
 
-    def judged(self, kind: str, path: Path, what: str, advice: str) -> None:
+    def checked(self, kind: str, path: Path, what: str, advice: str) -> None:
         """A file that was read: damaged where `what` says how, else whole."""
         if what:
             self.damaged(kind, path, what, advice)
         else:
-            self.whole(kind, path)
+            self.intact(kind, path)
 
     def damaged(self, kind: str, path: Path, what: str, advice: str) -> None:
         """A file that is there and not what was written."""
@@ -99,7 +99,7 @@ class Look:
 
     def of(self, *kinds: str, state: str = "") -> list[VerifyFinding]:
         """What was found of these kinds."""
-        return [one for one in self.found if one.kind in kinds and state in ("", one.state)]
+        return [one for one in self.entries if one.kind in kinds and state in ("", one.state)]
 
     def total(self, state: str) -> tuple[int, int]:
         """(files, bytes) in a state."""
@@ -120,7 +120,7 @@ class Look:
                 for kind in KINDS
                 if self._counts.get(kind)
             },
-            "found": [{**one._asdict(), "path": str(one.path)} for one in self.found],
+            "found": [{**one._asdict(), "path": str(one.path)} for one in self.entries],
         }
 
     def table(self) -> Iterator[tuple[str, ...]]:
@@ -133,13 +133,13 @@ class Look:
         yield ("all", *(_cell(*self.total(state)) for state in STATES))
 
     def _add(self, one: VerifyFinding) -> None:
-        self.found.append(one)
+        self.entries.append(one)
         self._count(one.kind, one.state, one.size)
 
     def _count(self, kind: str, state: str, size: int) -> None:
         counts = self._counts.setdefault(kind, {})
-        files, held = counts.get(state, (0, 0))
-        counts[state] = files + 1, held + size
+        files, total = counts.get(state, (0, 0))
+        counts[state] = files + 1, total + size
 
 
 def _size(path: Path) -> int:
@@ -149,5 +149,5 @@ def _size(path: Path) -> int:
     return path.lstat().st_size if path.is_symlink() or path.exists() else 0
 
 
-def _cell(files: int, held: int) -> str:
-    return f"{files:,} ({terminal.size(held, 1 if held >= 10**12 else 0)})" if files else "-"
+def _cell(files: int, size: int) -> str:
+    return f"{files:,} ({terminal.size(size, 1 if size >= 10**12 else 0)})" if files else "-"

@@ -14,7 +14,7 @@ from kb.core.errors import DamagedData
 from kb.store.layout import BELOW, CAPTURED, Layout
 from kb.store.rawlog import damaged_answers, quarantine, rawlog, sidefiles
 from kb.store.tables import checksums, reading
-from kb.verify.findings import Look
+from kb.verify.findings import Findings
 
 _CAPTURE = ("extraction.json.zst", "page.html.zst", "screenshot.png")
 _STATE = "move it away; the next run rebuilds it from the raw data"
@@ -27,45 +27,47 @@ class _Extraction(msgspec.Struct):
 class SegmentVerifier:
     """The segments of a source. What the state knows is read first: a crawl may add meanwhile."""
 
-    def __init__(self, look: Look, root: Path, source: str) -> None:
-        self._look, self._root, self._source = look, root, source
+    def __init__(self, findings: Findings, root: Path, source: str) -> None:
+        self._findings, self._root, self._source = findings, root, source
         self._known = self._offsets()
         self._crawl = f"run `kb {source} crawl`, which fetches its items again"
 
     def file(self, path: Path) -> None:
         """Read a segment in full."""
-        look, name, size = self._look, rawlog.base_name(path), path.stat().st_size
+        findings, name, size = self._findings, rawlog.base_name(path), path.stat().st_size
         committed = self._known.pop((path.parent.name, name), 0)
         gaps = quarantine.gaps(path, committed)
-        look.advance(size)
+        findings.advance(size)
         if committed > size:
             what = f"ends at byte {size:,}, {committed - size:,} bytes are missing"
-            look.damaged("raw answers", path, what, self._crawl)
+            findings.damaged("raw answers", path, what, self._crawl)
         elif gaps:
             start, end = gaps[0]
             more = f" (and {len(gaps) - 1:,} more places)" if len(gaps) > 1 else ""
             what = f"{end - start:,} bytes at {start:,} can't be read{more}"
-            look.damaged("raw answers", path, what, f"run `kb verify --repair`, or {self._crawl}")
+            findings.damaged(
+                "raw answers", path, what, f"run `kb verify --repair`, or {self._crawl}"
+            )
         else:
-            look.whole("raw answers", path)
+            findings.intact("raw answers", path)
 
     def end(self) -> None:
         """What the state knows and is not there, and what was lost and not asked for again."""
-        gone = [place for place, committed in self._known.items() if committed]
-        for kind, name in gone:
+        absent = [place for place, committed in self._known.items() if committed]
+        for kind, name in absent:
             path = rawlog.folder(self._root, self._source, kind) / f"{name}{rawlog.SUFFIX}"
-            self._look.missing("raw answers", path, self._crawl)
+            self._findings.missing("raw answers", path, self._crawl)
         base = Layout(self._root).raw(self._source)
-        told = [
+        reported = [
             one
-            for one in self._look.of("raw answers")
+            for one in self._findings.of("raw answers")
             if base in one.path.parents and one.state != "foreign"
         ]
-        if not told and self._state_is_whole():
+        if not reported and self._state_is_intact():
             try:
                 damaged_answers.check(self._root, self._source)
             except DamagedData as error:
-                self._look.missing("raw answers", base, error.hint, str(error))
+                self._findings.missing("raw answers", base, error.hint, str(error))
 
     def _offsets(self) -> dict[tuple[str, str], int]:
         path = Layout(self._root).state(self._source)
@@ -77,58 +79,58 @@ class SegmentVerifier:
         except (DamagedData, sqlite3.Error):
             return {}  # told with the state
 
-    def _state_is_whole(self) -> bool:
+    def _state_is_intact(self) -> bool:
         return not any(
-            one.path == Layout(self._root).state(self._source) for one in self._look.of("state")
+            one.path == Layout(self._root).state(self._source) for one in self._findings.of("state")
         )
 
 
-def state(look: Look, path: Path) -> None:
+def state(findings: Findings, path: Path) -> None:
     """A source's SQLite file, by its own check."""
     try:
         db = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=30)
         try:
-            said = [row[0] for row in db.execute("PRAGMA integrity_check(1)")]
+            result = [row[0] for row in db.execute("PRAGMA integrity_check(1)")]
         finally:
             db.close()
     except sqlite3.Error as error:
-        said = [str(error)]
-    look.advance(path.stat().st_size)
+        result = [str(error)]
+    findings.advance(path.stat().st_size)
     if not path.stat().st_size:
-        said = ["it is empty"]  # to SQLite, a database without tables
-    what = "" if said == ["ok"] else f"can't be read: {said[0]}"
-    look.judged("state", path, what, _STATE)
+        result = ["it is empty"]  # to SQLite, a database without tables
+    what = "" if result == ["ok"] else f"can't be read: {result[0]}"
+    findings.checked("state", path, what, _STATE)
 
 
-def side_file(look: Look, path: Path) -> None:
+def side_file(findings: Findings, path: Path) -> None:
     """A captured page's file or an image, by what it should be."""
     kind = "images" if path.parent.name == "images" else "captures"
     if path.name == checksums.SUMS or path.name in _CAPTURE or sidefiles.expected(path):
-        if sidefiles.is_whole(path, advance=look.advance) and _unpacks(path):
-            look.whole(kind, path)
+        if sidefiles.is_intact(path, advance=findings.advance) and _unpacks(path):
+            findings.intact(kind, path)
         else:
             what = "is not what was stored" if path.stat().st_size else "is empty"
-            look.damaged(kind, path, what, _again())
+            findings.damaged(kind, path, what, _refetch_hint())
     else:
-        look.foreign(kind, path, "no crawl has written it", "move it away")
+        findings.foreign(kind, path, "no crawl has written it", "move it away")
 
 
-def lost_side_files(look: Look, root: Path) -> None:
+def lost_side_files(findings: Findings, root: Path) -> None:
     """Pages and images that answers speak of and that are not there."""
     pages, images = _named(root)
     for folder in pages.values():
         names = sidefiles.sums(root / folder) or dict.fromkeys(_CAPTURE)
         for name in sorted(names):
             if not (root / folder / name).is_file():
-                look.missing("captures", root / folder / name, _again())
+                findings.missing("captures", root / folder / name, _refetch_hint())
         for sprite in _sprites(root / folder):
             images.add(str(BELOW.images / f"{sprite}.png"))
     for path in sorted(images):
         if not (root / path).is_file():
-            look.missing("images", root / path, _again())
+            findings.missing("images", root / path, _refetch_hint())
 
 
-def _again() -> str:
+def _refetch_hint() -> str:
     return "run `kb verify --repair`, then `kb wiki crawl` and `kb wiki filter`"
 
 

@@ -11,53 +11,55 @@ from typing import Any
 from kb.artifacts import manifest, release_folder
 from kb.store.tables import checksums
 from kb.verify import tables
-from kb.verify.findings import Look
+from kb.verify.findings import Findings
 
 CROISSANT = "croissant.json"
 _PLAIN = {".gitkeep"}
 
 
-def folder(look: Look, path: Path, advice: Callable[[Path], str], *, described: bool) -> None:
+def folder(
+    findings: Findings, path: Path, advice: Callable[[Path], str], *, described: bool
+) -> None:
     """Every file of a release folder; `described`: it should have SHA256SUMS."""
     sums = path / checksums.SUMS
     known, invalid = release_folder.sums(path)
     if sums.is_file() and (not known or invalid):
-        look.damaged("release", sums, "is not a list of checksums", advice(sums))
+        findings.damaged("release", sums, "is not a list of checksums", advice(sums))
     elif sums.is_file():
-        look.whole("release", sums)
+        findings.intact("release", sums)
     elif described:
-        look.missing("release", sums, advice(sums))
+        findings.missing("release", sums, advice(sums))
     there = {file.name: file for file in sorted(path.iterdir())}
     for name, file in there.items():
         if file == sums or name in _PLAIN:
             continue
         if file.is_symlink() or file.is_dir():
-            look.foreign(
+            findings.foreign(
                 "release", file, "a release is flat, with files of its own", "move it away"
             )
         elif known and name not in known:
-            look.foreign("release", file, f"is not in {checksums.SUMS}", "move it away")
+            findings.foreign("release", file, f"is not in {checksums.SUMS}", "move it away")
         else:
-            _file(look, file, known.get(name), advice(file))
+            _file(findings, file, known.get(name), advice(file))
     for name in sorted((known.keys() | manifest.siblings(there)) - there.keys()):
-        look.missing("release", path / name, advice(path / name))
+        findings.missing("release", path / name, advice(path / name))
     if known:
-        _metadata(look, path / CROISSANT, known, advice)
+        _metadata(findings, path / CROISSANT, known, advice)
 
 
-def _file(look: Look, path: Path, wanted: str | None, advice: str) -> None:
+def _file(findings: Findings, path: Path, wanted: str | None, advice: str) -> None:
     if wanted is not None:
-        held = checksums.digest(path, advance=look.advance)
-        what = "" if held == wanted else f"differs from {checksums.SUMS}"
+        actual = checksums.digest(path, advance=findings.advance)
+        what = "" if actual == wanted else f"differs from {checksums.SUMS}"
     elif path.suffix == ".parquet":
-        what = tables.problem(path, look.advance)
+        what = tables.problem(path, findings.advance)
     elif path.suffix == ".tar":
-        look.advance(path.stat().st_size)
+        findings.advance(path.stat().st_size)
         what = _tar(path)
     else:
-        look.advance(path.stat().st_size)
+        findings.advance(path.stat().st_size)
         what = ""
-    look.judged("release", path, what, advice)
+    findings.checked("release", path, what, advice)
 
 
 def _tar(path: Path) -> str:
@@ -87,22 +89,24 @@ def _holds(tar: Any, offset: int, size: int, wanted: str) -> bool:
     return not size and computed.hexdigest() == wanted
 
 
-def _metadata(look: Look, path: Path, known: dict[str, str], advice: Callable[[Path], str]) -> None:
+def _metadata(
+    findings: Findings, path: Path, known: dict[str, str], advice: Callable[[Path], str]
+) -> None:
     """Croissant names files with their digests: the same as SHA256SUMS."""
     if not path.is_file():
         return
     try:
-        said = {
+        digests = {
             one["contentUrl"]: one["sha256"]
             for one in json.loads(path.read_text(encoding="utf-8"))["distribution"]
             if "sha256" in one
         }
     except (ValueError, KeyError, TypeError):
-        said = None
-    if said is None:
-        look.damaged("release", path, "is no metadata", advice(path))
+        digests = None
+    if digests is None:
+        findings.damaged("release", path, "is no metadata", advice(path))
         return
-    for name, value in sorted(said.items()):
+    for name, value in sorted(digests.items()):
         if known.get(name, value) != value:
             what = f"says another digest of {name} than {checksums.SUMS}"
-            look.damaged("release", path, what, advice(path))
+            findings.damaged("release", path, what, advice(path))

@@ -20,7 +20,7 @@ from kb.store.layout import CAPTURED, Layout, parquet_files
 from kb.store.rawlog import sidefiles
 from kb.store.state import tombstones
 from kb.store.tables import checksums
-from kb.verify.findings import Look, VerifyFinding
+from kb.verify.findings import Findings, VerifyFinding
 from kb.verify.root import verify
 
 Act = Callable[[], object]
@@ -29,23 +29,23 @@ Act = Callable[[], object]
 class Step(Protocol):
     """One thing that a repair may do."""
 
-    def take(self, root: Path, look: Look) -> list[str]:
+    def take(self, root: Path, findings: Findings) -> list[str]:
         """Do it where it has to be done: a line for each thing that was done, or left."""
         ...
 
 
-def repaired(root: Path, progress: Progress, steps: Iterable[Step]) -> tuple[Look, list[str]]:
+def repaired(root: Path, progress: Progress, steps: Iterable[Step]) -> tuple[Findings, list[str]]:
     """Look, repair and look again, under all locks: (what is left, lines of what was done).
 
     Raises WriterLocked, DiskFull.
     """
     with lock.taking(root, *lock.ORDER):  # which clears what killed commands left
-        look = verify(root, progress)
-        said = _set_aside(root, look)
+        findings = verify(root, progress)
+        actions = _quarantine(root, findings)
         for step in steps:
-            said += step.take(root, look)
+            actions += step.take(root, findings)
         # Of what was killed on its way nothing may be found any more.
-        return (verify(root, progress) if said else look), said
+        return (verify(root, progress) if actions else findings), actions
 
 
 @dataclass(frozen=True)
@@ -56,10 +56,10 @@ class Crawl:
     set_aside: Callable[[], list[str]]
     crawl: Act
 
-    def take(self, root: Path, look: Look) -> list[str]:
+    def take(self, root: Path, findings: Findings) -> list[str]:
         """See `Step`. What is filtered afterwards is noted: the repair may be killed before."""
         note = Layout(root).repairing(self.source)
-        if not is_lost(root, look, self.source) and not note.exists():
+        if not is_lost(root, findings, self.source) and not note.exists():
             return []
         if Layout(root).clean(self.source).is_dir():
             write_bytes(note, b"")
@@ -76,13 +76,13 @@ class Make:
     places: tuple[Path, ...]
     after: str = ""
 
-    def take(self, root: Path, look: Look) -> list[str]:
+    def take(self, root: Path, findings: Findings) -> list[str]:
         """See `Step`; not where a file of somebody else's would go with it."""
         note = Layout(root).repairing(self.after) if self.after else None
         fresh = note is not None and note.exists()
-        if not fresh and not any(self._holds(one) for one in look.of(self.kind)):
+        if not fresh and not any(self._holds(one) for one in findings.of(self.kind)):
             return []
-        foreign = next((one.path for one in look.found if self._is_in_the_way(one)), None)
+        foreign = next((one.path for one in findings.entries if self._is_in_the_way(one)), None)
         if foreign is not None:
             return [f"{self.places[0]} was left: move {foreign} away, then run `{self.command}`"]
         return _tried(self.command, self.make, note)
@@ -106,7 +106,7 @@ class Describe:
     source: str
     describe: Act
 
-    def take(self, root: Path, look: Look) -> list[str]:
+    def take(self, root: Path, findings: Findings) -> list[str]:
         """See `Step`."""
         folder, known = Layout(root).release(self.source), Layout(root).released(self.source)
         described = known.is_dir() and any(known.iterdir())
@@ -115,13 +115,13 @@ class Describe:
         return _tried("kb release", self.describe)
 
 
-def is_lost(root: Path, look: Look, source: str) -> bool:
+def is_lost(root: Path, findings: Findings, source: str) -> bool:
     """Whether something is lost that a crawl of the source asks for again."""
     at = Layout(root)
     places = (at.raw(source), at.state(source))
     return any(
         one.state != "foreign" and any(map(one.path.is_relative_to, places))
-        for one in look.of("raw answers", "captures", "images", "state")
+        for one in findings.of("raw answers", "captures", "images", "state")
     )
 
 
@@ -137,23 +137,23 @@ def _tried(command: str, act: Act, note: Path | None = None) -> list[str]:
     return [f"`{command}` was run"]
 
 
-def _set_aside(root: Path, look: Look) -> list[str]:
+def _quarantine(root: Path, findings: Findings) -> list[str]:
     """Lines of what was done."""
-    said = [_tombstones(root, one) for one in look.of("tombstones", state="damaged")]
-    for one in look.of("annotations", state="damaged"):
-        sidefiles.set_aside(one.path)
-        said.append(f"{one.path} was set aside; the filter scores again what it held")
-    for one in look.of("state", state="damaged"):
+    actions = [_tombstones(root, one) for one in findings.of("tombstones", state="damaged")]
+    for one in findings.of("annotations", state="damaged"):
+        sidefiles.quarantine_file(one.path)
+        actions.append(f"{one.path} was set aside; the filter scores again what it held")
+    for one in findings.of("state", state="damaged"):
         if one.path.suffix == ".sqlite":
             for ending in ("-wal", "-shm"):
                 one.path.with_name(one.path.name + ending).unlink(missing_ok=True)
-            sidefiles.set_aside(one.path)
-            said.append(f"{one.path} was set aside; it is built again from the raw data")
-    lost = [one.path for one in look.of("captures", "images") if one.state != "foreign"]
+            sidefiles.quarantine_file(one.path)
+            actions.append(f"{one.path} was set aside; it is built again from the raw data")
+    lost = [one.path for one in findings.of("captures", "images") if one.state != "foreign"]
     if lost:
         sidefiles.suspect(root, CAPTURED, lost)
-        said.append(f"{len(lost):,} captured files are noted for `kb wiki crawl`")
-    return said
+        actions.append(f"{len(lost):,} captured files are noted for `kb wiki crawl`")
+    return actions
 
 
 def _tombstones(root: Path, one: VerifyFinding) -> str:

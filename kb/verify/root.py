@@ -12,10 +12,10 @@ from kb.core.progress import Progress
 from kb.verify import cross_checks, releases
 from kb.verify.concurrent_writes import Busy
 from kb.verify.files import NEIGHBOURS, FileVerifier
-from kb.verify.findings import Look
+from kb.verify.findings import Findings
 
 
-def verify(folder: Path, progress: Progress) -> Look:
+def verify(folder: Path, progress: Progress) -> Findings:
     """Read every byte of a data root, a release folder or a folder of releases.
 
     Changes nothing and takes no lock: what other processes write to meanwhile is looked at once
@@ -24,8 +24,8 @@ def verify(folder: Path, progress: Progress) -> Look:
     none of these.
     """
     folder = existing(folder)
-    held = Catalog(folder)
-    if not is_root(folder) and not held.releases:
+    catalog = Catalog(folder)
+    if not is_root(folder) and not catalog.releases:
         raise empty(folder)
     busy = Busy(folder)  # before the list: what was on its way in it may be finished at once
     files = list(_files(folder))
@@ -38,39 +38,39 @@ def verify(folder: Path, progress: Progress) -> Look:
             read += n
             task.advance(n)
 
-        look = Look(advance)
+        findings = Findings(advance)
         if is_root(folder):
-            _root(look, folder, files)
-            _look_again(look, folder, busy, progress)
+            _root(findings, folder, files)
+            _recheck(findings, folder, busy, progress)
         else:
-            for one in held.releases:
-                releases.folder(look, one.path, lambda path: DOWNLOAD, described=True)
+            for one in catalog.releases:
+                releases.folder(findings, one.path, lambda path: DOWNLOAD, described=True)
         task.advance(max(0, size - read))  # locks and lists
-    return look
+    return findings
 
 
-def _root(look: Look, root: Path, files: Iterable[Path]) -> None:
+def _root(findings: Findings, root: Path, files: Iterable[Path]) -> None:
     """Each file by where it is, then what is not there, then what the files say together."""
-    FileVerifier(look, root).read(files)
-    cross_checks.compare(look, root)
+    FileVerifier(findings, root).read(files)
+    cross_checks.compare(findings, root)
 
 
-def _look_again(look: Look, root: Path, busy: Busy, progress: Progress) -> None:
+def _recheck(findings: Findings, root: Path, busy: Busy, progress: Progress) -> None:
     """Drop what was found only because another process was writing there."""
-    doubtful = [one for one in look.found if busy.touches(one.path)]
+    doubtful = [one for one in findings.entries if busy.touches(one.path)]
     if not doubtful:
         return
-    second = Look(look.advance)
+    second = Findings(findings.advance)
     _root(second, root, [path for path in _files(root) if busy.touches(path)])
-    again = {(one.kind, one.state, one.path) for one in second.found}
-    held = {
+    confirmed = {(one.kind, one.state, one.path) for one in second.entries}
+    unconfirmed = {
         one
         for one in doubtful
-        if (one.kind, one.state, one.path) not in again
+        if (one.kind, one.state, one.path) not in confirmed
         or (one.kind == "leftovers" and not busy.is_abandoned(one.path))
     }
-    look.drop(held)
-    for pid in sorted({pid for one in held for pid in busy.holders(one.path)}):
+    findings.drop(unconfirmed)
+    for pid in sorted({pid for one in unconfirmed for pid in busy.holders(one.path)}):
         progress.say(f"another process (pid {pid}) is writing: its unfinished files are not listed")
 
 

@@ -10,9 +10,9 @@ from collections.abc import Collection
 from kb.artifacts.purge import Purge, PurgeList, PurgeRules
 from kb.artifacts.purge_raw import Names
 from kb.artifacts.purge_rows import location_of, shared_locations
-from kb.store.inside import is_inside
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog, sidefiles
+from kb.store.rawlog.sidefiles import is_captured_path
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 from kb.wiki.connector.ids import read_names
@@ -103,7 +103,7 @@ def names(purge: Purge) -> Names:
         removed = str(answer["page_id"]) in keys
         shown[removed] |= {file["key"]: file["title"] for file in answer["files"]}
         folder = root / answer["folder"]
-        if is_inside(root, answer["folder"]) and (folder / "extraction.json.zst").exists():
+        if is_captured_path(root, answer["folder"]) and (folder / "extraction.json.zst").exists():
             sprites = extraction.sprites(root, folder)
             paths[removed] |= {str(BELOW.images / f"{name}.png") for name in sprites.values()}
     addresses = shown[True].keys() - shown[False].keys()
@@ -118,9 +118,9 @@ def names(purge: Purge) -> Names:
             frontier.remove("info", asked)
             frontier.remove("files", addresses)
         for path in sorted(paths[True] - paths[False]):
-            if is_inside(root, path):  # a crawl wrote no other
+            if is_captured_path(root, path):  # a crawl wrote no other
                 (root / path).unlink(missing_ok=True)
-                sidefiles.aside(root / path).unlink(missing_ok=True)
+                sidefiles.quarantine_path(root / path).unlink(missing_ok=True)
         for key in filter(str.isdigit, keys):
             shutil.rmtree(Layout(root).captures / key, ignore_errors=True)
     return {"title": titles, "file": files, "address": addresses}

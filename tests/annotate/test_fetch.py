@@ -193,7 +193,7 @@ def test_what_was_fetched_is_found_and_a_broken_one_names_the_command(run, monke
     found = find_checkpoint(chosen)
     assert (found.model, found.sha256) == ("mine", digest(BIG))
     found.path.write_bytes(BIG[:1000])
-    with pytest.raises(MissingModel, match="cut off") as error:
+    with pytest.raises(MissingModel, match="checksum mismatch") as error:
         find_checkpoint(chosen)
     assert error.value.exit_code == 2
     assert "kb models fetch mine" in error.value.hint

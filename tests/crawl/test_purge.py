@@ -40,7 +40,7 @@ def test_a_purge_leaves_no_damaged_bytes_that_may_hold_its_key(job: Job) -> None
     gone = job.place / "gone.txt"
     gone.write_text(video_of(line) + "\n")
     job.stopped("purge", "youtube", "--ids", str(gone), code=1)
-    assert not quarantine.asides(job.root, "youtube")
+    assert not quarantine.quarantined_files(job.root, "youtube")
     job.done("youtube", "crawl")
     assert video_of(line) not in {
         str(one["response"]["video_id"]) for one in job.raw("transcripts")

@@ -62,7 +62,7 @@ def test_a_task_of_a_dead_worker_is_run_again(pool, tmp_path):
 
 
 def test_a_task_that_kills_every_worker_ends_the_run(pool):
-    with pytest.raises(FatalError, match="died of the same task"):
+    with pytest.raises(FatalError, match="died on the same task"):
         pool.submit(tasks.die).result()
 
 

@@ -36,7 +36,7 @@ def score(root: Path, texts: list[str], **options) -> bytes:
     run = Run(settings=settings, profile=load_profile("minecraft"), root=root, **options)
     counts = ToxicityScorer.open(run, "reddit").annotate([texts])
     assert counts.scored == len(set(texts))
-    [file] = (root / "annotations/reddit").iterdir()
+    [file] = (root / "annotations/reddit").glob("*.parquet")
     return file.read_bytes()
 
 

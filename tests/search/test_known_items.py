@@ -7,6 +7,7 @@ followed on the services to the very place that it names.
 
 from __future__ import annotations
 
+import html
 import random
 import re
 from collections.abc import Callable, Iterator
@@ -272,7 +273,8 @@ def _heard(root: str, key: str, page: str, second: int) -> str:
     for track in player["captions"]["playerCaptionsTracklistRenderer"]["captionTracks"]:
         address = urlsplit(track["baseUrl"])
         for query in (address.query, f"{address.query}&tlang=en"):
-            text = requests.get(f"{root}{address.path}?{query}", timeout=30).text
-            cues = re.findall(r'<p t="(\d+)"[^>]*>(.*?)</p>', text)
-            said += [re.sub(r"<[^>]+>", "", one) for at, one in cues if int(at) // 1000 == second]
+            plain = query.replace("&fmt=srv3", "")  # as the client asks
+            text = requests.get(f"{root}{address.path}?{plain}", timeout=30).text
+            cues = re.findall(r'<text start="([\d.]+)"[^>]*>(.*?)</text>', text)
+            said += [html.unescape(one) for at, one in cues if int(float(at)) == second]
     return " ".join(said)

@@ -17,13 +17,13 @@ from kb.core.config.pipeline import load, locate
 from kb.core.errors import FatalError, UsageError
 from kb.core.progress import Silent
 from kb.store.tables import parquet
-from kb.verify.findings import Look, VerifyFinding
+from kb.verify.findings import Findings, VerifyFinding
 from kb.verify.repair import Crawl, Make, Step, repaired
 from kb.verify.root import verify as look_at
 from tests.filters.made import run_at
 
 
-def verify(folder: Path) -> Look:
+def verify(folder: Path) -> Findings:
     return look_at(folder, Silent())
 
 
@@ -35,7 +35,7 @@ def repair(root: Path) -> list[str]:
 def found(folder: Path) -> list[tuple[str, str, str]]:
     """(kind, state, path from the folder) of each finding."""
     return [
-        (one.kind, one.state, str(one.path.relative_to(folder))) for one in verify(folder).found
+        (one.kind, one.state, str(one.path.relative_to(folder))) for one in verify(folder).entries
     ]
 
 
@@ -56,7 +56,7 @@ def flipped(path: Path) -> None:
 def test_a_whole_root_is_whole(root: Path) -> None:
     files = [path for path in root.rglob("*") if path.is_file()]
     look = verify(root)
-    assert look.found == []
+    assert look.entries == []
     rows = {row[0]: row[1] for row in look.table()}
     assert {"raw answers", "state", "tombstones", "clean", "pairs", "release"} <= rows.keys()
     assert look.total("whole")[0] == len(files)
@@ -101,10 +101,10 @@ def test_damage_is_found_wherever_it_is(
     else:
         damage(path)
     look = verify(root)
-    assert [(each.kind, each.state, each.path) for each in look.found] == [
+    assert [(each.kind, each.state, each.path) for each in look.entries] == [
         (FILES[pattern], "damaged", path)
     ]
-    assert look.found[0].advice
+    assert look.entries[0].advice
 
 
 @pytest.mark.parametrize(
@@ -165,10 +165,10 @@ def test_of_what_repair_does_not_make_the_table_names_the_command(
     path = root / name
     path.parent.mkdir(parents=True, exist_ok=True)
     emptied(path)
-    (told,) = verify(root).found
+    (told,) = verify(root).entries
     assert (told.state, told.advice) == ("damaged", f"run `{command}` again")
     repair(root)
-    assert [one.path for one in verify(root).found] == [path]
+    assert [one.path for one in verify(root).entries] == [path]
 
 
 def test_a_key_with_two_answers_is_told(root: Path) -> None:
@@ -178,7 +178,7 @@ def test_a_key_with_two_answers_is_told(root: Path) -> None:
     assert known is not None
     known.files["videos/part-00001.parquet"] = manifest.entry_of(path)
     manifest.write(root / "clean/youtube" / manifest.NAME, known)
-    (told,) = verify(root).found
+    (told,) = verify(root).entries
     assert "keys are in two of kept, rejected, failed and pending" in told.what
 
 
@@ -202,9 +202,9 @@ def folders(released: Path, tmp_path: Path) -> Path:
 
 def test_a_downloaded_release_is_whole(folders: Path) -> None:
     look = verify(folders)
-    assert look.found == []
+    assert look.entries == []
     assert look.total("whole")[0] == sum(path.is_file() for path in folders.rglob("*"))
-    assert verify(folders / "reddit").found == []
+    assert verify(folders / "reddit").entries == []
 
 
 def _croissant(folder: Path) -> None:
@@ -239,7 +239,7 @@ def test_a_release_that_is_not_what_was_published(folders: Path, name: str) -> N
     change, expected = RELEASES[name]
     change(folders / "reddit")
     for folder in (folders, folders / "reddit"):
-        told: list[VerifyFinding] = verify(folder).found
+        told: list[VerifyFinding] = verify(folder).entries
         assert {(each.state, each.path.name) for each in told} == expected
         assert all(each.advice for each in told)
 
@@ -286,7 +286,7 @@ def test_a_release_without_its_description_gets_it_where_nothing_is_damaged(root
     noted = root / "state/releases/youtube/1.0.0.parquet"
     noted.parent.mkdir(parents=True)
     pq.write_table(pa.table({"table": ["videos"], "key": [b"1"]}), noted)
-    assert verify(root).found == []
+    assert verify(root).entries == []
     said = load(str(locate("verify", None))).repair(run_at(root))[1]
     assert ["kb release" in line for line in said] == [True]
 
@@ -347,7 +347,7 @@ def test_repair_says_which_command_asks_where_no_key_is_there(root: Path) -> Non
     assert any("`kb youtube crawl` has to be run" in line for line in said)
     assert any(f"{path.name}.damaged-" in name.name for name in path.parent.iterdir())
     (path.parent / "notes.txt").write_text("x")
-    told = {(each.state, each.path.name): each.advice for each in verify(root).found}
+    told = {(each.state, each.path.name): each.advice for each in verify(root).entries}
     assert told.keys() == {("missing", "youtube"), ("foreign", "notes.txt")}
     assert "kb youtube crawl" in told["missing", "youtube"]
 

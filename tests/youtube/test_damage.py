@@ -123,7 +123,7 @@ def test_only_a_torn_tail_that_the_state_does_not_know_is_cut(plain: Job, job: J
     opened(path)
     assert job.done("youtube", "crawl")["left"] == 0
     assert segment(job, "transcripts").read_bytes() == whole
-    assert not quarantine.asides(job.root, "youtube")
+    assert not quarantine.quarantined_files(job.root, "youtube")
 
 
 @pytest.mark.parametrize("words", ["refresh youtube --older-than 0", "purge youtube --plan"])

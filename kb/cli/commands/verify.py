@@ -16,7 +16,7 @@ from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.cli.framework.options import Options
-    from kb.verify.findings import Look
+    from kb.verify.findings import Findings
 
 app = group("Find damaged, missing and foreign files in a data root or release.")
 
@@ -67,17 +67,17 @@ def verify(
             hint="download damaged files again, into the same folder",
         )
     room = pipeline(run, "verify")
-    report: Look
+    report: Findings
     repaired: list[str]
     report, repaired = room.repair(run) if repair else (room.verify(run, place), [])
     run.progress.close()
     _print_table(list(report.table()))
-    for one in report.found:
+    for one in report.entries:
         show(with_options(f"{one.state}: {one.path}: {one.what}; {one.advice}"))
     for line in repaired:
         show(with_options(f"repair: {line}"))
     summary = Summary(command="verify", **report.summary(place), repaired=repaired)
-    if report.found:
+    if report.entries:
         counts = ", ".join(
             f"{files:,} {state}"
             for state in ("damaged", "missing", "foreign")

@@ -59,7 +59,7 @@ def import_dumps(
         )
         try:
             summary = import_files(run, job, dumps.files)
-            damaged_answers.asked_again(session.frontier, imported=run.again)
+            damaged_answers.forget_refetched(session.frontier, imported=run.again)
         finally:
             for path in rawlog.segments(run.root, "reddit", KIND):
                 session.frontier.set_offset(KIND, rawlog.base_name(path), path.stat().st_size)

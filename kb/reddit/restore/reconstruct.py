@@ -163,7 +163,7 @@ def rebuild(
     tables.check_place(out)
     with _writer(run.root, out):
         for name in (tables.DONE, MISSING):
-            leftovers.ended(out / name)  # of a killed run
+            leftovers.remove_temporary(out / name)  # of a killed run
         tables.folder_of(out).settle()
         done, work = _load(out), out / f"{WORK}-{digest}"
         if digest in done.answered and not run.again:

@@ -35,7 +35,7 @@ from kb.reddit.parse.tree import depths
 from kb.schema.tables import Table
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.rawlog import rawlog
-from kb.store.tables.shuffle import Shuffle
+from kb.store.tables.partition import Shuffle
 
 TABLES = (RestoredTable("reddit/posts", "t3_"), RestoredTable("reddit/comments", "t1_"))
 DONE = ".done.json"  # which lists of ids were answered, and how many rows the tables have

@@ -29,10 +29,11 @@ Replay = Callable[[Frontier, str, Iterable[bytes]], None]
 DUMPS = "dumps"  # the one raw kind that no crawl can ask for: its files have to be imported again
 _LOST, _SUSPECTS = "lost", "suspects"  # cursors of the frontier
 _PAIRS = list[tuple[str, str]]
+_STORED_AS = {"quarantined_as": "aside", "reported": "told"}  # names in the state's cursor
 _NAMED = 3  # items that a message names
 
 
-class LostRange(msgspec.Struct):
+class LostRange(msgspec.Struct, rename=_STORED_AS):
     """A stretch of a raw segment that is gone, `start` and `end` in bytes of the segment as it was.
 
     `aside` is the name of the file beside it that has the bytes, "" where there are none. `items`
@@ -44,9 +45,9 @@ class LostRange(msgspec.Struct):
     segment: str
     start: int
     end: int
-    aside: str = ""
+    quarantined_as: str = ""
     items: list[tuple[str, str]] | None = None
-    told: bool = False
+    reported: bool = False
 
 
 def suspect(frontier: Frontier, segments: Iterable[tuple[str, str]]) -> None:
@@ -63,19 +64,19 @@ def note(root: Path, source: str, frontier: Frontier, error: DamagedData, hint: 
     """
     base = rawlog.folder(root, source, "").resolve()
     paths = getattr(error, "paths", None) or [getattr(error, "path", None)]
-    found = [
+    damaged = [
         (path.parent.name, rawlog.base_name(path))
         for path in paths
         if path is not None
         and path.parent.parent.resolve() == base
         and quarantine.gaps(path, path.stat().st_size)
     ]
-    if found:
-        suspect(frontier, found)
+    if damaged:
+        suspect(frontier, damaged)
         error.hint = hint
 
 
-def take_out(root: Path, source: str, frontier: Frontier, *, every: bool = False) -> None:
+def quarantine_damage(root: Path, source: str, frontier: Frontier, *, every: bool = False) -> None:
     """Set aside what can't be read, and note what is missing or short.
 
     Reads open segments, those that the state knows in part, suspects, and with `every` all of
@@ -97,7 +98,7 @@ def take_out(root: Path, source: str, frontier: Frontier, *, every: bool = False
                     frontier.set_offset(kind, name, size)
                 committed = size
             if every or not sure or (kind, name) in suspects:
-                take_out_of(path, kind, frontier, committed)
+                quarantine_segment(path, kind, frontier, committed)
     for (kind, name), committed in known.items():
         with frontier.transaction():
             _note(frontier, [LostRange(kind, name, 0, committed)] if committed else [])
@@ -105,7 +106,7 @@ def take_out(root: Path, source: str, frontier: Frontier, *, every: bool = False
     frontier.set_cursor(_SUSPECTS, None)
 
 
-def take_out_of(path: Path, kind: str, frontier: Frontier, committed: int = 0) -> None:
+def quarantine_segment(path: Path, kind: str, frontier: Frontier, committed: int = 0) -> None:
     """Set aside what can't be read of a segment of which the state knows so many bytes.
 
     Raises DiskFull.
@@ -113,17 +114,17 @@ def take_out_of(path: Path, kind: str, frontier: Frontier, committed: int = 0) -
     name = rawlog.base_name(path)
     if not (gaps := quarantine.gaps(path, committed)):
         return
-    named = [(start, end, quarantine.aside_name(path, start, end)) for start, end in gaps]
+    named = [(start, end, quarantine.quarantine_name(path, start, end)) for start, end in gaps]
     with frontier.transaction():
         _note(frontier, [LostRange(kind, name, *stretch) for stretch in named])
         # Killed before the last line, the whole segment is read again, which changes nothing.
         frontier.set_offset(kind, name, 0)
-    quarantine.set_aside(path, named)
-    gone = sum(max(0, min(end, committed) - start) for start, end in gaps)
-    frontier.set_offset(kind, name, max(0, committed - gone))
+    quarantine.move_out(path, named)
+    lost_bytes = sum(max(0, min(end, committed) - start) for start, end in gaps)
+    frontier.set_offset(kind, name, max(0, committed - lost_bytes))
 
 
-def look_up(
+def requeue_lost_items(
     root: Path, source: str, frontier: Frontier, replay: Replay, asked: Collection[str]
 ) -> None:
     """Find out what was in the stretches that are lost, and make it to do again.
@@ -151,9 +152,9 @@ def look_up(
         ]
         with frontier.transaction():
             for kind, key in items:
-                held = rebuilt.get(kind, key)
-                if held is not None and held[1] is not None:
-                    frontier.payload(kind, key, held[1])
+                kept = rebuilt.get(kind, key)
+                if kept is not None and kept[1] is not None:
+                    frontier.payload(kind, key, kept[1])
                 frontier.mark(kind, [key], "todo")
             for lost in losses:
                 if lost.items is None:
@@ -164,26 +165,26 @@ def look_up(
         shutil.rmtree(scratch, ignore_errors=True)
 
 
-def tell(root: Path, source: str, frontier: Frontier) -> None:
+def report(root: Path, source: str, frontier: Frontier) -> None:
     """Raises DamagedData naming what no error has named yet. Call it under the writer's lock."""
     losses = _load(frontier)
-    new = [lost for lost in losses if not lost.told]
+    new = [lost for lost in losses if not lost.reported]
     if not new:
         return
     error = _error(root, source, new)
     for lost in losses:
-        lost.told = True
+        lost.reported = True
     _save(frontier, [lost for lost in losses if lost.items or lost.kind == DUMPS])
     raise error
 
 
-def asked_again(frontier: Frontier, *, imported: bool = False) -> None:
+def forget_refetched(frontier: Frontier, *, imported: bool = False) -> None:
     """Forget what was asked for again since it was lost; `imported`: every dump was read again."""
     losses = _load(frontier)
     left = [
         lost
         for lost in losses
-        if not lost.told or (_open(frontier, lost) and not (imported and lost.kind == DUMPS))
+        if not lost.reported or (_open(frontier, lost) and not (imported and lost.kind == DUMPS))
     ]
     if len(left) < len(losses):
         _save(frontier, left)
@@ -218,7 +219,7 @@ def check(root: Path, source: str) -> None:
         raise _error(root, source, losses)
 
 
-def drop_asides(
+def remove_quarantined(
     root: Path, source: str, frontier: Frontier, keys: Collection[str], exact: Collection[str]
 ) -> int:
     """Remove what was set aside and may hold one of the purged keys; how many files went.
@@ -226,20 +227,20 @@ def drop_asides(
     Nobody can read the bytes. They stay where the state says what they held and none of it is to
     go: in raw kinds (`exact`) that hold one answer a key.
     """
-    known = {lost.aside: lost for lost in _load(frontier) if lost.aside}
-    gone = 0
-    for path in quarantine.asides(root, source):
+    known = {lost.quarantined_as: lost for lost in _load(frontier) if lost.quarantined_as}
+    removed = 0
+    for path in quarantine.quarantined_files(root, source):
         lost = known.get(path.name)
-        held = {key for _, key in lost.items or ()} if lost is not None else set()
-        if path.parent.name not in exact or not held or held & set(keys):
+        lost_keys = {key for _, key in lost.items or ()} if lost is not None else set()
+        if path.parent.name not in exact or not lost_keys or lost_keys & set(keys):
             path.unlink()
-            gone += 1
-    return gone
+            removed += 1
+    return removed
 
 
 def _open(frontier: Frontier, lost: LostRange) -> bool:
     """Whether something of it was not asked for again."""
-    if lost.items is None or not lost.told or lost.kind == DUMPS:
+    if lost.items is None or not lost.reported or lost.kind == DUMPS:
         return True
     return any(
         (frontier.get(kind, key) or ("",))[0] in ("todo", "in_progress") for kind, key in lost.items
@@ -250,9 +251,9 @@ def _error(root: Path, source: str, losses: list[LostRange]) -> DamagedData:
     first = losses[0]
     where = rawlog.folder(root, source, first.kind) / f"{first.segment}{rawlog.SUFFIX}"
     still = where.with_name(f"{where.name}.open")
-    if first.aside or (still.is_file() and still.stat().st_size > first.start):
+    if first.quarantined_as or (still.is_file() and still.stat().st_size > first.start):
         what = f"is damaged: {first.end - first.start:,} bytes at {first.start:,} can't be read"
-        what += f" and were set aside as {first.aside}" if first.aside else ""
+        what += f" and were set aside as {first.quarantined_as}" if first.quarantined_as else ""
     elif first.start:
         what = f"ends at byte {first.start:,}, {first.end - first.start:,} bytes are missing"
     else:
@@ -277,7 +278,9 @@ def _hint(source: str, losses: list[LostRange]) -> str:
 
 def _note(frontier: Frontier, new: list[LostRange]) -> None:
     losses = _load(frontier)
-    known = {(lost.kind, lost.segment, lost.start, lost.end) for lost in losses if not lost.told}
+    known = {
+        (lost.kind, lost.segment, lost.start, lost.end) for lost in losses if not lost.reported
+    }
     fresh = [lost for lost in new if (lost.kind, lost.segment, lost.start, lost.end) not in known]
     if fresh:
         _save(frontier, losses + fresh)

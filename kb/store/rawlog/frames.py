@@ -12,7 +12,7 @@ _WINDOW = 1 << 31
 _CHUNK = 1 << 16  # small, as the rest of a chunk is copied once for each frame in it
 
 
-def whole(file: BinaryIO, at: int) -> Iterator[tuple[int, int, bytes]]:
+def intact_frames(file: BinaryIO, at: int) -> Iterator[tuple[int, int, bytes]]:
     """(start, end, content) of every whole frame from `at` on, whatever lies between them."""
     engine = _engine()
     file.seek(at)
@@ -66,12 +66,12 @@ def _frame(
 def _next_frame(file: BinaryIO, at: int) -> int | None:
     """The offset of the next bytes that may begin a frame, at `at` or behind it."""
     file.seek(at)
-    held = b""
+    buffer = b""
     while chunk := file.read(_CHUNK):
-        held += chunk
-        place = held.find(MAGIC)
+        buffer += chunk
+        place = buffer.find(MAGIC)
         if place >= 0:
             return at + place
-        known = max(0, len(held) - len(MAGIC) + 1)
-        at, held = at + known, held[known:]
+        known = max(0, len(buffer) - len(MAGIC) + 1)
+        at, buffer = at + known, buffer[known:]
     return None

@@ -31,7 +31,7 @@ def gaps(path: Path, committed: int) -> list[tuple[int, int]]:
     return stretches
 
 
-def aside_name(path: Path, start: int, end: int) -> str:
+def quarantine_name(path: Path, start: int, end: int) -> str:
     """The name of the file that gets the damaged bytes of a segment; no reader of raw takes it.
 
     A file that has these bytes already, of a run that was killed, keeps them.
@@ -41,13 +41,13 @@ def aside_name(path: Path, start: int, end: int) -> str:
     with path.open("rb") as file:
         file.seek(start)
         data = file.read(end - start)
-    while (held := path.with_name(name)).exists() and held.read_bytes() != data:
+    while (existing := path.with_name(name)).exists() and existing.read_bytes() != data:
         number += 1
         name = f"{first}-{number}"
     return name
 
 
-def set_aside(path: Path, stretches: Sequence[tuple[int, int, str]]) -> None:
+def move_out(path: Path, stretches: Sequence[tuple[int, int, str]]) -> None:
     """Take stretches (start, end, name of the new file) out of a segment, which is written anew.
 
     Raises DiskFull.
@@ -73,6 +73,6 @@ def copy(file: BinaryIO, fresh: BinaryIO, start: int, end: int) -> None:
         left -= len(chunk)
 
 
-def asides(root: Path, source: str) -> list[Path]:
+def quarantined_files(root: Path, source: str) -> list[Path]:
     """What was set aside of a source's segments."""
     return sorted(Layout(root).raw(source).glob(f"*/*{rawlog.SUFFIX}.damaged-*"))

@@ -26,7 +26,7 @@ from kb.core.errors import DamagedData
 from kb.net import redact
 from kb.store.atomic import full_disk_is_resumable, sync_folder
 from kb.store.layout import Layout
-from kb.store.rawlog.frames import MAGIC, whole
+from kb.store.rawlog.frames import MAGIC, intact_frames
 
 SUFFIX = ".ndjson.zst"
 OPEN = SUFFIX + ".open"
@@ -98,6 +98,18 @@ def decode(line: bytes) -> Envelope:
         raise DamagedData(f"a raw line is not an envelope: {error}") from None
 
 
+def decode_as(decoder: msgspec.json.Decoder[Any], line: bytes) -> Envelope:
+    """Decode a line with the decoder's type for the response, or in full if it does not fit.
+
+    Raises DamagedData for a line that is not an envelope.
+    """
+    try:
+        envelope: Envelope = decoder.decode(line)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        return decode(line)
+    return envelope
+
+
 class Frames:
     """The readable frames of a segment, in order, as (offset behind the frame, line).
 
@@ -121,7 +133,7 @@ class Frames:
     def __iter__(self) -> Iterator[tuple[int, bytes]]:
         at = self.good
         with self.path.open("rb") as file:
-            for start, end, line in whole(file, at):
+            for start, end, line in intact_frames(file, at):
                 if self._checked and not _holds_envelope(file, start, line):
                     continue
                 if start > self.good:
@@ -192,8 +204,8 @@ def segments(root: Path, source: str, kind: str) -> list[Path]:
     base = folder(root, source, kind)
     if not base.is_dir():
         return []
-    found = (path for path in base.iterdir() if path.name.endswith((SUFFIX, OPEN)))
-    return sorted(found, key=base_name)
+    paths = (path for path in base.iterdir() if path.name.endswith((SUFFIX, OPEN)))
+    return sorted(paths, key=base_name)
 
 
 def all_segments(root: Path, source: str) -> list[Path]:

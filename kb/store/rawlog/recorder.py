@@ -9,6 +9,7 @@ and the raw data have lost is (kb.store.rawlog.damaged_answers).
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
@@ -16,9 +17,9 @@ from typing import Any, Self
 
 from kb.core import clock
 from kb.core.errors import DamagedData
+from kb.store.atomic import sync_folder
 from kb.store.rawlog import damaged_answers, rawlog
-from kb.store.rawlog.rawlog import Envelope, Request, Segment
-from kb.store.rawlog.recovery import recover
+from kb.store.rawlog.rawlog import Envelope, Frames, Request, Segment, kinds, segments
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 
@@ -34,7 +35,7 @@ class Recorder:
 
     `asked`: the kinds of items that a crawl asks for. Raw data that are damaged or missing are set
     aside, and what they held becomes to do again: DamagedData (exit 1) names them once. Without
-    `tells` the caller says what was found by `mending.tell`.
+    `tells` the caller reports damage with `damaged_answers.report`.
     """
 
     def __init__(
@@ -53,21 +54,21 @@ class Recorder:
         self._segments: dict[str, Segment] = {}
         self._lock = threading.Lock()
         tombstones.heal(root, source)
-        self._mend(every=False)
+        self._quarantine_damage(every=False)
         if tells:
-            damaged_answers.tell(root, source, frontier)
+            damaged_answers.report(root, source, frontier)
 
-    def look_into_all(self) -> None:
+    def check_all_segments(self) -> None:
         """Set aside what can't be read of segments that nothing was wrong with by the state, and
         look up what it held. The open segments must be closed.
         """
-        self._mend(every=True)
+        self._quarantine_damage(every=True)
 
-    def _mend(self, *, every: bool) -> None:
-        damaged_answers.take_out(self._root, self._source, self._frontier, every=every)
+    def _quarantine_damage(self, *, every: bool) -> None:
+        damaged_answers.quarantine_damage(self._root, self._source, self._frontier, every=every)
         recover(self._root, self._source)
         self._replay()
-        damaged_answers.look_up(
+        damaged_answers.requeue_lost_items(
             self._root, self._source, self._frontier, self._take_in, self._asked
         )
 
@@ -119,7 +120,7 @@ class Recorder:
             for segment in self._segments.values():
                 segment.close()
             self._segments.clear()
-            damaged_answers.asked_again(self._frontier)
+            damaged_answers.forget_refetched(self._frontier)
 
     def __enter__(self) -> Self:
         return self
@@ -141,7 +142,7 @@ class Recorder:
                 except DamagedData as error:
                     if getattr(error, "path", None) != path:
                         raise
-                    damaged_answers.take_out_of(path, kind, self._frontier)
+                    damaged_answers.quarantine_segment(path, kind, self._frontier)
                     self._replay_one(kind, path)
 
     def _replay_one(self, kind: str, path: Path) -> None:
@@ -162,3 +163,28 @@ def _one_by_one(apply: Apply) -> Replay:
             apply(frontier, kind, rawlog.decode(line))
 
     return take_in
+
+
+def recover(root: Path, source: str) -> None:
+    """Cut torn frames off the ends of open segments and close them.
+
+    Called under the writer's lock, before anything is written, and after
+    `kb.store.rawlog.damaged_answers` took out committed answers that can't be read: only bytes
+    that no state knows are cut.
+    """
+    for kind in kinds(root, source):
+        for path in segments(root, source, kind):
+            if not path.name.endswith(".open"):
+                continue
+            frames = Frames(path, mending=True)
+            for _ in frames:
+                pass
+            if frames.torn:
+                with path.open("r+b") as file:
+                    file.truncate(frames.good)
+                    os.fsync(file.fileno())
+            if frames.good == 0:
+                path.unlink()
+            else:
+                os.rename(path, path.with_name(path.name.removesuffix(".open")))
+            sync_folder(path.parent)

@@ -16,10 +16,10 @@ from pathlib import Path
 
 from kb.core.errors import DamagedData
 from kb.store.atomic import sync_folder, write_bytes
-from kb.store.layout import BELOW, Layout
+from kb.store.layout import BELOW, CAPTURED, Layout
 from kb.store.tables.checksums import SUMS, digest, listed, parsed
 
-ASIDE = ".damaged"
+QUARANTINE_SUFFIX = ".damaged"
 _NAMED = re.compile(r"([0-9a-f]{64})\.[a-z0-9]+")
 
 
@@ -44,7 +44,7 @@ def expected(path: Path) -> str | None:
     return named[1] if named else sums(path.parent).get(path.name)
 
 
-def is_whole(path: Path, advance: Callable[[int], None] | None = None) -> bool:
+def is_intact(path: Path, advance: Callable[[int], None] | None = None) -> bool:
     """Whether a file is there and what it was, by what is `expected` of it."""
     if not path.is_file() or not path.stat().st_size:
         return False
@@ -83,7 +83,7 @@ def suspects(root: Path, source: str) -> list[str]:
         for path in sorted(set(noted))
         if Path(path).is_relative_to(BELOW.raw(source))
         and ".." not in path
-        and not is_whole(root / path)
+        and not is_intact(root / path)
     ]
 
 
@@ -92,16 +92,16 @@ def forget(root: Path, source: str) -> None:
     _list(root, source).unlink(missing_ok=True)
 
 
-def set_aside(path: Path) -> None:
+def quarantine_file(path: Path) -> None:
     """Give a damaged file another name, which no reader takes."""
     if path.is_file():
-        os.replace(path, aside(path))
+        os.replace(path, quarantine_path(path))
         sync_folder(path.parent)
 
 
-def aside(path: Path) -> Path:
+def quarantine_path(path: Path) -> Path:
     """The name that a damaged file gets."""
-    return path.with_name(path.name + ASIDE)
+    return path.with_name(path.name + QUARANTINE_SUFFIX)
 
 
 def lost(root: Path, source: str, paths: Collection[Path]) -> DamagedData:
@@ -124,3 +124,18 @@ def lost(root: Path, source: str, paths: Collection[Path]) -> DamagedData:
 
 def _list(root: Path, source: str) -> Path:
     return Layout(root).state_folder(source) / "damaged-files.txt"
+
+
+def is_captured_path(root: Path, path: str) -> bool:
+    """Whether `path`, relative to the data root, resolves to a place in raw/wiki."""
+    return (root / path).resolve().is_relative_to(Layout(root).raw(CAPTURED).resolve())
+
+
+def captured_path(root: Path, path: str) -> Path:
+    """The place of a captured page or image. Raises DamagedData for a path outside raw/wiki."""
+    if not is_captured_path(root, path):
+        raise DamagedData(
+            f"the wiki's data name {path!r}, which is not in {Layout(root).raw(CAPTURED)}",
+            hint="those raw files are not from a crawl: move them away",
+        )
+    return root / path

@@ -43,12 +43,12 @@ def connect(path: Path, *, readonly: bool = False) -> Connection:
             factory=Connection,
         )
     except sqlite3.DatabaseError as error:
-        raise told(error, path) from error
+        raise as_kb_error(error, path) from error
     made.file = path
     return made
 
 
-def told(error: sqlite3.DatabaseError, path: Path) -> Exception:
+def as_kb_error(error: sqlite3.DatabaseError, path: Path) -> Exception:
     """The error of the file at `path` in a user's words; our own mistakes stay what they are."""
     name = getattr(error, "sqlite_errorname", "")
     if isinstance(error, (sqlite3.ProgrammingError, sqlite3.IntegrityError)):
@@ -56,15 +56,15 @@ def told(error: sqlite3.DatabaseError, path: Path) -> Exception:
     if name in SQLITE_FULL:
         return DiskFull(f"no space left to write {path}", hint=FULL_HINT)
     if name.startswith(("SQLITE_BUSY", "SQLITE_LOCKED")):
-        said = f"the state {path} can't be read: {error}"
-        return FatalError(said, hint="another program uses it: try again in a moment")
+        message = f"the state {path} can't be read: {error}"
+        return FatalError(message, hint="another program uses it: try again in a moment")
     if name.startswith(("SQLITE_CANTOPEN", "SQLITE_READONLY", "SQLITE_PERM")):
         why = _not_allowed(path) or str(error)
         hint = "kb needs permission to read and write it and its folder"
         return FatalError(f"the state {path} can't be opened: {why}", hint=hint)
     if name.startswith("SQLITE_IOERR"):
-        said = f"the state {path} can't be read: {error}"
-        return FatalError(said, hint="check the disk, then run the same command again")
+        message = f"the state {path} can't be read: {error}"
+        return FatalError(message, hint="check the disk, then run the same command again")
     return DamagedData(f"the state {path} can't be read: {error}", hint=REBUILT)
 
 
@@ -82,7 +82,7 @@ def _telling(call: Callable[Parameters, Result]) -> Callable[Parameters, Result]
             return call(*arguments, **options)
         except sqlite3.DatabaseError as error:
             at: Any = arguments[0]
-            raise told(error, at.file) from error
+            raise as_kb_error(error, at.file) from error
 
     return checked
 
@@ -105,7 +105,7 @@ class Cursor(sqlite3.Cursor):
         try:
             return super().__next__()
         except sqlite3.DatabaseError as error:
-            raise told(error, self.file) from error
+            raise as_kb_error(error, self.file) from error
 
 
 class Connection(sqlite3.Connection):

@@ -92,12 +92,12 @@ def lift(root: Path, source: str, back: Collection[str], reasons: Collection[str
 def heal(root: Path, source: str) -> None:
     """Make both files hold every tombstone. Call it under the writer's lock. Raises DiskFull."""
     files = _files(root, source)
-    whole = all(place.exists() for place in Layout(root).tombstones(source))
-    if files and (len(files) > 1 or not whole):
+    complete = all(place.exists() for place in Layout(root).tombstones(source))
+    if files and (len(files) > 1 or not complete):
         _write(root, source, _union(files))
 
 
-def _beside(root: Path, source: str) -> list[Path]:
+def _extra_copies(root: Path, source: str) -> list[Path]:
     """Copies that someone put beside the first file under another name (tombstones-b.parquet,
     tombstones.parquet~).
     """
@@ -110,7 +110,7 @@ def _beside(root: Path, source: str) -> list[Path]:
 def _files(root: Path, source: str) -> list[Path]:
     """The files to read: each content once."""
     files: list[Path] = []
-    for file in (*Layout(root).tombstones(source), *_beside(root, source)):
+    for file in (*Layout(root).tombstones(source), *_extra_copies(root, source)):
         if not file.exists():
             continue
         if file.is_dir() or not any(_equal(file, other) for other in files):
@@ -129,11 +129,13 @@ def _load(file: Path) -> pa.Table:
         return rows
     source = file.parent.name
     places = Layout(file.parents[2]).tombstones(source)
-    whole = next((place for place in places if place != file and _read(place)[0] is not None), None)
+    intact = next(
+        (place for place in places if place != file and _read(place)[0] is not None), None
+    )
     raise DamagedData(
         f"{file} can't be read: {why}",
-        hint=f"remove it: {whole} contains the purged keys as well"
-        if whole
+        hint=f"remove it: {intact} contains the purged keys as well"
+        if intact
         else "restore it from a copy: without it, purged content would return",
     )
 
@@ -169,10 +171,10 @@ def _union(files: list[Path]) -> list[dict[str, Any]]:
 
 
 def _write(root: Path, source: str, rows: list[dict[str, Any]]) -> None:
-    whole = pa.Table.from_pylist(rows, table(_TABLE).arrow())
+    rows_table = pa.Table.from_pylist(rows, table(_TABLE).arrow())
     for place in reversed(Layout(root).tombstones(source)):
-        write_table(place, whole, _TABLE)
-    others = _beside(root, source)
+        write_table(place, rows_table, _TABLE)
+    others = _extra_copies(root, source)
     for other in others:
         other.unlink()
     if others:

@@ -86,4 +86,4 @@ def _spill(root: Path | None) -> Path:
 
 def abandoned(folder: Path) -> bool:
     """Whether a folder is what a process spilled that is not there any more."""
-    return folder.name.startswith(f"{SPILL}-") and process.is_gone(folder.name)
+    return folder.name.startswith(f"{SPILL}-") and process.has_ended(folder.name)

@@ -101,12 +101,12 @@ def _is_sorted(path: Path, by: list[str]) -> bool:
     names = [file.schema.column(index).path for index in range(file.num_columns)]
     for index in range(file.num_row_groups):
         marks = file.row_group(index).sorting_columns
-        said = [
+        bounds = [
             names[mark.column_index]
             for mark in marks
             if not mark.descending and not mark.nulls_first
         ]
-        if said[: len(by)] != by:
+        if bounds[: len(by)] != by:
             return False
     return True
 

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import msgspec
 import pyarrow as pa
@@ -23,12 +24,11 @@ from kb.core.errors import DamagedData
 from kb.schema import raw
 from kb.store.rawlog.rawlog import Frames
 from kb.store.tables.latest import duplicates, newest
-from kb.store.tables.shuffle import Shuffle
 
 RAW_BYTES = 8 << 20  # compressed raw data a bucket, about 100,000 rows of small answers
 MOST = 512
 PIECE = 32_768  # rows that are spread at once
-LOOKED_AT = (
+FULLY_SEARCHED = (
     20  # envelopes of a segment that are all searched for unknown keys; then every hundredth
 )
 
@@ -119,12 +119,12 @@ def spread(
 def _lines(frames: Frames, name: str, unknown: Counter[str]) -> Iterator[bytes]:
     known = name in raw.kinds()
     for number, (_, line) in enumerate(frames):
-        if known and (number < LOOKED_AT or number % 100 == 0):
-            _look(line, name, unknown)
+        if known and (number < FULLY_SEARCHED or number % 100 == 0):
+            _count_unknown_keys(line, name, unknown)
         yield line
 
 
-def _look(line: bytes, name: str, unknown: Counter[str]) -> None:
+def _count_unknown_keys(line: bytes, name: str, unknown: Counter[str]) -> None:
     try:
         response = msgspec.json.decode(line).get("response")
     except (ValueError, AttributeError):
@@ -166,7 +166,52 @@ def _read(path: Path, kind: RawKind, wanted: pa.Array[Any] | None) -> pa.Table:
         if wanted is None:
             return file.read_all()
         batches = (file.get_batch(number) for number in range(file.num_record_batches))
-        found = [
+        matching = [
             batch.filter(pc.is_in(batch.column(kind.key[0]), value_set=wanted)) for batch in batches
         ]
-        return pa.Table.from_batches(found, file.schema)
+        return pa.Table.from_batches(matching, file.schema)
+
+
+class Shuffle:
+    """Writes `folder/<bucket>/<name>.arrow` of every bucket that gets rows. A context manager."""
+
+    def __init__(self, folder: Path, name: str, buckets: int) -> None:
+        self._folder, self._name, self._buckets = folder, name, buckets
+        self._writers: dict[int, Any] = {}
+
+    def write(self, rows: pa.Table, keys: pa.ChunkedArray[Any] | None) -> None:
+        """Add rows, each to the bucket of its key; all to the first one without `keys`.
+
+        Rows of one bucket keep their order.
+        """
+        for bucket, part in _split(rows, keys, self._buckets):
+            if bucket not in self._writers:
+                path = self._folder / str(bucket) / f"{self._name}.arrow"
+                path.parent.mkdir(parents=True, exist_ok=True)
+                # Not compressed: what is written and read once costs less as it is, and a reader
+                # maps it into memory.
+                self._writers[bucket] = pa.ipc.new_file(str(path), part.schema)
+            self._writers[bucket].write_table(part)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        for writer in self._writers.values():
+            writer.close()
+
+
+def _split(
+    rows: pa.Table, keys: pa.ChunkedArray[Any] | None, buckets: int
+) -> Iterator[tuple[int, pa.Table]]:
+    if buckets == 1 or keys is None:
+        yield 0, rows
+        return
+    named = pc.fill_null(keys.cast(pa.string()), "None").cast(pa.binary()).to_pylist()
+    numbers = pa.array([zlib.crc32(key) % buckets for key in named], pa.int32())
+    rows = rows.take(pc.sort_indices(numbers))
+    counts = {entry["values"]: entry["counts"] for entry in pc.value_counts(numbers).to_pylist()}
+    start = 0
+    for bucket in sorted(counts):
+        yield bucket, rows.slice(start, counts[bucket])
+        start += counts[bucket]

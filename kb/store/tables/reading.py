@@ -38,8 +38,8 @@ def reading(files: Iterable[Path | str]) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if _a_readers(error) and (found := broken(files)):
-            raise found from error
+        if _a_readers(error) and (damage := broken(files)):
+            raise damage from error
         raise
 
 
@@ -66,12 +66,12 @@ def _other(path: Path) -> str:
     if name not in tables():
         return ""
     with parquet.open_file(path) as file:
-        held = file.schema_arrow
+        stored = file.schema_arrow
     for field in table(name).arrow():
-        if field.name not in held.names:
+        if field.name not in stored.names:
             return f"it has no column {field.name}"
-        if _plain(held.field(field.name).type) != _plain(field.type):
-            return f"its column {field.name} is {held.field(field.name).type}, not {field.type}"
+        if _plain(stored.field(field.name).type) != _plain(field.type):
+            return f"its column {field.name} is {stored.field(field.name).type}, not {field.type}"
     return ""
 
 
@@ -101,16 +101,16 @@ def filtered(root: Path, source: str) -> dict[str, Any]:
     if not path.is_file():
         return {}
     try:
-        said = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
-        said, why = None, str(error)
+        document, why = None, str(error)
     else:
         why = "it is not an object"
-    if not isinstance(said, dict):
+    if not isinstance(document, dict):
         raise DamagedData(
             f"{path} can't be read: {why}", hint=advice(path.parent / "videos" / path.name)
         )
-    return said
+    return document
 
 
 def scan(files: Iterable[Path | str]) -> str:

@@ -30,7 +30,7 @@ def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
     `clean` is the folder of a source, `tables` as in SourceSpec.tables. Tables that are not
     there are left out. Raises DamagedData.
     """
-    found = {}
+    by_table = {}
     verdicts = {verdict: _keys(clean / verdict, tables) for verdict in VERDICTS}
     missing = _keys(clean / "rejected", tables, "missing")
     for name in tables:
@@ -39,13 +39,13 @@ def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
             continue
         kept = rows(clean / name)
         crawled = kept + sum(answers.values())
-        found[name] = {
+        by_table[name] = {
             "crawled": crawled,
             "kept": kept,
             **answers,
             "missing": missing.get(name, 0),
         }
-    return found
+    return by_table
 
 
 def _keys(folder: Path, tables: Mapping[str, str], stage: str = "") -> dict[str, int]:
@@ -80,18 +80,18 @@ def span(
         footer = pq.read_metadata(path)
         names = footer.schema.to_arrow_schema().names
         for group in range(footer.num_row_groups if column in names else 0):
-            said = _statistics(footer.row_group(group), column)
-            if said is not None and said.has_min_max:
-                low, high, count = said.min, said.max, said.num_values
+            statistics = _statistics(footer.row_group(group), column)
+            if statistics is not None and statistics.has_min_max:
+                low, high, count = statistics.min, statistics.max, statistics.num_values
                 before += count if high < limit else 0
                 times += (low, high)
                 if not low < limit <= high:
                     continue
             with parquet.open_file(path) as file:
                 read = file.read_row_group(group, [column])[column].to_pylist()
-            held = [time for time in read if time is not None]
-            times += held
-            before += sum(time < limit for time in held)
+            known = [time for time in read if time is not None]
+            times += known
+            before += sum(time < limit for time in known)
     return min(times, default=None), max(times, default=None), before
 
 

@@ -180,7 +180,7 @@ def reopen_lost(frontier: Frontier, root: Path) -> None:
                 done = {key for key, *_ in frontier.items(kind, "done")}
                 frontier.mark(kind, sorted(keys & done), "todo")
         for path in lost:
-            sidefiles.set_aside(root / path)
+            sidefiles.quarantine_file(root / path)
     sidefiles.forget(root, "wiki")
 
 

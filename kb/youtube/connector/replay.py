@@ -14,7 +14,7 @@ from typing import Any, TypedDict
 import msgspec
 import pyarrow as pa
 
-from kb.store.rawlog import rawlog, typed
+from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier
 from kb.store.tables.latest import newest
@@ -59,13 +59,13 @@ def take_in(reducer: Reducer, frontier: Frontier, kind: str, lines: Iterable[byt
     Raises DamagedData for a line that is no envelope.
     """
     if kind == RAW_TRANSCRIPTS:
-        envelopes: Iterator[Any] = (typed.decode(_transcripts, line) for line in lines)
+        envelopes: Iterator[Any] = (rawlog.decode_as(_transcripts, line) for line in lines)
         while some := list(islice(envelopes, _AT_ONCE)):
             note_transcripts(frontier, some)
         return True
     if kind != RAW_VIDEOS or reducer.wants:
         return False
-    params = (typed.decode(_videos, line).request.params for line in lines)
+    params = (rawlog.decode_as(_videos, line).request.params for line in lines)
     while some := list(islice(params, _AT_ONCE)):
         asked = [key for each in some for key in parse.requested(each)]
         frontier.add(VIDEOS, asked)

@@ -41,8 +41,8 @@ from kb.store.atomic import write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.state import tombstones
 from kb.store.tables import parquet
+from kb.store.tables.partition import Shuffle
 from kb.store.tables.reading import reading
-from kb.store.tables.shuffle import Shuffle
 from kb.youtube.connector.plan import REQUESTS_A_TRANSCRIPT, phases_of_known
 from kb.youtube.connector.source import YouTubeSource
 
@@ -217,7 +217,7 @@ class KnownVideos(YouTubeSource):
 
     def begin(self, opened: Opened) -> None:
         """What was purged elsewhere counts as purged here."""
-        opened.gone.update(self._removed)
+        opened.purged.update(self._removed)
         super().begin(opened)
 
 

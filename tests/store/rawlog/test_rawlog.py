@@ -17,8 +17,7 @@ from kb.core.errors import DamagedData, DiskFull
 from kb.net import redact
 from kb.store.rawlog import quarantine, rawlog
 from kb.store.rawlog.rawlog import Envelope, Frames, Request, Segment
-from kb.store.rawlog.recorder import Recorder
-from kb.store.rawlog.recovery import recover
+from kb.store.rawlog.recorder import Recorder, recover
 from kb.store.state.frontier import Frontier
 
 

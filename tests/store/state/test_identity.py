@@ -101,7 +101,7 @@ from kb.store import lock
 from kb.artifacts import domain_binding
 root = Path(sys.argv[1])
 with lock.writer(root, "youtube"):
-    belonging.note(root, load_profile("minecraft"))
+    domain_binding.note(root, load_profile("minecraft"))
     print("noted", flush=True)
     sys.stdin.read()
 """

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kb.store.tables.latest import duplicates, newest
-from kb.store.tables.shuffle import Shuffle
+from kb.store.tables.partition import Shuffle
 
 TYPES = {"key": pa.string(), "other": pa.int64(), "at": pa.int64(), "n": pa.int64()}
 ROW = st.tuples(
