@@ -146,7 +146,7 @@ class _Future(Future[Any]):
             raise _lost(self._where) from None
 
     def _wait(self, timeout: float | None) -> Any:
-        start = looked = clock.monotonic()
+        start = checked = clock.monotonic()
         alone = stopped = None  # since when there is no worker, since when it was asked to stop
         while True:
             with contextlib.suppress(concurrent.futures.TimeoutError):
@@ -162,9 +162,9 @@ class _Future(Future[Any]):
                 stopped = now if stopped is None else stopped
                 if alone is not None or now - stopped >= HAND_S or not _workers(self._client):
                     signals.stop.check()
-            if now - looked < LOOK_S:
+            if now - checked < LOOK_S:
                 continue
-            looked = now
+            checked = now
             if _workers(self._client):
                 alone = None
             elif alone is None:
@@ -197,7 +197,7 @@ def _hush() -> None:
 
 def _wait_for_workers(client: Any, where: str) -> None:
     start = clock.monotonic()
-    said = False
+    warned = False
     while not _workers(client):
         signals.stop.check()
         spent = clock.monotonic() - start
@@ -205,8 +205,8 @@ def _wait_for_workers(client: Any, where: str) -> None:
             raise _lost(where)
         if spent >= WORKERS_S:
             raise _unreachable(f"the Dask scheduler at {where} has no workers")
-        if spent >= LOOK_S and not said:
-            said = True
+        if spent >= LOOK_S and not warned:
+            warned = True
             _log.warning(
                 "the Dask scheduler at %s has no workers yet; waiting %d s for one",
                 where,

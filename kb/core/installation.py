@@ -116,7 +116,7 @@ def cache_root() -> Path:
 
 
 @contextlib.contextmanager
-def making(folder: Path, whole: Callable[[], bool]) -> Iterator[Path]:
+def making(folder: Path, is_complete: Callable[[], bool]) -> Iterator[Path]:
     """A fresh folder that becomes `folder` when the block ends well.
 
     Several processes may make the same one at once (workers of a cluster): the first one's stays,
@@ -130,7 +130,7 @@ def making(folder: Path, whole: Callable[[], bool]) -> Iterator[Path]:
         try:
             os.rename(fresh, folder)
         except OSError:
-            if not whole():
+            if not is_complete():
                 shutil.rmtree(folder, ignore_errors=True)
                 os.rename(fresh, folder)
     finally:

@@ -41,8 +41,8 @@ class Licence:
 
 
 KNOWN = {
-    spdx: Licence(spdx, said["title"], said["url"], " ".join(said["short"].split()))
-    for spdx, said in tomllib.loads((_TEXTS / "known.toml").read_text(encoding="utf-8")).items()
+    spdx: Licence(spdx, entry["title"], entry["url"], " ".join(entry["short"].split()))
+    for spdx, entry in tomllib.loads((_TEXTS / "known.toml").read_text(encoding="utf-8")).items()
 }
 
 

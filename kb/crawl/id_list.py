@@ -104,11 +104,11 @@ def read_some(path: Path, rules: IdRules, say: Callable[[str], None] | None = No
     """The same for a command that has nothing to do without one. Raises SettingError also when
     there is none.
     """
-    found = read(path, rules, say)
-    if not found.keys:
-        bad = f"; bad lines: {found.bad_lines:,}" if found.bad_lines else ""
+    listed = read(path, rules, say)
+    if not listed.keys:
+        bad = f"; bad lines: {listed.bad_lines:,}" if listed.bad_lines else ""
         raise SettingError(f"{rules.option} {path} contains no {rules.noun}{bad}", hint=rules.hint)
-    return found
+    return listed
 
 
 def entries(path: Path, rules: IdRules, more: Sequence[str] = ()) -> Iterator[ListedId]:
@@ -135,9 +135,9 @@ def files_of(path: Path, rules: IdRules) -> list[Path]:
         if shards := [file for pattern in patterns for file in sorted(path.glob(pattern))]:
             return shards
     if rules.files:
-        found = sorted(path.glob(rules.files))
+        listed = sorted(path.glob(rules.files))
         visible = [
-            one for one in found if not any(p[:1] == "." for p in one.relative_to(path).parts)
+            one for one in listed if not any(p[:1] == "." for p in one.relative_to(path).parts)
         ]
         if visible:
             return visible

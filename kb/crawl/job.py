@@ -1,6 +1,4 @@
-"""A whole run of a source: open its data root, discover, work through the phases,
-tell what was done.
-"""
+"""Runs a source: open its data root, discover, work through the phases, return a summary."""
 
 from __future__ import annotations
 
@@ -30,9 +28,9 @@ def work(
     place: Path | None = None,
     facts: Callable[[Phase], dict[str, object]] | None = None,
 ) -> Summary:
-    """Run `phases` (all of the source's by default) until nothing is left; what was done.
+    """Run `phases` (by default all of the source) until nothing is left. Returns the summary.
 
-    What failed in an earlier run is tried again once. Raises what `Loop.run` and `check_read`
+    Items that failed in an earlier run are retried once. Raises what `Loop.run` and `check_read`
     raise, always with the summary so far on the error.
     """
     with open_session(run, source, place) as session:
@@ -48,7 +46,7 @@ def work(
 
 
 def crawl_source(run: Run, spec: SourceSpec) -> Summary:
-    """Crawl a source that counts no more than what it has read. Raises as `work`."""
+    """Crawl a source that needs no summary of its own. Raises as `work`."""
     source: Source = spec.load(spec.connector)(run)
     kinds = [phase.kind for phase in source.phases]
     counted = [kind for kind, noun in spec.nouns.items() if noun == spec.counted]
@@ -72,10 +70,10 @@ def crawl_source(run: Run, spec: SourceSpec) -> Summary:
 
 
 def check_read(source: Source, loop: Loop) -> None:
-    """Raises NothingRead when the run read nothing of what it counts, because every item of a phase
-    on the way there failed.
+    """Raises NothingRead when a run read none of the items it counts because every item of a
+    phase before them failed.
 
-    Where others were ever read it is no news that items fail again, or can't be read for good.
+    Items that fail again after others were read in earlier runs do not count.
     """
     phases = loop.turns.phases
     counted = {phase.kind for phase in phases if phase.limited}
@@ -89,7 +87,7 @@ def check_read(source: Source, loop: Loop) -> None:
         if not tried.n or unread.total() < tried.n:
             continue
         news = tried.first and tried.failed
-        if not news and loop.turns.answered(phase.lane, phase) is not None:
+        if not news and loop.turns.answered(phase.service, phase) is not None:
             continue
         ((reason, n),) = unread.most_common(1)
         raise NothingRead(
@@ -100,10 +98,10 @@ def check_read(source: Source, loop: Loop) -> None:
 
 
 class Parts:
-    """Jobs of one command: one that is stopped does not keep those after it from running.
+    """Runs the jobs of one command: a stopped job does not prevent the next ones.
 
-    Of their summaries the numbers `added` are added up, the first three also where they are
-    nought, and the `rows` of tables are taken over.
+    Adds up the numbers `added` of their summaries (the first three even if zero) and copies their
+    `rows`.
     """
 
     added = ("requests", "units", "failed", "left", "bad_lines", "truncated_files")
@@ -129,7 +127,7 @@ class Parts:
         self.summary |= {name: done[name] for name in self._rows if name in done}
 
     def finish(self) -> Summary:
-        """What was done by all. Raises the first job's NothingRead or Stopped, with that."""
+        """The summary of all jobs. Raises the first NothingRead or Stopped with that summary."""
         if self._stopped:
             self._stopped[0].summary = self.summary
             raise self._stopped[0]

@@ -1,4 +1,4 @@
-"""What keeps a run from going on: `--limit`, spent quotas, blocks; and when it may again."""
+"""Stops of a run: `--limit`, spent quotas, blocks; which phases they close, and for how long."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from kb.crawl.source import Phase
 
 
 class Limit:
-    """`--limit N`: how many more items may be taken of what it counts.
+    """`--limit N`: how many more items may be taken.
 
     Not thread-safe by itself.
     """
@@ -24,7 +24,7 @@ class Limit:
         return wanted if self._most is None else min(wanted, self._most - self._taken)
 
     def take(self, n: int) -> None:
-        """`n` items are being worked on; negative when some were given back."""
+        """Count `n` items as taken; a negative number returns them."""
         self._taken += n
 
     def reached(self) -> LimitReached:
@@ -33,7 +33,7 @@ class Limit:
 
 
 def upstream(phases: Sequence[Phase], kind: str) -> set[str]:
-    """The kinds whose answers lead to items of `kind`, directly or by way of others."""
+    """The kinds whose answers lead to items of `kind`, directly or indirectly."""
     kinds: set[str] = set()
     waiting = [kind]
     while waiting:
@@ -46,16 +46,16 @@ def upstream(phases: Sequence[Phase], kind: str) -> set[str]:
 
 
 def together(phases: Sequence[Phase], phase: Phase, stop: Stopped) -> set[str]:
-    """The kinds that a stop of one phase closes: its bucket for a quota, else its whole lane."""
+    """The kinds that a stop of one phase closes: its bucket for a quota, otherwise its service."""
     if isinstance(stop, LimitReached):
         return {phase.kind} | upstream(phases, phase.kind)
     if isinstance(stop, QuotaSpent):
         return {each.kind for each in phases if each.bucket == phase.bucket}
-    return {each.kind for each in phases if each.lane == phase.lane}
+    return {each.kind for each in phases if each.service == phase.service}
 
 
 def back_at(stops: Iterable[KbError]) -> datetime | None:
-    """When the first of the stops is over, None when none of them says so."""
+    """When the first of the stops ends; None when none of them has an end."""
     times = []
     for stop in stops:
         if isinstance(stop, QuotaSpent) and stop.reset_at is not None:
@@ -66,7 +66,7 @@ def back_at(stops: Iterable[KbError]) -> datetime | None:
 
 
 def worst(stops: Iterable[KbError]) -> KbError | None:
-    """The stop that the run ends with: an error before what is only put off; then the first."""
+    """The stop that decides the exit code: errors before postponed work, then the first one."""
     return min(stops, key=lambda stop: (stop.exit_code == 3, _is_limit(stop)), default=None)
 
 

@@ -1,12 +1,10 @@
-"""The one loop: phases side by side and one after the other, until nothing is left or something
-stops.
+"""Runs the phases of a source, in parallel per service, until nothing is left or a stop ends it.
 
-    a lane     threads that work on the phases of one service, nearest to a whole item first
-    a stop     (quota spent, blocked, limit) closes what it concerns; the other phases go on
-    an error   that is no stop, a full disk or a signal ends all lanes after the items in hand
+    a service  has its own threads; they prefer the phase that is nearest to a complete item
+    a stop     (quota spent, blocked, limit) closes the phases it concerns; the others go on
+    an error   of another kind, a full disk or a signal ends the run after the current items
 
-What an error means for the items in hand is decided here, by its class, for every source alike;
-whose turn it is, in kb.crawl.turns.
+The class of an error decides what happens to the current items. kb.crawl.turns chooses the items.
 """
 
 from __future__ import annotations
@@ -34,13 +32,13 @@ from kb.crawl.source import Phase
 from kb.crawl.turns import Turn, Turns
 from kb.store.state.frontier import Item
 
-_EVERYTHING = (DiskFull, Interrupted)  # stops that are not one service's matter
+_EVERYTHING = (DiskFull, Interrupted)  # stops that concern every service
 
 
 @dataclass
 class Tried:
-    """What became of a kind's items in a run: how many were asked for, how many of these for the
-    first time; how many failed and how many can't be read for good, by reason.
+    """Results of one kind in a run: items requested, those requested for the first time, and the
+    failed and the permanently unreadable ones by reason.
     """
 
     n: int = 0
@@ -55,8 +53,7 @@ class Tried:
 
 
 class Loop:
-    """One run over the frontier. `answered` counts, by kind, the items that were answered or
-    failed.
+    """One run over the frontier. `answered` counts answered and failed items by kind.
 
     `facts` gives the figures that a phase's progress bar shows beside its count.
     """
@@ -75,33 +72,33 @@ class Loop:
         self._facts = facts or (lambda phase: {})
         self._changed = threading.Condition()
         self._end: BaseException | None = None  # why everything ends
-        self._failures: Counter[str] = Counter()  # in a row, by lane
-        self._up: set[str] = set()  # lanes that had an answer in this run
+        self._failures: Counter[str] = Counter()  # in a row, by service
+        self._up: set[str] = set()  # services that had an answer in this run
         self._doubtful: dict[str, tuple[Phase, Retryable]] = {}  # the last failure of the others
         self._bars: dict[str, Task] = {}
 
     def run(self) -> None:
-        """Work until nothing is left. Raises the reason when something is left that could be done.
+        """Work until nothing is left. Raises the reason when items are left that could be read.
 
-        The first lane works in the caller's thread, which is the one that hears of signals.
+        The first service works in the caller's thread, which receives signals.
         """
         self.turns.begin()
-        lanes = self.turns.lanes()
+        services = self.turns.services()
         threads = [
-            threading.Thread(target=self._work, args=(lane,), name=f"{lane}-{number}")
-            for lane in lanes
-            for number in range(self._threads(lane))
-            if (lane, number) != (lanes[0], 0)
+            threading.Thread(target=self._work, args=(service,), name=f"{service}-{number}")
+            for service in services
+            for number in range(self._threads(service))
+            if (service, number) != (services[0], 0)
         ]
         for thread in threads:
             thread.start()
         try:
-            if lanes:
-                self._work(lanes[0])
+            if services:
+                self._work(services[0])
         finally:
             for thread in threads:
                 thread.join()
-            self._look_at_silent_lanes()
+            self._check_silent_services()
             self.turns.end()
             stopped = self._end is not None or bool(self.turns.stops())
             for bar in self._bars.values():
@@ -112,29 +109,29 @@ class Loop:
         if stop is not None:
             raise stop
 
-    def _look_at_silent_lanes(self) -> None:
-        """A lane that had not one answer and too few failures to tell: is its service down?
+    def _check_silent_services(self) -> None:
+        """Stop for a service that is down but had too few items to show it.
 
-        All has been tried by now, so whatever the service has ever answered may tell.
+        An item that the service answered in an earlier run is requested to find out.
         """
         for phase, failure in self._doubtful.values():
             if self._end is not None or self.turns.stops():
                 return
-            known = self.turns.answered(phase.lane)
+            known = self.turns.answered(phase.service)
             if known is None or not self._answers(*known):
                 self._stop(phase, _down(failure), 0)
 
-    def _threads(self, lane: str) -> int:
-        return max(phase.workers for phase in self.turns.phases if phase.lane == lane)
+    def _threads(self, service: str) -> int:
+        return max(phase.workers for phase in self.turns.phases if phase.service == service)
 
     # -- one thread --------------------------------------------------------------------------------
 
-    def _work(self, lane: str) -> None:
-        """One thread's part of a lane."""
+    def _work(self, service: str) -> None:
+        """Take turns of a service until none is left."""
         try:
             while True:
                 signals.stop.check()
-                turn = self._wait_for_turn(lane)
+                turn = self._wait_for_turn(service)
                 if turn is None:
                     return
                 try:
@@ -149,57 +146,57 @@ class Loop:
             with self._changed:
                 self._changed.notify_all()
 
-    def _wait_for_turn(self, lane: str) -> Turn | None:
-        """The next items of a lane; None when nothing is left for it in this run."""
+    def _wait_for_turn(self, service: str) -> Turn | None:
+        """The next items of a service; None when nothing is left in this run."""
         while True:
             with self._changed:
                 if self._end is not None:
                     return None
-                turn = self.turns.take(lane)
+                turn = self.turns.take(service)
                 if turn is not None:
                     return turn
-                if self.turns.may_come(lane):
+                if self.turns.may_come(service):
                     self._changed.wait(timeout=0.2)
                     signals.stop.check()
                     continue
-                back, why = self.turns.back(lane), self.turns.why(lane)
+                back, why = self.turns.back(service), self.turns.why(service)
                 if back is None:
                     return None
-            self._sleep(lane, back, why)
+            self._sleep(service, back, why)
 
-    def _sleep(self, lane: str, back: datetime, why: Stopped | None) -> None:
-        """Wait until the service answers again, then open what its stop had closed."""
-        said = f"{self.source.name}: waiting until {clock.stamp(back)}"
+    def _sleep(self, service: str, back: datetime, why: Stopped | None) -> None:
+        """Wait until the service accepts requests, then reopen what its stop had closed."""
+        message = f"{self.source.name}: waiting until {clock.stamp(back)}"
         if isinstance(why, Blocked) and why.after is not None:
-            said = f"waiting {why.after:.0f} s: {why}"
-        self.session.run.progress.say(said)
+            message = f"waiting {why.after:.0f} s: {why}"
+        self.session.run.progress.say(message)
         clock.sleep_until(back)
-        self.session.goes_on(lane)
+        self.session.goes_on(service)
         with self._changed:
-            self.turns.reopen(lane)
+            self.turns.reopen(service)
 
-    # -- what became of it -------------------------------------------------------------------------
+    # -- results -----------------------------------------------------------------------------------
 
     def _ask(self, phase: Phase, items: list[Item]) -> None:
-        """Fetch and record items, and look whether the service is down where that failed."""
+        """Fetch and record items. After failures, stop if the service is down."""
         failure = self._fetch(phase, items)
         if failure is None:
             return
         with self._changed:
-            self._failures[phase.lane] += 1
-            doubtful = failure.unreachable or self._failures[phase.lane] >= phase.down
+            self._failures[phase.service] += 1
+            doubtful = failure.unreachable or self._failures[phase.service] >= phase.down
             if doubtful:
-                self._failures[phase.lane] = 0  # other threads go on meanwhile
+                self._failures[phase.service] = 0  # other threads go on meanwhile
         if doubtful and not self._is_up(phase):
             self._stop(phase, _down(failure), 0)
 
     def _is_up(self, phase: Phase) -> bool:
-        """Whether the service answers for an item that did not fail before.
+        """Whether the service answers for an item that has not failed before.
 
-        Best is one that it has answered already: that is asked for again and nothing recorded.
-        Where a service has answered nothing yet, another item has to do.
+        An item that it has answered is requested again without recording the answer. If there is
+        none, another item of the queue is fetched.
         """
-        known = self.turns.answered(phase.lane, phase)
+        known = self.turns.answered(phase.service, phase)
         if known is not None:
             return self._answers(*known)
         with self._changed:
@@ -219,37 +216,37 @@ class Loop:
         return answer is None or answer.failed is None
 
     def _fetch(self, phase: Phase, items: list[Item]) -> Retryable | None:
-        """Fetch and record items; an error by its consequence. The failure, when it was one."""
+        """Fetch and record items and handle errors by class. Returns the failure, if any."""
         failure: Retryable | None = None
-        whole = True
+        complete = True
         try:
             for answer in self.source.fetch(phase, items):
                 self.session.record(answer)
                 if answer.failed is not None:
                     failure = Retryable(answer.failed)
-                whole = whole and answer.whole
+                complete = complete and answer.complete
         except ItemFinal as fact:
             self.frontier.mark(phase.kind, self._unanswered(phase, items), "skipped", fact.reason)
         except Retryable as error:
             failure = error
         except BaseException as error:  # noqa: BLE001  kept as the reason to end
-            # Another item finds out whether a block is over: one may be refused for ever.
+            # Another item tests whether a block is over, as one item may be refused forever.
             refused = isinstance(error, Blocked)
             self.frontier.release(phase.kind, *self._unanswered(phase, items), last=refused)
             self._stop(phase, error, len(items))
             return None
-        self._settle(phase, items, failure, whole)
+        self._settle(phase, items, failure, complete)
         return failure
 
     def _settle(
-        self, phase: Phase, items: list[Item], failure: Retryable | None, whole: bool
+        self, phase: Phase, items: list[Item], failure: Retryable | None, complete: bool
     ) -> None:
-        """Items were answered or failed; a batch that failed is asked for in halves."""
+        """Count answered and failed items; split a failed batch into halves."""
         left = self._unanswered(phase, items)
         if failure is not None and len(left) > 1:
-            again = [item for item in items if item.key in left]
+            retried = [item for item in items if item.key in left]
             with self._changed:
-                self.turns.split(phase, again, failure.reason)
+                self.turns.split(phase, retried, failure.reason)
                 self._changed.notify_all()
             items = [item for item in items if item.key not in left]
         elif left:
@@ -266,13 +263,13 @@ class Loop:
                     why = tried.failed if status == "error" else tried.skipped
                     why[code or status] += 1
             if failure is None:
-                self._failures[phase.lane] = 0
-                self._doubtful.pop(phase.lane, None)
-                self._up.add(phase.lane)
-            elif phase.lane not in self._up:
-                self._doubtful[phase.lane] = phase, failure
-        if failure is None and whole:
-            self.session.let_in(phase.lane)
+                self._failures[phase.service] = 0
+                self._doubtful.pop(phase.service, None)
+                self._up.add(phase.service)
+            elif phase.service not in self._up:
+                self._doubtful[phase.service] = phase, failure
+        if failure is None and complete:
+            self.session.let_in(phase.service)
         self._show(phase, len(items))
 
     def _unanswered(self, phase: Phase, items: list[Item]) -> list[str]:
@@ -280,24 +277,24 @@ class Loop:
         return [key for key, state in states if state is not None and state[0] == "in_progress"]
 
     def _stop(self, phase: Phase, error: BaseException, given_back: int) -> None:
-        """Close what a stop concerns; anything else ends the run."""
+        """Close the phases that a stop concerns; any other error ends the run."""
         with self._changed:
             self.turns.give_back(phase, given_back)
         if not isinstance(error, Stopped) or isinstance(error, _EVERYTHING):
             self._end_all(error)
             return
         if isinstance(error, Blocked):
-            self.session.turned_away(phase.lane)
+            self.session.turned_away(phase.service)
         if isinstance(error, (Blocked, Unreachable)):
-            self.session.ended(phase.lane, error)
+            self.session.ended(phase.service, error)
         with self._changed:
             self.turns.close(phase, error)
             self._changed.notify_all()
 
     def _end_all(self, error: BaseException) -> None:
-        """The run ends: threads finish what they have in hand, or stop waiting for it."""
-        for lane in self.turns.lanes():
-            self.session.ended(lane, error)
+        """End the run: threads finish their current items or stop waiting."""
+        for service in self.turns.services():
+            self.session.ended(service, error)
         with self._changed:
             self._end = self._end or error
             self._changed.notify_all()

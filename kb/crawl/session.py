@@ -1,7 +1,7 @@
 """An open data root of one source: lock, identity, frontier, recorder, tombstones, in this order.
 
-Crawl, refresh, reconstruct, import and purge all begin here, so that each of them waits for the
-same lock, refuses the same foreign roots and has taken in the same raw tail.
+Crawl, refresh, restore, import and purge all begin here, so that each waits for the same lock,
+rejects a data root of another profile and has replayed the same raw tail.
 """
 
 from __future__ import annotations
@@ -24,22 +24,21 @@ from kb.store.rawlog.recorder import Recorder
 from kb.store.state import identity, tombstones
 from kb.store.state.frontier import Frontier
 
-BLOCKED = "blocked:"  # cursor: since when the service turns a lane away
-_STEP_S = 0.5  # how soon a thread that waits hears that its lane has ended
+BLOCKED = "blocked:"  # cursor: when the service blocked us
+_STEP_S = 0.5  # how soon a waiting thread notices that the work on its service has ended
 
 
 @dataclass
 class CrawlSession:
     """What the phases of one run share. Thread-safe.
 
-    `place` is where raw answers and state are: the data root, or a work folder. `gone` are the
-    keys that were purged.
+    `purged` has the keys of purged items.
     """
 
     run: Run
     source: Source
     frontier: Frontier
-    gone: set[str]
+    purged: set[str]
     recorder: Recorder = field(init=False)
     _spent: tuple[int, int] = (0, 0)
     _probing: set[str] = field(default_factory=set)
@@ -47,7 +46,7 @@ class CrawlSession:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def record(self, answer: Answer) -> Envelope:
-        """Keep an answer and its effect. Raises DiskFull and Retryable, with nothing half-kept."""
+        """Record an answer and reduce it, or neither. Raises DiskFull and Retryable."""
         try:
             return self.recorder.record(
                 answer.kind, answer.endpoint, answer.params, answer.status, answer.response
@@ -61,28 +60,28 @@ class CrawlSession:
         requests, units = self.frontier.requests()
         return requests - self._spent[0], units - self._spent[1]
 
-    # -- what ends a lane --------------------------------------------------------------------------
+    # -- ending the work of a service --------------------------------------------------------------
 
-    def ended(self, lane: str, why: BaseException) -> None:
-        """Nothing more is asked of a lane; threads that wait between two tries hear of it."""
+    def ended(self, service: str, why: BaseException) -> None:
+        """End the work on a service; threads that wait between two attempts raise `why`."""
         with self._lock:
-            self._ended.setdefault(lane, why)
+            self._ended.setdefault(service, why)
 
-    def goes_on(self, lane: str) -> None:
-        """The wait that a stop asked for is over."""
+    def goes_on(self, service: str) -> None:
+        """Resume a service after the wait that a stop asked for."""
         with self._lock:
-            self._ended.pop(lane, None)
+            self._ended.pop(service, None)
 
-    def check(self, lane: str) -> None:
-        """Before a request. Raises Blocked when another thread met it."""
-        why = self._ended.get(lane)
+    def check(self, service: str) -> None:
+        """Call before a request. Raises Blocked when another thread was blocked."""
+        why = self._ended.get(service)
         if isinstance(why, Blocked):
             raise why
 
-    def sleep(self, lane: str, seconds: float) -> None:
-        """Between two tries. Raises what has ended the lane meanwhile, and Interrupted."""
+    def sleep(self, service: str, seconds: float) -> None:
+        """Wait between two attempts. Raises what ended the service meanwhile, and Interrupted."""
         while seconds > 0:
-            why = self._ended.get(lane)
+            why = self._ended.get(service)
             if why is not None:
                 raise why
             clock.sleep(min(seconds, _STEP_S))
@@ -90,31 +89,33 @@ class CrawlSession:
 
     # -- after a block -----------------------------------------------------------------------------
 
-    def probing(self, lane: str) -> bool:
-        """Whether one request alone is to find out if the service still turns this lane away.
+    def probing(self, service: str) -> bool:
+        """Whether to send a single request, to find out if the service still blocks us.
 
         Never with --wait, which waits as long as the service asks.
         """
         with self._lock:
-            return lane in self._probing and not self.run.wait
+            return service in self._probing and not self.run.wait
 
-    def turned_away(self, lane: str) -> None:
-        """The service blocks a lane: the next run begins with one request."""
-        self.frontier.set_cursor(BLOCKED + lane, clock.stamp())
+    def turned_away(self, service: str) -> None:
+        """Remember that a service blocked us: the next run begins with a single request."""
+        self.frontier.set_cursor(BLOCKED + service, clock.stamp())
 
-    def let_in(self, lane: str) -> None:
-        """The service answered: nothing needs to be found out any more."""
+    def let_in(self, service: str) -> None:
+        """The service answered: the block is over."""
         with self._lock:
-            if lane not in self._probing:
+            if service not in self._probing:
                 return
-            self._probing.discard(lane)
-        self.frontier.set_cursor(BLOCKED + lane, None)
+            self._probing.discard(service)
+        self.frontier.set_cursor(BLOCKED + service, None)
 
-    def look_up_blocks(self, lanes: set[str]) -> None:
-        """Which lanes the service turned away when they were last asked."""
-        held = {lane for lane in lanes if self.frontier.cursor(BLOCKED + lane) is not None}
+    def look_up_blocks(self, services: set[str]) -> None:
+        """Load which services blocked us in an earlier run."""
+        blocked = {
+            service for service in services if self.frontier.cursor(BLOCKED + service) is not None
+        }
         with self._lock:
-            self._probing = held
+            self._probing = blocked
 
 
 @contextmanager
@@ -146,12 +147,12 @@ def open_session(
             run=run,
             source=source,
             frontier=frontier,
-            gone=tombstones.keys(run.root, source.name),
+            purged=tombstones.keys(run.root, source.name),
             _spent=frontier.requests(),
         )
         source.begin(session)
         stack.callback(source.close)
-        session.look_up_blocks({phase.lane for phase in source.phases})
+        session.look_up_blocks({phase.service for phase in source.phases})
         asked = [phase.kind for phase in source.phases]
         session.recorder = stack.enter_context(
             Recorder(

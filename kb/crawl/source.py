@@ -1,4 +1,4 @@
-"""What a source says of itself, so that the frame can run it."""
+"""The interface of a source: phases, answers, and the methods that a crawl calls."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ class Phase:
     feeds     the kinds that its answers add items to
     batch     how many items one fetch takes at most
     workers   how many fetches may run at once
-    lane      phases of one lane share its threads; lanes run side by side
+    service   phases of one service share its threads; services run in parallel
     bucket    phases of one bucket stop together when its quota is spent
     limited   `--limit` counts these items
-    seeks     at the limit, what feeds it is asked on until one more is there: it may be left out,
-              and without one the run is whole; else nothing more is asked for
-    whole     starts only when all that feeds it is done
-    packed    waits for a full batch while more may come from its own lane
-    down      so many failures one after the other mean that the service is down
+    seeks     at the limit, the phases that feed it continue until one more item is found, to tell
+              a limited run from a complete one; otherwise they stop at the limit too
+    waits     starts only when the phases that feed it are done
+    packed    waits for a full batch while its own service may find more items
+    down      how many failures in a row mean that the service is down
     shown     has a progress bar
     """
 
@@ -41,11 +41,11 @@ class Phase:
     feeds: tuple[str, ...] = ()
     batch: int = 1
     workers: int = 1
-    lane: str = "main"
+    service: str = "main"
     bucket: str = ""
     limited: bool = False
     seeks: bool = False
-    whole: bool = False
+    waits: bool = False
     packed: bool = False
     down: int = 3
     shown: bool = True
@@ -55,9 +55,9 @@ class Phase:
 class Answer:
     """One answer of the service, to be recorded under a raw kind.
 
-    `failed` is the reason when the answer says that the item could not be had this time: it is
-    recorded, and counts as one more failure in a row. `whole`: all that belongs to the item was
-    asked for and answered, so that a block is over.
+    `failed` is the reason when the service could not deliver the item this time: the answer is
+    recorded and counts as a failure. `complete`: everything that belongs to the item was requested
+    and answered, so that a block is over.
     """
 
     kind: str
@@ -66,7 +66,7 @@ class Answer:
     response: Any
     status: int = 200
     failed: str | None = None
-    whole: bool = True
+    complete: bool = True
 
 
 class Opened(Protocol):
@@ -74,27 +74,27 @@ class Opened(Protocol):
 
     run: Run
     frontier: Frontier
-    gone: set[str]
+    purged: set[str]
 
-    def probing(self, lane: str) -> bool:
-        """Whether the first refusal is to end the lane, as the service turned it away before."""
+    def probing(self, service: str) -> bool:
+        """Whether the first refusal ends the work on a service, as it blocked us before."""
         ...
 
-    def check(self, lane: str) -> None:
-        """Before a request. Raises Blocked when another thread met it."""
+    def check(self, service: str) -> None:
+        """Call before a request. Raises Blocked when another thread was blocked."""
         ...
 
-    def sleep(self, lane: str, seconds: float) -> None:
-        """Between two tries. Raises what has ended the lane meanwhile, and Interrupted."""
+    def sleep(self, service: str, seconds: float) -> None:
+        """Wait between two attempts. Raises what ended the service meanwhile, and Interrupted."""
         ...
 
 
 class Source(Protocol):
-    """One source. Its state is its own; the frame calls it from the lanes' threads.
+    """One source. It keeps its own state; the frame calls it from the threads of its services.
 
     name       the folder under raw/, the file under state/
-    phases     of a crawl, in the order of work: what is nearest to a whole item first, unless
-               `whole` says other; what damaged raw data held is asked for again by them
+    phases     of a crawl, in order of priority: nearest to a complete item first; they also request
+               again what damaged raw data contained
     payloads   the type of each kind's payload in the frontier; kinds without payload are left out
     """
 

@@ -1,11 +1,11 @@
-"""Whose turn it is: which items a lane takes next, and what keeps it from taking more.
+"""Chooses the items that the threads of a service work on next, and closes what must not go on.
 
-closed    a kind of which nothing more is asked in this run, and why
-above     the kinds whose answers lead to a kind, directly or by way of others
-halves    parts of batches that failed: each is asked for by itself, so that one item that always
-          fails does not keep those that were asked for with it from being read
+closed    kinds that this run requests no more, and why
+above     the kinds whose answers lead to a kind, directly or indirectly
+halves    halves of failed batches: each is requested by itself, so that one item that always
+          fails does not block the others of its batch
 
-These, and what failed in an earlier run, are taken once more after everything else.
+Halves and items that failed in an earlier run are retried once, after everything else.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Turn = tuple[Phase, list[Item]]
 
 
 class Turns:
-    """What is in hand, closed and left to take of a run's phases.
+    """The items in progress, closed and left of a run's phases.
 
     Not thread-safe by itself: the loop asks under its lock.
     """
@@ -37,59 +37,61 @@ class Turns:
         self._closed: dict[str, Stopped] = {}
         self._halves: defaultdict[str, deque[tuple[list[Item], str]]] = defaultdict(deque)
         self._ends: dict[str, int] = {}
-        self._lanes = {phase.kind: phase.lane for phase in self.phases}
+        self._services = {phase.kind: phase.service for phase in self.phases}
         self._above = {
-            phase.kind: upstream(self.phases, phase.kind) & self._lanes.keys()
+            phase.kind: upstream(self.phases, phase.kind) & self._services.keys()
             for phase in self.phases
         }
 
-    def lanes(self) -> list[str]:
+    def services(self) -> list[str]:
         """In the order of their first phases."""
-        return list(dict.fromkeys(self._lanes.values()))
+        return list(dict.fromkeys(self._services.values()))
 
     def begin(self) -> None:
-        """The run begins: what failed by now is asked for once more, what fails from now on is
-        not, as it goes behind the end of its queue.
+        """Begin the run: what failed before is retried once; what fails from now on is not, as it
+        goes behind the end of its queue.
         """
         self._ends = {phase.kind: self._frontier.last(phase.kind) for phase in self.phases}
 
     def end(self) -> None:
-        """The run is over: what was in progress is to do again."""
+        """End the run: what was in progress goes back to the queue."""
         for kind, halves in self._halves.items():
             self._frontier.release(kind, *(item.key for half, _ in halves for item in half))
         self._halves.clear()
 
     # -- taking ------------------------------------------------------------------------------------
 
-    def take(self, lane: str) -> Turn | None:
-        """The next items of a lane; they are in hand until `done`. None when there are none now."""
-        of_lane = self._of(lane)
-        if self._session.probing(lane) and any(self._in_hand[phase.kind] for phase in of_lane):
+    def take(self, service: str) -> Turn | None:
+        """The next items of a service, in progress until `done`; None when there are none now."""
+        of_service = self._of(service)
+        if self._session.probing(service) and any(
+            self._in_hand[phase.kind] for phase in of_service
+        ):
             return None
         self._close_what_is_limited()
         for failed in (False, True):
-            for phase in of_lane:
+            for phase in of_service:
                 turn = self._take_of(phase, failed) if self._open(phase, failed) else None
                 if turn is not None:
                     return turn
         return None
 
     def split(self, phase: Phase, items: list[Item], reason: str) -> None:
-        """A batch failed: its halves are asked for later; they stay in progress until then."""
+        """Split a failed batch: its halves are requested later and stay in progress until then."""
         middle = (len(items) + 1) // 2
         self._halves[phase.kind] += (items[:middle], reason), (items[middle:], reason)
 
-    def answered(self, lane: str, phase: Phase | None = None) -> tuple[Phase, Item] | None:
-        """An item of a lane, or of one `phase`, that the service has answered; None without one."""
-        for each in self._of(lane) if phase is None else [phase]:
+    def answered(self, service: str, phase: Phase | None = None) -> tuple[Phase, Item] | None:
+        """An item that the service has answered, of one `phase` if given; None without one."""
+        for each in self._of(service) if phase is None else [phase]:
             item = self._frontier.answered(each.kind)
             if item is not None and self._source.leave_out(each, item) is None:
                 return each, item
         return None
 
     def another(self, phase: Phase) -> list[Item]:
-        """One item that did not fail before, from the far end of the queue; none when there is
-        none. It belongs to the turn in hand.
+        """One item that has not failed before, from the far end of the queue, if there is one. It
+        belongs to the current turn.
         """
         while phase.kind not in self._closed and (not phase.limited or self._limit.room(1) > 0):
             items = self._frontier.take(phase.kind, newest=True)
@@ -106,33 +108,33 @@ class Turns:
             halves.append((others, reason))
         return [last]
 
-    def may_come(self, lane: str) -> bool:
-        """Whether a thread of this lane should wait for what is in hand, here or above."""
-        for phase in self._of(lane):
+    def may_come(self, service: str) -> bool:
+        """Whether a thread of this service should wait for items in progress, here or above."""
+        for phase in self._of(service):
             if phase.kind in self._closed:
                 continue
             above = self._above[phase.kind]
             if self._in_hand[phase.kind] or any(map(self._busy, above)):
                 return True
-            elsewhere = [kind for kind in above if self._lanes[kind] != lane]
+            elsewhere = [kind for kind in above if self._services[kind] != service]
             if any(self._sleeps(kind) or self._retries(kind) for kind in elsewhere):
                 return True
         return False
 
     def give_back(self, phase: Phase, n: int) -> None:
-        """`n` items that were taken were not asked for: others may be, below the limit."""
+        """Return `n` items that were taken but not requested to the limit."""
         if phase.limited:
             self._limit.take(-n)
 
     def done(self, phase: Phase) -> None:
-        """What was taken in one turn is in hand no more."""
+        """One turn is finished."""
         self._in_hand[phase.kind] -= 1
 
-    def _of(self, lane: str) -> list[Phase]:
-        return [phase for phase in self.phases if phase.lane == lane]
+    def _of(self, service: str) -> list[Phase]:
+        return [phase for phase in self.phases if phase.service == service]
 
     def _close_what_is_limited(self) -> None:
-        """As many were answered as the limit allows: nothing more is listed for them either."""
+        """Close the phases whose limit is reached, and those that feed them."""
         for phase in self.phases:
             kind = phase.kind
             if not phase.limited or phase.seeks or self._in_hand[kind] or self._halves[kind]:
@@ -141,20 +143,20 @@ class Turns:
                 self.close(phase, self._limit.reached())
 
     def _open(self, phase: Phase, failed: bool) -> bool:
-        """Whether a phase may be worked on now, as far as the others are concerned."""
+        """Whether the other phases allow this one to run now."""
         if phase.kind in self._closed or self._in_hand[phase.kind] >= phase.workers:
             return False
-        waits = phase.whole or failed
-        return not (waits and any(self._busy(kind) for kind in self._above[phase.kind]))
+        must_wait = phase.waits or failed
+        return not (must_wait and any(self._busy(kind) for kind in self._above[phase.kind]))
 
     def _take_of(self, phase: Phase, failed: bool) -> Turn | None:
         """Items of a phase, without those that the source leaves out."""
         while failed and self._halves[phase.kind]:
             half, reason = self._halves[phase.kind].popleft()
-            if self.answered(phase.lane, phase) is not None:
+            if self.answered(phase.service, phase) is not None:
                 self._in_hand[phase.kind] += 1
                 return phase, half
-            # Nothing of this kind was ever answered: it is not one item that spoils the batch.
+            # Nothing of this kind was ever answered, so a single item is not the reason.
             self._frontier.mark(phase.kind, (item.key for item in half), "error", reason)
         ready, take = self._frontier.ready, self._frontier.take
         upto = self._ends[phase.kind] if failed else None
@@ -191,45 +193,45 @@ class Turns:
         return wanted
 
     def _busy(self, kind: str) -> bool:
-        """Whether a phase has items in hand, or some that this run will take."""
+        """Whether a phase has items in progress or items that this run will take."""
         if self._in_hand[kind]:
             return True
         return kind not in self._closed and bool(self._halves[kind] or self._frontier.ready(kind))
 
     def _retries(self, kind: str) -> bool:
-        """Whether what failed in a phase will be asked for once more in this run."""
+        """Whether this run will retry failed items of a phase."""
         upto = self._ends[kind]
         return kind not in self._closed and bool(self._frontier.ready(kind, failed_upto=upto))
 
     def _more(self, phase: Phase) -> bool:
-        """Whether the phase's own lane can be asked for more of its items first."""
-        own = {one.kind for one in self._of(phase.lane)}
+        """Whether the phase's own service may find more of its items first."""
+        own = {one.kind for one in self._of(phase.service)}
         return any(self._busy(kind) for kind in self._above[phase.kind] & own)
 
     def _sleeps(self, kind: str) -> bool:
-        """Whether a phase was stopped and its lane waits until it may go on."""
+        """Whether a phase was stopped and its service waits to resume."""
         stop = self._closed.get(kind)
         if not self._session.run.wait or not isinstance(stop, (QuotaSpent, Blocked)):
             return False
         return back_at([stop]) is not None and bool(self._frontier.waiting(kind))
 
-    # -- what keeps it -----------------------------------------------------------------------------
+    # -- closing and reopening ---------------------------------------------------------------------
 
     def close(self, phase: Phase, stop: Stopped) -> None:
-        """Nothing more is asked of what a stop concerns; an earlier reason stays."""
+        """Close the phases that a stop concerns; an earlier reason stays."""
         for kind in together(self.phases, phase, stop):
             self._closed.setdefault(kind, stop)
 
-    def reopen(self, lane: str) -> None:
-        """A wait is over: what a spent quota or a block had closed goes on."""
-        for phase in self._of(lane):
+    def reopen(self, service: str) -> None:
+        """Reopen after a wait what a spent quota or a block had closed."""
+        for phase in self._of(service):
             if isinstance(self._closed.get(phase.kind), (QuotaSpent, Blocked)):
                 del self._closed[phase.kind]
 
     def stops(self) -> list[Stopped]:
-        """Why something is left. A limit that took all there was is no reason.
+        """Why something is left. A limit that left nothing over does not count.
 
-        Of a service that is down nothing may wait any more: the last items have failed.
+        A service that is down may have nothing waiting any more: its last items have failed.
         """
         return [
             stop
@@ -237,18 +239,18 @@ class Turns:
             if self._frontier.waiting(kind) or isinstance(stop, Unreachable)
         ]
 
-    def why(self, lane: str) -> Stopped | None:
-        """What has stopped a lane first."""
-        closed = (self._closed.get(phase.kind) for phase in self._of(lane))
+    def why(self, service: str) -> Stopped | None:
+        """The first stop of a service."""
+        closed = (self._closed.get(phase.kind) for phase in self._of(service))
         return next(filter(None, closed), None)
 
-    def back(self, lane: str) -> datetime | None:
-        """With --wait: when a lane that was stopped may go on; None when it may not."""
+    def back(self, service: str) -> datetime | None:
+        """With --wait: when a stopped service may resume; None when it may not."""
         if not self._session.run.wait:
             return None
         stops = [
             stop
             for kind, stop in self._closed.items()
-            if self._lanes[kind] == lane and self._frontier.waiting(kind)
+            if self._services[kind] == service and self._frontier.waiting(kind)
         ]
         return back_at(stop for stop in stops if not isinstance(stop, LimitReached))

@@ -29,6 +29,7 @@ from urllib.parse import quote, unquote, urlsplit
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export.rows import Row, check_rows, sorted_rows
+from kb.schema.nesting import ancestors
 from kb.store.atomic import replacing_folder
 from kb.store.layout import CAPTURED, Layout
 from kb.store.rawlog import sidefiles
@@ -197,8 +198,9 @@ def _data(
 
 
 def own_texts(elements: list[Row]) -> list[Row]:
-    """Shown text elements that are in no table, and whose words no text around them holds."""
+    """Shown text elements that are in no table, and whose words no text around them contains."""
     every = {row["element_id"]: row for row in elements}
+    parents = {key: row["parent_id"] for key, row in every.items()}
     words = {
         key: _words(row["text"])
         for key, row in every.items()
@@ -208,19 +210,10 @@ def own_texts(elements: list[Row]) -> list[Row]:
         every[key]
         for key, text in words.items()
         if not any(
-            above["kind"] in ("table", "cell") or text in words.get(above["element_id"], "")
-            for above in _around(every[key], every)
+            every[above]["kind"] in ("table", "cell") or text in words.get(above, "")
+            for above in ancestors(key, parents)
         )
     ]
-
-
-def _around(row: Row, every: dict[int, Row]) -> Iterator[Row]:
-    """The elements around one, the nearest first."""
-    passed = {row["element_id"]}
-    while (parent := row["parent_id"]) in every and parent not in passed:
-        passed.add(parent)
-        row = every[parent]
-        yield row
 
 
 def _words(text: str) -> str:

@@ -20,12 +20,12 @@ from kb.core.sources import SPECS
 from kb.pairs import transcripts
 from kb.pairs.transcript_batch import Text
 from kb.schema import table
+from kb.schema.nesting import is_outermost
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
 
 _ROWS = 8192  # rows that are read at once
 _BYTES = 8 << 20  # of texts that are looked through at once
-_HELD = ("text", "cell", "table")  # elements in which a text may stand
 
 
 class TextPart(NamedTuple):
@@ -72,7 +72,7 @@ def visible_text(path: Path) -> Iterator[TextPart]:
     rows = parquet.read_table(path, columns=names)
     rows = rows.sort_by([("page_id", "ascending"), ("reading_order", "ascending")])
     pages, page = np.unique(rows["page_id"].to_numpy(), return_inverse=True)
-    taken = np.flatnonzero(tops(rows, page))
+    taken = np.asarray(_outermost(rows), np.int64)
     texts = _one(rows["text"]).take(pa.array(taken))
     keys = pa.array(pages).cast(pa.string())
     yield from in_pieces("page", keys, page[taken], texts)
@@ -81,32 +81,20 @@ def visible_text(path: Path) -> Iterator[TextPart]:
 _TEXTS = {f"{name}/{one.table}": (spec, one) for name, spec in SPECS.items() for one in spec.texts}
 
 
-def tops(rows: pa.Table, page: np.ndarray) -> np.ndarray:
-    """Which elements' texts are a page's visible text with every word once, as `word_count` takes
-    them: visible texts and cells in no other one of the same table. `page`: each row's page, as a
-    number.
-    """
-    element = np.asarray(rows["element_id"].to_numpy()).astype(np.int64)
-    above = np.asarray(pc.fill_null(rows["parent_id"], -1).to_numpy()).astype(np.int64)
-    kinds = pc.index_in(rows["kind"].cast(pa.string()), pa.array(_HELD)).fill_null(-1).to_numpy()
-    span = int(max(element.max(initial=0), above.max(initial=0))) + 2
-    place = page * span + element
-    order = np.argsort(place, kind="stable")
-    wanted = page * span + above
-    at = np.minimum(np.searchsorted(place[order], wanted), max(len(order) - 1, 0))
-    row = order[at] if len(order) else order
-    parent = np.where((above >= 0) & (place[row] == wanted), row, -1)
-    up = parent.copy()
-    for _ in range(len(up)):  # pictures and the like between a text and what holds it
-        over = (up >= 0) & (kinds[up] < 0)
-        if not over.any():
-            break
-        up[over] = parent[up[over]]
-    shown = rows["visible"].to_numpy() & np.asarray(pc.is_valid(rows["text"]).to_numpy())
-    words = (kinds == _HELD.index("text")) | (kinds == _HELD.index("cell"))
-    alone = (up < 0) | (kinds[up] == _HELD.index("table"))
-    chosen: np.ndarray = words & shown.astype(bool) & alone
-    return chosen
+def _outermost(rows: pa.Table) -> list[int]:
+    """The rows whose texts are the visible text of their page with every word once."""
+    pages, elements, above = (
+        rows[name].to_pylist() for name in ("page_id", "element_id", "parent_id")
+    )
+    keys = list(zip(pages, elements, strict=True))
+    parents = {key: (key[0], parent) for key, parent in zip(keys, above, strict=True)}
+    kinds = dict(zip(keys, rows["kind"].to_pylist(), strict=True))
+    shown = pc.and_(rows["visible"], pc.is_valid(rows["text"])).to_pylist()
+    return [
+        row
+        for row, key in enumerate(keys)
+        if shown[row] and kinds[key] in ("text", "cell") and is_outermost(key, parents, kinds)
+    ]
 
 
 def _batches(path: Path, columns: list[str]) -> Iterator[pa.Table]:

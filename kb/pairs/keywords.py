@@ -90,7 +90,7 @@ def load(profile: Profile) -> Keywords:
     listed = [
         one
         for name in section.keyword_files
-        for one in read(profile.beside(name), section.near_words)
+        for one in read(profile.resolve_file(name), section.near_words)
     ]
     listed += [Keyword(" ".join(text.split()), "phrase") for text in section.include]
     return make(listed, section.exclude, f"profile {profile.path}")

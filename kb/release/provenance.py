@@ -115,7 +115,7 @@ def _file(profile: Profile) -> str:
 
 def _read(profile: Profile, name: str) -> str:
     try:
-        text = profile.beside(name).read_text(encoding="utf-8-sig")
+        text = profile.resolve_file(name).read_text(encoding="utf-8-sig")
     except OSError as error:
         raise ProfileError(f"the keyword list {name} can't be read: {error.strerror}") from None
     return text if text.endswith("\n") else text + "\n"

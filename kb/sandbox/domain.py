@@ -69,7 +69,7 @@ class Domain:
 
 def domain_of(profile: Profile) -> Domain:
     """The domain of a profile. Raises ProfileError for a keyword list that can't be read."""
-    choice = _choice(profile.beside(OWN))
+    choice = _choice(profile.resolve_file(OWN))
     youtube, reddit = profile.youtube, profile.reddit
     topic = tuple(youtube.words) if youtube else (profile.title,)
     listed = keywords.load(profile).every if profile.pairs else ()

@@ -81,9 +81,9 @@ def integers(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array[Any], B
 
     try:
         if "integer" in allowed and not set(map(type, values)) - {int, NoneType}:
-            whole = pa.array(values, pa.int64())
-            if (pc.min(whole).as_py() or 0) >= 0:
-                return whole, []
+            integers = pa.array(values, pa.int64())
+            if (pc.min(integers).as_py() or 0) >= 0:
+                return integers, []
         if "string" not in allowed:
             raise pa.ArrowTypeError
         column = pa.array(values, pa.string())

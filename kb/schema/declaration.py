@@ -57,14 +57,14 @@ _COLUMN_KEYS = {
 
 def blocks(data: dict[str, Any], what: str) -> list[dict[str, Any]]:
     """The `[[column]]` or `[[input]]` blocks, one for each word of `each`."""
-    found: list[dict[str, Any]] = []
+    problems: list[dict[str, Any]] = []
     for block in data.get(what, []):
         for word in block.get("each", [None]):
             fill = {k: _filled(v, word) if word else v for k, v in block.items() if k != "each"}
             if fill.get("values") == ["<source>"]:
                 fill["values"] = list(SOURCES)
-            found.append(fill)
-    return found
+            problems.append(fill)
+    return problems
 
 
 def _filled(value: Any, word: str) -> Any:

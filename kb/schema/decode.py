@@ -156,7 +156,7 @@ class ColumnReader:
         """The columns of some answers."""
         records = list(chain.from_iterable(answer.records for answer in answers))
         data: dict[str, pa.Array[Any]] = {}
-        found: dict[int, list[tuple[str, str, str | None]]] = {}
+        bad_cells: dict[int, list[tuple[str, str, str | None]]] = {}
         for number, (column, schema) in enumerate(zip(self.columns, self._schemas, strict=True)):
             values = list(map(self._take[number], records))
             if self._verbatim[number]:
@@ -164,9 +164,9 @@ class ColumnReader:
                 continue
             array, bad = coerce(values, column.parsed, schema, clean=True)  # answer() saw to it
             for row, text in bad:
-                found.setdefault(row, []).append((column.name, "malformed", text))
+                bad_cells.setdefault(row, []).append((column.name, "malformed", text))
             if self._note_absent and not column.nullable and array.null_count > len(bad):
-                _note_absent(array, column.name, found)
+                _note_absent(array, column.name, bad_cells)
             data[column.name] = array
         moments, _ = times([answer.fetched_at for answer in answers])
         spread = pa.array(
@@ -174,7 +174,7 @@ class ColumnReader:
             pa.int32(),
         )
         data["fetched_at"] = moments.take(spread)
-        data["problems"] = problems(found, len(records))
+        data["problems"] = problems(bad_cells, len(records))
         return pa.table(data)
 
 
@@ -194,12 +194,12 @@ def problems(entries: dict[int, list[tuple[str, str, str | None]]], size: int) -
 
 
 def _note_absent(
-    array: pa.Array[Any], name: str, found: dict[int, list[tuple[str, str, str | None]]]
+    array: pa.Array[Any], name: str, bad_cells: dict[int, list[tuple[str, str, str | None]]]
 ) -> None:
     rows: list[int] = pc.indices_nonzero(pc.is_null(array)).to_pylist()
     for row in rows:
-        if not any(column == name for column, _, _ in found.get(row, ())):
-            found.setdefault(row, []).append((name, "absent", None))
+        if not any(column == name for column, _, _ in bad_cells.get(row, ())):
+            bad_cells.setdefault(row, []).append((name, "absent", None))
 
 
 def _is_records(column: Column) -> bool:

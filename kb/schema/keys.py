@@ -35,7 +35,7 @@ from kb.core.errors import SchemaMismatch
 from kb.schema.raw import kinds, raw
 
 Params = dict[str, Any]
-Gone = Mapping[str, Collection[str]]  # by `of`; "" has the keys
+RemovedNames = Mapping[str, Collection[str]]  # by `of`; "" has the keys
 
 
 class KeyLocation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -46,7 +46,7 @@ class KeyLocation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     prefix: str = ""
     split: str | None = None
     stays: bool = False
-    beside: KeyLocation | None = None
+    parallel: KeyLocation | None = msgspec.field(default=None, name="beside")
 
     def text(self, value: Any) -> str | None:
         """The name that `value` makes at this place; None when it is neither text nor a number."""
@@ -54,9 +54,9 @@ class KeyLocation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
             return None
         return f"{self.prefix}{value}"
 
-    def has(self, value: Any, gone: Gone) -> bool:
+    def has(self, value: Any, removed: RemovedNames) -> bool:
         """Whether `value`, which stands here, is one of the names that go."""
-        return self.text(value) in gone.get(self.of, ())
+        return self.text(value) in removed.get(self.of, ())
 
 
 class Entries(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -79,7 +79,7 @@ class Renamed(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 class KeyDeclaration(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """What `x-keys` says of one raw kind."""
 
-    whole: tuple[KeyLocation, ...] = ()
+    subject: tuple[KeyLocation, ...] = msgspec.field(default=(), name="whole")
     request: tuple[KeyLocation, ...] = ()
     entries: tuple[Entries, ...] = ()
     renamed: Renamed | None = None
@@ -105,13 +105,13 @@ def fields(kind: str) -> frozenset[str]:
         return frozenset()
     declared = keys_of(kind)
     places = [
-        *declared.whole,
+        *declared.subject,
         *declared.request,
         *(place for each in declared.entries for place in each.keys),
     ]
     names = frozenset(place.at.rpartition(".")[2] for place in places)
     plain = all(
-        not place.of and not place.prefix and place.split in (None, ",") and place.beside is None
+        not place.of and not place.prefix and place.split in (None, ",") and place.parallel is None
         for place in places
     )
     if declared.renamed is not None or not plain or any(map(str.isdigit, names)):
@@ -119,83 +119,89 @@ def fields(kind: str) -> frozenset[str]:
     return names
 
 
-def without(kind: str, params: Params, response: Any, gone: Gone) -> tuple[Params, Any] | None:
-    """A request and its answer without the names `gone`; None when nothing is left of them.
+def without(
+    kind: str, params: Params, response: Any, removed: RemovedNames
+) -> tuple[Params, Any] | None:
+    """A request and its answer without the names `removed`; None when nothing is left of them.
 
     What holds none of the names comes back as the same objects.
     """
     declared = keys_of(kind)
-    if any(place.has(_at(response, place.at), gone) for place in declared.whole):
+    if any(place.has(_at(response, place.at), removed) for place in declared.subject):
         return None
-    gone = _with_other_names(declared, response, gone)
-    left = asked(kind, params, gone)
+    removed = _with_other_names(declared, response, removed)
+    left = asked(kind, params, removed)
     if left is None:
         return None
     for each in declared.entries:
-        response = _without(response, each.at, partial(_goes, places=each.keys, gone=gone))
+        response = _without(response, each.at, partial(_goes, places=each.keys, removed=removed))
     if (renamed := declared.renamed) is not None:
-        names = gone.get(renamed.of, ())
+        names = removed.get(renamed.of, ())
         response = _without(
             response, renamed.at, lambda change: not _forms(change).isdisjoint(names)
         )
     return left, response
 
 
-def asked(kind: str, params: Params, gone: Gone) -> Params | None:
+def asked(kind: str, params: Params, removed: RemovedNames) -> Params | None:
     """What was asked, without the names; None when it asked for nothing else."""
     for place in keys_of(kind).request:
-        fewer = _without_asked(params, place, gone)
+        fewer = _without_asked(params, place, removed)
         if fewer is None:
             return None
         params = fewer
     return params
 
 
-def _without_asked(params: Params, place: KeyLocation, gone: Gone) -> Params | None:
-    said = params.get(place.at)
-    if not said:
+def _without_asked(params: Params, place: KeyLocation, removed: RemovedNames) -> Params | None:
+    value = params.get(place.at)
+    if not value:
         return params
     if place.split is None:
-        if not place.has(said, gone):
+        if not place.has(value, removed):
             return params
         return {**params, place.at: ""} if place.stays else None
-    listed = said.split(place.split) if isinstance(said, str) else list(said)
-    others = (params.get(place.beside.at) or []) if place.beside else []
+    listed = value.split(place.split) if isinstance(value, str) else list(value)
+    others = (params.get(place.parallel.at) or []) if place.parallel else []
     kept = [
         number
         for number, name in enumerate(listed)
-        if not place.has(name, gone)
-        and not (place.beside and number < len(others) and place.beside.has(others[number], gone))
+        if not place.has(name, removed)
+        and not (
+            place.parallel and number < len(others) and place.parallel.has(others[number], removed)
+        )
     ]
     if len(kept) == len(listed):
         return params
     if not kept and not place.stays:
         return None
     left = [listed[number] for number in kept]
-    fewer = {**params, place.at: place.split.join(left) if isinstance(said, str) else left}
-    if place.beside and others:
-        fewer[place.beside.at] = [others[number] for number in kept if number < len(others)]
+    fewer = {**params, place.at: place.split.join(left) if isinstance(value, str) else left}
+    if place.parallel and others:
+        fewer[place.parallel.at] = [others[number] for number in kept if number < len(others)]
     return fewer
 
 
-def _with_other_names(declared: KeyDeclaration, response: Any, gone: Gone) -> Gone:
+def _with_other_names(
+    declared: KeyDeclaration, response: Any, removed: RemovedNames
+) -> RemovedNames:
     """The names that go, with the other names that this answer gives to the same things."""
     others: dict[str, set[str]] = {}
     for each in declared.entries:
         for entry in _listed(response, each.at) if len(each.keys) > 1 else []:
-            if _goes(entry, each.keys, gone):
+            if _goes(entry, each.keys, removed):
                 for place in each.keys:
                     if name := place.text(_at(entry, place.at)):
                         others.setdefault(place.of, set()).add(name)
     if (renamed := declared.renamed) is not None:
-        names = {*gone.get(renamed.of, ()), *others.get(renamed.of, ())}
+        names = {*removed.get(renamed.of, ()), *others.get(renamed.of, ())}
         for change in _listed(response, renamed.at):
             forms = _forms(change)
             if not names.isdisjoint(forms):
                 others.setdefault(renamed.of, set()).update(forms)
     if not others:
-        return gone
-    return {of: {*gone.get(of, ()), *others.get(of, ())} for of in {*gone, *others}}
+        return removed
+    return {of: {*removed.get(of, ()), *others.get(of, ())} for of in {*removed, *others}}
 
 
 def _forms(change: Any) -> set[str]:
@@ -206,8 +212,8 @@ def _forms(change: Any) -> set[str]:
     return {unquote(before) if change.get("fromencoded") else before, after}
 
 
-def _goes(entry: Any, places: Iterable[KeyLocation], gone: Gone) -> bool:
-    return any(place.has(_at(entry, place.at), gone) for place in places)
+def _goes(entry: Any, places: Iterable[KeyLocation], removed: RemovedNames) -> bool:
+    return any(place.has(_at(entry, place.at), removed) for place in places)
 
 
 def _listed(response: Any, at: str) -> list[Any]:

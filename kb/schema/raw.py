@@ -44,14 +44,14 @@ def _read(path: Path) -> dict[str, Any]:
     return schema
 
 
-def _resolved(node: Any, beside: Path) -> Any:
+def _resolved(node: Any, folder: Path) -> Any:
     if isinstance(node, list):
-        return [_resolved(item, beside) for item in node]
+        return [_resolved(item, folder) for item in node]
     if not isinstance(node, dict):
         return node
-    made = {key: _resolved(value, beside) for key, value in node.items() if key != "$ref"}
+    made = {key: _resolved(value, folder) for key, value in node.items() if key != "$ref"}
     if isinstance(node.get("$ref"), str):
-        base = beside.parent if beside.name == "parts" else beside
+        base = folder.parent if folder.name == "parts" else folder
         made = _read(base / node["$ref"]) | made
     return made
 
@@ -77,8 +77,8 @@ def at(kind: str, path: str) -> dict[str, Any] | None:
 
 def types(schema: dict[str, Any]) -> set[str]:
     """The JSON types that a sub-schema allows; an empty set allows all."""
-    said = schema.get("type", [])
-    return {said} if isinstance(said, str) else set(said)
+    allowed = schema.get("type", [])
+    return {allowed} if isinstance(allowed, str) else set(allowed)
 
 
 def unknown_keys(kind: str, response: Any) -> Counter[str]:

@@ -35,10 +35,10 @@ def verbatim(value: Any) -> msgspec.Raw:
 
 def texts(values: Sequence[msgspec.Raw]) -> pa.Array[Any]:
     """JSON texts as a column. Raises DamagedData where one is no JSON, as its bytes are no text."""
-    whole = b"".join(values)
+    joined = b"".join(values)
     sizes = (memoryview(value).nbytes for value in values)
     offsets = pa.py_buffer(array("i", accumulate(sizes, initial=0)))
-    column = pa.StringArray.from_buffers(len(values), offsets, pa.py_buffer(whole))
+    column = pa.StringArray.from_buffers(len(values), offsets, pa.py_buffer(joined))
     try:
         column.validate(full=True)
     except pa.ArrowInvalid:
@@ -66,13 +66,13 @@ def records(column: pa.Array[Any], kind: Type) -> tuple[pa.Array[Any], Bad]:
         try:
             if _NUL in text:
                 raise msgspec.DecodeError
-            found = decode(text)
+            rows = decode(text)
         except msgspec.DecodeError:
-            found, told = _careful(text, kind)
-            bad += [(row, value) for value in told]
-        sizes.append(None if found is None else len(found))
-        if found:
-            made.add(found)
+            rows, problems = _careful(text, kind)
+            bad += [(row, value) for value in problems]
+        sizes.append(None if rows is None else len(rows))
+        if rows:
+            made.add(rows)
     ends = list(accumulate((size or 0 for size in sizes), initial=0))
     absent = pa.array([size is None for size in sizes], pa.bool_()) if None in sizes else None
     offsets = pa.array(ends, pa.int32())
@@ -151,7 +151,7 @@ def _each(column: pa.Array[Any]) -> Iterator[bytes]:
     if offsets is None or not len(column):
         return
     ends = memoryview(offsets).cast("i")[column.offset : column.offset + len(column) + 1]
-    whole = memoryview(data if data is not None else b"")
+    content = memoryview(data if data is not None else b"")
     there = column.is_valid().to_pylist()
     for row, is_there in enumerate(there):
-        yield bytes(whole[ends[row] : ends[row + 1]]) if is_there else b"null"
+        yield bytes(content[ends[row] : ends[row + 1]]) if is_there else b"null"

@@ -113,14 +113,14 @@ def _arrow(declared: Table, released: bool) -> pa.Schema:
 def tables() -> dict[str, Table]:
     """Every declared table by name, in the order of their names."""
     root = folder("schemas") / "tables"
-    found = {}
+    tables_by_name = {}
     for path in sorted(root.glob("*/*.toml")):
         declared = load_table(path)
         expected = f"{path.parent.name}/{path.stem}"
         if declared.name != expected:
             raise SchemaMismatch(f"{path}: `name` is {declared.name!r}, its path says {expected!r}")
-        found[declared.name] = declared
-    return found
+        tables_by_name[declared.name] = declared
+    return tables_by_name
 
 
 def table(name: str) -> Table:

@@ -164,7 +164,7 @@ def _vocabulary() -> tuple[Any, Any, list[str]]:
     profile = load_profile("minecraft")
     phrases = []
     for name in profile.section("pairs").keyword_files:
-        with profile.beside(name).open(encoding="utf-8") as file:
+        with profile.resolve_file(name).open(encoding="utf-8") as file:
             lines = (line for line in file if not line.startswith("#"))
             phrases += [row["keyword"].lower() for row in csv.DictReader(lines, delimiter="\t")]
     taken = {word for phrase in phrases for word in phrase.split()}

@@ -139,7 +139,7 @@ def test_thresholds_change_in_the_demos_root_without_another_word(
     monkeypatch.delenv("KB_TOXICITY_MODEL", raising=False)
     root, given = tmp_path / "demo", tmp_path / "profile"
     shutil.copytree(cooking, root)
-    shutil.copytree(load_profile("cooking").beside("."), given)
+    shutil.copytree(load_profile("cooking").resolve_file("."), given)
     path = given / "profile.toml"
     path.write_text(re.sub(r"(?m)^min_views = \S+", "min_views = 10_000", path.read_text()))
     before = rows(root, "SELECT count(*) AS n FROM clean.youtube_videos")[0]["n"]

@@ -283,7 +283,7 @@ def test_wait_sleeps_through_a_block(
     assert len(slept) == 1
 
 
-def test_a_lane_waits_for_one_that_sleeps(
+def test_a_service_waits_for_one_that_sleeps(
     run: Run, service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its work comes from there: with --wait nothing is left behind when the block is over."""
@@ -296,7 +296,7 @@ def test_a_lane_waits_for_one_that_sleeps(
 
     monkeypatch.setattr(clock, "sleep_until", wake_up)
     feed = Feed(run, service.root)
-    feed.phases = (PAGES, replace(NOTES, lane="notes"))
+    feed.phases = (PAGES, replace(NOTES, service="notes"))
     done = work(replace(run, wait=True), feed, summary)
     assert done == {"notes": 10, "failed": 0, "left": 0}
 

@@ -324,7 +324,7 @@ def test_tables_that_a_purge_cannot_make_again_do_not_stay(
 ) -> None:
     at = ("--data", str(run.root), "--profile", str(run.profile.path))
     assert here("links", *at).code == 0
-    run.profile.beside("keywords.tsv").unlink()
+    run.profile.resolve_file("keywords.tsv").unlink()
     (tmp_path / "ids.txt").write_text(SECRET)
     done = here("purge", "youtube", "--ids", str(tmp_path / "ids.txt"), "--workers", "1", *at)
     assert done.code == 0, done.err

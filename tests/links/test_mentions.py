@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
-import pyarrow as pa
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -17,7 +14,6 @@ from kb.core.errors import FatalError
 from kb.links import texts
 from kb.links.entity_pages import Names, Own, aliases, own_pages
 from kb.pairs.keywords import Keyword, Keywords, load, make
-from kb.wiki.parse import tables as wiki_tables
 from tests.links import by_hand, made
 
 TEXT = st.lists(st.sampled_from(made.WORDS), max_size=14).map(" ".join)
@@ -140,42 +136,6 @@ def test_a_form_is_the_alias_of_one_entity_only() -> None:
     assert found["Wolf"] == ["hound", "wolves"]
     assert found["Dog"] == ["dogs"]
     assert found["Iron Golem"] == ["iron golems", "irongolem", "irongolems"]
-
-
-KINDS = st.sampled_from(["text", "cell", "table", "image", "sprite"])
-ELEMENT = st.tuples(KINDS, st.booleans(), st.integers(-1, 9), st.sampled_from(["", "word", None]))
-
-
-@given(st.lists(st.lists(ELEMENT, max_size=10), min_size=1, max_size=3))
-def test_a_page_s_text_is_that_whose_words_are_counted(
-    pages: list[list[tuple[str, bool, int, str | None]]],
-) -> None:
-    """The same as the filter's `word_count`, by which a page is kept."""
-    rows, wanted = [], []
-    for page, elements in enumerate(pages):
-        found = []
-        for at, (kind, visible, parent, text) in enumerate(elements):
-            above = parent if 0 <= parent < at else None
-            one = {"id": at, "parent": above, "kind": kind, "visible": visible, "text": text}
-            found.append(SimpleNamespace(**one))
-            rows.append(
-                {
-                    "page_id": page,
-                    "element_id": at,
-                    "parent_id": above,
-                    "kind": kind,
-                    "visible": visible,
-                    "text": text,
-                }
-            )
-        tops = wiki_tables.outermost_texts(found)
-        wanted += [(page, one.id) for one in tops if one.text is not None]
-    names = ("page_id", "element_id", "parent_id", "kind", "visible", "text")
-    types = (pa.int64(), pa.int64(), pa.int64(), pa.string(), pa.bool_(), pa.string())
-    table = pa.Table.from_pylist(rows, pa.schema(zip(names, types, strict=True)))
-    chosen = texts.tops(table, np.asarray(table["page_id"].to_numpy()))
-    taken = [rows[at] for at in np.flatnonzero(chosen)]
-    assert [(row["page_id"], row["element_id"]) for row in taken] == wanted
 
 
 def test_links_need_clean_tables(tmp_path: Path) -> None:

@@ -94,5 +94,5 @@ def test_every_declaration_can_be_read(kind: str) -> None:
             path = f"{entries.at}[].{place.at}".replace(".0.", "[].")
             path = path.replace("pages.", "pages[].")  # a list in each page
             assert at(kind, path) is not None, path
-    for place in declared.whole:
+    for place in declared.subject:
         assert at(kind, place.at) is not None, place.at

@@ -55,8 +55,8 @@ class _Texts(PydanticBaseSettingsSource):
 
     def __call__(self) -> dict[str, Any]:
         """What is set."""
-        found = {name: self._texts.get(name) for name in self.settings_cls.model_fields}
-        return {name: text for name, text in found.items() if text is not None}
+        texts = {name: self._texts.get(name) for name in self.settings_cls.model_fields}
+        return {name: text for name, text in texts.items() if text is not None}
 
 
 class Settings(BaseSettings):
@@ -284,7 +284,7 @@ def _has_port(parts: SplitResult) -> bool:
         return False
 
 
-def _said(error: ValidationError) -> str:
+def _describe(error: ValidationError) -> str:
     """Every problem: the name, what was given if it can't hold a secret, what is expected."""
     return "; ".join(_problem(one) for one in error.errors(include_url=False))
 
@@ -307,7 +307,7 @@ def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
     try:
         settings = Settings(_env_file=".env" if dotenv else None, **given)
     except ValidationError as error:
-        raise SettingError(_said(error), hint="see .env.example") from None
+        raise SettingError(_describe(error), hint="see .env.example") from None
     except (OSError, UnicodeDecodeError) as error:
         what = (
             error.strerror

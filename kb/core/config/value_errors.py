@@ -56,14 +56,14 @@ def wrong(problem: Any, field: FieldInfo | None) -> str:
     """What is expected, with an example: the field's own, or one made of what was given."""
     kind = problem["type"]
     if kind in ("value_error", "assertion_error"):
-        said = str(problem["msg"]).removeprefix("Value error, ")
-        return said + _such_as(_own_example(field))
+        message = str(problem["msg"]).removeprefix("Value error, ")
+        return message + _such_as(_own_example(field))
     if kind == "string_pattern_mismatch" and field is not None:
         return f"must be: {field.description}" + _such_as(_own_example(field))
     words = _WORDS.get(kind)
     if words is None:
-        said = str(problem["msg"])
-        return said[:1].lower() + said[1:]
+        message = str(problem["msg"])
+        return message[:1].lower() + message[1:]
     context = {name: _plain(value) for name, value in problem.get("ctx", {}).items()}
     return words.format_map(context) + _such_as(
         _own_example(field) or _EXAMPLES.get(kind) or _as_wanted(kind, problem.get("input"))

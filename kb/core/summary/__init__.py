@@ -54,20 +54,20 @@ class Summary(dict[str, Any]):
         silent: tuple[str, ...] = (*_HEAD, *_ANSWERS) if tally else _HEAD
         if self.get("crawled_in_all") == self.get("crawled"):
             silent += ("crawled_in_all",)  # the first run is all
-        told = [vocabulary.phrase(name, self[name], self) for name in self if name not in silent]
+        phrases = [vocabulary.phrase(name, self[name], self) for name in self if name not in silent]
         if tally:
-            told.insert(0, "; ".join(vocabulary.tally(of, each) for of, each in tally.items()))
-            if beside := self._beside(tally):
-                told.insert(1, beside)
+            phrases.insert(0, "; ".join(vocabulary.tally(of, each) for of, each in tally.items()))
+            if others := self._other_tables(tally):
+                phrases.insert(1, others)
         if left := self.get("left_by"):
-            told.append("left: " + vocabulary.nouns(left))
+            phrases.append("left: " + vocabulary.nouns(left))
         for name in _END:
             why = str(self.get(name) or "")
-            told.append(why if why.startswith(name) or not why else f"{name}: {why}")
+            phrases.append(why if why.startswith(name) or not why else f"{name}: {why}")
         head = f"{self['command']}: " if self.get("command") else ""
-        return head + ", ".join(phrase for phrase in told if phrase)
+        return head + ", ".join(phrase for phrase in phrases if phrase)
 
-    def _beside(self, tally: dict[str, Any]) -> str:
+    def _other_tables(self, tally: dict[str, Any]) -> str:
         """Tables that follow the sorted ones: "with 189 elements and …"."""
         rows = {
             name.rpartition("/")[2]: n

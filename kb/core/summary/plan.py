@@ -40,7 +40,7 @@ class PlanPart(NamedTuple):
 def join(command: str, parts: Sequence[PlanPart]) -> dict[str, Any]:
     """One plan of all parts, in their order."""
     phases = [phase for part in parts for phase in part.phases]
-    return plan(command, "", phases, [said for part in parts for said in part.assumed])
+    return plan(command, "", phases, [assumption for part in parts for assumption in part.assumed])
 
 
 def plan(
@@ -51,9 +51,9 @@ def plan(
     rows = [
         {**one._asdict(), "hours": round(one.hours, 2), "gb": round(one.gb, 3)} for one in phases
     ]
-    told = ", ".join(assumed) or None
+    assumptions = ", ".join(assumed) or None
     head = {"command": f"{command} --plan", "source": source}
-    return {**head, **sums, **more, "phases": rows, "assumed": told}
+    return {**head, **sums, **more, "phases": rows, "assumed": assumptions}
 
 
 def table(summary: Mapping[str, Any]) -> str:

@@ -274,9 +274,9 @@ def one(plural: str) -> str:
 def tally(counted: str, numbers: dict[str, int]) -> str:
     """The four answers of a table: "300 videos crawled: 207 kept, 93 rejected (9 missing) …"."""
     missing = numbers.get("missing", 0)
-    told = f" ({missing:,} missing)" if missing else ""
+    missing_part = f" ({missing:,} missing)" if missing else ""
     return (
         count(numbers["crawled"], f"{{n}} {counted} crawled")
-        + f": {numbers['kept']:,} kept, {numbers['rejected']:,} rejected{told},"
+        + f": {numbers['kept']:,} kept, {numbers['rejected']:,} rejected{missing_part},"
         f" {numbers['failed']:,} failed, {numbers['pending']:,} pending"
     )

@@ -157,7 +157,7 @@ class RedditRefresh(RedditSource):
         """Put what is due into the frontier."""
         oldest = oldest_due(self.days, self.older_than)
         with latest_state(self.run) as things:
-            parts = due_parts(things, self.opened.gone, oldest, self.run.again)
+            parts = due_parts(things, self.opened.purged, oldest, self.run.again)
             with closing(Merge(parts, _ORDER, _COLUMNS)) as due, frontier.transaction():
                 frontier.replace(
                     INFO.kind,

@@ -91,10 +91,10 @@ class RedditSource(Plain):
         if phase.kind == "tree":
             if self.span.excludes(item.payload):
                 return reduce.OUTSIDE
-            return "purged" if f"t3_{item.key}" in self.opened.gone else None
+            return "purged" if f"t3_{item.key}" in self.opened.purged else None
         if phase.kind == "listing" and self.span.is_behind(item.key, item.payload):
             return reduce.OUTSIDE
-        return "purged" if phase.kind == "info" and item.key in self.opened.gone else None
+        return "purged" if phase.kind == "info" and item.key in self.opened.purged else None
 
     def pack(self, phase: Phase, items: list[Item]) -> list[Item]:
         """One call reads one post's stubs."""
@@ -142,7 +142,9 @@ class RedditSource(Plain):
             say=self.run.progress.say,
         )
         scrubber = Scrubber(load_key(self.run.root))
-        return RedditFetcher(client, scrubber, self.opened.gone, self.section.subreddit, self.span)
+        return RedditFetcher(
+            client, scrubber, self.opened.purged, self.section.subreddit, self.span
+        )
 
 
 class Dumps(RedditSource):

@@ -33,7 +33,7 @@ class KnownIds(RedditSource):
 
     def begin(self, opened: Opened) -> None:
         """What was purged elsewhere counts as purged here."""
-        opened.gone.update(self.removed)
+        opened.purged.update(self.removed)
         super().begin(opened)
 
     def identity(self) -> dict[str, str]:

@@ -45,11 +45,11 @@ from kb.wiki.spec import SPEC
 
 _NAMED = ("robots.txt", "api.php")  # requests of the ledger that have a name of their own
 SITE = Phase(kind="site", unit="sites", feeds=("titles",), shown=False)
-TITLES = Phase(kind="titles", unit="parts of the list", feeds=("info", "gone"), whole=True)
+TITLES = Phase(kind="titles", unit="parts of the list", feeds=("info", "gone"), waits=True)
 INFO = Phase(
-    kind="info", unit="titles", name="revisions", feeds=("gone", "pages"), batch=BATCH, whole=True
+    kind="info", unit="titles", name="revisions", feeds=("gone", "pages"), batch=BATCH, waits=True
 )
-GONE = Phase(kind="gone", unit="rounds", feeds=("pages", "files"), whole=True, shown=False)
+GONE = Phase(kind="gone", unit="rounds", feeds=("pages", "files"), waits=True, shown=False)
 LAST_SECONDS = 15  # a browser may take longer than its page, to be asked and to answer
 
 
@@ -80,9 +80,9 @@ class WikiSource(Plain):
             feeds=("files",),
             workers=run.workers,
             limited=True,
-            whole=True,
+            waits=True,
         )
-        files = Phase(kind="files", unit="files", name="images", batch=BATCH, whole=True)
+        files = Phase(kind="files", unit="files", name="images", batch=BATCH, waits=True)
         self.phases: Sequence[Phase] = (SITE, TITLES, INFO, GONE, pages, files)
         self._web = WikiHosts(run, self.url, section.hosts, section.seconds_between)
         self._threads = ThreadPoolExecutor(max(2, run.workers), "wiki-files")
@@ -107,7 +107,7 @@ class WikiSource(Plain):
     def begin(self, opened: Opened) -> None:
         """A wait between two tries ends with the run."""
         super().begin(opened)
-        self._web.sleep = partial(opened.sleep, SITE.lane)
+        self._web.sleep = partial(opened.sleep, SITE.service)
         self._web.ledger = self._row
 
     def discover(self, frontier: Frontier) -> None:
@@ -119,7 +119,7 @@ class WikiSource(Plain):
         discover.reopen_moved(frontier, self._web.today)
         discover.reopen_lost(frontier, self._run.root)
         discover.reopen_foreign(frontier, self._run.root)
-        self._removed = self.opened.gone
+        self._removed = self.opened.purged
         if not frontier.open(*(phase.kind for phase in self.wanted)):
             notice = "the wiki crawl is finished; --again looks for what changed"
             self._run.progress.say(notice)

@@ -11,6 +11,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from kb.schema.nesting import is_outermost
 from kb.schema.tables import Column, table
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog.sidefiles import captured_path
@@ -127,28 +128,13 @@ class _Parts:
 
 
 def outermost_texts(elements: list[Any]) -> Iterator[Any]:
-    """Visible texts and cells that no other one of the same table holds: every word once."""
-    by_id = {element.id: element for element in elements}
+    """Visible texts and cells that no other one of the same table contains: every word once."""
+    parents = {element.id: element.parent for element in elements}
+    kinds = {element.id: element.kind for element in elements}
     for element in elements:
-        if element.kind not in ("text", "cell") or not element.visible:
-            continue
-        holder = _holder(element, by_id)
-        if holder is None or holder.kind == "table":
+        wanted = element.visible and element.kind in ("text", "cell")
+        if wanted and is_outermost(element.id, parents, kinds):
             yield element
-
-
-def _holder(element: Any, by_id: Mapping[Any, Any]) -> Any:
-    """The nearest text, cell or table around an element; None where parents go round in a ring.
-
-    A text never takes in what stands in a table, so a table between the two parts them.
-    """
-    parent, seen = by_id.get(element.parent), set()
-    while parent is not None and parent.kind not in ("text", "cell", "table"):
-        if parent.id in seen:
-            return None
-        seen.add(parent.id)
-        parent = by_id.get(parent.parent)
-    return parent
 
 
 def page_text(elements: list[Any]) -> str:

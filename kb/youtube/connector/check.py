@@ -49,7 +49,7 @@ CHECKS = "checks"  # kind of the frontier and of the verdicts
 THERE, CHANGED, GONE = "there", "changed", "gone"
 UNKNOWN = "unknown"  # the year of what is gone, where the list does not say it
 _READ = Phase(
-    kind=CHECKS, unit="videos", name="check", batch=PACK, lane=API, bucket=GENERAL, limited=True
+    kind=CHECKS, unit="videos", name="check", batch=PACK, service=API, bucket=GENERAL, limited=True
 )
 _COMPARED = ("title", "duration_s", "duration", "published_at")
 _YEAR = re.compile(r"(?:19|20)[0-9]{2}")

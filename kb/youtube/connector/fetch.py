@@ -32,7 +32,7 @@ from kb.youtube.connector.reduce import (
 from kb.youtube.connector.transcripts import SITE, Fetcher
 from kb.youtube.parse import answers as parse
 
-API, WEB = "api", "web"  # lanes
+API, WEB = "api", "web"  # services
 PACK = 50  # ids a call, and entries a page: the API's largest
 PARTS = "snippet,contentDetails,statistics,status,player"
 FRAME = {"maxWidth": 1920, "maxHeight": 1080}  # of the embed: its shape is the video's
@@ -77,7 +77,7 @@ class YouTubeFetcher:
     def api(self) -> YouTubeApi:
         """The API's client, made when it is first needed."""
         if self._api is None:
-            self._api = YouTubeApi(self._run, self._profile, self._opened, lane=API)
+            self._api = YouTubeApi(self._run, self._profile, self._opened, service=API)
         return self._api
 
     def _search(self, items: list[Item]) -> Iterator[Answer]:
@@ -141,7 +141,7 @@ class YouTubeFetcher:
             {"video_id": item.key, "language": self._profile.language},
             answer,
             failed=str(answer["reason"]) if outcome == "failed" else None,
-            whole=outcome == "ok",
+            complete=outcome == "ok",
         )
         self._count(transcripts=int(outcome == "ok"), transcripts_asked=int(outcome != "failed"))
 

@@ -24,7 +24,7 @@ def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
         ledger = Frontier(Path(place) / "ledger.sqlite")
         try:
             once = section.model_copy(update={"max_tries": 1})
-            api = YouTubeApi(run, once, _Alone(run, ledger), lane="api")
+            api = YouTubeApi(run, once, _Alone(run, ledger), service="api")
             cost.requests = cost.units = 1
             answer = api.search(q=words, type="channel", part="snippet", maxResults=5)
             api.close()
@@ -45,16 +45,16 @@ class _Alone:
 
     run: Run
     frontier: Frontier
-    gone: set[str] = field(default_factory=set)
+    purged: set[str] = field(default_factory=set)
 
-    def probing(self, lane: str) -> bool:
+    def probing(self, service: str) -> bool:
         """Nobody was turned away before."""
         return False
 
-    def check(self, lane: str) -> None:
+    def check(self, service: str) -> None:
         """No other thread asks."""
 
-    def sleep(self, lane: str, seconds: float) -> None:
+    def sleep(self, service: str, seconds: float) -> None:
         """Between two tries."""
         clock.sleep(seconds)
 

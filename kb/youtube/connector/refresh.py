@@ -48,7 +48,7 @@ READ = Phase(
     name="refresh",
     batch=PACK,
     packed=True,
-    lane=API,
+    service=API,
     bucket=quota.GENERAL,
     limited=True,
 )
@@ -57,7 +57,7 @@ COUNT = Phase(
     unit="videos",
     feeds=(REFRESH,),
     batch=PACK,
-    lane=API,
+    service=API,
     bucket=quota.STATISTICS,
     limited=True,
 )
@@ -182,7 +182,7 @@ class YouTubeRefresh(YouTubeSource):
     def discover(self, frontier: Frontier) -> None:
         """What is due, unless the last refresh has left something."""
         if not self._goes_on:
-            due = _due(self.run, self.profile, self.opened.gone, self._older_than)
+            due = _due(self.run, self.profile, self.opened.purged, self._older_than)
             with frontier.transaction():
                 frontier.replace(STATISTICS, due.statistics)
                 frontier.replace(REFRESH, due.metadata)

@@ -1,8 +1,8 @@
-"""YouTube: two lanes over one frontier, so that the API's quota and the web site's patience are
+"""YouTube: two services over one frontier, so that the API's quota and the web site's patience are
 used side by side.
 
-    lane api    searches → uploads → videos, 50 ids a call packed across channels
-    lane web    transcripts of the videos that pass the cheap filters, in several threads
+    api    searches → uploads → videos, 50 ids a call packed across channels
+    web    transcripts of the videos that pass the cheap filters, in several threads
 
     discover      keywords, channels of another part, rounds
     fetch         what to ask: api (Google's client on our transport), transcripts, player, quota
@@ -68,13 +68,13 @@ PHASES = (
         feeds=(TRANSCRIPTS,),
         batch=PACK,
         packed=True,
-        lane=API,
+        service=API,
         bucket=GENERAL,
     ),
-    Phase(kind=UPLOADS, unit="pages", feeds=(VIDEOS,), lane=API, bucket=GENERAL),
-    Phase(kind=SEARCHES, unit="pages", feeds=(UPLOADS,), lane=API, bucket=SEARCH),
+    Phase(kind=UPLOADS, unit="pages", feeds=(VIDEOS,), service=API, bucket=GENERAL),
+    Phase(kind=SEARCHES, unit="pages", feeds=(UPLOADS,), service=API, bucket=SEARCH),
     # So many that fail one after the other are the site's trouble, not the videos'.
-    Phase(kind=TRANSCRIPTS, unit="videos", workers=4, down=6, lane=WEB),
+    Phase(kind=TRANSCRIPTS, unit="videos", workers=4, down=6, service=WEB),
 )
 Worth = Callable[[pa.Table], "pa.Array[Any]"]
 """Which assembled videos are worth asking for their transcript."""
@@ -155,7 +155,7 @@ class YouTubeSource(Plain):
     def identity(self) -> dict[str, str]:
         """The two hosts. Raises MissingCredential, SettingError."""
         settings = self.run.settings
-        if any(phase.lane == API for phase in self.chosen):
+        if any(phase.service == API for phase in self.chosen):
             settings.require("youtube_api_key")
         settings.check_contact()
         return {
@@ -166,7 +166,7 @@ class YouTubeSource(Plain):
     def begin(self, opened: Opened) -> None:
         """What reads and asks knows the data root now."""
         super().begin(opened)
-        self._reduce = Reducer(self.profile, self._wanted, self._mine, opened.gone)
+        self._reduce = Reducer(self.profile, self._wanted, self._mine, opened.purged)
         self._fetch = YouTubeFetcher(self.run, self.profile, opened, self._count)
 
     def discover(self, frontier: Frontier) -> None:
@@ -174,7 +174,7 @@ class YouTubeSource(Plain):
         reopen(frontier, self.profile)
         replay.judge(self._reduce, self.run.root, frontier)
         if self._known is not None:
-            purged = self.opened.gone
+            purged = self.opened.purged
             frontier.add(
                 VIDEOS, [key for key in self._known if self._mine(key) and key not in purged]
             )
@@ -216,7 +216,7 @@ class YouTubeSource(Plain):
 
     def facts(self, phase: Phase) -> dict[str, object]:
         """The quota that a phase spends, for its progress."""
-        if phase.lane == WEB:
+        if phase.service == WEB:
             return {}
         spent = self.opened.frontier.spent(phase.bucket, today())
         return {"quota": f"{spent:,}/{limit(self.profile, phase.bucket):,}"}

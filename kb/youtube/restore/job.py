@@ -217,7 +217,7 @@ class KnownVideos(YouTubeSource):
 
     def begin(self, opened: Opened) -> None:
         """What was purged elsewhere counts as purged here."""
-        opened.gone.update(self._removed)
+        opened.purged.update(self._removed)
         super().begin(opened)
 
 

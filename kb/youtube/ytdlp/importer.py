@@ -149,7 +149,7 @@ class _Import:
         parsed = info.read(data)
         if not (parsed.videos or parsed.playlists):
             raise _LeftOut(FOREIGN)
-        purged = self._session.gone
+        purged = self._session.purged
         videos = [one for one in parsed.videos if one["id"] not in purged]
         if not (videos or parsed.playlists):
             raise _LeftOut(PURGED)
@@ -174,7 +174,7 @@ class _Import:
         video_id = named.video_id or _id_from_info(Path(entry.path), named.stem)
         if video_id is None:
             raise _LeftOut(NAMELESS)
-        if video_id in self._session.gone:
+        if video_id in self._session.purged:
             raise _LeftOut(PURGED)
         answer = {
             "video_id": video_id,

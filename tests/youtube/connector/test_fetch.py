@@ -202,7 +202,7 @@ def test_a_block_stops_the_run_and_is_no_fact_about_a_video(job: Job, what: dict
     job.sandbox.faults.add(times=None, **what)
     job.stopped(*CRAWL, code=3)
     assert len(job.sandbox.ledger.requests("/watch|/player|/timedtext")) < 30  # no tight retry
-    assert job.sandbox.ledger.units() == plain_units(job.sandbox)  # the other lane went on
+    assert job.sandbox.ledger.units() == plain_units(job.sandbox)  # the other service went on
     assert job.done("youtube", "filter")["pending"] > 0
     job.sandbox.faults.clear()
     finish(job)

@@ -30,7 +30,7 @@ class Days:
 
     def __init__(self, now: datetime) -> None:
         self.time = now
-        self._lock = threading.Lock()  # both lanes sleep
+        self._lock = threading.Lock()  # both services sleep
 
     def now(self) -> datetime:
         return self.time

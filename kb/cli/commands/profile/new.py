@@ -40,7 +40,9 @@ def write_new(
     if base is None:
         files["keywords.tsv"] = KEYWORDS
     elif base.pairs is not None:
-        files |= {listed: _read_list(base.beside(listed)) for listed in base.pairs.keyword_files}
+        files |= {
+            listed: _read_list(base.resolve_file(listed)) for listed in base.pairs.keyword_files
+        }
     folder = out if out is not None else _home() / name
     existing = [file for file in files if (folder / file).exists() or (folder / file).is_symlink()]
     # A killed run leaves some of the files, with the same content.

@@ -70,7 +70,7 @@ class ShippedProfile(Section):
         """Whether it is one of those that come with the package."""
         return folder("profiles").resolve() in self.path.parents
 
-    def beside(self, name: str) -> Path:
+    def resolve_file(self, name: str) -> Path:
         """A file that the profile names, relative to the profile's own folder."""
         return self.path.parent / name
 

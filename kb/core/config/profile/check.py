@@ -82,11 +82,11 @@ def check_file(path: Path, *, publishing: bool = True) -> Checked:
     findings = [at(ERROR, one.key, *_described(one, data)) for one in wrong]
     if profile is not None:
         already = {one.key for one in wrong}
-        told = [
-            *plausibility.look(profile, data),
+        remarks = [
+            *plausibility.remarks(profile, data),
             *(plausibility.publishing(profile) if publishing else ()),
         ]
-        findings += [at(*one) for one in told if one[1] not in already]
+        findings += [at(*one) for one in remarks if one[1] not in already]
     return Checked(profile, _lists(data), findings)
 
 
@@ -118,11 +118,11 @@ def _leave_out(data: dict[str, Any], keys: list[str]) -> None:
         for key in parents:
             table = table.get(key) if isinstance(table, dict) else None
         if isinstance(table, dict):
-            held = table.pop(last, None)
+            removed = table.pop(last, None)
             stand_in = _STAND_INS.get(".".join(keys))
             if stand_in is not None:
                 table[last] = stand_in
-            if held is not None or stand_in is not None:
+            if removed is not None or stand_in is not None:
                 return
         keys = parents
 
@@ -131,10 +131,10 @@ def _described(problem: ProfileProblem, data: dict[str, Any]) -> tuple[str, str]
     """What is wrong and how to fix it; of a whole section what is said is what is wrong."""
     if problem.what == f"'{problem.key}'":
         return problem.line(), ""
-    return problem.what, _mend(problem, data)
+    return problem.what, _suggest_fix(problem, data)
 
 
-def _mend(problem: ProfileProblem, data: dict[str, Any]) -> str:
+def _suggest_fix(problem: ProfileProblem, data: dict[str, Any]) -> str:
     field = field_of(Profile, re.sub(r"\[\d+\]", "", problem.key).split("."))
     about = field.description if field is not None else None
     if problem.what.endswith("is missing"):
@@ -161,10 +161,10 @@ def _unread(path: Path, what: str, fix: str) -> Checked:
     return Checked(None, (), [finding])
 
 
-def _syntax(path: Path, text: str, said: str) -> Finding:
-    place = _AT.search(said)
+def _syntax(path: Path, text: str, message: str) -> Finding:
+    place = _AT.search(message)
     line = int(place[1]) if place and place[1] else len(text.splitlines())
-    plain = _AT.sub("", said)
+    plain = _AT.sub("", message)
     for begin, what, fix in _IN_WORDS:
         if plain.startswith(begin):
             return Finding(ERROR, path.name, line, "", f"not valid TOML: {what}", fix)

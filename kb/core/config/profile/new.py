@@ -173,7 +173,7 @@ def _allowed(field: FieldInfo, value: Any) -> str:
         return "not set"
     if isinstance(value, dict) and value:
         return "change all of these lines or none"
-    said = []
+    lines = []
     for rule in field.metadata:
         for kind, name, words in (
             (Ge, "ge", "at least"),
@@ -182,8 +182,8 @@ def _allowed(field: FieldInfo, value: Any) -> str:
             (Lt, "lt", "less than"),
         ):
             if isinstance(rule, kind):
-                said.append(f"{words} {getattr(rule, name):,}")
-    return ", ".join(said)
+                lines.append(f"{words} {getattr(rule, name):,}")
+    return ", ".join(lines)
 
 
 def _example(field: FieldInfo) -> Any:
@@ -196,8 +196,8 @@ def _example(field: FieldInfo) -> Any:
 
 def _toml(value: Any) -> str:
     if isinstance(value, BaseModel):
-        held = value.model_dump(exclude_none=True)
-        return "{ " + ", ".join(f"{name} = {_toml(one)}" for name, one in held.items()) + " }"
+        values = value.model_dump(exclude_none=True)
+        return "{ " + ", ".join(f"{name} = {_toml(one)}" for name, one in values.items()) + " }"
     if isinstance(value, (list, tuple)):
         inner = [_toml(one) for one in value]
         line = f"[{', '.join(inner)}]"

@@ -66,7 +66,7 @@ class Pairs(Section):
 
     @field_validator("keyword_files")
     @classmethod
-    def _beside(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+    def _inside_folder(cls, value: tuple[str, ...]) -> tuple[str, ...]:
         for name in value:
             if not name.endswith(".tsv") or name.startswith("/") or ".." in name.split("/"):
                 raise ValueError(f"names {name!r}; it must be a .tsv file in the profile's folder")

@@ -22,7 +22,7 @@ from kb.core.installation import folder
 from kb.core.licences import KNOWN
 from kb.core.sources import SOURCES, made_of
 
-Said = tuple[str, str, str, str]
+Remark = tuple[str, str, str, str]
 
 # The assignable and the older ids of https://developers.google.com/youtube/v3/docs/videoCategories
 CATEGORIES = frozenset([1, 2, 10, 15, *range(17, 45)])
@@ -41,7 +41,7 @@ IMPOSSIBLE = (
 )
 
 
-def look(profile: Profile, data: dict[str, Any]) -> Iterator[Said]:
+def remarks(profile: Profile, data: dict[str, Any]) -> Iterator[Remark]:
     """All that is worth telling about a profile whose types are right."""
     yield from _left_open("", data)
     yield from _own_name(profile)
@@ -54,13 +54,13 @@ def look(profile: Profile, data: dict[str, Any]) -> Iterator[Said]:
     yield from _release(profile)
 
 
-def publishing(profile: Profile) -> Iterator[Said]:
+def publishing(profile: Profile) -> Iterator[Remark]:
     """What speaks against publishing alone, so that it ends no crawl."""
     contact = profile.release.contact
     if contact and contact != FILL_IN and is_placeholder(contact):
-        said = f"'release.contact' is the placeholder \"{contact}\""
+        message = f"'release.contact' is the placeholder \"{contact}\""
         fix = "write an address that you read, for removal requests"
-        yield ERROR, "release.contact", said, fix
+        yield ERROR, "release.contact", message, fix
     for source, spdx in profile.release.licenses.items():
         if spdx not in KNOWN:
             key = f"release.licenses.{source}"
@@ -80,7 +80,7 @@ def is_beside(name: str) -> bool:
     return name.endswith(".tsv") and not name.startswith("/") and ".." not in name.split("/")
 
 
-def _left_open(key: str, value: Any) -> Iterator[Said]:
+def _left_open(key: str, value: Any) -> Iterator[Remark]:
     """Words to fill in that are text as good as any."""
     if isinstance(value, dict):
         for name, inner in value.items():
@@ -89,32 +89,32 @@ def _left_open(key: str, value: Any) -> Iterator[Said]:
         yield ERROR, key, f"'{key}' is still to be filled in", "write what is meant there"
 
 
-def _own_name(profile: Profile) -> Iterator[Said]:
+def _own_name(profile: Profile) -> Iterator[Remark]:
     here, name = profile.path.parent, profile.name
     if here.parent == folder("profiles").resolve() and name != here.name:
-        said = f"'name' is \"{name}\", and the profile's folder is {here.name}"
+        message = f"'name' is \"{name}\", and the profile's folder is {here.name}"
         fix = f'a copied profile needs a name of its own: name = "{here.name}"'
-        yield ERROR, "name", said, fix
+        yield ERROR, "name", message, fix
         return
     for other in _others(profile):
         if other.name == name:
             yield from _same_name(profile, other)
         elif other.title == profile.title:
-            said = f"'title' is \"{profile.title}\", that of the profile {other.name}"
-            yield WARNING, "title", said, "cards and reports bear it: write your domain's own"
+            message = f"'title' is \"{profile.title}\", that of the profile {other.name}"
+            yield WARNING, "title", message, "cards and reports bear it: write your domain's own"
 
 
-def _same_name(profile: Profile, other: Profile) -> Iterator[Said]:
+def _same_name(profile: Profile, other: Profile) -> Iterator[Remark]:
     subjects = list(_subjects(profile, other))
     differ = [key for key, mine, theirs in subjects if mine != theirs]
     if not differ and profile.path.parent.name == profile.name:
         return
-    said = f"'name' is \"{profile.name}\", that of the shipped profile"
+    message = f"'name' is \"{profile.name}\", that of the shipped profile"
     if differ:
-        said += f", and {_listed(differ)} {'differs' if len(differ) == 1 else 'differ'}"
+        message += f", and {_listed(differ)} {'differs' if len(differ) == 1 else 'differ'}"
     level = ERROR if len(differ) == len(subjects) else WARNING
     fix = "another domain needs a name of its own; changed numbers alone may keep it"
-    yield level, "name", said, fix
+    yield level, "name", message, fix
 
 
 def _others(profile: Profile) -> Iterator[Profile]:
@@ -137,41 +137,46 @@ def _subjects(one: Profile, other: Profile) -> Iterator[tuple[str, Any, Any]]:
         yield "reddit.subreddit", one.reddit.subreddit.lower(), other.reddit.subreddit.lower()
 
 
-def _sections(profile: Profile, data: dict[str, Any]) -> Iterator[Said]:
+def _sections(profile: Profile, data: dict[str, Any]) -> Iterator[Remark]:
     missing = [name for name in SOURCES if name not in data]
     if len(missing) == len(SOURCES):
         *others, last = (f"[{name}]" for name in SOURCES)
-        said = f"none of {', '.join(others)} and {last} is there"
-        yield ERROR, "", said, "nothing can be collected: add the section of at least one source"
+        message = f"none of {', '.join(others)} and {last} is there"
+        yield ERROR, "", message, "nothing can be collected: add the section of at least one source"
         return
     for name in missing:
-        said = f"there is no section [{name}]"
-        yield NOTE, "", said, f"`kb {name} crawl` needs one; leave it out if you don't collect it"
+        message = f"there is no section [{name}]"
+        yield (
+            NOTE,
+            "",
+            message,
+            f"`kb {name} crawl` needs one; leave it out if you don't collect it",
+        )
     (talks,) = made_of("pairs")
     if "pairs" not in data and talks in data:
-        said = "there is no section [pairs]"
-        yield NOTE, "", said, "`kb pairs` needs one, with keyword_files or include"
+        message = "there is no section [pairs]"
+        yield NOTE, "", message, "`kb pairs` needs one, with keyword_files or include"
     if "pairs" in data and talks in missing:
-        said = f"[pairs] has no use without [{talks}]"
-        yield WARNING, "pairs", said, "pairs are made of the transcripts of videos"
+        message = f"[pairs] has no use without [{talks}]"
+        yield WARNING, "pairs", message, "pairs are made of the transcripts of videos"
 
 
-def _addresses(profile: Profile) -> Iterator[Said]:
+def _addresses(profile: Profile) -> Iterator[Remark]:
     wiki = profile.wiki
     if wiki:
         parts = urlsplit(wiki.url)
         host = parts.hostname or ""
         if not _is_host(host):
-            said = f"'wiki.url' is \"{wiki.url}\", whose host is not a full name"
-            yield ERROR, "wiki.url", said, "write an address like https://minecraft.wiki"
+            message = f"'wiki.url' is \"{wiki.url}\", whose host is not a full name"
+            yield ERROR, "wiki.url", message, "write an address like https://minecraft.wiki"
         elif host.endswith(_EXAMPLES):
             yield WARNING, "wiki.url", f"'wiki.url' is the example {wiki.url}", "write your wiki's"
         if parts.query or parts.fragment or parts.path.endswith(".php"):
-            said = f"'wiki.url' is \"{wiki.url}\", which is no root"
-            yield ERROR, "wiki.url", said, f'write "{parts.scheme}://{parts.netloc}"'
+            message = f"'wiki.url' is \"{wiki.url}\", which is no root"
+            yield ERROR, "wiki.url", message, f'write "{parts.scheme}://{parts.netloc}"'
         elif re.match(r"/(w|wiki)/.", parts.path):
-            said = f"'wiki.url' is \"{wiki.url}\", which looks like a page"
-            yield WARNING, "wiki.url", said, f'the root may be "{parts.scheme}://{parts.netloc}"'
+            message = f"'wiki.url' is \"{wiki.url}\", which looks like a page"
+            yield WARNING, "wiki.url", message, f'the root may be "{parts.scheme}://{parts.netloc}"'
         yield from _hosts("wiki.hosts", wiki.hosts)
     if profile.reddit:
         links = profile.reddit.links
@@ -185,8 +190,13 @@ def _addresses(profile: Profile) -> Iterator[Said]:
                     yield WARNING, key, f"'{key}' holds \"{ending}\"", f'write it as "{plain}"'
     contact = profile.release.contact
     if contact and contact != FILL_IN and not _CONTACT.search(contact):
-        said = f"'release.contact' is \"{contact}\", no mail or web address"
-        yield ERROR, "release.contact", said, "such as me@example.org or https://example.org/about"
+        message = f"'release.contact' is \"{contact}\", no mail or web address"
+        yield (
+            ERROR,
+            "release.contact",
+            message,
+            "such as me@example.org or https://example.org/about",
+        )
 
 
 def _is_host(host: str) -> bool:
@@ -195,15 +205,20 @@ def _is_host(host: str) -> bool:
     return bool(dotted) or host == "localhost" or ":" in host
 
 
-def _hosts(key: str, hosts: tuple[str, ...]) -> Iterator[Said]:
+def _hosts(key: str, hosts: tuple[str, ...]) -> Iterator[Remark]:
     for host in hosts:
         if not _HOST.fullmatch(host):
-            said = f"'{key}' holds \"{host}\", which is no host"
+            message = f"'{key}' holds \"{host}\", which is no host"
             plain = urlsplit(host if "//" in host else f"//{host}").netloc
-            yield ERROR, key, said, f'write "{plain}"' if _HOST.fullmatch(plain) else "write a name"
+            yield (
+                ERROR,
+                key,
+                message,
+                f'write "{plain}"' if _HOST.fullmatch(plain) else "write a name",
+            )
 
 
-def _youtube(profile: Profile) -> Iterator[Said]:
+def _youtube(profile: Profile) -> Iterator[Remark]:
     section = profile.youtube
     if not section:
         return
@@ -212,11 +227,11 @@ def _youtube(profile: Profile) -> Iterator[Said]:
     for word in dict.fromkeys(section.words):
         if is_everyday(word):
             key = "youtube.topic_keywords" if section.topic_keywords else "youtube.keywords"
-            said = f"'{key}' holds the everyday word \"{word}\""
+            message = f"'{key}' holds the everyday word \"{word}\""
             yield (
                 WARNING,
                 key,
-                said,
+                message,
                 (
                     "every video of the categories with it counts as on topic;"
                     " name what only your domain says in youtube.topic_keywords"
@@ -224,35 +239,40 @@ def _youtube(profile: Profile) -> Iterator[Said]:
             )
     for number in section.category_ids:
         if number not in CATEGORIES:
-            said = f"'youtube.category_ids' holds {number}, which is no category of YouTube's"
-            yield WARNING, "youtube.category_ids", said, "such as 20 Gaming, 26 Howto, 28 Science"
+            message = f"'youtube.category_ids' holds {number}, which is no category of YouTube's"
+            yield (
+                WARNING,
+                "youtube.category_ids",
+                message,
+                "such as 20 Gaming, 26 Howto, 28 Science",
+            )
     for game in section.game_ids:
         if not _GAME.fullmatch(game):
-            said = f"'youtube.game_ids' holds \"{game}\", which is no browse id"
-            yield WARNING, "youtube.game_ids", said, "it begins with UC and has 24 characters"
+            message = f"'youtube.game_ids' holds \"{game}\", which is no browse id"
+            yield WARNING, "youtube.game_ids", message, "it begins with UC and has 24 characters"
     if section.max_age_days > 30:
-        said = f"'youtube.max_age_days' is {section.max_age_days}"
+        message = f"'youtube.max_age_days' is {section.max_age_days}"
         fix = "the API's terms ask to read data again, or remove it, after 30 days"
-        yield WARNING, "youtube.max_age_days", said, fix
+        yield WARNING, "youtube.max_age_days", message, fix
 
 
-def _reddit(profile: Profile) -> Iterator[Said]:
+def _reddit(profile: Profile) -> Iterator[Remark]:
     if profile.reddit:
         yield from _twice("reddit.search", profile.reddit.search)
 
 
-def _pairs(profile: Profile) -> Iterator[Said]:
+def _pairs(profile: Profile) -> Iterator[Remark]:
     if not profile.pairs:
         return
     yield from _twice("pairs.include", profile.pairs.include)
     for word in profile.pairs.include:
         if is_everyday(word):
-            said = f"'pairs.include' holds the everyday word \"{word}\""
+            message = f"'pairs.include' holds the everyday word \"{word}\""
             fix = "put it into a keyword list, with the rule near, never or always"
-            yield WARNING, "pairs.include", said, fix
+            yield WARNING, "pairs.include", message, fix
 
 
-def _twice(key: str, words: tuple[str, ...]) -> Iterator[Said]:
+def _twice(key: str, words: tuple[str, ...]) -> Iterator[Remark]:
     seen: set[str] = set()
     for word in words:
         if word.lower() in seen:
@@ -260,7 +280,7 @@ def _twice(key: str, words: tuple[str, ...]) -> Iterator[Said]:
         seen.add(word.lower())
 
 
-def _thresholds(profile: Profile) -> Iterator[Said]:
+def _thresholds(profile: Profile) -> Iterator[Remark]:
     for key, most, why in IMPOSSIBLE:
         section, name = key.split(".")
         value = getattr(getattr(profile, section), name, 0)
@@ -268,16 +288,16 @@ def _thresholds(profile: Profile) -> Iterator[Said]:
             yield ERROR, key, f"'{key}' is {value}: nothing passes", why
     youtube, wiki = profile.youtube, profile.wiki
     if youtube and 1.78 < youtube.min_aspect_ratio <= 10:
-        said = f"'youtube.min_aspect_ratio' is {youtube.min_aspect_ratio:g}"
-        yield WARNING, "youtube.min_aspect_ratio", said, "wide-screen is 1.78: hardly one passes"
+        message = f"'youtube.min_aspect_ratio' is {youtube.min_aspect_ratio:g}"
+        yield WARNING, "youtube.min_aspect_ratio", message, "wide-screen is 1.78: hardly one passes"
     if wiki and wiki.max_page_height < wiki.viewport_height:
-        said = f"'wiki.max_page_height' is {wiki.max_page_height}: nothing passes"
+        message = f"'wiki.max_page_height' is {wiki.max_page_height}: nothing passes"
         fix = f"a page is at least as high as the window, {wiki.viewport_height} CSS px"
-        yield ERROR, "wiki.max_page_height", said, fix
+        yield ERROR, "wiki.max_page_height", message, fix
     if wiki and wiki.page_seconds <= wiki.settle_seconds:
-        said = f"'wiki.page_seconds' is {wiki.page_seconds:g}"
+        message = f"'wiki.page_seconds' is {wiki.page_seconds:g}"
         fix = f"more than settle_seconds ({wiki.settle_seconds:g}), or moving pages count as hung"
-        yield WARNING, "wiki.page_seconds", said, fix
+        yield WARNING, "wiki.page_seconds", message, fix
     for source in SOURCES:
         if profile.toxicity.threshold(source) == 0:
             key = f"toxicity.thresholds.{source}"
@@ -285,17 +305,17 @@ def _thresholds(profile: Profile) -> Iterator[Said]:
             yield ERROR, key, f"'{key}' is 0: nothing passes", fix
 
 
-def _release(profile: Profile) -> Iterator[Said]:
+def _release(profile: Profile) -> Iterator[Remark]:
     if not profile.toxicity.on:
-        said = "'toxicity' is off: no text is scored"
-        yield NOTE, "toxicity", said, "the release gate reports it as incomplete"
+        message = "'toxicity' is off: no text is scored"
+        yield NOTE, "toxicity", message, "the release gate reports it as incomplete"
     unsigned = profile.release.unsigned()
     if "a contact" in unsigned:
-        said = "'release.contact' is not set"
-        yield NOTE, "", said, "where removal requests go; a published data set needs one"
+        message = "'release.contact' is not set"
+        yield NOTE, "", message, "where removal requests go; a published data set needs one"
     if "a creator" in unsigned:
-        said = "'release.creators' is not set"
-        yield NOTE, "", said, "who made the data set; a published one needs that"
+        message = "'release.creators' is not set"
+        yield NOTE, "", message, "who made the data set; a published one needs that"
 
 
 def _listed(names: list[str]) -> str:

@@ -131,7 +131,7 @@ def test_from_another_profile_its_values_are_taken(name: str, tmp_path: Path, kb
     assert mine.name == "mine"
     assert mine.model_dump(exclude={"name"}) == theirs.model_dump(exclude={"name"})
     for listed in theirs.pairs.keyword_files:
-        assert (tmp_path / "mine" / listed).read_bytes() == theirs.beside(listed).read_bytes()
+        assert (tmp_path / "mine" / listed).read_bytes() == theirs.resolve_file(listed).read_bytes()
     found = check_file(mine.path).findings
     assert not [one for one in found if one.level == ERROR]
 

@@ -1,0 +1,28 @@
+"""Nested elements of a page (`wiki/elements`): which texts to take so that each counts once.
+
+A list's text contains the texts of its items, a figure's that of its caption. Elements are given as
+mappings from their id: to the id of the parent, and to the kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+_HOLDERS = ("text", "cell", "table")
+
+
+def ancestors(element: Any, parents: Mapping[Any, Any]) -> Iterator[Any]:
+    """The elements around one, nearest first; each once, even where parents form a cycle."""
+    passed = {element}
+    while (element := parents.get(element)) in parents and element not in passed:
+        passed.add(element)
+        yield element
+
+
+def is_outermost(element: Any, parents: Mapping[Any, Any], kinds: Mapping[Any, Any]) -> bool:
+    """Whether no other text contains this one's text: the nearest text, cell or table around it
+    is a table, or there is none. A text never includes the table that it contains.
+    """
+    around = (kinds[one] for one in ancestors(element, parents))
+    return next((kind for kind in around if kind in _HOLDERS), "table") == "table"
