@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.verify.conftest import made, root  # noqa: F401  fixtures
-from tests.verify.test_verify import flipped, one
+from tests.verify.test_root import flipped, one
 
 
 def test_the_command_says_it_in_a_table_and_by_its_code(root: Path, kb: Any) -> None:  # noqa: F811
