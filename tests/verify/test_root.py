@@ -98,6 +98,3 @@ def test_a_folder_that_is_neither(tmp_path: Path) -> None:
         verify(tmp_path)
     with pytest.raises(UsageError, match="there is no data root"):
         verify(tmp_path / "nowhere")
-
-
-# -- repair ---------------------------------------------------------------------------------------
