@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
+import httplib2
 import requests
 from googleapiclient.discovery import build
 from googleapiclient.errors import HttpError
@@ -19,7 +21,6 @@ from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
 from kb.net.session import HttpSession, failure, host_of, never_sent, user_agent
 from kb.youtube.connector import quota
 from kb.youtube.connector.errors import meaning
-from kb.youtube.connector.transport import Transport
 
 GOOGLE = "https://youtube.googleapis.com"
 
@@ -35,7 +36,7 @@ class YouTubeApi:
         endpoint = settings.kb_youtube_endpoint or GOOGLE
         session = HttpSession(settings, hosts={host_of(endpoint)})
         # build() only reads a file of the package, so that no error of its own shows the key.
-        self._service = build(
+        self._client = build(
             "youtube",
             "v3",
             developerKey=settings.need("youtube_api_key"),
@@ -51,27 +52,27 @@ class YouTubeApi:
 
     def search(self, **params: Any) -> dict[str, Any]:
         """search.list: the one call of the search bucket."""
-        return self._call(quota.SEARCH, "search.list", self._service.search().list(**params))
+        return self._call(quota.SEARCH, "search.list", self._client.search().list(**params))
 
     def playlist_items(self, **params: Any) -> dict[str, Any]:
         """playlistItems.list. Raises ItemFinal("not_found") for a list that does not exist."""
         return self._call(
-            quota.GENERAL, "playlistItems.list", self._service.playlistItems().list(**params)
+            quota.GENERAL, "playlistItems.list", self._client.playlistItems().list(**params)
         )
 
     def videos(self, **params: Any) -> dict[str, Any]:
         """videos.list, up to 50 ids; ids that are gone are absent from the answer."""
-        return self._call(quota.GENERAL, "videos.list", self._service.videos().list(**params))
+        return self._call(quota.GENERAL, "videos.list", self._client.videos().list(**params))
 
     def statistics(self, **params: Any) -> dict[str, Any]:
         """videos.batchGetStats, up to 50 ids; an id that is left out may exist all the same."""
         return self._call(
-            quota.STATISTICS, "videos.batchGetStats", self._service.videos().batchGetStats(**params)
+            quota.STATISTICS, "videos.batchGetStats", self._client.videos().batchGetStats(**params)
         )
 
     def close(self) -> None:
         """Close the connections."""
-        self._service.close()
+        self._client.close()
 
     def _call(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
         """The answer, after several tries."""
@@ -124,3 +125,36 @@ def _json(content: Any) -> Any:
         return json.loads(content)
     except (TypeError, ValueError, RecursionError):
         return None
+
+
+class Transport:
+    """httplib2.Http's interface over our session. Raises requests' exceptions."""
+
+    def __init__(self, session: HttpSession) -> None:
+        self._session = session
+
+    def request(
+        self,
+        uri: str,
+        method: str = "GET",
+        body: Any = None,
+        headers: Mapping[str, str] | None = None,
+        redirections: int = 0,
+        connection_type: Any = None,
+    ) -> tuple[httplib2.Response, bytes]:
+        """Send one request; return (headers and status, body). Redirects are not followed."""
+        answer = self._session.request(
+            method, uri, data=body, headers=dict(headers or {}), allow_redirects=False
+        )
+        return _response(answer), answer.content
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._session.close()
+
+
+def _response(answer: requests.Response) -> httplib2.Response:
+    fields = {name.lower(): value for name, value in answer.headers.items()}
+    response = httplib2.Response({**fields, "status": str(answer.status_code)})
+    response.reason = answer.reason
+    return response
