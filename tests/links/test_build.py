@@ -161,17 +161,17 @@ def test_a_lost_or_damaged_file_is_told_and_mended(run: Run) -> None:
     path.unlink()
     with pytest.raises(DamagedData, match="entities-00000-of-00001"):
         made.links(run, NAMES)
-    assert [(one.kind, one.state, one.path) for one in verify(run.root, Silent()).found] == [
+    assert [(one.kind, one.state, one.path) for one in verify(run.root, Silent()).entries] == [
         ("links", "missing", path)
     ]
     made.links(replace(run, again=True), NAMES)
-    assert not verify(run.root, Silent()).found
+    assert not verify(run.root, Silent()).entries
     path.write_bytes(path.read_bytes()[:-40])
-    (one,) = verify(run.root, Silent()).found
+    (one,) = verify(run.root, Silent()).entries
     assert (one.kind, one.state, one.advice) == ("links", "damaged", "run `kb links --again`")
     said = load(str(locate("verify"))).repair(run)[1]
     assert said == ["`kb links --again` was run"]
-    assert not verify(run.root, Silent()).found
+    assert not verify(run.root, Silent()).entries
 
 
 def test_one_writer_and_no_filter_meanwhile(run: Run) -> None:
@@ -283,7 +283,7 @@ def test_a_purge_leaves_no_byte(
     made.links(replace(run, again=True), pipeline.names(run))
     assert bytes_of(run.root) == kept
     assert here("release", *at).code == 0
-    assert not verify(run.root, Silent()).found
+    assert not verify(run.root, Silent()).entries
 
 
 def _plain(path: Path) -> bytes:
