@@ -76,7 +76,7 @@ LINES = {
         "annotate/test_damage.py: a_damaged_file_of_scores_is_named",
         "annotate/test_damage.py: too_little_memory_is_no_wrong_model",
         "store/state/test_json_files.py: a_damaged_note_is_named_with_what_to_do",
-        "store/state/test_json_files.py: a_malformed_state_is_named_with_what_to_do",
+        "store/state/test_sqlite.py: a_malformed_state_is_named_with_what_to_do",
         "net/test_odd_answers.py: an_answer_nested_too_deep_is_one_line",
         "release/test_deposit.py: an_odd_answer_is_one_line_and_the_token_goes_nowhere",
         "core/test_profile.py: tables_nested_without_end_are_one_line",
@@ -111,7 +111,7 @@ LINES = {
         "reddit/test_places.py: a_repaired_dump_of_the_same_size_and_beginning_is_read",
     ),
     "a state without permission": (
-        "store/state/test_json_files.py: a_state_that_may_not_be_opened_is_no_damaged_one",
+        "store/state/test_sqlite.py: a_state_that_may_not_be_opened_is_no_damaged_one",
     ),
     "the lock has no hashes": ("package/test_setup.py: every_file_of_the_lock_has_its_hash",),
 }

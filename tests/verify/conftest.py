@@ -32,3 +32,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def root(made: Path, tmp_path: Path) -> Path:
     """A copy to damage."""
     return Path(shutil.copytree(made, tmp_path / "data"))
+
+
+@pytest.fixture
+def folders(released: Path, tmp_path: Path) -> Path:  # noqa: F811
+    """A folder of downloaded releases."""
+    return Path(shutil.copytree(released / "release", tmp_path / "down"))

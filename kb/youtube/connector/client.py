@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
+import httplib2
 import requests
 from googleapiclient.discovery import build
 from googleapiclient.errors import HttpError
@@ -19,7 +21,6 @@ from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
 from kb.net.session import HttpSession, failure, host_of, never_sent, user_agent
 from kb.youtube.connector import quota
 from kb.youtube.connector.errors import meaning
-from kb.youtube.connector.transport import Transport
 
 GOOGLE = "https://youtube.googleapis.com"
 
@@ -124,3 +125,36 @@ def _json(content: Any) -> Any:
         return json.loads(content)
     except (TypeError, ValueError, RecursionError):
         return None
+
+
+class Transport:
+    """httplib2.Http's interface over our session. Raises requests' exceptions."""
+
+    def __init__(self, session: HttpSession) -> None:
+        self._session = session
+
+    def request(
+        self,
+        uri: str,
+        method: str = "GET",
+        body: Any = None,
+        headers: Mapping[str, str] | None = None,
+        redirections: int = 0,
+        connection_type: Any = None,
+    ) -> tuple[httplib2.Response, bytes]:
+        """Send one request; return (headers and status, body). Redirects are not followed."""
+        answer = self._session.request(
+            method, uri, data=body, headers=dict(headers or {}), allow_redirects=False
+        )
+        return _response(answer), answer.content
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._session.close()
+
+
+def _response(answer: requests.Response) -> httplib2.Response:
+    fields = {name.lower(): value for name, value in answer.headers.items()}
+    response = httplib2.Response({**fields, "status": str(answer.status_code)})
+    response.reason = answer.reason
+    return response

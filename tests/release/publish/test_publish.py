@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from email.utils import format_datetime
 from pathlib import Path
@@ -20,7 +19,6 @@ from kb.core.errors import (
     CredentialRefused,
     DamagedData,
     FatalError,
-    Interrupted,
     MissingCredential,
     QuotaSpent,
     ReleaseRefused,
@@ -38,13 +36,6 @@ from tests.inprocess import Here
 from tests.release.conftest import a_run
 from tests.release.made import build
 from tests.release.signed import LINES, signed
-
-
-@pytest.fixture
-def service(monkeypatch: pytest.MonkeyPatch) -> Iterator[Sandbox]:
-    monkeypatch.setattr("kb.net.retry.FIRST_S", 0.001)  # retries without the wait between them
-    with Sandbox(services=["zenodo"]) as sandbox:
-        yield sandbox
 
 
 @pytest.fixture
@@ -574,36 +565,6 @@ def test_a_limit_with_a_date(root: Path, service: Sandbox) -> None:
     service.faults.add("/api/deposit", status=429, headers=until(3 * 3600))
     with pytest.raises(QuotaSpent):
         send(root, service)
-
-
-def test_an_upload_ends_in_the_midst_of_a_file(tmp_path: Path, service: Sandbox) -> None:
-    from kb.core.config.settings import load_settings
-    from kb.core.signals import stop
-    from kb.net.session import HttpSession
-    from kb.release.publish.zenodo import Zenodo, md5
-
-    file = tmp_path / "large.tar"
-    with file.open("wb") as sparse:
-        sparse.truncate(64 << 20)
-    client = Zenodo(HttpSession(load_settings(dotenv=False)), service.servers["zenodo"].url, TOKEN)
-    draft = client.create({"title": "x"})
-    service.faults.add("/api/files/", when=lambda environ: stop.request("SIGTERM") is not None)  # type: ignore[func-returns-value]
-    try:
-        with pytest.raises(Interrupted):
-            client.upload(draft["links"]["bucket"], file, md5(file), lambda size: None)
-    finally:
-        stop.clear()
-    service.faults.clear()
-    assert client.files(draft["id"]) == {}
-    (tmp_path / "empty").touch()
-    client.upload(draft["links"]["bucket"], file, md5(file), lambda size: None)
-    client.upload(
-        draft["links"]["bucket"], tmp_path / "empty", md5(tmp_path / "empty"), lambda size: None
-    )
-    assert {name: one["filesize"] for name, one in client.files(draft["id"]).items()} == {
-        "large.tar": 64 << 20,
-        "empty": 0,
-    }
 
 
 def test_command_says_where_each_draft_is(

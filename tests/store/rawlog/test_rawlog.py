@@ -16,7 +16,7 @@ from hypothesis import strategies as some
 from kb.core.errors import DamagedData, DiskFull
 from kb.net import redact
 from kb.store.rawlog import quarantine, rawlog
-from kb.store.rawlog.rawlog import Envelope, Frames, Request, Segment
+from kb.store.rawlog.rawlog import Envelope, Request, Segment
 from kb.store.rawlog.recorder import Recorder, recover
 from kb.store.state.frontier import Frontier
 
@@ -184,22 +184,6 @@ def test_the_torn_tail_of_an_open_segment_is_no_damage(tmp_path):
     assert not rawlog.any_answer(tmp_path, "youtube")
 
 
-@pytest.mark.parametrize("summed", [True, False], ids=["summed", "not summed"])
-@pytest.mark.parametrize(
-    "line",
-    [b"a note\n", b'{"status":200}\n', b'{"fetched_at":null,"request"', b"\n", b""],
-    ids=["text", "other JSON", "cut off", "blank", "empty"],
-)
-def test_a_whole_frame_without_an_envelope_is_damage(tmp_path, line, summed):
-    """Which frames are decoded for that must not be seen."""
-    written(tmp_path, 2)
-    [path] = rawlog.segments(tmp_path, "youtube", "videos")
-    good = path.read_bytes()
-    odd = zstandard.ZstdCompressor(write_checksum=summed).compress(line)
-    path.write_bytes(good + odd + good)
-    assert quarantine.gaps(path, path.stat().st_size) == [(len(good), len(good) + len(odd))]
-
-
 def test_answers_with_a_checksum_are_looked_at_without_being_decoded(tmp_path, monkeypatch):
     written(tmp_path, 3)
     [path] = rawlog.segments(tmp_path, "youtube", "videos")
@@ -238,23 +222,3 @@ def held(value):
 def test_answers_are_verbatim_but_for_what_text_cannot_hold(response):
     line = rawlog.encode(Envelope(None, Request("e", {}), 200, response))
     assert msgspec.json.decode(line)["response"] == held(response)
-
-
-@given(
-    some.lists(some.binary(min_size=1, max_size=3000), min_size=1, max_size=12),
-    some.integers(0, 4000),
-)
-def test_whole_frames_of_any_prefix(tmp_path_factory, lines, cut):
-    path = tmp_path_factory.mktemp("frames") / "segment"
-    frames = [zstandard.ZstdCompressor().compress(line) for line in lines]
-    data = b"".join(frames)
-    cut = min(cut, len(data))
-    path.write_bytes(data[: len(data) - cut])
-    read = Frames(path, mending=True)
-    found = [line for _, line in read]
-    whole = 0
-    while sum(map(len, frames[: whole + 1])) <= len(data) - cut and whole < len(frames):
-        whole += 1
-    assert found == lines[:whole]
-    assert read.good == sum(map(len, frames[:whole]))
-    assert read.torn == (read.good < len(data) - cut)

@@ -9,7 +9,7 @@ import pytest
 
 from kb.store.tables import database
 
-KB = Path(__file__).resolve().parents[2] / "kb"
+KB = Path(__file__).resolve().parents[3] / "kb"
 SORTED = "SELECT range::VARCHAR || repeat('x', 100) AS t FROM range(1000000) ORDER BY hash(range)"
 
 
@@ -17,7 +17,7 @@ def test_it_is_opened_in_one_place() -> None:
     opened = [
         path for path in KB.rglob("*.py") if re.search(r"duckdb\.connect\(", path.read_text())
     ]
-    assert opened == [KB / "store" / "database.py"]
+    assert opened == [KB / "store" / "tables" / "database.py"]
 
 
 def test_times_are_utc_in_every_zone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import zlib
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
@@ -12,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kb.store.tables.latest import duplicates, newest
-from kb.store.tables.partition import Shuffle
 
 TYPES = {"key": pa.string(), "other": pa.int64(), "at": pa.int64(), "n": pa.int64()}
 ROW = st.tuples(
@@ -61,22 +58,3 @@ def test_echoes_are_no_duplicates() -> None:
     kept = newest(rows, ["key"], ["at"])
     assert duplicates(rows, kept) == 2
     assert duplicates(rows, kept, "echo") == 1
-
-
-def test_rows_of_a_key_meet_in_one_bucket_in_their_order(tmp_path: Path) -> None:
-    keys = [f"k{n % 37}" if n % 11 else None for n in range(500)]
-    rows = pa.table({"key": pa.array(keys, pa.string()), "n": range(500)})
-    with Shuffle(tmp_path, "x", 8) as shuffle:
-        for start in range(0, 500, 90):
-            part = rows.slice(start, 90)
-            shuffle.write(part, part["key"])
-    found = 0
-    for path in tmp_path.glob("*/x.arrow"):
-        with pa.ipc.open_file(str(path)) as file:
-            part = file.read_all().to_pydict()
-        assert part["n"] == sorted(part["n"])
-        found += len(part["n"])
-        # The same hash on every machine, so workers of a cluster agree.
-        numbers = {zlib.crc32((key or "None").encode()) % 8 for key in part["key"]}
-        assert numbers == {int(path.parent.name)}
-    assert found == 500

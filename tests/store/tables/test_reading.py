@@ -15,7 +15,7 @@ import pytest
 from kb.core.errors import DamagedData
 from kb.store.state.frontier import Frontier
 from kb.store.tables.merge import Merge
-from kb.store.tables.reading import advice, reading, scan, state
+from kb.store.tables.reading import reading, scan, state
 
 ODD = "a#b?c%41[d]*'e{f,g}"
 
@@ -61,28 +61,6 @@ def test_an_error_of_another_cause_stays_what_it_is(tmp_path: Path) -> None:
         duckdb.connect().execute(f"SELECT nothing FROM {scan([good])}")
     with pytest.raises(ZeroDivisionError), reading([good]):
         raise ZeroDivisionError
-
-
-@pytest.mark.parametrize(
-    ("path", "said"),
-    [
-        ("clean/youtube/videos/part-0.parquet", "run `kb youtube filter` again"),
-        (
-            "clean/pairs/release/raw/clean/reddit/posts/part-0.parquet",
-            "run `kb reddit filter` again",
-        ),
-        ("pairs/pairs-00000-of-00001.parquet", "run `kb pairs --again`"),
-        ("release/pairs/pairs-00000-of-00001.parquet", "run `kb pairs --again`"),
-        ("release/wiki/pages-00000-of-00001.parquet", "run `kb wiki export` again"),
-        (
-            "annotations/reddit/toxicity.parquet",
-            "remove it, then run `kb reddit filter`: what it held is scored again",
-        ),
-        ("raw/youtube/tombstones.parquet", "run `kb verify --repair`: its copy takes its place"),
-    ],
-)
-def test_how_a_file_is_made_again(path: str, said: str) -> None:
-    assert advice(Path("/data") / path) == said
 
 
 def test_state_is_read_where_it_is(tmp_path: Path) -> None:

@@ -10,8 +10,6 @@ from typing import Any
 import pytest
 
 from kb.sandbox.youtube import resources as errors
-from kb.store.state.frontier import Frontier
-from kb.youtube.connector.reduce import SEARCHES, UPLOADS, VIDEOS
 from tests.sandbox.domains import of_case
 from tests.youtube import walls
 from tests.youtube.connector.test_fetch import CRAWL, finish, no_patience
@@ -57,24 +55,6 @@ def test_a_refusal_without_a_reason_is_a_block(job: Job, path: str) -> None:
     assert len(job.sandbox.ledger.requests(path)) == 1
     job.sandbox.faults.clear()
     finish(job)
-
-
-def test_what_an_earlier_version_dropped_is_asked_for(job: Job) -> None:
-    job.stopped(*CRAWL, "--only", "channels", "--limit", "1", code=3)
-    frontier = Frontier(job.root / "state" / "youtube.sqlite")
-    frontier.add(VIDEOS, list(job.sandbox.world.youtube.videos)[:1])
-    lost = {
-        kind: [next(iter(frontier.items(kind, "todo")))[0]] for kind in (SEARCHES, UPLOADS, VIDEOS)
-    }
-    for kind, keys in lost.items():
-        frontier.mark(kind, keys, "skipped", "http_408")
-    frontier.close()
-    finish(job)
-    frontier = Frontier(job.root / "state" / "youtube.sqlite", readonly=True)
-    assert {kind: frontier.get(kind, key)[0] for kind, (key,) in lost.items()} == dict.fromkeys(
-        lost, "done"
-    )  # type: ignore[index]
-    frontier.close()
 
 
 def test_payloads_without_their_newer_fields_go_on(job: Job) -> None:

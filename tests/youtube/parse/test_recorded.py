@@ -5,7 +5,6 @@ against the file.
 from __future__ import annotations
 
 import json
-import re
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from kb.schema import raw
 from kb.youtube.connector.player import facts
 from kb.youtube.parse import answers as parse
 
@@ -170,27 +168,3 @@ def test_transcripts_of_recorded_timed_text(recorded: Path) -> None:
         "en",
         [],
     )
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "youtube.innertube.json",
-        "youtube_age_restricted.innertube.json",
-        "youtube_video_unavailable.innertube.json",
-        "youtube_transcripts_disabled2.innertube.json",
-    ],
-)
-def test_a_player_s_answer_leaves_no_address_and_nothing_undeclared(
-    name: str, recorded: Path
-) -> None:
-    answer = load(recorded / "youtube" / "transcripts" / name)
-    kept = facts(answer, "")
-    private = r"https?:|//|visitor|2001:db8|INNERTUBE|signature|trackingParams|expire"
-    assert not re.search(private, json.dumps(kept), re.IGNORECASE)
-    assert not raw.unknown_keys("youtube/transcripts", {"player": kept})
-    assert kept["playability"] == answer["playabilityStatus"]["status"]
-    if name == "youtube.innertube.json":
-        assert (kept["width"], kept["height"], kept["fps"]) == (3840, 2160, 24)
-        assert [track["kind"] for track in kept["tracks"]].count("asr") == 1
-        assert len(kept["tracks"]) == 9

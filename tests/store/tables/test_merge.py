@@ -1,0 +1,68 @@
+"""Tests of `kb.store.tables.merge`."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from kb.store.tables import merge, shards
+from tests.store.tables.test_shards import CELLS, REJECTED, cells, rejected
+
+
+@pytest.mark.parametrize("layout", [1, 3, 40])
+def test_sorted_shards_whatever_the_parts(tmp_path: Path, layout: int) -> None:
+    keys = [f"k{number:05d}" for number in range(20_000)]
+    parts = [tmp_path / f"part-{index:05d}.parquet" for index in range(layout)]
+    for index, path in enumerate(parts):
+        shards.write_table(path, rejected(keys[index::layout]), REJECTED)
+    whole = tmp_path / "whole.parquet"
+    shards.write_table(whole, rejected(keys), REJECTED)
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    made = shards.sorted_shards(
+        parts, tmp_path / "a", REJECTED, rows_per_shard=7_000, released=False
+    )
+    shards.sorted_shards([whole], tmp_path / "b", REJECTED, rows_per_shard=7_000, released=False)
+    assert [shard.path.name for shard in made] == [
+        f"rejected-{i:05d}-of-00003.parquet" for i in range(3)
+    ]
+    assert [shard.rows for shard in made] == [7_000, 7_000, 6_000]
+    read = [key for shard in made for key in pq.read_table(shard.path)["key"].to_pylist()]
+    assert read == keys
+    for shard in made:
+        assert shard.path.read_bytes() == (tmp_path / "b" / shard.path.name).read_bytes()
+
+
+def test_a_group_larger_than_what_is_read_ahead(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(merge, "ROWS_AHEAD", 8)
+    monkeypatch.setattr(merge, "_LEAST", 2)
+    rows = [
+        (page, 1, row, column)
+        for page in (1, 2, 3, 9)
+        for row in range(100 if page == 2 else 3)
+        for column in range(2)
+    ]
+    random.Random(2).shuffle(rows)
+    parts = [tmp_path / f"{index}.parquet" for index in range(3)]
+    for index, path in enumerate(parts):
+        shards.write_table(path, cells(rows[index::3]), CELLS)
+    with_unsorted = tmp_path / "unsorted.parquet"
+    more = [(2, 2, 5, 5), (1, 2, 5, 5)]
+    with shards.ShardWriter(with_unsorted, CELLS) as writer:
+        writer.write(cells(more))
+    (tmp_path / "out").mkdir()
+    made = shards.sorted_shards(
+        [*parts, with_unsorted], tmp_path / "out", CELLS, rows_per_shard=1_000
+    )
+    read = (
+        pq.read_table(made[0].path)
+        .select(["page_id", "table_id", "row_index", "column_index"])
+        .to_pylist()
+    )
+    assert [tuple(row.values()) for row in read] == sorted(rows + more)
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []

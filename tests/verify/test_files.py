@@ -1,0 +1,60 @@
+"""Tests of `kb.verify.files`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.verify.test_repair import repair
+from tests.verify.test_root import found, verify
+from tests.verify.test_tables import emptied
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("notes.txt", "other"),
+        ("raw/youtube/videos/notes.txt", "raw answers"),
+        ("raw/other/x/000001-a.ndjson.zst", "raw answers"),
+        ("raw/wiki/images/mine.png", "images"),
+        ("state/mine.db", "state"),
+        ("clean/youtube/videos/mine.parquet", "clean"),
+        ("pairs/notes.md", "pairs"),
+        ("release/notes.md", "release"),
+        ("clean/.youtube.new/videos/part-00000.parquet", "leftovers"),
+        ("clean/youtube/videos/.part.parquet.12-3-ab.tmp", "leftovers"),
+    ],
+)
+def test_what_no_command_has_written_is_foreign(root: Path, name: str, kind: str) -> None:
+    path = root / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("x")
+    assert found(root) == [(kind, "foreign", name)]
+    repair(root)
+    assert path.exists() == (kind != "leftovers")
+    assert bool(found(root)) == (kind != "leftovers")
+
+
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        ("export/minedojo/youtube_full.json", "kb youtube export --format minedojo"),
+        ("export/minedojo/wiki_full/Cave/0/data.json", "kb wiki export --format minedojo"),
+        ("export/convokit/utterances.jsonl", "kb reddit export --format convokit"),
+        ("export/video2dataset/clips.parquet", "kb pairs --format video2dataset"),
+        ("export/reconstructed/posts/part-00000.parquet", "kb reddit reconstruct"),
+        ("report/index.html", "kb report"),
+        ("report/figures/words.svg", "kb report"),
+    ],
+)
+def test_of_what_repair_does_not_make_the_table_names_the_command(
+    root: Path, name: str, command: str
+) -> None:
+    path = root / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    emptied(path)
+    (told,) = verify(root).entries
+    assert (told.state, told.advice) == ("damaged", f"run `{command}` again")
+    repair(root)
+    assert [one.path for one in verify(root).entries] == [path]
