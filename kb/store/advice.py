@@ -1,4 +1,4 @@
-"""How a file of the data root is made again, by where it is."""
+"""The command that rebuilds a file of the data root, by its path."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LAYOUTS = {
 
 
 def advice(path: Path) -> str:
-    """What to type to have a file of a data root again."""
+    """The command that rebuilds a file of a data root."""
     match path.parts[::-1]:
         case (_, _, source, "clean", *_) if source in SOURCES:
             return f"run `kb {source} filter` again"

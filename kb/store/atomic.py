@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all: written beside their place, synced, renamed."""
+"""Atomic writes: a file or folder is written under a temporary name, synced, then renamed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What killed commands left behind: temporary files, new and old folders, leases.
+"""Removes leftovers of killed commands: temporary files, new and old folders, leases.
 
 Each holds what may have been purged since, so whoever gets a lock (kb.store.lock) first clears
 what lies where the lock allows to write, and what no process can be using any more of what DuckDB

@@ -1,4 +1,4 @@
-"""Which process a leftover is of, and whether that one is still there."""
+"""Marks temporary files with their process, and tells whether that process still runs."""
 
 from __future__ import annotations
 

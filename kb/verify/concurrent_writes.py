@@ -1,4 +1,4 @@
-"""What other processes write to while a data root is read without any lock."""
+"""Detects which files other processes write while a data root is read without a lock."""
 
 from __future__ import annotations
 

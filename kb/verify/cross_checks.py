@@ -1,4 +1,4 @@
-"""What the files of a data root say together: which are not there, and keys with two answers."""
+"""Checks across files of a data root: missing files and keys with two verdicts."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def compare(findings: Findings, root: Path) -> None:
 
 
 def _lost_tables(findings: Findings, root: Path) -> None:
-    """Files of tables that were written and are not there."""
+    """Add missing files of tables."""
     for name in ("pairs", "links", *(f"clean/{source}" for source in SOURCES)):
         with contextlib.suppress(DamagedData):  # told with the manifest
             for path in manifest.missing(root, name):
@@ -47,7 +47,7 @@ def _lost_tables(findings: Findings, root: Path) -> None:
 
 
 def _lost_indexes(findings: Findings, root: Path) -> None:
-    """Files of indexes that were written and are not there."""
+    """Add missing files of indexes."""
     for source in SOURCES:
         name, place = f"index/{source}", Layout(root).index(source)
         with contextlib.suppress(DamagedData):  # told with the manifest

@@ -1,4 +1,4 @@
-"""Every file of a data root by where it is: whole, damaged, or nobody's."""
+"""Checks every file of a data root by its path: intact, damaged or foreign."""
 
 from __future__ import annotations
 

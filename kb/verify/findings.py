@@ -1,4 +1,4 @@
-"""What a look into every file has found: counts by kind, and what is not as it should be."""
+"""The findings of `kb verify`: counts by kind, and damaged, missing and foreign files."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class VerifyFinding(NamedTuple):
 
 
 class Findings:
-    """Collects what is found; `advance` hears of bytes that were read."""
+    """Collects findings; `advance` receives the number of bytes that were read."""
 
     def __init__(self, advance: Callable[[int], None]) -> None:
         self.advance = advance
@@ -55,7 +55,7 @@ class Findings:
         self._counts: dict[str, dict[str, tuple[int, int]]] = {}
 
     def retrying(self, step: Callable[[], object]) -> None:
-        """Take a step again where a file that it was reading has been replaced meanwhile."""
+        """Retry a step if a file that it reads is replaced meanwhile."""
         for _ in range(_TRIES):
             length, counts = len(self.entries), copy.deepcopy(self._counts)
             try:
@@ -66,7 +66,7 @@ class Findings:
                 self._counts = counts
 
     def drop(self, stale: Collection[VerifyFinding]) -> None:
-        """What was found and is so no more."""
+        """Remove findings that no longer apply."""
         for one in stale:
             files, size = self._counts[one.kind][one.state]
             self._counts[one.kind][one.state] = files - 1, size - one.size
@@ -75,30 +75,30 @@ class Findings:
         self.entries = [one for one in self.entries if one not in stale]
 
     def intact(self, kind: str, path: Path) -> None:
-        """A file that is what was written."""
+        """Count an intact file."""
         self._count(kind, "whole", path.stat().st_size)
 
     def checked(self, kind: str, path: Path, what: str, advice: str) -> None:
-        """A file that was read: damaged where `what` says how, else whole."""
+        """Add a damaged file if `what` says how it is damaged, else count an intact one."""
         if what:
             self.damaged(kind, path, what, advice)
         else:
             self.intact(kind, path)
 
     def damaged(self, kind: str, path: Path, what: str, advice: str) -> None:
-        """A file that is there and not what was written."""
+        """Add a file whose content differs from what was written."""
         self._add(VerifyFinding(kind, "damaged", path, _size(path), what, advice))
 
     def missing(self, kind: str, path: Path, advice: str, what: str = "is not there") -> None:
-        """A file that something speaks of and that is not there."""
+        """Add a file that another file refers to and that does not exist."""
         self._add(VerifyFinding(kind, "missing", path, 0, what, advice))
 
     def foreign(self, kind: str, path: Path, what: str, advice: str) -> None:
-        """A file that no command of ours has written there."""
+        """Add a file that no command has written."""
         self._add(VerifyFinding(kind, "foreign", path, _size(path), what, advice))
 
     def of(self, *kinds: str, state: str = "") -> list[VerifyFinding]:
-        """What was found of these kinds."""
+        """The findings of these kinds."""
         return [one for one in self.entries if one.kind in kinds and state in ("", one.state)]
 
     def total(self, state: str) -> tuple[int, int]:

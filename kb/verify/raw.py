@@ -1,4 +1,4 @@
-"""Raw answers against their checksums and the state; pages and images beside them."""
+"""Checks raw answers against their checksums and the state, and captured pages and images."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def side_file(findings: Findings, path: Path) -> None:
 
 
 def lost_side_files(findings: Findings, root: Path) -> None:
-    """Pages and images that answers speak of and that are not there."""
+    """Add missing pages and images that raw answers refer to."""
     pages, images = _named(root)
     for folder in pages.values():
         names = sidefiles.sums(root / folder) or dict.fromkeys(_CAPTURE)

@@ -1,4 +1,4 @@
-"""A release folder against its SHA256SUMS, its metadata and the names of its shards."""
+"""Checks a release folder against its SHA256SUMS, its metadata and the names of its shards."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Mending a data root, step by step: copies and names that no reader takes, then what a crawl asks
-for again and what is made of it.
+"""Repairs a data root step by step: restores copies and quarantines damaged files, then fetches
+lost answers and rebuilds what is derived from them.
 
 Foreign files are never touched, and nothing is deleted: what is damaged gets the ending
 `.damaged`, or is noted for the next crawl. What each step does is given by pipelines/verify.py.

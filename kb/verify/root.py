@@ -1,4 +1,4 @@
-"""Every file of a data root, by what it is; or of a release folder, or of a folder of releases."""
+"""Verifies a data root, a release folder or a folder of releases."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _root(findings: Findings, root: Path, files: Iterable[Path]) -> None:
 
 
 def _recheck(findings: Findings, root: Path, busy: Busy, progress: Progress) -> None:
-    """Drop what was found only because another process was writing there."""
+    """Drop findings that another process caused by writing at the same time."""
     doubtful = [one for one in findings.entries if busy.touches(one.path)]
     if not doubtful:
         return

@@ -1,4 +1,4 @@
-"""One file of a data root or release: intact, or what is wrong with it."""
+"""Checks one file of a data root or release."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tests of progress displays."""
+"""Tests of `kb.core.progress`."""
 
 from __future__ import annotations
 

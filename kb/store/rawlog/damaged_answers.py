@@ -1,5 +1,4 @@
-"""Raw segments that can't be read in full: nothing good is cut, and what is lost is asked for
-again.
+"""Damaged and missing answers of the raw log: quarantines them and queues them for the next crawl.
 
     damaged bytes     set aside as `<segment>.ndjson.zst.damaged-<offset>`; the frames on both
                       sides stay

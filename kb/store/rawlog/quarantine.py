@@ -1,4 +1,4 @@
-"""What can't be read in a segment of the raw log, and how it is set aside.
+"""Moves unreadable bytes of a raw segment into quarantine files.
 
 raw/<source>/<kind>/….ndjson.zst.damaged-<offset>      the damaged bytes, for whoever can fix them
 """

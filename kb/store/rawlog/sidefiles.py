@@ -1,4 +1,4 @@
-"""Files beside the raw log, which no frame's checksum covers: captured pages and images.
+"""Captured pages and images, which are stored outside the raw log and have their own checksums.
 
     raw/wiki/images/<sha256>.<ending>   the name says what is in it
     raw/wiki/pages/<id>/<revision>/…    SHA256SUMS beside them says it, as for `sha256sum -c`
@@ -93,7 +93,7 @@ def forget(root: Path, source: str) -> None:
 
 
 def quarantine_file(path: Path) -> None:
-    """Give a damaged file another name, which no reader takes."""
+    """Rename a damaged file so that no reader uses it."""
     if path.is_file():
         os.replace(path, quarantine_path(path))
         sync_folder(path.parent)

@@ -1,4 +1,4 @@
-"""What a crawl has still to fetch: the items of a source's state, by kind and status."""
+"""The items that a crawl still has to fetch, by kind and status."""
 
 from __future__ import annotations
 

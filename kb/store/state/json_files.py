@@ -1,4 +1,4 @@
-"""Small notes that a data root keeps in JSON: read as their type, damage told by name and fix."""
+"""Reads small typed JSON files of a data root; a damaged one is named in the error."""
 
 from __future__ import annotations
 

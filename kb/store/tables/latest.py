@@ -1,4 +1,4 @@
-"""Of several answers about one thing the newest: the one deduplication."""
+"""Deduplication: keeps the newest of several rows with one key."""
 
 from __future__ import annotations
 

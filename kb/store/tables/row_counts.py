@@ -1,4 +1,4 @@
-"""The four answers of a source, counted in the files of clean/<source>: what all summaries say."""
+"""Counts kept, rejected, failed and pending rows in clean/<source> for all summaries."""
 
 from __future__ import annotations
 
