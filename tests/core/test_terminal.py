@@ -125,20 +125,3 @@ def test_an_answer_on_a_terminal_and_in_a_pipe(
         assert TEXT in piped  # exactly
     if format == "table":
         assert not [one for one in piped if acts(one) and one != "\n"]
-
-
-@pytest.mark.parametrize("display", [lambda: LineProgress(sys.stderr, every=0.0), Bars])
-def test_names_and_facts_of_a_task(
-    monkeypatch: pytest.MonkeyPatch, display: Callable[[], Any]
-) -> None:
-    stream = Terminal()
-    monkeypatch.setattr(sys, "stderr", stream)
-    monkeypatch.setenv("TERM", "dumb")
-    shown = display()
-    with shown.task(HOSTILE, 2) as task:
-        task.advance(1, last=HOSTILE)
-    getattr(shown, "close", lambda: None)()
-    assert not set("\x07\x9b\u202e\u2028\ud800") & set(stream.getvalue())
-    assert "\x1b]0;t" not in stream.getvalue()
-    assert not [line for line in stream.getvalue().splitlines() if line.startswith("kb: ")]
-    assert r"\x1b]0;t\x07" in stream.getvalue()

@@ -14,22 +14,18 @@ from pathlib import Path
 import pytest
 
 from kb.core import clock
-from kb.core.config.profile import load_profile
-from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import (
     Blocked,
     LimitReached,
     NothingRead,
-    OtherService,
     Retryable,
     Unreachable,
-    WriterLocked,
 )
 from kb.core.summary import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
-from kb.crawl.session import CrawlSession, open_session
+from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Phase
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
@@ -39,20 +35,6 @@ from tests.fourth.feed.connector import NOTES, PAGES, Feed
 from tests.fourth.service import Service, serving
 
 ROOT = Path(__file__).resolve().parents[2]
-
-
-@pytest.fixture
-def service() -> Iterator[Service]:
-    """Ten notes on four pages."""
-    with serving(10) as running:
-        yield running
-
-
-@pytest.fixture
-def run(tmp_path: Path) -> Run:
-    """A fresh data root."""
-    settings = load_settings(dotenv=False, kb_data=tmp_path)
-    return Run(settings=settings, profile=load_profile("minecraft"), root=tmp_path)
 
 
 def summary(session: CrawlSession, loop: Loop) -> Summary:
@@ -234,28 +216,6 @@ def test_a_batch_that_fails_is_halved_until_only_the_bad_items_are_left(
         assert feed.refused <= 4 * len(bad)
 
 
-def test_batches_of_a_service_that_is_down_are_left_for_the_next_run(run: Run) -> None:
-    with serving(100, page=50) as service:
-        feed = Batches(run, service.root)
-        feed.bad = frozenset(service.ids)
-        with pytest.raises(Unreachable) as stop:
-            work(run, feed, summary)
-        assert stop.value.summary == {"notes": 1, "failed": 1, "left": 50}
-        feed = Batches(run, service.root)
-        assert work(run, feed, summary) == {"notes": 100, "failed": 0, "left": 0}
-
-
-def test_what_is_left_out_takes_nothing_of_the_limit(run: Run, service: Service) -> None:
-    class Early(Feed):
-        phases = (replace(NOTES, seeks=True), PAGES)
-
-        def leave_out(self, phase: Phase, item: Item) -> str | None:
-            return "late" if item.key >= "n004" else None
-
-    early = Early(run, service.root)
-    assert work(replace(run, limit=4), early, summary) == {"notes": 4, "failed": 0, "left": 0}
-
-
 def test_after_a_block_one_request_finds_out(run: Run, service: Service) -> None:
     service.fault = lambda path: (403, {}) if path == "/notes/n001" else None
     for _ in range(2):
@@ -306,17 +266,6 @@ def wait_until(what: Callable[[], bool], seconds: float = 1.0) -> None:
     end = time.monotonic() + seconds
     while not what() and time.monotonic() < end:
         time.sleep(0.01)
-
-
-def test_one_writer_and_one_feed_a_root(run: Run, service: Service) -> None:
-    crawl(run, service)
-    with (
-        open_session(run, Feed(run, service.root)),
-        pytest.raises(WriterLocked, match="pid"),
-    ):
-        crawl(run, service)
-    with pytest.raises(OtherService):
-        work(run, Feed(run, "http://elsewhere.example"), summary)
 
 
 SCRIPT = """

@@ -13,10 +13,9 @@ import pytest
 
 from kb.core.errors import SchemaMismatch, UsageError
 from kb.core.installation import folder
-from kb.schema import conform, raw, table, tables
+from kb.schema import raw, table, tables
 from kb.schema.declaration import check_table
 from kb.schema.tables import load_table
-from kb.schema.types import parse_type
 from kb.store.tables.shards import write_table
 
 FILES = sorted((folder("schemas") / "tables").glob("*/*.toml"))
@@ -160,26 +159,6 @@ def test_a_wrong_column_is_named(
     assert str(path) in str(caught.value)
 
 
-def test_wrong_keys_of_a_table_come_all_at_once() -> None:
-    column = {"name": "a", "type": "string", "doc": "Doc.", "from": "rule: x"}
-    problems = check_table(
-        {
-            "name": "x/t",
-            "colum": 1,
-            "key": ["b"],
-            "sort_by": [],
-            "column": [column, column],
-        }
-    )
-    assert problems == [
-        "unknown key 'colum'",
-        "`doc` is missing or empty",
-        "column a: declared twice",
-        "`key` names 'b', which is no column",
-        "`sort_by` must list columns",
-    ]
-
-
 def test_an_unknown_table_names_the_known() -> None:
     with pytest.raises(UsageError) as caught:
         table("youtube/video")
@@ -197,38 +176,3 @@ def test_writing_an_undeclared_column_fails(tmp_path: Path, make_rows) -> None: 
     with pytest.raises(SchemaMismatch, match="column 'reason' is missing"):
         write_table(tmp_path / "a.parquet", rows.drop_columns(["reason"]), "shared/failed")
     assert not list(tmp_path.iterdir())
-
-
-def test_conform_casts_orders_and_refuses(make_rows) -> None:  # type: ignore[no-untyped-def]
-    rows = make_rows("wiki/cells", 2)
-    narrow = rows.set_column(
-        rows.column_names.index("row_index"), "row_index", pa.array([0, 1], pa.int32())
-    )
-    shuffled = narrow.select(list(reversed(narrow.column_names)))
-    done = conform("wiki/cells", shuffled)
-    assert done.schema.equals(table("wiki/cells").arrow(), check_metadata=True)
-    with pytest.raises(SchemaMismatch, match="column 'text' has 1 nulls and may have none"):
-        conform("wiki/cells", make_rows("wiki/cells", 2, text=["a", None]))
-    with pytest.raises(SchemaMismatch, match="column 'row_index' is double, not int64"):
-        conform(
-            "wiki/cells",
-            rows.set_column(rows.column_names.index("row_index"), "row_index", pa.array([0.5, 1])),
-        )
-    nullable = make_rows("youtube/videos", 2, like_count=[None, 1], fps=[None, 30])
-    assert conform("youtube/videos", nullable)["like_count"].null_count == 1
-    # released tables need their own columns only
-    assert (
-        conform(
-            "youtube/videos",
-            nullable.select(table("youtube/videos").names(released=True)),
-            released=True,
-        ).num_rows
-        == 2
-    )
-
-
-def test_types_nest() -> None:
-    kind = parse_type("list<struct<a: int64, b: list<struct<c: string>>>>").arrow()
-    assert kind == pa.list_(
-        pa.struct([("a", pa.int64()), ("b", pa.list_(pa.struct([("c", pa.string())])))])
-    )

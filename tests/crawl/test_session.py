@@ -1,0 +1,27 @@
+"""Tests of `kb.crawl.session`."""
+
+from __future__ import annotations
+
+import pytest
+
+from kb.core.context import Run
+from kb.core.errors import (
+    OtherService,
+    WriterLocked,
+)
+from kb.crawl.job import work
+from kb.crawl.session import open_session
+from tests.crawl.test_frame import crawl, summary
+from tests.fourth.feed.connector import Feed
+from tests.fourth.service import Service
+
+
+def test_one_writer_and_one_feed_a_root(run: Run, service: Service) -> None:
+    crawl(run, service)
+    with (
+        open_session(run, Feed(run, service.root)),
+        pytest.raises(WriterLocked, match="pid"),
+    ):
+        crawl(run, service)
+    with pytest.raises(OtherService):
+        work(run, Feed(run, "http://elsewhere.example"), summary)
