@@ -52,7 +52,7 @@ class FileVerifier:
         if path.is_symlink() and not path.exists():
             findings.foreign("other", path, "is a link that leads nowhere", "remove it")
         elif leftovers.is_left(parts):
-            findings.foreign("leftovers", path, "is on its way, or was left", _CLEARED)
+            findings.foreign("leftovers", path, "is a temporary file", _CLEARED)
         elif len(parts) == 1:
             if path.name not in NEIGHBOURS:
                 self._strange("other", path)

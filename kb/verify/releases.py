@@ -104,7 +104,7 @@ def _metadata(
     except (ValueError, KeyError, TypeError):
         digests = None
     if digests is None:
-        findings.damaged("release", path, "is no metadata", advice(path))
+        findings.damaged("release", path, "is not valid metadata", advice(path))
         return
     for name, value in sorted(digests.items()):
         if known.get(name, value) != value:

@@ -163,4 +163,4 @@ def _tombstones(root: Path, one: VerifyFinding) -> str:
         if other != one.path and tombstones.is_readable(other):
             write_bytes(one.path, other.read_bytes())
             return f"{one.path} is its copy {other} again"
-    return f"{one.path} could not be mended: no copy of it is whole; restore it from a copy"
+    return f"{one.path} could not be repaired: no intact copy exists; restore it from a backup"

@@ -49,8 +49,8 @@ LINES = {
         "crash/test_chaos.py: joined_by_a_second_one_both_are_right",
     ),
     "9 a release folder vanishes silently": (
-        "store/test_complete.py: a_missing_release_folder_is_never_passed_over",
-        "store/test_complete.py: a_release_without_a_shard_is_refused",
+        "artifacts/test_manifest.py: a_missing_release_folder_is_never_passed_over",
+        "artifacts/test_manifest.py: a_release_without_a_shard_is_refused",
         f"{SWAP}: what_was_killed_between_two_renames_is_healed_by_the_next_command",
     ),
     "10 a path in raw data leaves the root": (
@@ -71,7 +71,7 @@ LINES = {
     "14 a lost or other reddit key": (
         "reddit/test_authors.py: no_other_key_takes_the_place_of_a_data_root_s",
     ),
-    "15 a symlinked clean folder": ("store/test_complete.py: a_link_to_a_folder_stays_one",),
+    "15 a symlinked clean folder": ("artifacts/test_manifest.py: a_link_to_a_folder_stays_one",),
     "16 unexpected without a way out": (
         "annotate/test_damage.py: a_damaged_file_of_scores_is_named",
         "annotate/test_damage.py: too_little_memory_is_no_wrong_model",
@@ -91,8 +91,8 @@ LINES = {
         "store/test_leftovers.py: what_a_killed_release_left_beside_its_notes_goes",
     ),
     "a deleted table, and advice that is a command": (
-        "store/test_complete.py: a_deleted_clean_file_or_table_is_one_line",
-        "store/test_complete.py: pairs_that_lost_a_shard_are_made_again_as_the_line_says",
+        "artifacts/test_manifest.py: a_deleted_clean_file_or_table_is_one_line",
+        "artifacts/test_manifest.py: pairs_that_lost_a_shard_are_made_again_as_the_line_says",
     ),
     "a second purge of the wiki by title": (
         "wiki/connector/test_source.py: purge_leaves_nothing",

@@ -32,24 +32,10 @@ from kb.store.tables.shards import write_table
 from kb.verify.root import verify
 from tests.inprocess import Here
 from tests.links import made
-from tests.wiki import handmade_data as wiki
 
 pipeline = load(str(locate("links")))
 NAMES = {"Canidae": Names("Canidae", ("Wolf",))}
 SECRET = "video000002"
-
-
-@pytest.fixture
-def run(tmp_path: Path) -> Run:
-    root = tmp_path / "data"
-    videos = [
-        (f"Creeper {n}", "a wolf", [(0, "oak log"), (n + 1, "the wolf and the dragon")])
-        for n in range(6)
-    ]
-    pages = [("Creeper", ["a creeper near an oak"]), ("Canidae", ["hound", "bed", "wolf"])]
-    posts = [("Wolf", "chest wolf", ["dragon", "oak"]), ("Nothing", "here", [])]
-    made.fill(root, videos, pages, posts, ["creeper", "irongolem", "creepers and creepers"])
-    return made.run_at(root)
 
 
 def bytes_of(root: Path) -> dict[str, bytes]:
@@ -175,17 +161,17 @@ def test_a_lost_or_damaged_file_is_told_and_mended(run: Run) -> None:
     path.unlink()
     with pytest.raises(DamagedData, match="entities-00000-of-00001"):
         made.links(run, NAMES)
-    assert [(one.kind, one.state, one.path) for one in verify(run.root, Silent()).found] == [
+    assert [(one.kind, one.state, one.path) for one in verify(run.root, Silent()).entries] == [
         ("links", "missing", path)
     ]
     made.links(replace(run, again=True), NAMES)
-    assert not verify(run.root, Silent()).found
+    assert not verify(run.root, Silent()).entries
     path.write_bytes(path.read_bytes()[:-40])
-    (one,) = verify(run.root, Silent()).found
+    (one,) = verify(run.root, Silent()).entries
     assert (one.kind, one.state, one.advice) == ("links", "damaged", "run `kb links --again`")
     said = load(str(locate("verify"))).repair(run)[1]
     assert said == ["`kb links --again` was run"]
-    assert not verify(run.root, Silent()).found
+    assert not verify(run.root, Silent()).entries
 
 
 def test_one_writer_and_no_filter_meanwhile(run: Run) -> None:
@@ -297,7 +283,7 @@ def test_a_purge_leaves_no_byte(
     made.links(replace(run, again=True), pipeline.names(run))
     assert bytes_of(run.root) == kept
     assert here("release", *at).code == 0
-    assert not verify(run.root, Silent()).found
+    assert not verify(run.root, Silent()).entries
 
 
 def _plain(path: Path) -> bytes:
@@ -331,31 +317,6 @@ def test_tables_that_a_purge_cannot_make_again_do_not_stay(
     assert "the entity tables were removed: the keyword list" in done.err
     assert not (run.root / "links").exists()
     assert not (run.root / "release" / "links").exists()
-
-
-def test_redirects_come_from_the_wiki_s_answers(run: Run, here: Here) -> None:
-    """Without their namespace, as pages are; the newest answer counts."""
-    spaces = {str(n): {"id": n, "name": name} for n, name in ((0, ""), (102, "Cookbook"))}
-    told = [{"ns": 0, "title": title} for title in ("Wolf", "Pets")]
-    older = wiki.page(11, "Canidae", redirects=[{"ns": 0, "title": "Iron Golem"}])
-    newer = wiki.page(11, "Canidae", redirects=told)
-    named = {"ns": 102, "redirects": [{"ns": 102, "title": "Cookbook:Dragon"}]}
-    other = wiki.page(12, "Cookbook:Bed", **named)
-    wiki.put(run.root, "site", (wiki.MONDAY, {"query": {"namespaces": spaces, "general": {}}}))
-    wiki.put(run.root, "pages", (wiki.TUESDAY, wiki.told(newer)), (wiki.MONDAY, wiki.told(older)))
-    wiki.put(run.root, "pages", (wiki.MONDAY, wiki.told(other)))
-    assert pipeline.names(run) == {
-        "Canidae": Names("Canidae", ("Pets", "Wolf")),
-        "Cookbook:Bed": Names("Bed", ("Dragon",)),
-    }
-    made.fill(run.root, pages=[("Nothing", []), ("Canidae", []), ("Cookbook:Bed", [])])
-    assert here("links", "--data", str(run.root), "--profile", str(run.profile.path)).code == 0
-    found = {row["entity"]: row["wiki_page_id"] for row in made.rows(run.root, "entities")}
-    assert {name: page for name, page in found.items() if page is not None} == {
-        "Bed": 12,
-        "Ender Dragon": 12,
-        "Wolf": 11,
-    }
 
 
 def test_a_purge_of_one_source_leaves_the_same_key_of_another(run: Run, here: Here) -> None:

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kb.core.errors import FatalError
-from kb.links import texts
-from kb.links.entity_pages import Names, Own, aliases, own_pages
+from kb.links.entity_pages import aliases, own_pages
 from kb.pairs.keywords import Keyword, Keywords, load, make
 from tests.links import by_hand, made
 
@@ -73,61 +72,12 @@ def test_counts_are_those_of_a_reckoning_word_by_word(world: dict[str, Any]) -> 
         assert summary["mentions"] == sum(row[5] for row in wanted)
 
 
-def test_pieces_of_any_size_count_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Texts are looked through some megabytes at a time; what belongs to one thing stays whole."""
-    blocks = ["an iron", "golem and a bed", "iron golem"]
-    pages = [(f"Page {n}", blocks * (n % 4)) for n in range(9)]
-    videos = [("Creeper", "x" * n, [(0, "oak log"), (2, "oak log")]) for n in range(5)]
-    found = []
-    for size in (1, 20, 1 << 20):
-        monkeypatch.setattr(texts, "_BYTES", size)
-        root = tmp_path / str(size) / "data"
-        made.fill(root, videos, pages, [("t", "wolf", ["bed", "wolf"])], ["creeper"] * 3)
-        made.links(made.run_at(root))
-        found.append(made.rows(root))
-    assert found[0] == found[1] == found[2]
-    paged = [row for row in found[0] if row["part"] == "page"]
-    counted = {(row["entity"], row["key"]): row["count"] for row in paged}
-    assert counted["Iron Golem", "13"] == 3
-    assert counted["Bed", "13"] == 3  # near the golem of the next block
-
-
 LISTED = [
     Keyword("Wolf", "entity", None, ("hound", "Canis")),
     Keyword("Dog", "entity", None, ("hound",)),
     Keyword("Air", "block", -1),
     Keyword("Iron Golem", "entity"),
 ]
-
-
-@pytest.mark.parametrize(
-    ("pages", "names", "wanted"),
-    [
-        ({7: "Wolf"}, {}, {"Wolf": (7, "title", 1)}),
-        ({7: "WOLF", 9: "Wolf"}, {}, {"Wolf": (9, "title", 1)}),
-        ({7: "Wolves"}, {}, {"Wolf": (7, "alias", 1)}),
-        ({7: "Wolves", 9: "Wolf"}, {}, {"Wolf": (9, "title", 1)}),
-        ({7: "Canidae", 8: "Wolves"}, {"Canidae": ("wolf",)}, {"Wolf": (7, "alias", 1)}),
-        ({7: "Wolf"}, {"Wolf": ("Wolves", "Canis", "Pet")}, {"Wolf": (7, "title", 3)}),
-        ({7: "Wolf (mob)"}, {}, {"Wolf": (7, "title", 1)}),
-        ({7: "Wolf (mob)", 8: "Den"}, {"Den": ("Wolf",)}, {"Wolf": (8, "alias", 1)}),
-        ({7: "Hound"}, {}, {"Wolf": (7, "alias", 1)}),  # a form stands for the first that has it
-        ({7: "Air"}, {}, {"Air": (7, "title", 1)}),  # everyday words may be titles
-        ({7: "Pets"}, {"Pets": ("Dog", "Wolf")}, {"Dog": (7, "alias", 1), "Wolf": (7, "alias", 1)}),
-        ({7: "Iron golems in villages", 8: "irongolem"}, {}, {"Iron Golem": (8, "alias", 1)}),
-        ({7: "Wolf den"}, {}, {}),
-    ],
-)
-def test_an_entity_s_page_by_title_or_redirect(
-    pages: dict[int, str], names: dict[str, tuple[str, ...]], wanted: dict[str, tuple[Any, ...]]
-) -> None:
-    keywords = make(LISTED)
-    called = {title: Names(title, redirects) for title, redirects in names.items()}
-    for order in (1, -1):
-        found = own_pages(keywords, list(pages.items())[::order], called)
-        assert {keywords.every[at].name: one for at, one in found.items()} == {
-            name: Own(*one) for name, one in wanted.items()
-        }
 
 
 def test_a_form_is_the_alias_of_one_entity_only() -> None:

@@ -11,38 +11,8 @@ from hypothesis import strategies as st
 
 from kb.core.config.profile import load_profile
 from kb.core.errors import ProfileError
-from kb.pairs.keyword_forms import forms, plural, singular
 from kb.pairs.keywords import NEVER, Keyword, load, make, read
 from kb.pairs.matching import phrase
-
-
-@pytest.mark.parametrize(
-    ("one", "many"),
-    [
-        ("creeper", "creepers"),
-        ("torch", "torches"),
-        ("berry", "berries"),
-        ("key", "keys"),
-        ("wolf", "wolves"),
-        ("sheep", "sheep"),
-        ("glass", "glasses"),
-        ("bookshelf", "bookshelves"),
-        ("cactus", "cacti"),
-        ("box", "boxes"),
-        ("potato", "potatoes"),
-    ],
-)
-def test_singular_and_plural(one: str, many: str) -> None:
-    assert plural(one) == plural(many) == many or one == "glass"
-    assert singular(many) in (one, many)
-    assert singular(one) == one
-
-
-def test_forms() -> None:
-    assert forms("block of diamond") >= {"block of diamond", "blocks of diamond"}
-    assert forms("iron golem") >= {"iron golem", "iron golems", "irongolem", "irongolems"}
-    assert forms("oak planks") >= {"oak planks", "oak plank"}
-    assert forms("cobblestone", {"cobble", "stone"}) >= {"cobble stone"}
 
 
 @pytest.mark.parametrize(

@@ -23,14 +23,12 @@ from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData, UsageError
 from kb.core.sources import SOURCES
 from kb.filters.clean import run_clean
-from kb.search import reddit_passages, tantivy_index, wiki_passages, youtube_passages
-from kb.search.answers import search, suggest
+from kb.search import reddit_passages, wiki_passages, youtube_passages
+from kb.search.answers import search
 from kb.search.build import index
 from kb.search.passage import MOST_WORDS, Passage
-from kb.search.query import Term, question
-from kb.search.ranking import Only, Weights, rank
-from kb.search.tantivy_index import PassageIndex
-from kb.search.youtube_passages import LEAST, MOST, talk
+from kb.search.ranking import Only
+from kb.search.youtube_passages import MOST
 from kb.store import lock
 from kb.store.layout import Layout
 from kb.verify.root import verify
@@ -44,24 +42,10 @@ from tests.search.made import (
     second,
     told,
     video_id,
-    world,
     write,
 )
 
 EVERY = Only(each=None, limit=1000)
-
-
-@pytest.fixture(scope="session")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    root = world(tmp_path_factory.mktemp("search") / "data")
-    index(run_at(root))
-    return root
-
-
-@pytest.fixture
-def root(made: Path, tmp_path: Path) -> Path:
-    """A copy, the times of its files as well."""
-    return Path(shutil.copytree(made, tmp_path / "data"))
 
 
 def right(source: str, number: int, action: str, animal: str) -> tuple[str, str]:
@@ -231,24 +215,6 @@ def found(root: Path, words: str, **only: Any) -> list[str]:
     return [one.text for one in answers]
 
 
-def test_words_are_folded_and_stemmed_by_the_profiles_language(tmp_path: Path) -> None:
-    posts(tmp_path, "Cafe\u0301 d'Écume", "the Häuser were sold", "岩島に住む", title="Título")
-    index(run_at(tmp_path))
-    for words in ("cafe", "CAFÉ", "e\u0301cume", "d'ecume", '"café d ecume"'):
-        assert found(tmp_path, words) == ["Café d'Écume"], words
-    assert found(tmp_path, "selling houses") == []
-    assert found(tmp_path, "haus") == []
-    assert found(tmp_path, "häuser") == ["the Häuser were sold"]
-    assert found(tmp_path, "岩島に住む") == ["岩島に住む"]
-    assert found(tmp_path, "岩島*") == ["岩島に住む"]
-    assert len(found(tmp_path, "titulo")) == 3
-    index(run_at(tmp_path, language="de"))
-    assert found(tmp_path, "haus") == ["the Häuser were sold"]
-    assert index(run_at(tmp_path, language="xx"))["indexed"] == ["reddit"]
-    assert found(tmp_path, "haus") == []
-    assert found(tmp_path, "HAUSER") == ["the Häuser were sold"]
-
-
 def test_a_beginning_finds_all_that_begin_so(tmp_path: Path) -> None:
     bodies = [f"a craft{n} of wood" for n in range(200)]
     posts(tmp_path, *bodies, "crafting craft7 craft7 craft7", "no such thing", "a kraft of wood")
@@ -299,48 +265,6 @@ def test_only_a_text_without_words_is_an_error(made: Path, text: str) -> None:
     for one in answers:
         assert one.score > 0
         assert one.url.startswith("https://")
-
-
-def test_what_is_typed_becomes() -> None:
-    assert question("how-to 'ride'").terms == (Term("how to"), Term("ride"))
-    assert question("how-to 'ride'").run == ("how", "to", "ride")
-    assert question("wolf -dog").run == question("wolf dog*").run == ()
-    assert question("wolf -dog wolf").run == ("wolf", "wolf")
-    asked = question('wolf "bed rock" craft* +iron -dog -"a b"')
-    craft = Term("craft", prefix=True)
-    assert asked.terms == (Term("wolf"), Term("bed rock"), craft, Term("iron"))
-    assert asked.needed == (Term("bed rock"), Term("iron"))
-    assert asked.barred == (Term("dog"), Term("a b"))
-    asked = question("How do I tame the wolf?")
-    assert asked.terms == (Term("tame"), Term("wolf"))
-    assert len(question("how to").terms) == 2
-    assert len(question('+how "to the" wolf').terms) == 3
-    assert question("x" + " y z" * 100).terms == question("x y z").terms
-    assert len(question(" ".join(map(str, range(100)))).terms) == 32
-
-
-def test_windows_end_where_the_talk_pauses() -> None:
-    words = " ".join(["word"] * 10)
-    starts = [0.0, 3, 6, 9, 12, 15, 18, 25, 28, 31, 34, 37, 40, 43, 46, 49]
-    said = talk(starts, [3.0] * 16, [words] * 16)
-    found = list(said.windows())
-    assert [starts[begin] for begin, _ in found] == [0.0, 25]  # before the pause from 21 to 25
-    assert [n for begin, after in found for n in range(begin, after)] == list(range(16))
-    even = talk([3.0 * n for n in range(100)], [3.0] * 100, [words] * 100).windows()
-    sizes = [10 * (after - begin) for begin, after in even]
-    assert sum(sizes) == 1000
-    assert all(LEAST <= size <= MOST for size in sizes[:-1])
-
-
-def test_cues_without_words_or_times_and_of_too_many_words() -> None:
-    said = talk(
-        [None, 1.0, -5.0, 20.0], [None, 2.0, 1.0, 10.0], ["", None, "a\nb ", "x " * (MOST + 1)]
-    )
-    assert said.texts[0] == "a b"
-    assert [len(text.split()) for text in said.texts] == [2, MOST, 1]
-    assert said.starts == [0.0, 20.0, pytest.approx(20 + 10 * MOST / (MOST + 1))]
-    assert said.ends[-1] == 30.0
-    assert list(talk([], [], []).windows()) == []
 
 
 def test_no_passage_is_long(tmp_path: Path) -> None:
@@ -403,30 +327,6 @@ def test_a_filter_removes_an_index_that_it_made_old_and_leaves_another(tmp_path:
     assert not held.exists()
 
 
-def test_the_same_rows_give_the_same_answers_in_any_number_of_segments(tmp_path: Path) -> None:
-    passages = [
-        Passage("post", f"t3_{n}", f"{n // 3}", "t", f"an elm and {n % 7} oaks", "", "2023-01-01")
-        for n in range(20_000)
-    ]
-    indexes = []
-    for name, heap in (("small", 30 << 20), ("large", 256 << 20)):
-        (tmp_path / name).mkdir()
-        tantivy_index.write(tmp_path / name, "", passages, lambda _: None, heap)
-        indexes.append(PassageIndex(tmp_path / name, ""))
-    for words in ("elm", "6 oaks", "oaks elm 3"):
-        asked = question(words)
-        first, again = (
-            [
-                (one.score, one.number, index.passage(one.address))
-                for one in rank(by_source, asked, Weights(by_source, asked), Only(limit=50))
-            ]
-            for index in indexes
-            for by_source in [{"reddit": index}]
-        )
-        assert first == again
-        assert [number for _, number, _ in first] == sorted(number for _, number, _ in first)
-
-
 def test_a_run_of_words_ranks_above_passages_that_only_share_them(tmp_path: Path) -> None:
     run = "the wolf sleeps beside a small red door"
     shuffled = [
@@ -444,48 +344,6 @@ def test_a_run_of_words_ranks_above_passages_that_only_share_them(tmp_path: Path
     (first,) = search(tmp_path, "the wolf sleeps beside", only=Only(limit=1))
     (again,) = search(tmp_path, "the wolf sleeps beside gates", only=Only(limit=1))
     assert first.text == again.text
-
-
-def test_words_in_order_rank_higher_with_other_small_words_between(tmp_path: Path) -> None:
-    apart = "one wolf, two wolf, a wolf to tame; it is tame, so tame"
-    bodies = ["you tame a wolf", "you tame your new wolf", "wolf tame", apart]
-    posts(tmp_path, *bodies, *["nothing of it"] * 20)
-    index(run_at(tmp_path))
-    for words in ("how to tame a wolf", "tame the wolf?"):
-        assert set(found(tmp_path, words)[:2]) == set(bodies[:2])
-        assert set(found(tmp_path, words)[2:]) == set(bodies[2:])
-    assert found(tmp_path, "tame wolf")[0] == bodies[0]
-    assert found(tmp_path, "wolf tame")[0] == bodies[2]
-
-
-def test_a_snippet_is_of_the_passage_and_not_the_title_again(tmp_path: Path) -> None:
-    posts(tmp_path, "a text about something else", "", title="Saltstone")
-    index(run_at(tmp_path))
-    one, two = search(tmp_path, "saltstone", sources=["reddit"], only=EVERY)
-    assert {(one.text, one.snippet), (two.text, two.snippet)} == {
-        ("a text about something else", "a text about something else"),
-        ("Saltstone", "**Saltstone**"),  # which has no other text
-    }
-
-
-@pytest.mark.parametrize(
-    ("typed", "meant"),
-    [
-        ("creper", "creeper"),
-        ("Crepers sawn here", "creepers spawn here"),  # stems
-        ("vilager trading", "villagers trading"),
-        ("creeper", ""),
-        ("zzzzqx", ""),
-        ("cre*", ""),
-        ("+creper -cow", "+creeper -cow"),
-    ],
-)
-def test_a_misspelt_word_is_suggested_as_it_is_written(
-    tmp_path: Path, typed: str, meant: str
-) -> None:
-    posts(tmp_path, "Creepers spawn here", "the creeper runs, a creeper", "Villagers are trading")
-    index(run_at(tmp_path))
-    assert suggest(tmp_path, typed) == meant
 
 
 def test_a_purge_leaves_no_byte_and_the_next_search_follows(
