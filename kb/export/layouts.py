@@ -1,4 +1,4 @@
-"""Which layouts there are of what, beside the released tables, and what writes each."""
+"""Lists the export formats of each source and of pairs, with the function that writes each."""
 
 from __future__ import annotations
 

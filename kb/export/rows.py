@@ -1,4 +1,4 @@
-"""What the layouts share: rows of a table in order, and JSON lists with an item a line."""
+"""Helpers of all export formats: sorted rows of a table, and JSON lists with an item a line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which page of the wiki is an entity's own: by title, else by redirect.
+"""Finds the wiki page of each entity by its title, else by its redirects.
 
 Titles and redirects are compared whole, folded as keywords are (case, punctuation, spaces). Of
 several pages that one leads to wins, in this order: the title is the entity's name; a redirect is;

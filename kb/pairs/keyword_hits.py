@@ -1,6 +1,4 @@
-"""`kb pairs keywords`: hits per keyword and examples in context,
-so that a person can judge the list.
-"""
+"""Counts hits per keyword and collects examples in context, for `kb pairs keywords`."""
 
 from __future__ import annotations
 

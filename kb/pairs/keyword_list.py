@@ -1,4 +1,4 @@
-"""A keyword list as it is written: rows with their lines, and what is wrong with the others.
+"""Reads and checks keyword lists.
 
 A tab-separated file with the columns `keyword`, `kind`, `rule`, `forms`; lines that begin with #
 are comments.

@@ -1,4 +1,4 @@
-"""Rows of a keyword list, proposed from what a wiki calls its pages, for a person to strike from.
+"""Proposes a keyword list from the page titles of a wiki, for a person to edit.
 
 A page's title is the keyword, its redirects are further forms, its category the kind, and an
 everyday word gets the rule `near`. What can't be matched, or is already in the list, is left out

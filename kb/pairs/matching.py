@@ -1,4 +1,4 @@
-"""Evens out case, punctuation and spaces of UTF-8 text, and knows where each byte came from.
+"""Matches keywords in UTF-8 text, ignoring case, punctuation and extra spaces.
 
 A word is a run of letters, digits and combining marks; everything else separates words. Invisible
 characters (soft hyphen, joiners, variation selectors) vanish. Scripts that don't write spaces form

@@ -1,4 +1,4 @@
-"""Where transcripts come from: clean/youtube, read a few hundred at a time."""
+"""Reads transcripts of clean/youtube, a few hundred at a time."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""`kb index`: the rows of a source to index/<source>, in the cache for a download.
+"""Builds index/<source> for `kb index`; for a download it is in the cache.
 
-The folder is written anew and takes the old one's place whole, so no file of it ever held anything
-else; it is made again where the rows or the rules are others than noted in it
-(kb.artifacts.indexed).
+The folder is replaced atomically. It is rebuilt when the rows or the rules differ from those in its
+manifest.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A passage: what `kb search` finds and shows, with the place that it came from."""
+"""Passages: the units that `kb search` indexes and shows, each with its source."""
 
 from __future__ import annotations
 

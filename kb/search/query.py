@@ -1,4 +1,4 @@
-"""What a person types, as a question to an index.
+"""Parses a search query.
 
     wolf tame       either word, the more and the rarer the better; words that only make a
                     sentence ("how", "the") count where nothing else is asked for

@@ -1,4 +1,4 @@
-"""The part of a text that says most of what was asked for, with these words marked."""
+"""Snippets: the part of a text with most of the query's terms, which are marked in it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tantivy import TextAnalyzer
 
 from kb.search.ranking import IndexedTerm
 
-MARK = "**"  # around the words that were asked for
+MARK = "**"  # around matching words
 MOST = 32  # words
 
 
@@ -23,7 +23,7 @@ class Snippet(NamedTuple):
 
 
 class _Span(NamedTuple):
-    """Words that were asked for: first, one past the last, which of the terms."""
+    """Words that match a term: the first, one past the last, the number of the term."""
 
     first: int
     after: int

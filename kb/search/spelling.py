@@ -1,4 +1,4 @@
-"""What a query with misspelt words was meant to be, by the words of the indexes themselves."""
+"""Corrects misspelt words of a query, using the words of the indexes."""
 
 from __future__ import annotations
 

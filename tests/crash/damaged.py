@@ -165,7 +165,7 @@ class Spoiled:
 
     def _is_found(self, path: Path) -> bool:
         """Whether `kb verify` tells of the file, or of the folder whose answers are lost."""
-        told = {one.path for one in verify(self.root, Silent()).found}
+        told = {one.path for one in verify(self.root, Silent()).entries}
         return not told.isdisjoint((path, *list(path.parents)[:2]))
 
     def _read(self, reader: Reader, path: Path) -> object:

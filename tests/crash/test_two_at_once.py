@@ -183,7 +183,7 @@ def test_verify_while_everything_is_made_again_finds_nothing(root: Path) -> None
     child = processes.program(REBUILDING, root, env=environment(root), cwd=ROOT)
     runs = 0
     while child.poll() is None:
-        assert [(one.state, str(one.path)) for one in verify(root, Silent()).found] == []
+        assert [(one.state, str(one.path)) for one in verify(root, Silent()).entries] == []
         runs += 1
     assert child.returncode == 0, child.output()
     assert runs > 1

@@ -9,7 +9,7 @@ from kb.core.errors import (
     Unreachable,
 )
 from kb.crawl.job import work
-from tests.crawl.test_frame import Batches, summary
+from tests.crawl.test_loop import Batches, summary
 from tests.fourth.service import serving
 
 

@@ -11,7 +11,7 @@ from kb.core.errors import (
 )
 from kb.crawl.job import work
 from kb.crawl.session import open_session
-from tests.crawl.test_frame import crawl, summary
+from tests.crawl.test_loop import crawl, summary
 from tests.fourth.feed.connector import Feed
 from tests.fourth.service import Service
 

@@ -8,7 +8,7 @@ from kb.core.context import Run
 from kb.crawl.job import work
 from kb.crawl.source import Phase
 from kb.store.state.frontier import Item
-from tests.crawl.test_frame import summary
+from tests.crawl.test_loop import summary
 from tests.fourth.feed.connector import NOTES, PAGES, Feed
 from tests.fourth.service import Service
 

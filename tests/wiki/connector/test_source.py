@@ -325,7 +325,7 @@ def test_verify_finds_them_and_repair_has_them_again(whole, copied):
     """The crawl asks the service, as its settings are there."""
     root = copied.root
     wiki_tar.export(copied)
-    assert verify(root, Silent()).found == []
+    assert verify(root, Silent()).entries == []
     shots = sorted(root.glob("raw/wiki/pages/*/*/screenshot.png"))
     pictures = sorted(root.glob("raw/wiki/images/*"))
     segment = next(root.glob("raw/wiki/files/*.zst"))
@@ -342,7 +342,7 @@ def test_verify_finds_them_and_repair_has_them_again(whole, copied):
     }
     said = load(str(locate("verify"))).repair(copied)[1]
     assert "`kb wiki crawl` was run" in said
-    assert verify(root, Silent()).found == []
+    assert verify(root, Silent()).entries == []
     assert tables(copied) == whole[2]
 
 

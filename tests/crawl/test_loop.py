@@ -274,7 +274,7 @@ from pathlib import Path
 from kb.core.context import Run
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
-from tests.crawl.test_frame import Feed, summary, work
+from tests.crawl.test_loop import Feed, summary, work
 root = Path(sys.argv[1])
 run = Run(load_settings(dotenv=False, kb_data=root), load_profile("minecraft"), root)
 work(run, Feed(run, sys.argv[2]), summary)
