@@ -13,7 +13,7 @@ from kb.release.build import release
 from kb.store.tables.shards import write_table
 from tests.inprocess import Here
 from tests.links import made
-from tests.links.test_build import run  # noqa: F401  a fixture
+from tests.links.conftest import run  # noqa: F401  a fixture
 
 
 def test_the_release_has_ids_and_counts(run: Run, here: Here) -> None:  # noqa: F811

@@ -9,7 +9,7 @@ from pathlib import Path
 from kb.store import lock
 from kb.store.layout import Layout
 from tests.inprocess import Here
-from tests.search.test_answers import made, root  # noqa: F401  fixtures
+from tests.search.conftest import made, root  # noqa: F401  fixtures
 
 
 def test_search_as_it_is_typed(root: Path, here: Here) -> None:  # noqa: F811
