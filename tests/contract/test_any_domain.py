@@ -19,7 +19,6 @@ import pytest
 
 from kb import query
 from kb.cli import main
-from kb.cli.commands import demo
 from kb.cli.commands.demo import play
 from kb.cli.framework.options import Options
 from kb.core.config.profile import load_profile
@@ -50,23 +49,6 @@ def played(place: Path, profile: str, without: tuple[str, ...]) -> Path:
         for name in set(os.environ) - before:
             os.environ.pop(name)  # what `patch` removes, it would bring back
     return place / "demo"
-
-
-@pytest.mark.parametrize(("asked", "workers"), [(None, 1), (3, 3)])
-def test_a_demo_is_done_by_one_process_unless_more_are_asked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: int | None, workers: int
-) -> None:
-    """Its world is done before others have imported what they need."""
-    seen: list[int] = []
-    monkeypatch.setattr(demo, "_all", lambda steps, queries, run, *rest: seen.append(run.workers))
-    monkeypatch.setattr(demo, "_model", lambda options: {})
-    before = dict(os.environ)
-    try:
-        play(Options(data=tmp_path, quiet=True, workers=asked), **SMALL)
-    finally:
-        os.environ.clear()
-        os.environ.update(before)
-    assert seen == [workers]
 
 
 def rows(root: Path, sql: str) -> list[dict[str, Any]]:

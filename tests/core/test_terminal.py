@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import logging
 import re
 import sys
 import unicodedata
@@ -13,17 +12,11 @@ from typing import Any
 
 import pyarrow as pa
 import pytest
-import structlog
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kb.cli.framework import logs
-from kb.cli.framework.exit_codes import report
-from kb.cli.framework.messages import show_summary
 from kb.cli.framework.progress import Bars
 from kb.core import terminal
-from kb.core.errors import FatalError
-from kb.core.progress import LineProgress
 from kb.query.output import write
 
 HOSTILE = "a\x1b]0;t\x07\x9b31m\u202eb\r\nkb: all is well\u2028c\ud800"
@@ -68,27 +61,6 @@ def acts(one: str) -> bool:
     return kind in ("Cc", "Cs", "Zl", "Zp") or unicodedata.bidirectional(one) in (
         "LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI"
     ) or one in "\u200e\u200f\u061c"  # fmt: skip
-
-
-def test_nothing_on_stderr_or_stdout_acts(capsys: pytest.CaptureFixture[str]) -> None:
-    handlers = logging.getLogger().handlers[:]
-    try:
-        logs.configure(quiet=False, debug=False)
-        structlog.get_logger().warning(HOSTILE, answer=HOSTILE)
-        logging.getLogger("praw").warning("said %s", HOSTILE)
-        report(FatalError(f"refused: {HOSTILE}"), debug=True, as_json=False)
-        show_summary({"why": HOSTILE}, False)
-        show_summary({"why": HOSTILE.replace("\ud800", "")}, True)
-        LineProgress(sys.stderr).say(HOSTILE)
-    finally:
-        logging.getLogger().handlers[:] = handlers
-        structlog.reset_defaults()
-    done = capsys.readouterr()
-    for stream in (done.out, done.err):
-        assert not set("\x1b\x07\x9b\u202e\r\u2028\ud800") & set(stream)
-        assert r"\x1b]0;t\x07" in stream
-    lines = done.err.splitlines()
-    assert [line for line in lines if line.startswith("kb: ")] == [lines[-2]]
 
 
 def test_a_progress_line_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:

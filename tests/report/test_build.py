@@ -161,20 +161,6 @@ def test_any_name_of_the_data_root(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("no_pdf")
-def test_command_prints_its_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from kb.cli import main
-
-    (tmp_path / "state").mkdir()
-    build(tmp_path, sources=("pairs",), export=False, n=10)
-    with pytest.raises(SystemExit) as left:
-        main(["report", "--data", str(tmp_path), "--json", "--quiet"])
-    assert not left.value.code
-    summary = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert summary["figures"] == 2
-    assert Path(summary["page"]).is_file()
-
-
-@pytest.mark.usefixtures("no_pdf")
 def test_a_table_of_one_row_with_nothing_in_it(tmp_path: Path) -> None:
     """All that may be null is null, texts are empty, counts are 0."""
 

@@ -378,15 +378,3 @@ def test_a_folder_that_is_not_whole_is_refused(
     with pytest.raises(wrong):
         reader.restore(folder)
     assert len(made.sandbox.ledger) == since
-
-
-def test_the_profile_is_the_releases_own(made: Made, release: Path, tmp_path: Path) -> None:
-    job = Job(made.sandbox, tmp_path / "far")
-    own = release / "pairs" / "profile.toml"
-    own.write_text('name = "other"\ntitle = "Other"\n[youtube]\nunits_per_day = "many"\n')
-    line = job.stopped("restore", str(release), "--plan", code=2)
-    assert str(own) in line
-    assert "units_per_day" in line
-    profile = str(tmp_path / "far" / "profile" / "profile.toml")
-    plan = job.done("restore", str(release), "--plan", "--profile", profile)
-    assert plan["command"] == "restore --plan"

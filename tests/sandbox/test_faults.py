@@ -48,14 +48,6 @@ def test_connections_break_and_bodies_are_cut(services: Sandbox) -> None:
     )
 
 
-def test_a_host_that_is_gone_comes_back_on_its_port(services: Sandbox) -> None:
-    services.servers["youtube"].stop()
-    with pytest.raises(requests.ConnectionError):
-        statuses(services, 1)
-    services.servers["youtube"].start()
-    assert statuses(services, 1) == [200]
-
-
 def test_a_held_request_goes_on_when_released(services: Sandbox) -> None:
     held = services.faults.add("/watch", hold=True)
     got: list[int] = []

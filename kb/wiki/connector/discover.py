@@ -19,7 +19,7 @@ from kb.store.rawlog import rawlog, sidefiles
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 from kb.wiki.connector import reduce
-from kb.wiki.connector.payloads import SiteItem, Title
+from kb.wiki.connector.reduce import SiteItem, Title
 from kb.wiki.parse import extraction
 
 COMPARED = 3  # challenged pages before a challenge counts as one to all pages

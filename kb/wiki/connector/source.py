@@ -40,7 +40,7 @@ from kb.wiki.connector import discover, fetch, reduce, render
 from kb.wiki.connector.client import BATCH, WikiApi, find_endpoint
 from kb.wiki.connector.hosts import WikiHosts
 from kb.wiki.connector.ids import read_titles
-from kb.wiki.connector.payloads import PAYLOADS
+from kb.wiki.connector.reduce import PAYLOADS
 from kb.wiki.spec import SPEC
 
 _NAMED = ("robots.txt", "api.php")  # requests of the ledger that have a name of their own

@@ -29,11 +29,6 @@ AT = int(datetime.fromisoformat(NOW).timestamp())
 KEYS = ("REDDIT_CLIENT_ID", "REDDIT_CLIENT_SECRET", "KB_REDDIT_ENDPOINT", "KB_CONTACT")
 
 
-@pytest.fixture
-def far(whole: Work, tmp_path: Path) -> Work:
-    return Work(whole.sandbox, tmp_path)
-
-
 def archived(things: Iterable[dict[str, Any]], at: int = AT) -> Iterator[dict[str, Any]]:
     """Records as an archive keeps what the API showed at a moment."""
     for shown in things:

@@ -10,8 +10,8 @@ import pytest
 
 from kb.core.errors import ReleaseRefused
 from kb.release.build import release
-from tests.release.conftest import SECRETS, a_run
-from tests.release.gate.refusals import changed, refused, rewritten
+from tests.release.conftest import a_run
+from tests.release.gate.refusals import changed, refused
 from tests.release.made import build
 
 Rows = list[dict[str, Any]]
@@ -100,34 +100,3 @@ def test_damaged_files_are_lines(tmp_path: Path, text: str, file: str) -> None:
         and "again" in line
         for line in lines
     )
-
-
-def test_everything_is_said_at_once(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def edit(name: str, made: Rows) -> None:
-        if name == "youtube/videos":
-            made[0]["title"] = f"{SECRETS['youtube_api_key']} and jane@mail.example"
-            made[1]["toxicity_title"] = None
-
-    build(tmp_path, edit)
-    rewritten(
-        tmp_path / "release" / "pairs" / "pairs-00000-of-00001.parquet", lambda rows: rows.slice(2)
-    )
-    monkeypatch.setenv("YOUTUBE_API_KEY", SECRETS["youtube_api_key"])
-    from kb.cli import main
-
-    with pytest.raises(SystemExit) as left:
-        main(["release", "--data", str(tmp_path), "--quiet"])
-    assert left.value.code == 1
-    said = capsys.readouterr().err.splitlines()
-    assert sorted({line.partition(":")[0] for line in said}) == [
-        "kb",
-        "personal data",
-        "rows",
-        "secret",
-        "toxicity",
-    ]
-    assert said[-1].startswith("kb: the release is refused for 4 reasons")
-    assert not any(SECRETS["youtube_api_key"] in line for line in said)
-    assert not (tmp_path / "release" / "youtube" / "README.md").exists()

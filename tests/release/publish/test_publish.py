@@ -565,36 +565,3 @@ def test_a_limit_with_a_date(root: Path, service: Sandbox) -> None:
     service.faults.add("/api/deposit", status=429, headers=until(3 * 3600))
     with pytest.raises(QuotaSpent):
         send(root, service)
-
-
-def test_command_says_where_each_draft_is(
-    root: Path,
-    service: Sandbox,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    from kb.cli import main
-
-    for name, value in service.settings().items():
-        monkeypatch.setenv(name, value)
-    with pytest.raises(SystemExit) as left:
-        main(
-            [
-                "release",
-                "publish",
-                "--to",
-                "zenodo-sandbox",
-                "--data",
-                str(root),
-                "--profile",
-                str(signed()),
-                "--quiet",
-                "--only",
-                "pairs",
-            ]
-        )
-    assert left.value.code == 0
-    number, url = next(iter(store(service).by_id)), service.servers["zenodo"].url
-    assert (
-        capsys.readouterr().out.splitlines()[0] == f"pairs  draft  {number}  {url}/deposit/{number}"
-    )

@@ -15,7 +15,7 @@ from werkzeug.wrappers import Response
 from kb.core.errors import Blocked, FatalError
 from kb.filters.clean import run_clean
 from kb.store.state.frontier import Frontier
-from kb.wiki.connector.payloads import PAYLOADS
+from kb.wiki.connector.reduce import PAYLOADS
 from kb.wiki.connector.source import crawl
 from tests.wiki.small_wiki import WORDS, SmallWiki
 

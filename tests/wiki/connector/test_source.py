@@ -381,21 +381,6 @@ def test_a_lost_state_is_made_of_raw_data_without_asking_for_pages_or_files(whol
     assert tables(copied) == whole[2]
 
 
-def test_named_titles(make_run, tmp_path):
-    names = tmp_path / "titles.txt"
-    names.write_text("Rock salt\nlamp_buoy\nNo such page\nBad[title\n")
-    run = make_run(tmp_path / "data")
-    summary = crawl(run, names)
-    assert (summary["crawled"], summary["missing"]) == (4, 3), "as the filter counts them"
-    found = tables(run)
-    assert {(row["key"], row["stage"], row["reason"]) for row in found["rejected"]} == {
-        ("No such page", "missing", "missing"),
-        ("Bad[title", "missing", "invalid"),
-        ("Rock salt", "missing", "redirect"),
-    }
-    assert [row["title"] for row in found["pages"]] == ["Lamp buoy"]
-
-
 @pytest.fixture(scope="module")
 def crawled_later(whole, sandbox, tmp_path_factory):
     """(run, summary): the whole crawl, and the changes of the later state."""
@@ -506,16 +491,6 @@ def test_robots_and_crawl_delay(make_run, faults, tmp_path, sandbox, turns, hast
     assert ("24", "robots", "disallowed") in {
         (row["key"], row["stage"], row["reason"]) for row in tables(run)["rejected"]
     }
-
-
-def test_maxlag_is_waited_for(make_run, faults, sandbox, tmp_path):
-    names = tmp_path / "titles.txt"
-    names.write_text("Fog\n")
-    lag = {"error": {"code": "maxlag", "info": "Waiting for a database server", "lag": 6}}
-    faults.add("titles=Fog", status=200, body=lag, headers={"Retry-After": "1"})
-    run = make_run(tmp_path / "data")
-    assert crawl(run, names)["crawled"] == 1
-    assert all("maxlag=5" in seen.query for seen in sandbox.ledger.requests("/w/api.php")[-3:])
 
 
 def test_unreachable_wiki_is_resumable(make_run, sandbox, tmp_path, monkeypatch):

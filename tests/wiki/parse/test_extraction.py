@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -92,11 +91,3 @@ def test_an_element_without_a_field_is_a_defect_that_shows(tmp_path: Path) -> No
     (tmp_path / "extraction.json.zst").write_bytes(zstandard.compress(json.dumps(held).encode()))
     with pytest.raises(KeyError, match="parent"):
         extraction.read(tmp_path, tmp_path)
-
-
-def test_parents_that_go_round_in_a_ring_hold_nothing() -> None:
-    def entry(number: int, kind: str, parent: int | None) -> SimpleNamespace:
-        return SimpleNamespace(id=number, kind=kind, parent=parent, visible=True, text=f"t{number}")
-
-    ring = [entry(1, "other", 2), entry(2, "other", 1), entry(3, "text", 1), entry(4, "text", 3)]
-    assert tables.page_text(ring) == "t3"

@@ -16,7 +16,6 @@ from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError
 from kb.filters.clean import run_clean
-from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
 from kb.store.tables import partition
 from tests.wiki.handmade_data import (
@@ -267,40 +266,6 @@ def test_tombstones_name_a_page_by_id_or_title(root: Path) -> None:
     assert run_clean(run_at(root), "wiki")["crawled"] == 6
     assert titles(root) == {}
     assert {"1", "7", "Purged", "Nowhere"}.isdisjoint(verdicts(root))
-
-
-def test_unreadable_facts_of_the_wiki_are_rejected_with_what_was_found(root: Path) -> None:
-    odd = [page(11, "Odd", "x1"), page(12, "Odder") | {"fullurl": None}, page(13, "Oddest")]
-    odd[2]["revisions"][0]["timestamp"] = "soon"
-    put(root, "pages", (MONDAY, told(*odd)))
-    run_clean(run_at(root), "wiki")
-    assert [verdicts(root)[key][:3] for key in ("11", "12", "13")] == [
-        ("missing", "malformed", "x1"),
-        ("missing", "absent", None),
-        ("missing", "malformed", "soon"),
-    ]
-
-
-def test_unknown_keys_and_cut_off_files_are_counted(root: Path) -> None:
-    put(root, "pages", (MONDAY, told(page(1, "Kept", mood="fine"))))
-    put(
-        root,
-        "titles",
-        (MONDAY, {"query": {"allpages": [{"pageid": 1, "ns": 0, "title": "Kept", "aura": 1}]}}),
-        (MONDAY, told()),
-    )
-    last = rawlog.segments(root, "wiki", "titles")[-1]
-    whole = last.read_bytes()
-    last.write_bytes(whole[:-5])
-    with pytest.raises(DamagedData, match=f"{last.name} is damaged") as caught:
-        run_clean(run_at(root), "wiki")
-    assert caught.value.summary["truncated_files"] == 1
-    last.write_bytes(whole[: next(iter(rawlog.Frames(last)))[0]])
-    summary = run_clean(run_at(root), "wiki")
-    assert summary["unknown_keys"] == {
-        "pages.query.pages[].mood": 1,
-        "titles.query.allpages[].aura": 1,
-    }
 
 
 def test_buckets_and_workers_change_no_row(

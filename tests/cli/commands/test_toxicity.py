@@ -11,6 +11,7 @@ from kb.filters.clean import run_clean, texts
 from kb.release.metadata.measure import models
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from tests.annotate.conftest import make_run, tiny  # noqa: F401  fixtures
 from tests.annotate.made import make_checkpoint
 from tests.youtube.job import Job
 
@@ -56,7 +57,7 @@ def test_without_a_model_nothing_is_written_and_the_line_names_the_command(job, 
     assert not (job.root / "annotations").exists()
 
 
-def test_a_damaged_model_is_exit_2(job, tmp_path, tiny):
+def test_a_damaged_model_is_exit_2(job, tmp_path, tiny):  # noqa: F811
     shutil.copytree(tiny.parent, tmp_path / "model")
     path = tmp_path / "model" / tiny.name
     path.write_bytes(path.read_bytes()[:-100])
@@ -64,14 +65,14 @@ def test_a_damaged_model_is_exit_2(job, tmp_path, tiny):
     assert "checksum mismatch" in said
 
 
-def test_a_release_names_the_model_whose_scores_decided(job, make_run, tmp_path):
+def test_a_release_names_the_model_whose_scores_decided(job, make_run, tmp_path):  # noqa: F811
     """Scores of an earlier model stay beside the rows;
     they are no part of what was made with a later one.
     """
     first = make_run(root=job.root)
-    tiny = run_clean(first, "youtube")
-    assert models(job.root, "youtube") == ((tiny["model"], tiny["revision"], "fp32"),)
-    assert tiny["model"] == "lorecrawl_tiny"
+    with_tiny = run_clean(first, "youtube")
+    assert models(job.root, "youtube") == ((with_tiny["model"], with_tiny["revision"], "fp32"),)
+    assert with_tiny["model"] == "lorecrawl_tiny"
     second = make_run(root=job.root, model=str(make_checkpoint(tmp_path / "model")))
     ToxicityScorer.open(second, "youtube", precision="bf16").annotate(texts(second, "youtube"))
     other = run_clean(second, "youtube")
@@ -81,7 +82,7 @@ def test_a_release_names_the_model_whose_scores_decided(job, make_run, tmp_path)
     assert "bf16" in {precision for _, _, precision in found}
     assert models(job.root, "pairs") == found
     run_clean(first, "youtube")
-    assert models(job.root, "youtube") == ((tiny["model"], tiny["revision"], "fp32"),), (
+    assert models(job.root, "youtube") == ((with_tiny["model"], with_tiny["revision"], "fp32"),), (
         "nothing was scored anew"
     )
 

@@ -1,0 +1,65 @@
+"""Tests of what `kb status` reports of each source."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from kb.store.lock import writer
+from kb.store.state.frontier import Frontier
+from tests.cli.commands.status.conftest import fill, status
+
+
+def test_progress_quota_age_and_disk(kb: Any, root: Path) -> None:
+    fill(root)
+    about = status(kb)
+    source = about["sources"]["youtube"]
+    assert source["phases"]["metadata"] == {
+        "done": 1,
+        "error": 1,
+        "in_progress": 1,
+        "todo": 1,
+        "total": 4,
+        "left": 2,
+    }
+    assert source["phases"]["transcripts"]["left"] == 1
+    assert (source["left"], about["left"]) == (3, 3), "what failed is counted by itself"
+    assert (source["requests"], source["units"]) == (3, 3)
+    assert source["quota"]["general"] == {
+        "spent": 2,
+        "left": 9998,
+        "limit": 10000,
+        "resets_at": "2026-11-21T08:00:00Z",
+    }
+    assert source["quota"]["search"]["spent"] == 0
+    assert source["rows"] == {"videos": 2}
+    assert (source["oldest"], source["newest"]) == ("2026-10-01T00:00:00Z", "2026-11-20T00:00:00Z")
+    assert (source["too_old"], source["max_age_days"]) == (1, 30)
+    assert about["disk_bytes"]["clean"] > 0
+    assert about["disk_bytes_total"] == sum(about["disk_bytes"].values())
+
+
+def test_beside_a_running_crawl(kb: Any, root: Path) -> None:
+    """The crawl holds the lock and an open transaction; status neither waits nor disturbs."""
+    import os
+
+    fill(root)
+    with writer(root, "youtube"):
+        frontier = Frontier(root / "state" / "youtube.sqlite")
+        with frontier.transaction():
+            frontier.add("metadata", ["e"])
+            source = status(kb)["sources"]["youtube"]
+            assert source["running_pid"] == os.getpid()
+            assert source["phases"]["metadata"]["total"] == 4
+        frontier.close()
+    assert status(kb)["sources"]["youtube"]["running_pid"] is None
+
+
+def test_any_name_of_the_data_root(kb: Any, tmp_path: Path) -> None:
+    """What is a pattern, a query or an escape elsewhere is a letter of a folder's name here."""
+    root = tmp_path / "a#b?c%41[d]*'e{f,g}"
+    fill(root)
+    source = status(kb, "--data", str(root))["sources"]["youtube"]
+    assert source["phases"]["metadata"]["total"] == 4
+    assert (source["rows"], source["too_old"]) == ({"videos": 2}, 1)
+    assert list(tmp_path.iterdir()) == [root]

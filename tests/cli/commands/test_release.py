@@ -1,0 +1,59 @@
+"""Tests of `kb release` and `kb release publish` at the command line."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from kb.sandbox.server import Sandbox
+from tests.inprocess import Here
+from tests.release.conftest import (
+    SECRETS,
+    released,  # noqa: F401  a fixture
+)
+from tests.release.gate.refusals import rewritten
+from tests.release.gate.test_check import Rows
+from tests.release.made import build
+from tests.release.publish.test_publish import store
+from tests.release.signed import signed
+
+
+def test_publish_says_where_each_draft_is(
+    released: Path,  # noqa: F811
+    here: Here,
+    tmp_path: Path,
+) -> None:
+    root = shutil.copytree(released, tmp_path / "data")
+    words = ["--to", "zenodo-sandbox", "--data", str(root), "--profile", str(signed()), "--quiet"]
+    with Sandbox(services=["zenodo"]) as service:
+        env = {**service.settings(), "KB_NOW": "2026-11-10T00:00:00Z"}
+        done = here("release", "publish", *words, "--only", "pairs", env=env)
+        number, url = next(iter(store(service).by_id)), service.servers["zenodo"].url
+    assert done.code == 0, done.err
+    assert done.out.splitlines()[0] == f"pairs  draft  {number}  {url}/deposit/{number}"
+
+
+def test_everything_is_said_at_once(tmp_path: Path, here: Here) -> None:
+    def edit(name: str, made: Rows) -> None:
+        if name == "youtube/videos":
+            made[0]["title"] = f"{SECRETS['youtube_api_key']} and jane@mail.example"
+            made[1]["toxicity_title"] = None
+
+    build(tmp_path, edit)
+    rewritten(
+        tmp_path / "release" / "pairs" / "pairs-00000-of-00001.parquet", lambda rows: rows.slice(2)
+    )
+    env = {"YOUTUBE_API_KEY": SECRETS["youtube_api_key"], "KB_NOW": "2026-11-10T00:00:00Z"}
+    done = here("release", "--data", str(tmp_path), "--quiet", env=env)
+    assert done.code == 1
+    said = done.err.splitlines()
+    assert sorted({line.partition(":")[0] for line in said}) == [
+        "kb",
+        "personal data",
+        "rows",
+        "secret",
+        "toxicity",
+    ]
+    assert said[-1].startswith("kb: the release is refused for 4 reasons")
+    assert not any(SECRETS["youtube_api_key"] in line for line in said)
+    assert not (tmp_path / "release" / "youtube" / "README.md").exists()

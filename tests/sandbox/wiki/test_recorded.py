@@ -1,0 +1,25 @@
+"""Tests of the recorded wiki."""
+
+from __future__ import annotations
+
+import pytest
+
+from kb.sandbox.wiki.recorded import RecordedWiki
+
+
+def test_the_later_state_has_an_edit_a_deletion_a_move_and_a_new_page() -> None:
+    wiki = RecordedWiki()
+    first, later = wiki.pages(False), wiki.pages(True)
+    assert "Charts" in first
+    assert "Charts" not in later
+    assert wiki.html("Charts", True) is None
+    assert wiki.html("New jetty", False) is None
+    assert wiki.html("New jetty", True)
+    assert wiki.html("Lamp buoy", True) == wiki.html("Lamp float", True)
+    both = first.keys() & later.keys()
+    assert any(first[name]["lastrevid"] != later[name]["lastrevid"] for name in both)
+
+
+@pytest.mark.parametrize("path", ["/api/pages.json", "/images/none.png"])
+def test_only_pictures_styles_and_scripts_are_served(path: str) -> None:
+    assert RecordedWiki().file(path) is None

@@ -1,0 +1,36 @@
+"""Tests of the errors of URLs and of the browser."""
+
+from __future__ import annotations
+
+import pytest
+
+from kb.wiki import errors
+
+
+@pytest.mark.parametrize(
+    ("status", "kind"),
+    [
+        (401, errors.PageRefused),
+        (403, errors.PageRefused),
+        (404, errors.HttpStatus),
+        (408, errors.NotNow),
+        (425, errors.NotNow),
+        (500, errors.HttpStatus),
+    ],
+)
+def test_a_status_becomes_an_error(status: int, kind: type[Exception]) -> None:
+    error = errors.of_status(status)
+    assert type(error) is kind
+    assert error.reason == f"http_{status}"
+
+
+@pytest.mark.parametrize(
+    ("reason", "kind"),
+    [
+        ("err_connection_refused", errors.Unserved),
+        ("err_timed_out", errors.Unserved),
+        ("err_blocked_by_client", errors.NotShown),
+    ],
+)
+def test_a_reason_of_chromium_becomes_an_error(reason: str, kind: type[Exception]) -> None:
+    assert type(errors.of_browser(reason)) is kind
