@@ -1,5 +1,5 @@
 """Fifty items that always fail among five hundred, with each source's real client: all others are
-read in one run, and the fifty are counted. (The feed of test_frame.py has the same in every order.)
+read in one run, and the fifty are counted. (The feed of test_loop.py has the same in every order.)
 """
 
 from __future__ import annotations
