@@ -43,22 +43,22 @@ def find(purge: Purge) -> dict[str, str]:
     """Keys with reason `deleted`, `removed`, `missing`, `named`, or `post` for comments of posts
     that are removed.
     """
-    reasons = dict.fromkeys(purge.listed.keys if purge.listed else (), "named")
+    keys = dict.fromkeys(purge.listed.keys if purge.listed else (), "named")
     with latest_state(purge.run, purge.scratch) as things:
         for rows in things:
             lost = rows.filter(pc.or_(pc.invert(rows["there"]), pc.is_valid(rows["gone"])))
             reasons = pc.fill_null(lost["gone"], "missing").to_pylist()
             for name, reason in zip(lost["fullname"].to_pylist(), reasons, strict=True):
-                reasons.setdefault(str(name), reason)
+                keys.setdefault(str(name), reason)
         # A post that was purged before may have got comments since.
-        names = reasons.keys() | tombstones.keys(purge.root, "reddit")
+        names = keys.keys() | tombstones.keys(purge.root, "reddit")
         posts = pa.array(sorted(name[3:] for name in names if name.startswith("t3_")), pa.string())
         for rows in things:
             is_comment = pc.starts_with(rows["fullname"], "t1_")
             below = pc.and_(is_comment, pc.is_in(rows["post_id"], value_set=posts))
             for name in rows["fullname"].filter(below).to_pylist():
-                reasons.setdefault(str(name), "post")
-    return reasons
+                keys.setdefault(str(name), "post")
+    return keys
 
 
 def texts(keys: Collection[str]) -> set[str]:

@@ -111,14 +111,14 @@ def test_without_creator_and_contact_it_warns_and_is_not_published(
     path.write_text(bare)
     with caplog.at_level(logging.WARNING), Sandbox(services=["zenodo"]) as service:
         release(a_run(root, path))
-        assert "names no creator and no contact" in caplog.text
+        assert "has no creator and no contact" in caplog.text
         for name, value in service.settings().items():
             monkeypatch.setenv(name, value)
         words = ["release", "publish", "--to", "zenodo-sandbox", "--data", str(root)]
         with pytest.raises(SystemExit) as left:
             main([*words, "--profile", str(path)])
         assert left.value.code == 2
-        assert "names no creator and no contact" in capsys.readouterr().err
+        assert "has no creator and no contact" in capsys.readouterr().err
         settings = {
             "kb_zenodo_endpoint": service.servers["zenodo"].url,
             "zenodo_token": service.settings()["ZENODO_TOKEN"],
