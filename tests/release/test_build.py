@@ -13,7 +13,6 @@ import pyarrow.parquet as pq
 import pytest
 
 import kb
-from kb.artifacts import manifest
 from kb.core.context import Run
 from kb.core.licences import KNOWN
 from kb.release.build import describe, release
@@ -65,8 +64,8 @@ def test_describe_after_a_purge_needs_no_gate(tmp_path: Path) -> None:
     build(tmp_path, sources=("pairs",))
     release(a_run(tmp_path))
     shard = tmp_path / "release" / "pairs" / "pairs-00000-of-00001.parquet"
-    with manifest.editing(tmp_path, "release/pairs"):
-        pq.write_table(pq.read_table(shard).slice(20), shard)
+    pq.write_table(pq.read_table(shard).slice(20), shard)
+    (shard.parent / "SHA256SUMS").unlink()  # as no manifest of an export knows the new bytes
     describe(a_run(tmp_path), ["pairs"])
     assert "| Rows | 100 |" in (tmp_path / "release" / "pairs" / "README.md").read_text()
 

@@ -118,7 +118,7 @@ def test_without_creator_and_contact_it_warns_and_is_not_published(
         with pytest.raises(SystemExit) as left:
             main([*words, "--profile", str(path)])
         assert left.value.code == 2
-        assert "has no creator and no contact" in capsys.readouterr().err
+        assert "no creator and no contact" in capsys.readouterr().err
         settings = {
             "kb_zenodo_endpoint": service.servers["zenodo"].url,
             "zenodo_token": service.settings()["ZENODO_TOKEN"],
