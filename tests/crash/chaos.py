@@ -298,7 +298,7 @@ def found(root: Path) -> list[str]:
         look = verify(root, Silent())
     except KbError as error:  # an empty folder is no data root
         return [] if type(error) is FatalError else [str(error)]
-    return [f"{one.state}: {one.path.relative_to(root)}: {one.what}" for one in look.found]
+    return [f"{one.state}: {one.path.relative_to(root)}: {one.what}" for one in look.entries]
 
 
 def leaked(root: Path, traces: Sequence[bytes]) -> list[str]:

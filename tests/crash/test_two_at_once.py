@@ -202,7 +202,7 @@ def test_what_was_on_its_way_when_files_were_listed_is_not_told(root: Path) -> N
         held.enter_context(writer(root, "pairs"))
         (root / ".pairs.new").mkdir()
         (root / ".pairs.new/pairs-00000-of-00001.parquet").write_bytes(b"on its way")
-        assert verify(root, Finishing()).found == []
+        assert verify(root, Finishing()).entries == []
 
 
 def test_a_writer_is_not_refused_for_somebody_who_looks_at_its_lock(root: Path) -> None:

@@ -335,7 +335,7 @@ def test_verify_finds_them_and_repair_has_them_again(whole, copied):
         changed(path)
     pictures[2].unlink()
     look = verify(root, Silent())
-    assert {(one.state, one.path) for one in look.found} == {
+    assert {(one.state, one.path) for one in look.entries} == {
         ("missing", shots[1]),
         ("missing", pictures[2]),
         *(("damaged", path) for path in (shots[0], *pictures[:2], segment)),
