@@ -14,7 +14,7 @@ import shutil
 from collections.abc import Mapping
 
 from kb.artifacts import domain_binding
-from kb.artifacts.catalog import Catalog
+from kb.artifacts.table_catalog import Catalog
 from kb.core.context import Run
 from kb.core.errors import FatalError, MissingExtra, ProfileError
 from kb.core.summary import Summary

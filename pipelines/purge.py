@@ -25,7 +25,7 @@ from kb.core.errors import DamagedData
 from kb.core.summary import Summary
 from kb.crawl.purge import purge_answers
 from kb.export import layouts
-from kb.filters.clean import texts
+from kb.filters.filter_run import texts
 from kb.release.build import describe
 from kb.report.build import report_again
 from kb.store import lock

@@ -20,7 +20,7 @@ from kb.core.summary import Summary
 from kb.core.summary import plan as planned
 from kb.crawl.job import Parts
 from kb.filters.chain import Clean
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.filters.topic import released_stages
 from kb.pairs.restore import TextRestore
 from kb.reddit.dumps.files import Dumps, find_dumps

@@ -11,8 +11,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from kb.artifacts.build import clear_finished
 from kb.artifacts.purge import connector
+from kb.artifacts.resumable_build import clear_finished
 from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
 from kb.core.errors import DamagedData
@@ -20,7 +20,7 @@ from kb.core.sources import PUBLISHED, SOURCES, SPECS, exported_by
 from kb.crawl.job import crawl_source
 from kb.crawl.session import open_session
 from kb.export import layouts
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.pairs.build import build
 from kb.release.build import release
 from kb.search.build import follow

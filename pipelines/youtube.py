@@ -32,7 +32,7 @@ from kb.filters.predicates import (
 from kb.filters.topic import Topic
 from kb.youtube.connector.ids import Part
 from kb.youtube.parse.assemble import HELPERS, KINDS, assemble, unanswered
-from kb.youtube.parse.view_rule import kept_rules
+from kb.youtube.parse.view_counting import kept_rules
 from kb.youtube.ytdlp.tracks import TrackLanguage
 
 DESCRIBED_BY = ("title", "channel_id", "channel_title")  # of a video that is left out

@@ -47,7 +47,7 @@ LONG = (
     "mcp/test_server.py",
     "contract/test_one_noun.py",
     "crash/test_purge_killed.py",
-    "annotate/test_checkpoint.py",
+    "annotate/test_verified_checkpoint.py",
     "restore/test_restore.py",
     "wiki/connector/test_reduce.py",
     "engine/test_same_bytes_machine.py",

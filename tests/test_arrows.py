@@ -117,7 +117,7 @@ def test_rooms_import_along_the_arrows() -> None:
 UPWARDS = {
     "core/clock.py": "from kb.store.layout import Layout",
     "core/signals.py": "import kb.net.retry",
-    "schema/keys.py": "from kb.store.rawlog import rawlog",
+    "schema/answer_keys.py": "from kb.store.rawlog import rawlog",
     "schema/types.py": "from ..net import retry",
     "net/retry.py": "from kb.schema import tables",
     "net/rate.py": "from kb.store.state.frontier import Frontier",

@@ -13,7 +13,6 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from kb.annotate.checkpoint import Checkpoint
 from kb.annotate.detoxify_model import load_detoxify
 from kb.annotate.inference import TOKEN_BUDGET, Meta, ModelNetwork, Runner
 from kb.annotate.onnx_model import (
@@ -24,6 +23,7 @@ from kb.annotate.onnx_model import (
     make_compiled,
 )
 from kb.annotate.scores import PRECISIONS
+from kb.annotate.verified_checkpoint import Checkpoint
 from kb.core.errors import MissingModel, SettingError
 
 DEVICES = ("auto", "cpu", "cuda")

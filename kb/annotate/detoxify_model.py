@@ -22,8 +22,8 @@ from typing import Any
 from unittest import mock
 
 from kb.annotate import out_of_memory
-from kb.annotate.checkpoint import Checkpoint, need_extra
 from kb.annotate.model_files import tokenizer_files
+from kb.annotate.verified_checkpoint import Checkpoint, need_extra
 from kb.core.errors import MissingModel
 
 WINDOW = 512  # tokens that every published model reads at once

@@ -24,7 +24,7 @@ from kb.schema.tables import table
 from kb.store.layout import Layout, parquet_files
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan
-from kb.store.tables.shards import ShardWriter, order, write_table
+from kb.store.tables.shard_writer import ShardWriter, order, write_table
 
 TABLE = "shared/annotations"
 CATEGORIES = (

@@ -19,9 +19,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.annotate.backends import check_options, prepare
-from kb.annotate.checkpoint import Checkpoint, find_checkpoint, need_extra
 from kb.annotate.chunks import Chunks
 from kb.annotate.scores import CATEGORIES, Scores, text_hashes
+from kb.annotate.verified_checkpoint import Checkpoint, find_checkpoint, need_extra
 from kb.annotate.worker import ScoringJob, score_chunk
 from kb.core import signals
 from kb.core.context import Run

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 from kb.annotate import out_of_memory
 from kb.annotate.backends import REACH, choose_device, open_runner
-from kb.annotate.checkpoint import Checkpoint
 from kb.annotate.inference import Runner
+from kb.annotate.verified_checkpoint import Checkpoint
 from kb.core import clock, signals
 
 HAND_S = 10.0  # a chunk that takes longer ends between two batches when the run was asked to stop

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 
 import msgspec
 
-from kb.artifacts.catalog import Catalog, is_root
+from kb.artifacts.table_catalog import Catalog, is_root
 from kb.core.config.profile import Profile, is_shipped, load_profile
 from kb.core.context import Run
 from kb.core.errors import OtherService, ProfileError
@@ -25,7 +25,7 @@ from kb.store import leftovers, lock
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
-from kb.store.state import identity, json_files
+from kb.store.state import json_files, service_binding
 
 
 class Remembered(msgspec.Struct, frozen=True):
@@ -166,14 +166,14 @@ def _agrees(root: Path, profile: Profile) -> bool:
     A subreddit comes from nowhere else, so another one is refused. A wiki's address may have been
     a setting.
     """
-    subreddit = identity.noted(root, "reddit").get("subreddit")
+    subreddit = service_binding.noted(root, "reddit").get("subreddit")
     if profile.reddit and subreddit and subreddit != profile.reddit.subreddit.lower():
         raise OtherService(
             f"{root} holds reddit data of subreddit {subreddit},"
             f" which is not that of the profile {profile.name!r}",
             hint="use another --data folder, or the --profile it was made with",
         )
-    wiki = identity.noted(root, "wiki").get("wiki")
+    wiki = service_binding.noted(root, "wiki").get("wiki")
     return not (profile.wiki and wiki) or wiki.split("/")[0] in (
         urlsplit(profile.wiki.url).hostname,
         "127.0.0.1",

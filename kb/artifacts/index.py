@@ -11,7 +11,7 @@ import shutil
 from pathlib import Path
 
 from kb.artifacts import manifest, texts
-from kb.artifacts.catalog import Catalog
+from kb.artifacts.table_catalog import Catalog
 from kb.core.errors import DamagedData
 from kb.store.atomic import followed
 from kb.store.layout import Layout

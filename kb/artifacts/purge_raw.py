@@ -14,7 +14,7 @@ from ahocorasick_rs import BytesAhoCorasick, Implementation
 
 from kb.core import signals
 from kb.core.engine import make_threads
-from kb.schema import keys as schema
+from kb.schema import answer_keys as schema
 from kb.store.atomic import writing
 from kb.store.rawlog import quarantine, rawlog
 from kb.store.rawlog.rawlog import Envelope, Request

@@ -20,7 +20,7 @@ from kb.core.engine import make_threads
 from kb.store.layout import BELOW, Layout, parquet_files, rows_pattern
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
-from kb.store.tables.shards import ShardWriter
+from kb.store.tables.shard_writer import ShardWriter
 
 IsKept = Callable[[pa.RecordBatch], "pa.Array[Any]"]
 

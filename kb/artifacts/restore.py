@@ -38,7 +38,7 @@ from kb.store.tables import database, parquet
 from kb.store.tables.latest import newest
 from kb.store.tables.partition import Shuffle
 from kb.store.tables.reading import reading
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 
 MISSING, WORK = "missing.parquet", ".work"
 FAILED, PURGED = "failed", "purged"

@@ -22,7 +22,7 @@ from typing import Any
 
 from kb import __version__
 from kb.core import clock, signals
-from kb.core.arrow import without_pandas
+from kb.core.arrow_without_pandas import without_pandas
 from kb.core.errors import FatalError, KbError, MissingExtra, SettingError, Unreachable
 from kb.core.installation import install_extra
 

@@ -24,7 +24,7 @@ from concurrent.futures import (
 from typing import Any
 
 from kb.core import signals, startup
-from kb.core.arrow import without_pandas
+from kb.core.arrow_without_pandas import without_pandas
 from kb.core.dask_engine import dask_executor
 from kb.core.errors import FatalError, SettingError
 

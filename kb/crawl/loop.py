@@ -4,7 +4,8 @@
     a stop     (quota spent, blocked, limit) closes the phases it concerns; the others go on
     an error   of another kind, a full disk or a signal ends the run after the current items
 
-The class of an error decides what happens to the current items. kb.crawl.turns chooses the items.
+The class of an error decides what happens to the current items.
+kb.crawl.phase_scheduler chooses them.
 """
 
 from __future__ import annotations
@@ -27,9 +28,9 @@ from kb.core.errors import (
 )
 from kb.core.progress import Task
 from kb.crawl.limits import worst
+from kb.crawl.phase_scheduler import Turn, Turns
 from kb.crawl.session import CrawlSession
 from kb.crawl.source import Phase
-from kb.crawl.turns import Turn, Turns
 from kb.store.state.frontier import Item
 
 _EVERYTHING = (DiskFull, Interrupted)  # stops that concern every service

@@ -21,7 +21,7 @@ from kb.store import lock
 from kb.store.layout import Layout
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.rawlog.recorder import Recorder
-from kb.store.state import identity, tombstones
+from kb.store.state import service_binding, tombstones
 from kb.store.state.frontier import Frontier
 
 BLOCKED = "blocked:"  # cursor: when the service blocked us
@@ -140,7 +140,7 @@ def open_session(
         stack.enter_context(lock.writer(root, source.name))
         if root == run.root:
             domain_binding.note(run.root, run.profile)
-        identity.remember(root, source.name, **facts)
+        service_binding.remember(root, source.name, **facts)
         frontier = Frontier(Layout(root).state(source.name), payloads=source.payloads)
         stack.callback(frontier.close)
         session = CrawlSession(

@@ -29,7 +29,7 @@ from urllib.parse import quote, unquote, urlsplit
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export.rows import Row, check_rows, sorted_rows
-from kb.schema.nesting import ancestors
+from kb.schema.nested_elements import ancestors
 from kb.store.atomic import replacing_folder
 from kb.store.layout import CAPTURED, Layout
 from kb.store.rawlog import sidefiles

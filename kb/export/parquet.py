@@ -21,7 +21,7 @@ from kb.core.sources import SOURCES, made_by
 from kb.core.summary import Summary, vocabulary
 from kb.schema.tables import released_tables
 from kb.store.layout import Layout
-from kb.store.tables import shards
+from kb.store.tables import shard_writer
 
 
 class RowTransform(NamedTuple):
@@ -69,7 +69,7 @@ def export(
             change = (changes or {}).get(declared.name)
             if change is not None:
                 # What the change knows is in this process only.
-                made = shards.sorted_shards(
+                made = shard_writer.sorted_shards(
                     files[declared.name],
                     fresh,
                     declared,
@@ -110,7 +110,7 @@ def export(
 
 def write_shards(name: str, parts: Sequence[str], folder: str, rows_per_shard: int) -> int:
     """One table's shards; how many rows. Runs in a worker."""
-    made = shards.sorted_shards(
+    made = shard_writer.sorted_shards(
         [Path(part) for part in parts],
         Path(folder),
         name,

@@ -15,7 +15,7 @@ from kb.schema.tables import table
 from kb.store.atomic import writing
 from kb.store.layout import Layout
 from kb.store.tables.merge import Merge
-from kb.store.tables.shards import order
+from kb.store.tables.shard_writer import order
 
 Row = dict[str, Any]
 

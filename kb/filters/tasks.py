@@ -35,7 +35,7 @@ from kb.schema.tables import table
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.state import tombstones
 from kb.store.tables import partition
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 
 
 class FilterJob(NamedTuple):

@@ -18,9 +18,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.artifacts import manifest, texts
-from kb.artifacts.build import Part, PartedBuild, read_plan, write_part
-from kb.artifacts.catalog import NO_TABLES, Catalog
 from kb.artifacts.manifest import Build
+from kb.artifacts.resumable_build import Part, PartedBuild, read_plan, write_part
+from kb.artifacts.table_catalog import NO_TABLES, Catalog
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.installation import require
@@ -36,7 +36,7 @@ from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
-from kb.store.tables.shards import ShardWriter, sorted_shards, write_table
+from kb.store.tables.shard_writer import ShardWriter, sorted_shards, write_table
 
 _LAYOUT = 1  # raised when the same input gives other rows
 _PAGES = next(f"{name}/{spec.pages}" for name, spec in SPECS.items() if spec.pages)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from kb.artifacts import catalog, manifest, texts
-from kb.artifacts.catalog import bare
+from kb.artifacts import manifest, table_catalog, texts
+from kb.artifacts.table_catalog import bare
 from kb.core import terminal
 from kb.core.context import Run
 from kb.core.sources import SOURCES, SPECS
@@ -20,7 +20,7 @@ _LICENCES = 10  # of a source
 
 def run_about(run: Run, size: int) -> str:
     """Sources with dates and licences, the index, the views. Raises DamagedData, UsageError."""
-    opened = OpenTables([catalog.read(run.root)])
+    opened = OpenTables([table_catalog.read(run.root)])
     fence = Fence()
     head = (
         f"{fence.note}\n"
@@ -84,7 +84,7 @@ def _indexed(run: Run) -> Iterator[str]:
         if not texts.files(run.root, name):
             yield f"{source}: no clean texts"
         elif texts.is_current(run.root, name):
-            known = manifest.read(catalog.Catalog(run.root.absolute()).workplace, name)
+            known = manifest.read(table_catalog.Catalog(run.root.absolute()).workplace, name)
             yield f"{source}: {known.figures['passages'] if known else 0:,} passages"
         else:
             yield f"{source}: indexed by the first search"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from kb.artifacts import catalog
+from kb.artifacts import table_catalog
 from kb.core.errors import UsageError
 from kb.mcp.untrusted_text import Fence, cut
 from kb.query.isolated import run_isolated
@@ -19,7 +19,7 @@ _LEFT_OUT = "More rows were left out: raise max_chars or max_rows, or ask for le
 def run_query(root: Path, sql: str, rows: int, seconds: float, size: int) -> str:
     """The first rows as CSV in at most `size` characters. Raises DamagedData."""
     fence = Fence()
-    views = catalog.read(root).views
+    views = table_catalog.read(root).views
     head = f"{fence.note}\nThe answer as CSV, times in UTC."
     room = size - len(head) - len(_LEFT_OUT) - len(fence.mark("")) - 6
     try:

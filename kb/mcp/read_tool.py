@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from kb.artifacts import catalog
+from kb.artifacts import table_catalog
 from kb.core.errors import UsageError
 from kb.core.sources import SPECS
 from kb.mcp.references import SourceLocation
@@ -38,7 +38,7 @@ class AgentDocument(NamedTuple):
 
 def run_read(root: Path, place: SourceLocation, size: int) -> str:
     """The place and its surroundings, in at most `size` characters. Raises KbError."""
-    tables = OpenTables([catalog.read(root)])
+    tables = OpenTables([table_catalog.read(root)])
     agent = SPECS[place.source].agent
     if agent is None:
         raise UsageError(f"`read` does not support {place.source}", hint="use `query`")

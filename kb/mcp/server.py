@@ -16,7 +16,7 @@ from pydantic import Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from kb import __version__
-from kb.artifacts import catalog
+from kb.artifacts import table_catalog
 from kb.core.context import Run
 from kb.core.errors import KbError, MissingExtra, UsageError
 from kb.core.installation import install_extra
@@ -80,7 +80,7 @@ def make(run: Run) -> Any:
             f"kb mcp needs the Python package {error.name}",
             hint=install_extra("mcp"),
         ) from None
-    catalog.read(run.root)
+    table_catalog.read(run.root)
 
     class AgentServer(MCPServer):
         """The SDK's server, with one-line errors for wrong arguments."""

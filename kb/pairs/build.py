@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from kb.artifacts import manifest
-from kb.artifacts.build import Part, PartedBuild, read_plan, write_part
+from kb.artifacts.resumable_build import Part, PartedBuild, read_plan, write_part
 from kb.core.config.profile.pairs import Pairs
 from kb.core.context import Run
 from kb.core.errors import LimitReached
@@ -24,7 +24,7 @@ from kb.pairs import transcripts
 from kb.pairs.extract import PairCounts, Tools, make_tools, pairs_of
 from kb.store.layout import Layout
 from kb.store.lock import writer
-from kb.store.tables.shards import sorted_shards
+from kb.store.tables.shard_writer import sorted_shards
 
 _LAYOUT = 3  # raised when the same input gives other rows
 _ROWS = 4096  # transcripts of a part: some seconds of work

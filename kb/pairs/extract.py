@@ -17,7 +17,7 @@ import pyarrow.compute as pc
 from kb.core.config.profile.pairs import Pairs
 from kb.core.errors import MissingExtra
 from kb.core.installation import install_extra, np
-from kb.pairs import sampling
+from kb.pairs import seeded_random
 from kb.pairs.clip_tokens import ENDS, Tokens
 from kb.pairs.keywords import EXCLUDED, NEVER, Keywords
 from kb.pairs.matching import Matcher
@@ -113,7 +113,7 @@ def matches(text: Text, tools: Finds, counts: PairCounts) -> Matches:
     certain, reach = tools.keywords.certain[keyword], tools.keywords.reach[keyword]
     if certain.all():
         return every
-    near = sampling.supported(every.first, every.last, every.video, certain, reach) & (
+    near = seeded_random.supported(every.first, every.last, every.video, certain, reach) & (
         reach != NEVER
     )
     counts.tell(tools.keywords, "ambiguous", keyword[~certain])
@@ -132,7 +132,7 @@ def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, PairCounts]:
         hits = hits.take(~over)
     position = text.characters(hits.start, hits.video)
     ids = cast("list[str]", text.ids.to_pylist())
-    keys = sampling.video_keys(tools.seed, ids)
+    keys = seeded_random.video_keys(tools.seed, ids)
     rng = _Draws(keys[hits.video] if len(keys) else keys, position)
     segment = _segment(text, hits)
     grown = None
@@ -143,10 +143,10 @@ def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, PairCounts]:
         low, high = segment
     center = rng.integers("center", low, high)
     length = rng.integers("clip", *_lengths(section))
-    clip_start, clip_end = sampling.clips(center, length, text.length[hits.video])
+    clip_start, clip_end = seeded_random.clips(center, length, text.length[hits.video])
     gap = round(section.min_gap_s * 1000)
     taken = np.flatnonzero(
-        sampling.choose(
+        seeded_random.choose(
             clip_start, clip_end, hits.video, rng.bits("rank"), gap, section.max_pairs_per_video
         )
     )
@@ -169,10 +169,10 @@ class _Draws(NamedTuple):
     position: np.ndarray
 
     def bits(self, purpose: str) -> np.ndarray:
-        return sampling.bits(self.keys, self.position, purpose)
+        return seeded_random.bits(self.keys, self.position, purpose)
 
     def integers(self, purpose: str, low: Any, high: Any) -> np.ndarray:
-        return sampling.integers(self.bits(purpose), low, high)
+        return seeded_random.integers(self.bits(purpose), low, high)
 
     def take(self, which: np.ndarray) -> _Draws:
         return _Draws(self.keys[which], self.position[which])
@@ -232,7 +232,7 @@ def _table(
     words, end = _texts(text, grown)
     return pa.table(
         {
-            "pair_id": sampling.hexadecimal(rng.bits("id")),
+            "pair_id": seeded_random.hexadecimal(rng.bits("id")),
             "video_id": text.ids.take(video),
             "keyword": names.take(keyword),
             "keyword_kind": kinds.take(keyword),

@@ -11,7 +11,7 @@ from kb.core.config.profile.pairs import Pairs
 from kb.core.context import Run
 from kb.core.installation import np
 from kb.pairs import keywords as lists
-from kb.pairs import sampling, transcripts
+from kb.pairs import seeded_random, transcripts
 from kb.pairs.extract import PairCounts, Tools, make_tools, matches
 from kb.pairs.transcript_batch import Text
 
@@ -90,8 +90,8 @@ class _Examples:
         if not self._number or not len(hits.keyword):
             return
         ids = cast("list[str]", text.ids.to_pylist())
-        keys = sampling.video_keys(tools.seed, ids)[hits.video]
-        rank = sampling.bits(keys, text.characters(hits.start, hits.video), "rank")
+        keys = seeded_random.video_keys(tools.seed, ids)[hits.video]
+        rank = seeded_random.bits(keys, text.characters(hits.start, hits.video), "rank")
         order = np.lexsort((rank, hits.keyword))
         sorted_ = hits.keyword[order]
         nth = np.arange(len(order)) - np.searchsorted(sorted_, sorted_)

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from kb.core.config.profile.base import FILL_IN
+from kb.core.config.profile.check_finding import ERROR, NOTE, WARNING, Finding
 from kb.core.config.profile.everyday_words import is_everyday
-from kb.core.config.profile.finding import ERROR, NOTE, WARNING, Finding
 from kb.core.config.profile.pairs import Pairs
 from kb.core.errors import ProfileError
 from kb.pairs.keyword_forms import forms

@@ -31,14 +31,14 @@ from kb.pairs.extract import make_tools
 from kb.pairs.keywords import Keywords
 from kb.pairs.transcript_batch import Text, without_sounds
 from kb.pairs.transcripts import VIDEOS
-from kb.schema.conform import conform
+from kb.schema.table_check import conform
 from kb.schema.tables import table
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
 from kb.store.state import tombstones
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
-from kb.store.tables.shards import sorted_shards, write_table
+from kb.store.tables.shard_writer import sorted_shards, write_table
 
 
 def refill(run: Run, index: Path) -> Summary:

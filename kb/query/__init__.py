@@ -10,7 +10,7 @@ suggestions  the nearest names for an unknown table or column
 formats      rows as a table, CSV or JSON; `output` writes them
 """
 
-from kb.artifacts.catalog import View
+from kb.artifacts.table_catalog import View
 from kb.query.execute import select
 from kb.query.views import ViewInfo, catalog, connect, find_views
 

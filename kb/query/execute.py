@@ -10,7 +10,7 @@ from typing import Any
 import duckdb
 import pyarrow as pa
 
-from kb.artifacts.catalog import View
+from kb.artifacts.table_catalog import View
 from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.core.progress import Progress, Silent
 from kb.query import statements, suggestions

@@ -16,7 +16,7 @@ from pathlib import Path
 import msgspec
 
 import kb
-from kb.artifacts.catalog import View
+from kb.artifacts.table_catalog import View
 from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.query.execute import select
 from kb.query.formats import csv_lines

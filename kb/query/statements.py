@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import duckdb
 import duckdb.sqltypes
 
-from kb.artifacts.catalog import SCHEMAS, View
+from kb.artifacts.table_catalog import SCHEMAS, View
 from kb.core.errors import UsageError
 
 # Ways to name a table other than by its name.

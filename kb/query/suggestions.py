@@ -9,7 +9,7 @@ from pathlib import Path
 
 import duckdb
 
-from kb.artifacts.catalog import SCHEMAS, empty, view_name
+from kb.artifacts.table_catalog import SCHEMAS, empty, view_name
 from kb.core.errors import KbError, UsageError
 from kb.core.sources import PUBLISHED, SOURCES, exported_by
 from kb.schema.tables import tables

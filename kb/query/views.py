@@ -1,9 +1,9 @@
 """DuckDB over a data root or a download: a schema per kind of table, a view per table.
 
 `clean.youtube_videos`, `release.reddit_posts`, `restored.reddit_comments`, `links.entities`, as
-kb.artifacts.catalog finds them. A bare name is the clean view if there is one, else the released,
-the restored, or the links' one. Only files of these tables can be read: nothing can be written,
-attached, loaded or fetched.
+kb.artifacts.table_catalog finds them. A bare name is the clean view if there is one, else the
+released, the restored, or the links' one. Only files of these tables can be read: nothing can be
+written, attached, loaded or fetched.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import duckdb
 import pyarrow.parquet as pq
 
 from kb.artifacts import manifest
-from kb.artifacts.catalog import SCHEMAS, Catalog, View, bare
 from kb.artifacts.release_folder import read_tombstones
+from kb.artifacts.table_catalog import SCHEMAS, Catalog, View, bare
 from kb.core.errors import DamagedData
 from kb.query.limits import Limits
-from kb.store.advice import advice
+from kb.store.rebuild_hint import advice
 from kb.store.tables import database
 from kb.store.tables.reading import escaped, reading, scan
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from typing import cast
 
-from kb.artifacts.catalog import View
+from kb.artifacts.table_catalog import View
 from kb.core.errors import UsageError
 from kb.core.sources import made_of
 from kb.reader.open_tables import OpenTables

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from kb import query
-from kb.artifacts import catalog
-from kb.artifacts.catalog import Catalog
+from kb.artifacts import table_catalog
+from kb.artifacts.table_catalog import Catalog
 from kb.core.errors import UsageError
 from kb.reader import clips, html, thread, wiki_page
 from kb.reader.error_hints import with_hints
@@ -35,7 +35,7 @@ def load(*places: Place | Iterable[Place]) -> Data:
     paths: list[Path] = []
     for one in places or ("data",):
         paths += [Path(one)] if isinstance(one, str | os.PathLike) else map(Path, one)
-    return Data([catalog.read(path) for path in paths])
+    return Data([table_catalog.read(path) for path in paths])
 
 
 class Data:

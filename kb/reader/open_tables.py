@@ -9,7 +9,7 @@ import duckdb
 import pyarrow as pa
 
 from kb import query
-from kb.artifacts.catalog import SCHEMAS, Catalog, View, check_once
+from kb.artifacts.table_catalog import SCHEMAS, Catalog, View, check_once
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
 

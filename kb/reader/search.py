@@ -6,7 +6,7 @@ import msgspec
 import pyarrow as pa
 
 from kb.artifacts import domain_binding, texts
-from kb.artifacts.catalog import Catalog
+from kb.artifacts.table_catalog import Catalog
 from kb.core.config.profile import DEFAULT, load_profile
 from kb.core.config.settings import Settings
 from kb.core.context import Run

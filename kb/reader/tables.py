@@ -12,8 +12,8 @@ import pyarrow as pa
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
-from kb.artifacts.catalog import View, bare
 from kb.artifacts.release_folder import read_tombstones
+from kb.artifacts.table_catalog import View, bare
 from kb.core.errors import MissingExtra, UsageError
 from kb.reader import html
 from kb.reader.error_hints import with_hints

@@ -8,7 +8,7 @@ import io
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, cast
 
-from kb.artifacts.catalog import View
+from kb.artifacts.table_catalog import View
 from kb.core.errors import KbError, UsageError
 from kb.reader import html, screenshots
 from kb.reader.error_hints import with_hints

@@ -20,7 +20,7 @@ from kb.artifacts.purge_rows import RowLocation, keep_rows, shared_locations
 from kb.crawl.id_list import IdList
 from kb.reddit.connector.ids import read_wanted
 from kb.reddit.connector.source import INFO
-from kb.reddit.parse import tree
+from kb.reddit.parse import answer_tree
 from kb.reddit.parse.assemble import count_again
 from kb.reddit.parse.latest_state import latest_state
 from kb.reddit.parse.remove_ids import crossposts_of, drop_parents, strip
@@ -63,7 +63,7 @@ def find(purge: Purge) -> dict[str, str]:
 
 def texts(keys: Collection[str]) -> set[str]:
     """Bare ids: the record of a thing has its id without the kind."""
-    return set(map(tree.bare, keys))
+    return set(map(answer_tree.bare, keys))
 
 
 def strip_names(kind: str, envelope: Envelope, names: Names) -> Envelope | None:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from kb.artifacts import release_folder
-from kb.artifacts.catalog import Catalog
 from kb.artifacts.release_folder import DOWNLOAD, ReleaseFolder
+from kb.artifacts.table_catalog import Catalog
 from kb.core.context import Run
 from kb.core.errors import DamagedData, SettingError
 from kb.store.atomic import write_bytes

@@ -21,7 +21,7 @@ from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.release.folders import sample_name
 from kb.store.atomic import writing
 from kb.store.tables import database
-from kb.store.tables.shards import order
+from kb.store.tables.shard_writer import order
 
 _MOST = 5_000  # groups: a sample is for reading
 

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from kb.artifacts import domain_binding
-from kb.artifacts.catalog import Catalog, empty
+from kb.artifacts.table_catalog import Catalog, empty
 from kb.core import signals
 from kb.core.config.profile import Profile
 from kb.core.context import Run
@@ -19,9 +19,9 @@ from kb.core.source_spec import ReportSpec, load_name
 from kb.core.sources import SOURCES, SPECS
 from kb.core.summary import Summary
 from kb.report.data import ReportData
+from kb.report.figure_style import Figure, applied
 from kb.report.figures import funnel
 from kb.report.page import ReportSection, page
-from kb.report.style import Figure, applied
 from kb.schema import table
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout

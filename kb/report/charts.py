@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from kb.report.style import BLUE, GREY, canvas, counts, number, powers
+from kb.report.figure_style import BLUE, GREY, canvas, counts, number, powers
 
 # Behind a number: the grid's lines stop before it.
 HALO = {"facecolor": "white", "edgecolor": "none", "pad": 1.2}

@@ -15,7 +15,7 @@ from typing import Any, Self
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from kb.artifacts.catalog import Catalog
+from kb.artifacts.table_catalog import Catalog
 from kb.core.context import Run
 from kb.schema import table, tables
 from kb.store.layout import Layout

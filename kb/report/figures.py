@@ -10,7 +10,7 @@ from typing import Any
 from kb.core.config.profile import Profile
 from kb.report.charts import bars, histogram, over_time
 from kb.report.data import Funnel, ReportData
-from kb.report.style import BLUE, GREEN, GREY, ORANGE, PALE, Figure, canvas, number, saved
+from kb.report.figure_style import BLUE, GREEN, GREY, ORANGE, PALE, Figure, canvas, number, saved
 
 _SCORES = [step / 20 for step in range(21)]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from kb.core.config.profile import Profile
 from kb.core.sources import SOURCES, SPECS
 from kb.report.data import ReportData
+from kb.report.figure_style import GREEN, ORANGE, SKY, Figure, readable
 from kb.report.figures import bar_figure
-from kb.report.style import GREEN, ORANGE, SKY, Figure, readable
 
 _LINKS, _ENTITIES = "links/links", "links/entities"
 _HEAD = ("entity", *SOURCES, "mentions")

@@ -10,7 +10,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 from kb.core.templates import environment
-from kb.report.style import Figure, number
+from kb.report.figure_style import Figure, number
 
 _TEMPLATES = Path(__file__).with_name("templates")
 _LONGEST = 160  # letters of a cell

@@ -5,8 +5,8 @@ from __future__ import annotations
 from kb.core.config.profile import Profile
 from kb.report.charts import even, histogram
 from kb.report.data import ReportData
+from kb.report.figure_style import GREEN, ORANGE, Figure, canvas, readable, saved
 from kb.report.figures import bar_figure
-from kb.report.style import GREEN, ORANGE, Figure, canvas, readable, saved
 
 
 def keywords(data: ReportData, profile: Profile) -> Figure | None:

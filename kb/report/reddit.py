@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from functools import partial
 
+from kb.report.figure_style import BLUE, GREEN, ORANGE, PURPLE, RED, SKY
 from kb.report.figures import dates, funnel, logarithmic, toxicity, values
-from kb.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, SKY
 from kb.report.word_cloud import words
 
 _POSTS, _COMMENTS = "reddit/posts", "reddit/comments"

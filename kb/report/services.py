@@ -6,7 +6,7 @@ from kb.core.config.profile import Profile
 from kb.core.sources import SPECS
 from kb.report.charts import over_time
 from kb.report.data import ReportData
-from kb.report.style import BLUE, GREEN, GREY, RED, Figure, canvas, saved
+from kb.report.figure_style import BLUE, GREEN, GREY, RED, Figure, canvas, saved
 
 _DAYS = 60  # the last ones, when there are more
 _COLORS = {"red": RED, "blue": BLUE, "green": GREEN}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from functools import partial
 
+from kb.report.figure_style import GREEN
 from kb.report.figures import dates, funnel, toxicity, values
-from kb.report.style import GREEN
 from kb.report.wiki_page import KINDS, page
 
 _PAGES = "wiki/pages"

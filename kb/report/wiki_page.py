@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from kb.core.config.profile import Profile
 from kb.core.errors import DamagedData
 from kb.report.data import ReportData
-from kb.report.style import (
+from kb.report.figure_style import (
     BLUE,
     GREEN,
     INK,

@@ -6,7 +6,18 @@ from pathlib import Path
 
 from kb.core.config.profile import Profile
 from kb.report.data import ReportData
-from kb.report.style import BLUE, GREEN, INK, PURPLE, RED, WIDTH, Figure, canvas, number, saved
+from kb.report.figure_style import (
+    BLUE,
+    GREEN,
+    INK,
+    PURPLE,
+    RED,
+    WIDTH,
+    Figure,
+    canvas,
+    number,
+    saved,
+)
 
 _W, _H = 1080, 640  # the cloud's own pixels
 _DARK = (BLUE, GREEN, RED, INK, PURPLE)  # readable on white

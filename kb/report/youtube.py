@@ -8,8 +8,8 @@ from functools import partial
 from kb.core.config.profile import Profile
 from kb.report.charts import even, histogram
 from kb.report.data import ReportData
+from kb.report.figure_style import BLUE, GREEN, GREY, ORANGE, SKY, Figure, number, readable, saved
 from kb.report.figures import bar_figure, dates, funnel, logarithmic, toxicity, values
-from kb.report.style import BLUE, GREEN, GREY, ORANGE, SKY, Figure, number, readable, saved
 from kb.report.word_cloud import words
 
 _VIDEOS = "youtube/videos"

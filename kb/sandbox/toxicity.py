@@ -15,7 +15,7 @@ from pathlib import Path
 
 import zstandard
 
-from kb.annotate.checkpoint import need_extra, sha256_of
+from kb.annotate.verified_checkpoint import need_extra, sha256_of
 from kb.core.installation import cache_root, making
 from kb.store.tables.reading import SANDBOX_MODEL
 

@@ -21,7 +21,7 @@ import pyarrow.compute as pc
 from kb.core.errors import DamagedData
 from kb.schema import raw
 from kb.schema.coerce import WrongShape, coerce, times
-from kb.schema.records import texts, verbatim
+from kb.schema.struct_lists import texts, verbatim
 from kb.schema.tables import Column, Table
 
 _UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
@@ -42,7 +42,7 @@ class ColumnReader:
 
     `note_absent`: whether a null where none may be is a problem (not for answers that may hold
     an outcome without a row). Lists of fixed rows stay as they are in the answer, as JSON text:
-    kb.schema.records makes columns of them.
+    kb.schema.struct_lists makes columns of them.
     """
 
     def __init__(self, declared: Table, kind: str, *, note_absent: bool = True) -> None:

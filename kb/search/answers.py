@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.artifacts import index, manifest, texts
-from kb.artifacts.catalog import NO_TABLES, Catalog
+from kb.artifacts.table_catalog import NO_TABLES, Catalog
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
 from kb.search.passage import Passage

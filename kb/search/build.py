@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from kb.artifacts import domain_binding, manifest, texts
 from kb.artifacts import index as index_of
-from kb.artifacts.catalog import NO_TABLES, Catalog, empty
+from kb.artifacts.table_catalog import NO_TABLES, Catalog, empty
 from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.errors import FatalError

@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from kb.artifacts.catalog import Catalog
+from kb.artifacts.table_catalog import Catalog
 from kb.schema import table
 from kb.store.tables.merge import Merge
 from kb.store.tables.reading import reading
-from kb.store.tables.shards import order
+from kb.store.tables.shard_writer import order
 
 KINDS = ("video", "transcript", "section", "table", "post", "comment")
 MOST_WORDS = 200  # of a passage's text

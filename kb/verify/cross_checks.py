@@ -13,8 +13,8 @@ from kb.core.errors import DamagedData
 from kb.core.sources import PUBLISHED, SOURCES, SPECS
 from kb.schema.tables import table
 from kb.store import leftovers
-from kb.store.advice import advice
 from kb.store.layout import Layout, parquet_files
+from kb.store.rebuild_hint import advice
 from kb.store.tables import database
 from kb.store.tables.reading import scan
 from kb.store.tables.row_counts import VERDICTS

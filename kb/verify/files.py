@@ -9,8 +9,8 @@ from kb.artifacts import manifest
 from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES, SPECS
 from kb.store import leftovers
-from kb.store.advice import advice
 from kb.store.rawlog import rawlog, sidefiles
+from kb.store.rebuild_hint import advice
 from kb.verify import raw, tables
 from kb.verify.findings import Findings
 

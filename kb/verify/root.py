@@ -6,8 +6,8 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from kb.artifacts.catalog import Catalog, empty, existing, is_root
 from kb.artifacts.release_folder import DOWNLOAD
+from kb.artifacts.table_catalog import Catalog, empty, existing, is_root
 from kb.core.progress import Progress
 from kb.verify import cross_checks, releases
 from kb.verify.concurrent_writes import Busy

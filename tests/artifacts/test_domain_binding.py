@@ -14,8 +14,8 @@ from kb.core.errors import OtherService, ProfileError
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store import lock, process
-from kb.store.state.identity import remember
-from tests.store.state.test_identity import answered
+from kb.store.state.service_binding import remember
+from tests.store.state.test_service_binding import answered
 from tests.youtube.job import Job
 
 STARDEW = (

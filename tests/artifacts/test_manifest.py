@@ -15,14 +15,14 @@ from kb.artifacts import manifest
 from kb.core.config.pipeline import load, locate
 from kb.core.errors import DamagedData, KbError, ReleaseRefused
 from kb.export import minedojo, parquet
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.pairs.build import build
 from kb.query import connect
 from kb.release.build import exported, release
 from kb.store import lock
 from kb.store.tables.checksums import digest
 from kb.store.tables.parquet import read_table
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 from tests.filters import full_root
 from tests.filters.made import run_at
 

@@ -25,7 +25,7 @@ from kb.pairs.extract import make_tools, pairs_of
 from kb.pairs.keywords import load
 from kb.pairs.transcript_batch import Text
 from kb.schema import table
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 from tests.bench.measured import words_a_second
 from tests.pairs.made import tables
 

@@ -28,7 +28,7 @@ from kb.pairs.extract import make_tools, pairs_of
 from kb.pairs.keywords import load
 from kb.pairs.matching import Folded, leftmost_longest
 from kb.pairs.transcript_batch import Text
-from kb.store.tables.shards import ShardWriter, write_table
+from kb.store.tables.shard_writer import ShardWriter, write_table
 from tests.bench.measured import words_a_second
 from tests.pairs.made import tables
 

@@ -35,7 +35,7 @@ from kb.search.answers import search
 from kb.search.build import index
 from kb.search.ranking import Only
 from kb.store.layout import Layout
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 from tests.bench.scale_raw import Words, _spoken, _vocabulary, video_id
 from tests.filters.made import run_at
 

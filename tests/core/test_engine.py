@@ -34,7 +34,7 @@ from kb.core.context import Run
 from kb.core.engine import make_executor
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import Settings
-from kb.filters import clean, tasks
+from kb.filters import filter_run, tasks
 
 HEAVY = ("pandas", "torch", "transformers", "onnxruntime", "selenium", "PIL", "matplotlib", "dask")
 
@@ -47,7 +47,7 @@ def heavy(*task):
 if __name__ == "__main__":
     root = Path(sys.argv[1])
     run = Run(settings=Settings(), profile=load_profile("minecraft"), root=root)
-    job = clean._job(run, "youtube")._replace(work=str(root / "work"), buckets=2)
+    job = filter_run._job(run, "youtube")._replace(work=str(root / "work"), buckets=2)
     segment = next((root / "raw" / "youtube" / "videos").iterdir())
     for workers in (1, 2):
         with make_executor("local", workers) as pool:

@@ -18,7 +18,7 @@ import pytest
 from kb.core.installation import folder
 from kb.core.progress import Silent, Task
 from kb.export import parquet
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.pairs.build import build
 from kb.store.layout import Layout
 from kb.store.lock import holders, writer
@@ -39,7 +39,7 @@ REBUILDING = """
 import sys
 from dataclasses import replace
 from pathlib import Path
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.pairs.build import build
 from tests.filters.made import run_at
 run = run_at(Path(sys.argv[1]))

@@ -18,7 +18,7 @@ from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.sources import SOURCES
 from kb.store.layout import Layout
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 
 ROOT = Path(__file__).resolve().parents[2]
 GUIDES = ("CONTRIBUTING.md", "schemas/WRITING.md", "docs/architecture.md")

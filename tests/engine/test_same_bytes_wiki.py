@@ -12,7 +12,7 @@ from kb.annotate.toxicity import ToxicityScorer
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.filters.clean import run_clean, texts
+from kb.filters.filter_run import run_clean, texts
 from kb.sandbox.toxicity import tiny_checkpoint
 from kb.store.tables import partition
 from tests.conftest import needs

@@ -14,7 +14,7 @@ from kb.core.config import pipeline
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.pairs import build
 from kb.sandbox.server import Sandbox
 from kb.sandbox.toxicity import tiny_checkpoint

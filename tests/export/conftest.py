@@ -12,7 +12,7 @@ from kb.core.config.settings import Settings
 from kb.core.context import Run
 from kb.schema import table
 from kb.store.layout import Layout
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from kb.core.config.pipeline import load, locate
 from kb.export import minedojo, parquet
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.pairs.build import build
 from tests.filters.made import MONDAY, listing, put, run_at, transcript, video
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from kb.core.errors import SchemaMismatch, SettingError
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from tests.filters.made import (
     TUESDAY,
     listing,

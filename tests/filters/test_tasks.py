@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.store.tables import partition
 from tests.filters.made import (
     run_at,

@@ -26,8 +26,8 @@ from kb.schema import table
 from kb.search.answers import keys
 from kb.store import lock
 from kb.store.layout import Layout, parquet_files
-from kb.store.tables import parquet, shards
-from kb.store.tables.shards import write_table
+from kb.store.tables import parquet, shard_writer
+from kb.store.tables.shard_writer import write_table
 from kb.verify.root import verify
 from tests.inprocess import Here
 from tests.links import made
@@ -354,7 +354,7 @@ def test_leftovers_of_a_killed_run_go_with_the_next(run: Run) -> None:
 
 
 def test_keys_are_found_in_any_row_group(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shards, "ROW_GROUP", 4)
+    monkeypatch.setattr(shard_writer, "ROW_GROUP", 4)
     made.links(run, NAMES)
     (path,) = Layout(run.root).rows("links/links")
     assert pq.read_metadata(path).num_row_groups > 8

@@ -20,7 +20,7 @@ from kb.mcp.search_tool import run_search
 from kb.mcp.server import make
 from kb.mcp.untrusted_text import DEFAULT
 from kb.search.ranking import Only
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 from tests.cli.conftest import clean_environment
 from tests.filters.made import run_at
 from tests.inprocess import Here

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from kb.schema import table
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 
 _LETTERS = np.frombuffer(b"etaoinshrdlucmfwypvbgkjqxz", np.uint8)
 _WORDS_A_CUE = 8

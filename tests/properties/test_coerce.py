@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kb.core.errors import DamagedData
-from kb.schema import coerce, records, table
+from kb.schema import coerce, struct_lists, table
 from kb.schema.decode import ColumnReader
 from kb.schema.types import parse_type
 from kb.youtube.parse import answers as parse
@@ -150,7 +150,9 @@ odd_cues = st.lists(good_cue | odd_cue, max_size=4) | scalars | st.just({"a": 1}
 
 
 def as_columns(values: list[Any]) -> tuple[Any, list[tuple[int, str]]]:
-    return records.records(records.texts([records.verbatim(value) for value in values]), CUES)
+    return struct_lists.records(
+        struct_lists.texts([struct_lists.verbatim(value) for value in values]), CUES
+    )
 
 
 def cell_by_cell(values: list[Any]) -> tuple[list[Any], list[tuple[int, str]]]:
@@ -222,7 +224,9 @@ def test_one_odd_list_of_cues_costs_that_list_only() -> None:
     ],
 )
 def test_numbers_and_texts_as_json_may_write_them(cues: bytes, starts: list[float] | None) -> None:
-    column, bad = records.records(records.texts([msgspec.Raw(b"null"), msgspec.Raw(cues)]), CUES)
+    column, bad = struct_lists.records(
+        struct_lists.texts([msgspec.Raw(b"null"), msgspec.Raw(cues)]), CUES
+    )
     nothing, one = column.to_pylist()
     assert nothing is None
     assert (one and repr([cue["start_s"] for cue in one])) == (starts and repr(starts))
@@ -231,7 +235,7 @@ def test_numbers_and_texts_as_json_may_write_them(cues: bytes, starts: list[floa
 
 def test_a_list_that_is_no_text_is_damage() -> None:
     with pytest.raises(DamagedData, match="not an envelope"):
-        records.texts([msgspec.Raw(b'[[1,1,"\xff"]]')])
+        struct_lists.texts([msgspec.Raw(b'[[1,1,"\xff"]]')])
 
 
 transcript = st.fixed_dictionaries(

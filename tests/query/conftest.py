@@ -8,7 +8,7 @@ import pytest
 
 from kb import query
 from kb.store.state import tombstones
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 from tests.cli.conftest import kb  # noqa: F401  a fixture
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from kb.core.errors import UsageError
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 from tests.query.conftest import rows
 
 # What reaches for anything but the views; {tmp} is a folder that holds other.parquet.

@@ -12,7 +12,7 @@ import pytest
 from kb import query
 from kb.core.errors import DamagedData, FatalError
 from kb.store.layout import Layout
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 from tests.query.conftest import rows
 
 

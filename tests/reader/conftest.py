@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import kb
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 
 
 def test_what_people_wrote_is_escaped(tmp_path: Path, make_rows) -> None:  # type: ignore[no-untyped-def]

@@ -12,7 +12,7 @@ import pytest
 import kb
 from kb.core.errors import UsageError
 from kb.store.state import tombstones
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 
 
 def direct(sql: str) -> list[tuple[Any, ...]]:

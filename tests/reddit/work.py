@@ -16,7 +16,7 @@ from kb.core.config.profile.toxicity import Toxicity
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.summary import Summary
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.reddit.connector.importer import import_dumps
 from kb.reddit.connector.refresh import refresh
 from kb.reddit.connector.source import crawl

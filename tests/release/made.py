@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from kb.core.sources import PUBLISHED
 from kb.schema import Table, table
 from kb.store.layout import Layout
-from kb.store.tables.shards import sorted_shards, write_table
+from kb.store.tables.shard_writer import sorted_shards, write_table
 
 START = datetime(2026, 11, 1, tzinfo=UTC)
 VOCABULARY = (

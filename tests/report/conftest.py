@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from kb.report import style
+from kb.report import figure_style
 from kb.report.build import report
 from kb.store.state.frontier import Frontier
 from tests.once import once
@@ -46,7 +46,7 @@ def _make(root: Path) -> None:
 @pytest.fixture
 def no_pdf(monkeypatch: pytest.MonkeyPatch) -> None:
     """For a question about the page, which shows the others: half of a report is its PDF."""
-    monkeypatch.delitem(style.FORMATS, "pdf")
+    monkeypatch.delitem(figure_style.FORMATS, "pdf")
 
 
 @pytest.fixture(scope="session")

@@ -17,11 +17,11 @@ import pytest
 
 from kb.core.errors import FatalError
 from kb.core.sources import PUBLISHED
-from kb.report import style
+from kb.report import figure_style
 from kb.report.build import report
 from kb.schema import table
 from kb.store.state.frontier import Frontier
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 from tests.release.made import build
 from tests.report.made import OfOne, a_run
 
@@ -80,7 +80,7 @@ def test_every_figure_is_there_as_svg_png_and_pdf(root: Path) -> None:
         fonts = embedded(content)
         assert bool(fonts) != path.stem.endswith("-words")  # a cloud is shapes
         for tables in fonts:
-            assert tables == style._IN_PDF
+            assert tables == figure_style._IN_PDF
         assert b"/CreationDate" not in content
     for path in folder.glob("*.svg"):
         ElementTree.parse(path)

@@ -10,7 +10,7 @@ import pytest
 
 from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData
-from kb.report import style, wiki_page
+from kb.report import figure_style, wiki_page
 from kb.report.build import report
 from kb.report.data import ReportData
 from tests.release.made import build
@@ -27,8 +27,8 @@ def test_boxes_cover_nothing_of_the_page_and_a_pixel_is_a_pixel(
 ) -> None:
     from PIL import Image
 
-    for other in style.FORMATS.keys() - {"png"}:
-        monkeypatch.delitem(style.FORMATS, other)
+    for other in figure_style.FORMATS.keys() - {"png"}:
+        monkeypatch.delitem(figure_style.FORMATS, other)
 
     build(tmp_path, sources=("wiki",), export=False, n=10)
     for page in range(1, 4):

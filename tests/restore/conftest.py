@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from kb.core.config import pipeline
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.release.build import describe
 from kb.sandbox.reddit.subreddit import Subreddit
 from kb.sandbox.server import Sandbox

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from kb.annotate.checkpoint import sha256_of
+from kb.annotate.verified_checkpoint import sha256_of
 from kb.sandbox.toxicity import tiny_checkpoint
 
 

@@ -16,7 +16,7 @@ from kb.core.installation import folder
 from kb.schema import raw, table, tables
 from kb.schema.declaration import check_table
 from kb.schema.tables import load_table
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 
 FILES = sorted((folder("schemas") / "tables").glob("*/*.toml"))
 

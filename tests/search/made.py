@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from kb.schema import table
 from kb.store.layout import Layout
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 
 ANIMALS = ("wolf", "parrot", "axolotl", "panda", "camel", "llama")
 ACTIONS = ("tame", "feed", "ride", "breed", "trap")

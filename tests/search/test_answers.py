@@ -21,7 +21,7 @@ from kb.artifacts import manifest
 from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData, UsageError
 from kb.core.sources import SOURCES
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.search import reddit_passages, wiki_passages, youtube_passages
 from kb.search.answers import search
 from kb.search.build import index

@@ -21,7 +21,7 @@ import requests
 from kb.core.config import pipeline
 from kb.core.config.profile import load_profile
 from kb.core.sources import SOURCES
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.sandbox.reddit.subreddit import Subreddit
 from kb.sandbox.server import Sandbox
 from kb.sandbox.wiki.recorded import RecordedWiki

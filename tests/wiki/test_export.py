@@ -16,7 +16,7 @@ from PIL import Image
 from kb.core.errors import DamagedData, FatalError
 from kb.export import minedojo_wiki, wiki_tar
 from kb.schema import table
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 
 BOX = {
     "type": "array",

@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 from kb.core.config.profile import load_profile
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
 from kb.wiki.browser.browser import Browser, reach

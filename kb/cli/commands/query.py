@@ -111,7 +111,7 @@ def query(
     reconstruction. A query may use half of the machine's memory, and spills the rest to the data
     root, or to the temporary folder for a download.
     """
-    from kb.artifacts.catalog import read
+    from kb.artifacts.table_catalog import read
     from kb.query import catalog, connect, select
     from kb.query.limits import for_people, limited
     from kb.query.output import choose, write

@@ -56,7 +56,7 @@ DeviceOption = Annotated[
 def _annotate(run: Run, source: str, precision: Precision | None, device: Device) -> Summary:
     from kb.annotate.toxicity import ToxicityScorer
     from kb.artifacts import domain_binding
-    from kb.filters.clean import texts
+    from kb.filters.filter_run import texts
 
     run.profile.section(source)  # raises where the profile leaves the source out
     name = f"annotate {source}"

@@ -54,7 +54,7 @@ def verify(
     Prints one line per kind of files, then one per problem with what to do about it. The exit code
     is 1 if there is a problem. Nothing is changed without --repair.
     """
-    from kb.artifacts.catalog import existing, is_root
+    from kb.artifacts.table_catalog import existing, is_root
 
     if folder is not None:
         options = replace(options, data=existing(folder))

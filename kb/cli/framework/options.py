@@ -109,7 +109,7 @@ class Options:
         a folder that does not exist, and name the nearest data root.
         Raises SettingError, ProfileError or OtherService before anything is sent or written.
         """
-        from kb.artifacts.catalog import existing
+        from kb.artifacts.table_catalog import existing
         from kb.cli.commands.profile.check import refuse
         from kb.cli.framework import progress
         from kb.cli.framework.demo_root import in_demo_root

@@ -21,7 +21,7 @@ def add_filter(app: typer.Typer, source: str, what: str = "raw answers") -> Call
     """`kb <source> filter`, which sorts `what`."""
 
     def filter_(run: Run) -> Summary:
-        from kb.filters.clean import run_clean
+        from kb.filters.filter_run import run_clean
         from kb.filters.nothing_kept import check_kept
 
         summary = run_clean(run, source)

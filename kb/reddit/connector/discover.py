@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from kb.core.config.profile.reddit import RedditSection as Section
 from kb.reddit.connector.reduce import OUTSIDE, ListingCursor, PostItem
-from kb.reddit.parse import tree
+from kb.reddit.parse import answer_tree
 from kb.store.state.frontier import Frontier
 
 KINDS = ("listing", "tree", "more", "thread")
@@ -20,13 +20,13 @@ class Span(NamedTuple):
 
     def excludes(self, post: PostItem | None) -> bool:
         """Whether a post was made outside of it; one that nobody knows the time of was not."""
-        return post is not None and tree.outside(post.created_utc, self.since, self.until)
+        return post is not None and answer_tree.outside(post.created_utc, self.since, self.until)
 
     def is_behind(self, key: str, listing: ListingCursor | None) -> bool:
         """Whether all that a listing still has is older."""
         if key != "new" or listing is None:
             return False
-        return tree.outside(listing.oldest, self.since, None)
+        return answer_tree.outside(listing.oldest, self.since, None)
 
 
 def listings(section: Section) -> list[str]:

@@ -25,7 +25,7 @@ from kb.core.errors import (
     Retryable,
 )
 from kb.net.session import refusal
-from kb.reddit.parse.tree import is_deeper
+from kb.reddit.parse.answer_tree import is_deeper
 from kb.schema.coerce import inner
 
 FACTS = {403: "forbidden", 404: "not_found", 410: "gone", 451: "legal"}

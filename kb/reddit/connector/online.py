@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from kb.core.config.profile.finding import ERROR, NOTE, WARNING, WRONG, OnlineAnswer, QuestionCost
+from kb.core.config.profile.check_finding import (
+    ERROR,
+    NOTE,
+    WARNING,
+    WRONG,
+    OnlineAnswer,
+    QuestionCost,
+)
 from kb.core.config.profile.reddit import RedditSection
 from kb.core.context import Run
 from kb.core.errors import ItemFinal

@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from kb.reddit.parse import tree
+from kb.reddit.parse import answer_tree
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier
 
@@ -95,9 +95,9 @@ def reduce(frontier: Frontier, kind: str, envelope: Envelope) -> None:
 
 def _more(frontier: Frontier, params: dict[str, Any], response: Any) -> None:
     """Some may come back as a stub: they are asked once more as long as that settles any."""
-    _stubs(frontier, tree.bare(params["link_id"]), response)
-    stubs = (thing.data for thing in tree.things(response) if thing.kind == "more")
-    unresolved = {key for stub in stubs for key in tree.stub_ids(stub)}
+    _stubs(frontier, answer_tree.bare(params["link_id"]), response)
+    stubs = (thing.data for thing in answer_tree.things(response) if thing.kind == "more")
+    unresolved = {key for stub in stubs for key in answer_tree.stub_ids(stub)}
     asked = str(params["children"]).split(",")
     settled = [key for key in asked if key not in unresolved]
     frontier.done("more", *settled)
@@ -110,8 +110,8 @@ def _more(frontier: Frontier, params: dict[str, Any], response: Any) -> None:
 def _listing(frontier: Frontier, key: str, params: dict[str, Any], response: Any) -> None:
     posts = [
         (thing.data["id"], PostItem(_seconds(thing.data.get("created_utc"))))
-        for thing in tree.things(response)
-        if thing.kind == tree.POST and thing.data.get("id")
+        for thing in answer_tree.things(response)
+        if thing.kind == answer_tree.POST and thing.data.get("id")
     ]
     frontier.add("tree", posts)
     frontier.add("listing", [key])
@@ -119,7 +119,7 @@ def _listing(frontier: Frontier, key: str, params: dict[str, Any], response: Any
     made = [post.created_utc for _, post in posts if post.created_utc is not None]
     known = [moment for moment in (before.newest, before.upto) if moment is not None]
     now = ListingCursor(
-        after=tree.after(response),
+        after=answer_tree.after(response),
         pages=int(params.get("count", 0)) // 100 + 1,
         oldest=min(made, default=None),
         newest=max([*made, *known], default=None),
@@ -155,11 +155,13 @@ def _page(frontier: Frontier, params: dict[str, Any], status: int, response: Any
 
 
 def _stubs(frontier: Frontier, post: str, response: Any) -> None:
-    for thing in tree.things(response):
+    for thing in answer_tree.things(response):
         if thing.kind == "more":
-            frontier.add("more", [(key, StubItem(post)) for key in tree.stub_ids(thing.data)])
-            if tree.is_continuation(thing.data):
-                frontier.add("thread", [f"{post}/{tree.bare(thing.data['parent_id'])}"])
+            frontier.add(
+                "more", [(key, StubItem(post)) for key in answer_tree.stub_ids(thing.data)]
+            )
+            if answer_tree.is_continuation(thing.data):
+                frontier.add("thread", [f"{post}/{answer_tree.bare(thing.data['parent_id'])}"])
 
 
 def outside(frontier: Frontier) -> int:

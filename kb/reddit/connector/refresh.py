@@ -30,14 +30,14 @@ from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Opened, Phase
 from kb.reddit.connector.reduce import RefreshItem
 from kb.reddit.connector.source import INFO, RedditSource
-from kb.reddit.parse import tree
+from kb.reddit.parse import answer_tree
 from kb.reddit.parse.latest_state import LatestState, latest_state
 from kb.reddit.spec import SPEC
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.state.frontier import ROUND, Frontier, Item, going_on
 from kb.store.tables import parquet
 from kb.store.tables.merge import Merge
-from kb.store.tables.shards import PAGE
+from kb.store.tables.shard_writer import PAGE
 
 _ORDER = ["place", "fullname"]
 _COLUMNS = [*_ORDER, "there"]
@@ -97,7 +97,8 @@ class RedditRefresh(RedditSource):
         """Up to 100 names."""
         for answer in super().fetch(phase, items):
             given = {
-                f"{thing.kind}_{thing.data.get('id')}" for thing in tree.things(answer.response)
+                f"{thing.kind}_{thing.data.get('id')}"
+                for thing in answer_tree.things(answer.response)
             }
             self._believe(items, given)
             yield answer

@@ -25,7 +25,7 @@ from kb.reddit.connector.errors import require
 from kb.reddit.connector.fetch import RedditFetcher
 from kb.reddit.connector.reduce import crawled, outside
 from kb.reddit.dumps.cursor import recover_segments
-from kb.reddit.parse import tree
+from kb.reddit.parse import answer_tree
 from kb.reddit.parse.anonymize import Scrubber, load_key
 from kb.reddit.spec import SPEC
 from kb.store.rawlog.rawlog import Envelope
@@ -115,7 +115,7 @@ class RedditSource(Plain):
             return
         yield answer
         if answer.kind in ("comments", "morechildren"):
-            self.comments += tree.new_comments(answer.response, answer.params.get("comment"))
+            self.comments += answer_tree.new_comments(answer.response, answer.params.get("comment"))
 
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
         """As kb.reddit.connector.reduce."""

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import orjson
 
 from kb.reddit.dumps.containers import ReadProgress, pieces
-from kb.reddit.parse.tree import is_deeper
+from kb.reddit.parse.answer_tree import is_deeper
 
 DEEPEST = 200  # nested lists and objects; Reddit's records have about ten levels
 LONGEST = 64 << 20  # bytes of a line; Reddit's longest records have some hundred thousand

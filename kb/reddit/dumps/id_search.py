@@ -24,12 +24,12 @@ from typing import Any
 from zlib import crc32
 
 from kb.reddit.dumps.subreddit_search import SearchState, SubredditSearch, finder
-from kb.reddit.parse import tree
+from kb.reddit.parse import answer_tree
 from kb.store.atomic import replacing_folder, write_bytes
 
 SIZE = 8  # bytes of an id that fits into a number; Reddit's have seven
 POSTS, COMMENTS, TREES = "posts", "comments", "trees"
-_OF = {tree.POST: POSTS, tree.COMMENT: COMMENTS}
+_OF = {answer_tree.POST: POSTS, answer_tree.COMMENT: COMMENTS}
 _LONG, _GONE, _BITS = "long", "gone", "bits"
 _FEWEST, _MOST = 20, 32  # the table's size as a power of two; a checksum has 32 bits
 
@@ -141,7 +141,7 @@ class ById(SubredditSearch):
         own = key.encode("utf-8", "replace")
         if "title" in record:
             return self._has(POSTS, own) or self._has(TREES, own)
-        post = tree.bare(record.get("link_id")).encode("utf-8", "replace")
+        post = answer_tree.bare(record.get("link_id")).encode("utf-8", "replace")
         return self._has(COMMENTS, own) or self._has(TREES, post)
 
 

@@ -16,7 +16,7 @@ import pyarrow as pa
 
 from kb.core.config.profile.reddit import Links
 from kb.core.errors import DamagedData
-from kb.reddit.parse import tree
+from kb.reddit.parse import answer_tree
 from kb.reddit.parse.records import RecordReader, Row, new_row
 from kb.schema.coerce import times
 from kb.schema.decode import holdable, problems
@@ -62,20 +62,24 @@ def _rows_of(line: bytes, kind: str, reader: RecordReader) -> list[Row]:
     """The rows of one envelope, in the order of the answer."""
     envelope = _decode(line)
     params, status = envelope["request"]["params"], envelope["status"]
-    things = list(tree.things(envelope["response"])) if status == 200 else []
-    post = str(params.get("article") or tree.bare(params.get("link_id")))
+    things = list(answer_tree.things(envelope["response"])) if status == 200 else []
+    post = str(params.get("article") or answer_tree.bare(params.get("link_id")))
     records: list[Row] = []
     for thing in things:
-        if thing.kind == tree.COMMENT:
+        if thing.kind == answer_tree.COMMENT:
             records.append(reader.comment(thing.data))
-        elif thing.kind == tree.POST:
+        elif thing.kind == answer_tree.POST:
             records.append(reader.post(thing.data))
         else:  # a stub does not name its post, the request does
-            records += [new_row(f"t1_{key}", post, "stub") for key in tree.stub_ids(thing.data)]
+            records += [
+                new_row(f"t1_{key}", post, "stub") for key in answer_tree.stub_ids(thing.data)
+            ]
     if kind == "listings":
         # A crawl of a span of time leaves out what its listings show of other times.
         since, until = params.get("since"), params.get("until")
-        records = [row for row in records if not tree.outside(row.get("created_utc"), since, until)]
+        records = [
+            row for row in records if not answer_tree.outside(row.get("created_utc"), since, until)
+        ]
     if asked := _asked_for(kind, params, status):
         known = {row["fullname"] for row in records}
         records += [new_row(name, of, "missing") for name, of in asked if name not in known]
@@ -112,11 +116,11 @@ def _asked_for(kind: str, params: dict[str, Any], status: int) -> list[tuple[str
         names = [name for name in str(params.get("id", "")).split(",") if name]
         posts = [*(params.get("posts") or ()), *[""] * len(names)]
         return [
-            (name, tree.bare(name) if name.startswith("t3_") else post)
+            (name, answer_tree.bare(name) if name.startswith("t3_") else post)
             for name, post in zip(names, posts, strict=False)
         ]
     if kind == "morechildren" and status == 200:
-        post = tree.bare(params.get("link_id"))
+        post = answer_tree.bare(params.get("link_id"))
         return [(f"t1_{key}", post) for key in str(params.get("children", "")).split(",") if key]
     if kind == "comments" and status in (404, 410) and "comment" not in params:
         post = str(params.get("article") or "")
@@ -125,7 +129,7 @@ def _asked_for(kind: str, params: dict[str, Any], status: int) -> list[tuple[str
 
 
 def _marks(
-    kind: str, things: list[tree.Thing], params: dict[str, Any], post: str, status: int
+    kind: str, things: list[answer_tree.Thing], params: dict[str, Any], post: str, status: int
 ) -> Iterator[Row]:
     """Rows that say which parts of a tree are known: `read` the page of a post or of a comment's
     thread, `open` the comment whose replies are behind "continue this thread".
@@ -135,7 +139,7 @@ def _marks(
         yield new_row(f"t1_{comment}" if comment else f"t3_{post}", post, READ)
     if kind in ("comments", "morechildren"):
         for thing in things:
-            if thing.kind == "more" and tree.is_continuation(thing.data):
+            if thing.kind == "more" and answer_tree.is_continuation(thing.data):
                 parent = thing.data["parent_id"]
                 if parent.startswith("t1_"):
                     yield new_row(parent, post, OPEN)

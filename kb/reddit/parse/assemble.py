@@ -11,13 +11,13 @@ import pyarrow.compute as pc
 
 from kb.core.context import default_workers
 from kb.core.engine import make_threads
+from kb.reddit.parse.answer_tree import depths
 from kb.reddit.parse.answers import KINDS, MARKS, OPEN, READ, schema
-from kb.reddit.parse.tree import depths
 from kb.store.layout import parquet_files
 from kb.store.tables import parquet
 from kb.store.tables.latest import newest
 from kb.store.tables.reading import reading
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 
 # Columns that the stages read and no table has, or only one of the two tables.
 HELPERS = (

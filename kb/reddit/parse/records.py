@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from kb.core.config.profile.reddit import Links
-from kb.reddit.parse import tree
+from kb.reddit.parse import answer_tree
 from kb.reddit.parse.html_entities import resolve
 from kb.reddit.parse.post_types import (
     is_crosspost,
@@ -39,7 +39,7 @@ class RecordReader:
         """The row of a post (a submission's fields of any year)."""
         if not self._live:
             data = resolve(data)
-        row = _identified(tree.POST, data)
+        row = _identified(answer_tree.POST, data)
         row["post_id"] = row["fullname"].partition("_")[2]
         row["type"], row["link_kind"], row["source_url"] = post_type(data, self._classify)
         row["is_crosspost"] = is_crosspost(data)
@@ -55,8 +55,8 @@ class RecordReader:
         """The row of a comment."""
         if not self._live:
             data = resolve(data)
-        row = _identified(tree.COMMENT, data)
-        row["post_id"] = tree.bare(data.get("link_id"))
+        row = _identified(answer_tree.COMMENT, data)
+        row["post_id"] = answer_tree.bare(data.get("link_id"))
         parent = data.get("parent_id")
         if isinstance(parent, str) and parent.startswith(("t1_", "t3_")):
             row["parent_id"] = parent

@@ -20,13 +20,13 @@ import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.reddit.parse import tree
+from kb.reddit.parse import answer_tree
 from kb.schema import raw
-from kb.schema.keys import asked
+from kb.schema.answer_keys import asked
 from kb.store.rawlog.rawlog import Envelope, Request
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
-from kb.store.tables.shards import ShardWriter
+from kb.store.tables.shard_writer import ShardWriter
 
 HOLDERS = ("data", "json", "things", "children", "replies")  # fields in which things may be
 
@@ -82,7 +82,7 @@ def of_value(value: Any, keys: Collection[str]) -> tuple[Any, bool]:
             inner, other = of_value(value[name], keys)
             if other:
                 fresh[name] = inner
-    if tree.named(value.get("after"), keys):
+    if answer_tree.named(value.get("after"), keys):
         # Reddit goes on behind any post that it knows.
         children = {**value, **fresh}.get("children")
         things = children if isinstance(children, list) else []
@@ -95,13 +95,17 @@ def of_value(value: Any, keys: Collection[str]) -> tuple[Any, bool]:
 def of_thing(value: Any, keys: Collection[str]) -> tuple[list[Any], bool]:
     """What takes the place of one element of a list, and whether that is something else."""
     data = value.get("data") if isinstance(value, dict) else None
-    if not isinstance(data, dict) or value.get("kind") not in (tree.POST, tree.COMMENT, "more"):
+    if not isinstance(data, dict) or value.get("kind") not in (
+        answer_tree.POST,
+        answer_tree.COMMENT,
+        "more",
+    ):
         left, changed = of_value(value, keys)
         return [left], changed
     if value["kind"] == "more":
         return _stub(value, data, keys)
     name = f"{value['kind']}_{data.get('id')}"
-    if tree.named(data.get("link_id"), keys):
+    if answer_tree.named(data.get("link_id"), keys):
         return [], True
     replies, changed = of_value(data.get("replies"), keys)
     if name in keys:
@@ -120,10 +124,10 @@ def of_thing(value: Any, keys: Collection[str]) -> tuple[list[Any], bool]:
 def _stub(
     value: dict[str, Any], data: dict[str, Any], keys: Collection[str]
 ) -> tuple[list[Any], bool]:
-    children = tree.stub_ids(data)
+    children = answer_tree.stub_ids(data)
     kept = [key for key in children if f"t1_{key}" not in keys]
     if not children:
-        return ([], True) if tree.named(data.get("parent_id"), keys) else ([value], False)
+        return ([], True) if answer_tree.named(data.get("parent_id"), keys) else ([value], False)
     if len(kept) == len(children):
         return [value], False
     # Without children it would mean "continue this thread".
@@ -152,14 +156,14 @@ def repeats(post: dict[str, Any], keys: Collection[str]) -> bool:
     """Whether a post's record repeats one of the full names `keys`."""
     parents = post.get("crosspost_parent_list")
     listed = parents if isinstance(parents, list) else ()
-    return tree.named(post.get("crosspost_parent"), keys) or any(
+    return answer_tree.named(post.get("crosspost_parent"), keys) or any(
         isinstance(one, dict) and f"t3_{one.get('id')}" in keys for one in listed
     )
 
 
 def crossposts_of(answer: Any, keys: Collection[str]) -> set[str]:
     """The bare ids of the posts in an answer that repeat one of the full names `keys`."""
-    posts = (thing.data for thing in tree.things(answer) if thing.kind == tree.POST)
+    posts = (thing.data for thing in answer_tree.things(answer) if thing.kind == answer_tree.POST)
     return {str(post.get("id")) for post in posts if repeats(post, keys)}
 
 

@@ -30,8 +30,8 @@ from kb.core.errors import SettingError
 from kb.reddit.connector.ids import Released, WantedThings
 from kb.reddit.dumps.cursor import KIND
 from kb.reddit.parse import answers as parse
+from kb.reddit.parse.answer_tree import depths
 from kb.reddit.parse.assemble import assemble, newest_of, with_counts
-from kb.reddit.parse.tree import depths
 from kb.schema.tables import Table
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.rawlog import rawlog

@@ -16,7 +16,7 @@ import msgspec
 
 from kb.core.config.profile import Profile
 from kb.core.sources import SPECS
-from kb.release.metadata.text import ENVIRONMENT, TEMPLATES, line
+from kb.release.metadata.template_filters import ENVIRONMENT, TEMPLATES, line
 
 
 class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

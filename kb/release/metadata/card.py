@@ -23,7 +23,7 @@ from kb.release.history import Changes
 from kb.release.metadata.about import about
 from kb.release.metadata.facts import Facts, TableFacts
 from kb.release.metadata.first_screen import first
-from kb.release.metadata.text import SANDBOX_NOTE, language, md, name, render
+from kb.release.metadata.template_filters import SANDBOX_NOTE, language, md, name, render
 
 _SIZES = (
     (10**3, "n<1K"),

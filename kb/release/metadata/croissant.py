@@ -16,7 +16,7 @@ from kb.core.sources import RELEASES
 from kb.release.metadata.about import about
 from kb.release.metadata.card import bibtex
 from kb.release.metadata.facts import DataFile, Facts, TableFacts
-from kb.release.metadata.text import SANDBOX_NOTE, day, language, name
+from kb.release.metadata.template_filters import SANDBOX_NOTE, day, language, name
 from kb.schema.tables import Column
 
 PARQUET = "application/x-parquet"

@@ -18,7 +18,7 @@ from kb.core.installation import software_address
 from kb.core.licences import licence
 from kb.release.metadata.about import about
 from kb.release.metadata.facts import Facts
-from kb.release.metadata.text import SANDBOX_NOTE, day, language, name, span
+from kb.release.metadata.template_filters import SANDBOX_NOTE, day, language, name, span
 
 # Two letters, as profiles write them, and the three that Zenodo asks for.
 _CODES = """

@@ -23,7 +23,7 @@ from kb.schema.tables import table
 from kb.store.atomic import sync_folder
 from kb.store.layout import Layout
 from kb.store.tables import checksums, parquet
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 
 _TABLE = "shared/tombstones"
 

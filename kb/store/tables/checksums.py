@@ -22,8 +22,8 @@ from typing import NamedTuple
 import msgspec
 
 from kb.core.errors import DamagedData
-from kb.store.advice import advice
 from kb.store.layout import Layout
+from kb.store.rebuild_hint import advice
 
 SUMS = "SHA256SUMS"
 MANIFEST = "_manifest.json"  # the underscore hides it from readers of a folder of Parquet

@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData
-from kb.store.advice import advice
+from kb.store.rebuild_hint import advice
 from kb.store.tables import checksums
 
 # Files of earlier versions have a checksum of themselves in the footer.

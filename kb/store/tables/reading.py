@@ -20,8 +20,8 @@ import pyarrow as pa
 
 from kb.core.errors import DamagedData
 from kb.schema.tables import table, tables
-from kb.store.advice import advice
 from kb.store.layout import Layout
+from kb.store.rebuild_hint import advice
 from kb.store.state.frontier import Frontier
 from kb.store.tables import parquet
 

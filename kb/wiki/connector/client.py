@@ -19,7 +19,7 @@ import msgspec
 from kb.core.errors import Blocked, FatalError, ItemFinal, Retryable
 from kb.crawl.source import Answer
 from kb.net import retry
-from kb.wiki.connector.hosts import WikiHosts
+from kb.wiki.connector.http_client import WikiHosts
 from kb.wiki.errors import PageRefused
 from kb.wiki.parse import answers
 

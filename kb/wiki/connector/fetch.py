@@ -16,12 +16,12 @@ from kb.crawl.source import Answer
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog
 from kb.store.state.frontier import Frontier, Item
-from kb.wiki import urls
+from kb.wiki import media_urls
 from kb.wiki.browser.pool import Pool
-from kb.wiki.capture import images
+from kb.wiki.capture import media_type
 from kb.wiki.connector import discover
 from kb.wiki.connector.client import BATCH, WikiApi
-from kb.wiki.connector.hosts import WikiHosts
+from kb.wiki.connector.http_client import WikiHosts
 from kb.wiki.connector.render import render_page
 from kb.wiki.errors import NoPicture
 from kb.wiki.parse import answers
@@ -168,11 +168,11 @@ def fetch_original(
     answer: dict[str, Any] = {
         "key": item.key,
         "title": item.payload.title if info else None,
-        "license": urls.file_licence(page),
+        "license": media_urls.file_licence(page),
         "description": info.get("descriptionurl"),
     }
     folder = Layout(web.run.root).images
-    inspect = partial(images.inspect, max_pixels=section.max_pixels)
+    inspect = partial(media_type.inspect, max_pixels=section.max_pixels)
     reason, value, challenge = "", None, ""
     known = filter(None, (info.get("url"), item.key, item.payload.src))
     for url in dict.fromkeys(map(web.today, known)):

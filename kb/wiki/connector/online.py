@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 from kb.core.config import value_errors
-from kb.core.config.profile.finding import NOTE, OnlineAnswer, QuestionCost
+from kb.core.config.profile.check_finding import NOTE, OnlineAnswer, QuestionCost
 from kb.core.config.profile.wiki import Wiki
 from kb.core.context import Run
 from kb.core.errors import ItemFinal
 from kb.net import retry
 from kb.wiki.connector.client import WikiApi, find_endpoint
-from kb.wiki.connector.hosts import WikiHosts
+from kb.wiki.connector.http_client import WikiHosts
 
 PAGES = 5  # that are read, to try the selectors on
 Result = TypeVar("Result")

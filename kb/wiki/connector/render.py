@@ -20,11 +20,11 @@ from kb.store.atomic import full_disk_is_resumable, replacing_folder
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog, sidefiles
 from kb.store.state.frontier import Item
-from kb.wiki import urls
+from kb.wiki import media_urls
 from kb.wiki.browser.pool import Pool
 from kb.wiki.capture.page import Captured, capture, check_page
 from kb.wiki.capture.screenshot import pixel_box
-from kb.wiki.connector.hosts import WikiHosts
+from kb.wiki.connector.http_client import WikiHosts
 from kb.wiki.errors import Challenge, NotNow, NotShown, PageRefused
 
 SCRATCH = ".shot-"
@@ -209,17 +209,17 @@ def _store(root: Path, item: Item, captured: Captured, shot: Path) -> dict[str, 
 def wanted_files(extraction: dict[str, Any]) -> list[dict[str, Any]]:
     """The original files that a page shows, each once, in order: key (address), title, source."""
     files: dict[str, dict[str, Any]] = {}
-    page = urls.original(extraction["page"]["url"])
+    page = media_urls.original(extraction["page"]["url"])
     for element in extraction["elements"]:
         for image in element.get("frames") or [element]:
             src = image.get("src")
             if src and src.startswith(("http:", "https:")):
-                key = urls.original(src)
+                key = media_urls.original(src)
                 # An address that is the page's own, as of src="#", is no image.
                 if key != page and key not in files:
                     files[key] = {
                         "key": key,
-                        "title": urls.file_title(src, image.get("file")),
+                        "title": media_urls.file_title(src, image.get("file")),
                         "src": src,
                     }
     return list(files.values())

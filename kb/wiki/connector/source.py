@@ -38,7 +38,7 @@ from kb.wiki.browser.process_guard import Guard
 from kb.wiki.capture import page
 from kb.wiki.connector import discover, fetch, reduce, render
 from kb.wiki.connector.client import BATCH, WikiApi, find_endpoint
-from kb.wiki.connector.hosts import WikiHosts
+from kb.wiki.connector.http_client import WikiHosts
 from kb.wiki.connector.ids import read_titles
 from kb.wiki.connector.reduce import PAYLOADS
 from kb.wiki.spec import SPEC

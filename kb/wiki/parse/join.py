@@ -8,7 +8,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.store.tables.partition import RawKind
-from kb.wiki import urls
+from kb.wiki import media_urls
 from kb.wiki.parse import decode
 
 # Columns that the stages read and the table has not.
@@ -112,9 +112,9 @@ def _of_site(
         site.to_pylist()[0] if site is not None else dict.fromkeys(decode.schema("site").names)
     )
     script = (description["server"] or url) + (description["script"] or "/index.php")
-    license = urls.licence(description["license_url"] or None, description["license_text"])
+    license = media_urls.licence(description["license_url"] or None, description["license_text"])
     history = [
-        None if title is None else urls.history(script, title) for title in titles.to_pylist()
+        None if title is None else media_urls.history(script, title) for title in titles.to_pylist()
     ]
     return {
         "license": pa.array([license] * len(history), pa.string()),

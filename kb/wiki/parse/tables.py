@@ -11,11 +11,11 @@ from typing import Any
 
 import pyarrow as pa
 
-from kb.schema.nesting import is_outermost
+from kb.schema.nested_elements import is_outermost
 from kb.schema.tables import Column, table
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog.sidefiles import captured_path
-from kb.wiki import urls
+from kb.wiki import media_urls
 from kb.wiki.parse import extraction, facts
 
 Row = dict[str, Any]
@@ -273,11 +273,11 @@ def image_rows(page_id: int, seen: extraction.Extraction, files: Files) -> list[
 def _file_row(src: str | None, files: Files) -> Row | None:
     if not src or not src.startswith(("http:", "https:")):
         return None
-    key = urls.original(src)
+    key = media_urls.original(src)
     stored = files.get(key, {})
     names = ("path", "sha256", "media_type", "width", "height", "license")
     return {"src": stored.get("url") or key, **{name: stored.get(name) for name in names}}
 
 
 def _durations(src: str | None, files: Files) -> list[int | None]:
-    return files.get(urls.original(src or ""), {}).get("frames") or []
+    return files.get(media_urls.original(src or ""), {}).get("frames") or []

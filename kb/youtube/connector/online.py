@@ -9,7 +9,7 @@ from typing import Any
 
 from kb.core import clock
 from kb.core.config import value_errors
-from kb.core.config.profile.finding import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
+from kb.core.config.profile.check_finding import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
 from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
 from kb.store.state.frontier import Frontier

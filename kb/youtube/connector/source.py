@@ -35,7 +35,7 @@ from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Opened, Phase, Plain
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
-from kb.youtube.connector import replay
+from kb.youtube.connector import rawlog_replay
 from kb.youtube.connector.client import GOOGLE
 from kb.youtube.connector.discover import extend, new_round, no_channel, reopen
 from kb.youtube.connector.fetch import API, PACK, WEB, YouTubeFetcher
@@ -172,7 +172,7 @@ class YouTubeSource(Plain):
     def discover(self, frontier: Frontier) -> None:
         """Known ids, or the profile's keywords, channels, and a new round."""
         reopen(frontier, self.profile)
-        replay.judge(self._reduce, self.run.root, frontier)
+        rawlog_replay.judge(self._reduce, self.run.root, frontier)
         if self._known is not None:
             purged = self.opened.purged
             frontier.add(
@@ -199,8 +199,8 @@ class YouTubeSource(Plain):
         self._reduce(frontier, kind, envelope)
 
     def replay(self, frontier: Frontier, kind: str, lines: Iterable[bytes]) -> None:
-        """As kb.youtube.connector.replay."""
-        if not replay.take_in(self._reduce, frontier, kind, lines):
+        """As kb.youtube.connector.rawlog_replay."""
+        if not rawlog_replay.take_in(self._reduce, frontier, kind, lines):
             super().replay(frontier, kind, lines)
 
     def close(self) -> None:

@@ -17,7 +17,7 @@ import pyarrow.compute as pc
 
 from kb.schema.coerce import inner, times
 from kb.schema.decode import ColumnReader, DecodedAnswer, problems
-from kb.schema.records import records
+from kb.schema.struct_lists import records
 from kb.schema.tables import table
 from kb.store.rawlog.rawlog import Envelope
 

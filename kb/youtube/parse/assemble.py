@@ -15,7 +15,7 @@ from kb.store.state.frontier import Frontier
 from kb.store.tables.partition import RawKind
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.join import FROM_FILE, one_row_each
-from kb.youtube.parse.view_rule import view_rule
+from kb.youtube.parse.view_counting import view_rule
 from kb.youtube.ytdlp import info, tracks
 from kb.youtube.ytdlp.tracks import ENGLISH, TrackLanguage
 

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import kb
 from kb.core.context import Run
 from kb.release.build import release
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 from tests.inprocess import Here
 from tests.links import made
 from tests.links.conftest import run  # noqa: F401  a fixture

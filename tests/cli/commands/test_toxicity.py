@@ -7,7 +7,7 @@ import shutil
 import pytest
 
 from kb.annotate.toxicity import ToxicityScorer
-from kb.filters.clean import run_clean, texts
+from kb.filters.filter_run import run_clean, texts
 from kb.release.metadata.measure import models
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World

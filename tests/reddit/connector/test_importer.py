@@ -17,7 +17,7 @@ from kb.core.config.profile import load_profile
 from kb.core.config.profile.toxicity import Toxicity
 from kb.core.errors import LimitReached, SettingError
 from kb.core.progress import LineProgress
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.reddit.connector.importer import _side_by_side, import_dumps
 from kb.reddit.dumps import cursor
 from kb.reddit.dumps.import_file import ImportJob

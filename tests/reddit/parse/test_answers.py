@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData
+from kb.reddit.parse import answer_tree
 from kb.reddit.parse import answers as parse
-from kb.reddit.parse import tree
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request
 from tests.reddit.raw import comment, listing, post
@@ -50,7 +50,7 @@ def test_every_thing_of_any_answer_has_a_row(
     rows = read(kind, line)
     shown = [
         f"{thing.kind}_{thing.data['id']}"
-        for thing in tree.things(answer)
+        for thing in answer_tree.things(answer)
         if thing.kind != "more" and isinstance(thing.data.get("id"), str) and thing.data["id"]
     ]
     names = [row["fullname"] for row in rows if row["state"] == "there"]

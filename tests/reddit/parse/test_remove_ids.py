@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from kb.artifacts.purge_raw import matcher
 from kb.core.errors import DamagedData
-from kb.reddit.parse import tree
+from kb.reddit.parse import answer_tree
 from kb.reddit.parse.remove_ids import crossposts_of, strip
 from kb.reddit.purge import texts
 from kb.store.rawlog import rawlog
@@ -51,7 +51,7 @@ def test_what_a_purge_changes_is_found_by_the_search(
     if left is not decoded or crossposts_of(decoded.response, keys):
         assert matcher(texts(keys))(line)
     if left is not None:
-        names = {f"{one.kind}_{one.data.get('id')}" for one in tree.things(left.response)}
+        names = {f"{one.kind}_{one.data.get('id')}" for one in answer_tree.things(left.response)}
         assert not names & keys
         assert strip(kind, left, keys) is left, "a second purge changes nothing"
 

@@ -9,7 +9,7 @@ import pytest
 from kb.core.errors import DamagedData, OtherService
 from kb.store.rawlog import rawlog
 from kb.store.state import frontier as module
-from kb.store.state import identity
+from kb.store.state import service_binding
 from kb.store.state.frontier import Frontier
 
 
@@ -118,8 +118,12 @@ def test_a_state_that_cannot_be_read_says_what_to_do(tmp_path):
 
 
 def test_a_root_keeps_to_its_services(tmp_path):
-    identity.remember(tmp_path, "reddit", host="http://127.0.0.1:5000", subreddit="minecraft")
-    identity.remember(tmp_path, "reddit", host="http://127.0.0.1:6000", subreddit="minecraft")
+    service_binding.remember(
+        tmp_path, "reddit", host="http://127.0.0.1:5000", subreddit="minecraft"
+    )
+    service_binding.remember(
+        tmp_path, "reddit", host="http://127.0.0.1:6000", subreddit="minecraft"
+    )
     # What was noted binds from the first answer on (tests/store/test_identity.py).
     segment = rawlog.Segment(rawlog.folder(tmp_path, "reddit", "listings"))
     segment.append(
@@ -127,6 +131,6 @@ def test_a_root_keeps_to_its_services(tmp_path):
     )
     segment.close()
     with pytest.raises(OtherService, match="subreddit minecraft, not terraria"):
-        identity.remember(tmp_path, "reddit", subreddit="terraria")
+        service_binding.remember(tmp_path, "reddit", subreddit="terraria")
     with pytest.raises(OtherService, match=r"127\.0\.0\.1, not oauth\.reddit\.com"):
-        identity.remember(tmp_path, "reddit", host="https://oauth.reddit.com")
+        service_binding.remember(tmp_path, "reddit", host="https://oauth.reddit.com")

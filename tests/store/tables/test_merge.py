@@ -8,8 +8,8 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from kb.store.tables import merge, shards
-from tests.store.tables.test_shards import CELLS, REJECTED, cells, rejected
+from kb.store.tables import merge, shard_writer
+from tests.store.tables.test_shard_writer import CELLS, REJECTED, cells, rejected
 
 
 @pytest.mark.parametrize("layout", [1, 3, 40])
@@ -17,15 +17,17 @@ def test_sorted_shards_whatever_the_parts(tmp_path: Path, layout: int) -> None:
     keys = [f"k{number:05d}" for number in range(20_000)]
     parts = [tmp_path / f"part-{index:05d}.parquet" for index in range(layout)]
     for index, path in enumerate(parts):
-        shards.write_table(path, rejected(keys[index::layout]), REJECTED)
+        shard_writer.write_table(path, rejected(keys[index::layout]), REJECTED)
     whole = tmp_path / "whole.parquet"
-    shards.write_table(whole, rejected(keys), REJECTED)
+    shard_writer.write_table(whole, rejected(keys), REJECTED)
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
-    made = shards.sorted_shards(
+    made = shard_writer.sorted_shards(
         parts, tmp_path / "a", REJECTED, rows_per_shard=7_000, released=False
     )
-    shards.sorted_shards([whole], tmp_path / "b", REJECTED, rows_per_shard=7_000, released=False)
+    shard_writer.sorted_shards(
+        [whole], tmp_path / "b", REJECTED, rows_per_shard=7_000, released=False
+    )
     assert [shard.path.name for shard in made] == [
         f"rejected-{i:05d}-of-00003.parquet" for i in range(3)
     ]
@@ -50,13 +52,13 @@ def test_a_group_larger_than_what_is_read_ahead(
     random.Random(2).shuffle(rows)
     parts = [tmp_path / f"{index}.parquet" for index in range(3)]
     for index, path in enumerate(parts):
-        shards.write_table(path, cells(rows[index::3]), CELLS)
+        shard_writer.write_table(path, cells(rows[index::3]), CELLS)
     with_unsorted = tmp_path / "unsorted.parquet"
     more = [(2, 2, 5, 5), (1, 2, 5, 5)]
-    with shards.ShardWriter(with_unsorted, CELLS) as writer:
+    with shard_writer.ShardWriter(with_unsorted, CELLS) as writer:
         writer.write(cells(more))
     (tmp_path / "out").mkdir()
-    made = shards.sorted_shards(
+    made = shard_writer.sorted_shards(
         [*parts, with_unsorted], tmp_path / "out", CELLS, rows_per_shard=1_000
     )
     read = (

@@ -16,12 +16,12 @@ from kb.artifacts.purge_rows import RowLocation, drop_rows
 from kb.core.errors import DamagedData, KbError
 from kb.export import convokit
 from kb.export import parquet as export
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.pairs.build import build
 from kb.report.data import ReportData
 from kb.store.state import tombstones
 from kb.store.tables import parquet
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 from tests.filters import full_root
 from tests.filters.made import run_at
 from tests.store import flips

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from kb.wiki.connector.client import WikiApi
-from kb.wiki.connector.hosts import WikiHosts
+from kb.wiki.connector.http_client import WikiHosts
 from tests.wiki.small_wiki import SmallWiki
 
 
@@ -21,7 +21,7 @@ def wiki(serve):
 
 @pytest.fixture
 def web(wiki, run_on, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> WikiHosts:
-    monkeypatch.setattr("kb.wiki.connector.hosts.TRIES", 2)
+    monkeypatch.setattr("kb.wiki.connector.http_client.TRIES", 2)
     return WikiHosts(run_on(tmp_path, wiki.url), wiki.url, (), 0.0)
 
 

@@ -44,7 +44,7 @@ def part(args: Any) -> dict[str, Any]:
 @pytest.fixture
 def run(wiki: SmallWiki, run_on: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     """A fresh data root; a browser that starts is a failure."""
-    monkeypatch.setattr("kb.wiki.connector.hosts.TRIES", 2)
+    monkeypatch.setattr("kb.wiki.connector.http_client.TRIES", 2)
     monkeypatch.setattr("kb.wiki.connector.source.Pool", None)
     made: Run = run_on(tmp_path / "data", wiki.url)
     return made

@@ -12,7 +12,7 @@ import pytest
 
 from kb.core.config.pipeline import load, locate
 from kb.core.errors import NothingRead, SettingError
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
 from kb.wiki.connector.source import crawl
@@ -31,7 +31,7 @@ def wiki(stage):
 
 @pytest.fixture
 def run(wiki, run_on, tmp_path, monkeypatch):
-    monkeypatch.setattr("kb.wiki.connector.hosts.TRIES", 2)
+    monkeypatch.setattr("kb.wiki.connector.http_client.TRIES", 2)
     run = run_on(tmp_path / "data", wiki.url, wiki={"max_page_height": MOST}, workers=1)
     off = run.profile.toxicity.model_copy(update={"toxicity": "off"})
     return dataclasses.replace(run, profile=run.profile.model_copy(update={"toxicity": off}))

@@ -13,7 +13,7 @@ from PIL import Image
 from werkzeug.wrappers import Response
 
 from kb.core.errors import Blocked, FatalError
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.store.state.frontier import Frontier
 from kb.wiki.connector.reduce import PAYLOADS
 from kb.wiki.connector.source import crawl
@@ -38,7 +38,7 @@ def wiki(stage):
 
 @pytest.fixture
 def run(wiki, run_on, tmp_path, monkeypatch):
-    monkeypatch.setattr("kb.wiki.connector.hosts.TRIES", 2)
+    monkeypatch.setattr("kb.wiki.connector.http_client.TRIES", 2)
     run = run_on(tmp_path / "data", wiki.url, workers=1)
     off = run.profile.toxicity.model_copy(update={"toxicity": "off"})
     return dataclasses.replace(run, profile=run.profile.model_copy(update={"toxicity": off}))

@@ -29,7 +29,7 @@ from kb.core.errors import (
 )
 from kb.core.progress import Silent
 from kb.export import minedojo_wiki, wiki_tar
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store.rawlog import rawlog
@@ -494,7 +494,7 @@ def test_robots_and_crawl_delay(make_run, faults, tmp_path, sandbox, turns, hast
 
 
 def test_unreachable_wiki_is_resumable(make_run, sandbox, tmp_path, monkeypatch):
-    monkeypatch.setattr("kb.wiki.connector.hosts.TRIES", 2)
+    monkeypatch.setattr("kb.wiki.connector.http_client.TRIES", 2)
     run = make_run(tmp_path)
     sandbox.servers["wiki"].stop()
     try:

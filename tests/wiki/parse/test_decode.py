@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from kb.core.errors import DamagedData
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.store.rawlog import rawlog
 from tests.wiki.handmade_data import (
     MONDAY,

@@ -15,7 +15,7 @@ from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.store.state import tombstones
 from kb.store.tables import partition
 from tests.wiki.handmade_data import (

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from kb.core.config.addresses import is_loopback
 from kb.core.config.profile.base import is_placeholder
 from kb.core.config.profile.check import Checked, check_file
-from kb.core.config.profile.finding import ERROR, Finding, worst_first
+from kb.core.config.profile.check_finding import ERROR, Finding, worst_first
 from kb.core.errors import ProfileError
 
 if TYPE_CHECKING:

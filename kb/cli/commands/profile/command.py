@@ -17,7 +17,7 @@ from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.cli.commands.profile.online import ServiceCheck
-    from kb.core.config.profile.finding import Finding
+    from kb.core.config.profile.check_finding import Finding
     from kb.core.context import Run
     from kb.pairs.keyword_proposal import Proposal
 
@@ -111,9 +111,9 @@ def check(
     code is 2 if there is an error, and 0 with warnings and notes.
     """
     from kb.cli.commands.profile.check import contact_findings, examine
-    from kb.cli.commands.profile.data import captured_pages, keyword_hits, selector_findings
+    from kb.cli.commands.profile.check_data import captured_pages, keyword_hits, selector_findings
     from kb.core.config.profile import find_profile
-    from kb.core.config.profile.finding import ERROR, LEVELS, NOTE, Finding
+    from kb.core.config.profile.check_finding import ERROR, LEVELS, NOTE, Finding
 
     if name is not None and options.profile not in (None, name):
         raise SettingError(f"two profiles are named, {name} and {options.profile}")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from kb.core.config.profile import is_shipped, load_profile
 from kb.core.config.profile.check import check_file
-from kb.core.config.profile.finding import ERROR
+from kb.core.config.profile.check_finding import ERROR
 from kb.core.config.profile.new import KEYWORDS, profile_text
 from kb.core.config.profile.plausibility import subreddit_meant
 from kb.core.errors import ProfileError, SettingError

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
-from kb.core.config.profile.finding import (
+from kb.core.config.profile.check_finding import (
     ERROR,
     REFUSED,
     UNREACHABLE,

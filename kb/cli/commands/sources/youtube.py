@@ -119,7 +119,7 @@ def check(
     duration differs from the list's. Only counts are kept. Stops with exit code 3 when the quota is
     spent; the same command resumes.
     """
-    from kb.youtube.connector import check as room
+    from kb.youtube.connector import video_list_check as room
 
     if plan:
         return room.plan(run, ids)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.artifacts import texts
-from kb.artifacts.catalog import Catalog
+from kb.artifacts.table_catalog import Catalog
 from kb.cli.commands.status import row_counts
 from kb.cli.commands.status.next_steps import next_steps
 from kb.core.source_spec import SourceSpec

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow.parquet as pq
 
-from kb.artifacts.catalog import Catalog, view_name
+from kb.artifacts.table_catalog import Catalog, view_name
 from kb.core import clock
 from kb.core.sources import SPECS
 from kb.core.summary import vocabulary

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from kb.core.config.profile import Profile, plausibility
 from kb.core.config.profile.base import ProfileProblem, field_of, problems
-from kb.core.config.profile.finding import ERROR, Finding
+from kb.core.config.profile.check_finding import ERROR, Finding
 
 _AT = re.compile(r" \((?:at line (\d+), column (\d+)|at end of document)\)$")
 _IN_WORDS = (  # what tomllib says, in a user's words

@@ -15,8 +15,8 @@ from urllib.parse import urlsplit
 
 from kb.core.config.profile import Profile, load_profile, shipped_names
 from kb.core.config.profile.base import FILL_IN, is_placeholder
+from kb.core.config.profile.check_finding import ERROR, NOTE, WARNING
 from kb.core.config.profile.everyday_words import is_everyday
-from kb.core.config.profile.finding import ERROR, NOTE, WARNING
 from kb.core.errors import ProfileError
 from kb.core.installation import folder
 from kb.core.licences import KNOWN

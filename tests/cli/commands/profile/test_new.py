@@ -14,7 +14,7 @@ import pytest
 
 from kb.core.config.profile import Profile, load_profile
 from kb.core.config.profile.check import check_file
-from kb.core.config.profile.finding import ERROR
+from kb.core.config.profile.check_finding import ERROR
 from kb.core.config.profile.new import KEYWORDS, profile_text
 from kb.core.installation import folder
 from kb.pairs.keywords import NEVER, Keyword, read

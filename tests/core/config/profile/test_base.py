@@ -6,7 +6,7 @@ import pytest
 
 from kb.core.config.profile import load_profile
 from kb.core.config.profile.check import check_file
-from kb.core.config.profile.finding import ERROR
+from kb.core.config.profile.check_finding import ERROR
 from kb.core.errors import ProfileError
 
 GOOD = 'name = "garden"\ntitle = "Garden"\n[youtube]\nkeywords = ["roses"]\ncategory_ids = [26]\n'

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from kb.report.style import readable
+from kb.report.figure_style import readable
 from tests.report.made import OfOne
 
 

@@ -1,4 +1,4 @@
-"""Tests of `kb.schema.conform`."""
+"""Tests of `kb.schema.table_check`."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ import zlib
 import pytest
 from PIL import Image
 
-from kb.wiki.capture.images import inspect, media_type
+from kb.wiki.capture.media_type import inspect, media_type
 
 
 def picture(kind: str, size=(8, 6), frames: int = 1, **options) -> bytes:

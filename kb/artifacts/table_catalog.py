@@ -29,8 +29,8 @@ from kb.core.errors import DamagedData, FatalError, KbError, SettingError, Usage
 from kb.core.installation import cache_root
 from kb.core.sources import PUBLISHED, SOURCES, SPECS
 from kb.schema.tables import Table, table, tables
-from kb.store.advice import advice
 from kb.store.layout import TOP, Layout, parquet_files
+from kb.store.rebuild_hint import advice
 from kb.store.tables.row_counts import VERDICTS
 
 SCHEMAS = ("clean", "release", "restored", "links")  # a bare name is the first of these that has it

@@ -1,10 +1,10 @@
-"""Tests of `kb.schema.nesting`."""
+"""Tests of `kb.schema.nested_elements`."""
 
 from __future__ import annotations
 
 import pytest
 
-from kb.schema.nesting import ancestors, is_outermost
+from kb.schema.nested_elements import ancestors, is_outermost
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from kb.artifacts import manifest
-from kb.artifacts.build import Part, PartedBuild, clear_finished, write_part
-from kb.store.tables.shards import sorted_shards
+from kb.artifacts.resumable_build import Part, PartedBuild, clear_finished, write_part
+from kb.store.tables.shard_writer import sorted_shards
 from tests.filters.made import run_at
 
 PARTS = [Part(name, (), 2) for name in "abc"]

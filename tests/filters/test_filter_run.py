@@ -12,7 +12,7 @@ import pytest
 from kb.core import context, engine
 from kb.core.errors import DamagedData, FatalError
 from kb.export import parquet
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
 from kb.store.tables import partition

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kb.schema.keys import keys_of, without
+from kb.schema.answer_keys import keys_of, without
 from kb.schema.raw import at, kinds
 
 IDS = st.lists(st.sampled_from("abcdefgh"), unique=True, max_size=8)

@@ -14,7 +14,7 @@ from kb.core.config.profile import load_profile
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request
 from kb.store.state.frontier import Frontier
-from kb.youtube.connector import replay
+from kb.youtube.connector import rawlog_replay
 from kb.youtube.connector.reduce import RAW_TRANSCRIPTS, RAW_VIDEOS, Reducer, nothing
 
 ids = st.sampled_from(["v1", "v2", "v3", "é", ""])
@@ -88,5 +88,7 @@ def test_what_is_taken_in_is_as_one_by_one(
 
     want = effect(frontier, one_by_one)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(replay, "_AT_ONCE", at_once)
-        assert effect(frontier, lambda: replay.take_in(reducer, frontier, kind, lines)) == want
+        patch.setattr(rawlog_replay, "_AT_ONCE", at_once)
+        assert (
+            effect(frontier, lambda: rawlog_replay.take_in(reducer, frontier, kind, lines)) == want
+        )

@@ -19,7 +19,7 @@ from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.sandbox.youtube.catalogue import Video
 from kb.schema.decode import holdable
-from kb.youtube.connector import check as room
+from kb.youtube.connector import video_list_check as room
 from tests.youtube.job import Job
 
 

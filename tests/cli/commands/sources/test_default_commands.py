@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typer.testing import CliRunner
 
-from kb.cli.commands.sources.default import app_of
+from kb.cli.commands.sources.default_commands import app_of
 
 
 def test_it_has_crawl_filter_and_export_with_the_nouns_of_its_spec() -> None:

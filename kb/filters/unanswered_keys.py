@@ -14,7 +14,7 @@ from kb.filters.tasks import FilterJob, purged_keys
 from kb.schema.tables import table
 from kb.store.layout import parquet_files
 from kb.store.tables import parquet
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 
 
 def unanswered(job: FilterJob, spec: Clean) -> Counter[str]:

@@ -11,7 +11,7 @@ import pytest
 
 from kb.core.errors import SchemaMismatch
 from kb.schema import table
-from kb.store.tables import shards
+from kb.store.tables import shard_writer
 
 REJECTED = table("shared/rejected")
 CELLS = table("wiki/cells")
@@ -51,8 +51,8 @@ def cells(rows: list[tuple[int, int, int, int]]) -> pa.Table:
 
 
 def test_settings_of_a_written_file(tmp_path: Path) -> None:
-    rows = rejected([f"k{number:07d}" for number in range(shards.ROW_GROUP + 10)])
-    shards.write_table(tmp_path / "a.parquet", rows, REJECTED)
+    rows = rejected([f"k{number:07d}" for number in range(shard_writer.ROW_GROUP + 10)])
+    shard_writer.write_table(tmp_path / "a.parquet", rows, REJECTED)
     about = pq.read_metadata(tmp_path / "a.parquet")
     assert [about.row_group(i).num_rows for i in range(about.num_row_groups)] == [131_072, 10]
     chunks = {
@@ -75,15 +75,15 @@ def test_rows_are_sorted_and_bytes_follow_from_them_alone(tmp_path: Path) -> Non
     keys = [f"k{number:05d}" for number in range(5000)]
     shuffled = keys[:]
     random.Random(1).shuffle(shuffled)
-    shards.write_table(tmp_path / "a.parquet", rejected(keys), REJECTED)
-    shards.write_table(tmp_path / "b.parquet", rejected(shuffled), REJECTED)
+    shard_writer.write_table(tmp_path / "a.parquet", rejected(keys), REJECTED)
+    shard_writer.write_table(tmp_path / "b.parquet", rejected(shuffled), REJECTED)
     assert (tmp_path / "a.parquet").read_bytes() == (tmp_path / "b.parquet").read_bytes()
 
 
 def test_pieces_of_any_size_give_the_same_file(tmp_path: Path) -> None:
     rows = rejected([f"k{number:07d}" for number in range(200_000)])
     for name, step in (("one", 200_000), ("odd", 33_333)):
-        with shards.ShardWriter(tmp_path / name, REJECTED, in_order=True) as writer:
+        with shard_writer.ShardWriter(tmp_path / name, REJECTED, in_order=True) as writer:
             for start in range(0, rows.num_rows, step):
                 writer.write(rows.slice(start, step))
     assert (tmp_path / "one").read_bytes() == (tmp_path / "odd").read_bytes()
@@ -92,13 +92,13 @@ def test_pieces_of_any_size_give_the_same_file(tmp_path: Path) -> None:
 def test_a_failed_write_leaves_nothing(tmp_path: Path) -> None:
     with (
         pytest.raises(RuntimeError),
-        shards.ShardWriter(tmp_path / "a.parquet", REJECTED) as writer,
+        shard_writer.ShardWriter(tmp_path / "a.parquet", REJECTED) as writer,
     ):
         writer.write(rejected(["a"]))
         raise RuntimeError
     with (
         pytest.raises(SchemaMismatch),
-        shards.ShardWriter(tmp_path / "a.parquet", REJECTED) as writer,
+        shard_writer.ShardWriter(tmp_path / "a.parquet", REJECTED) as writer,
     ):
         writer.write(pa.table({"key": ["a"]}))
     assert list(tmp_path.iterdir()) == []
@@ -106,7 +106,7 @@ def test_a_failed_write_leaves_nothing(tmp_path: Path) -> None:
 
 def test_columns_are_derived_on_the_way(tmp_path: Path) -> None:
     part = tmp_path / "part.parquet"
-    shards.write_table(part, cells([(1, 1, 0, 0), (2, 1, 0, 0)]), CELLS)
+    shard_writer.write_table(part, cells([(1, 1, 0, 0), (2, 1, 0, 0)]), CELLS)
 
     def shout(rows: pa.Table) -> pa.Table:
         return rows.set_column(
@@ -114,11 +114,13 @@ def test_columns_are_derived_on_the_way(tmp_path: Path) -> None:
         )
 
     (tmp_path / "out").mkdir()
-    made = shards.sorted_shards([part], tmp_path / "out", CELLS, rows_per_shard=10, change=shout)
+    made = shard_writer.sorted_shards(
+        [part], tmp_path / "out", CELLS, rows_per_shard=10, change=shout
+    )
     assert pq.read_table(made[0].path)["text"].to_pylist() == ["X", "X"]
 
 
 def test_no_rows_still_give_a_table(tmp_path: Path) -> None:
-    made = shards.sorted_shards([], tmp_path, table("youtube/videos"), rows_per_shard=10)
+    made = shard_writer.sorted_shards([], tmp_path, table("youtube/videos"), rows_per_shard=10)
     assert [shard.path.name for shard in made] == ["videos-00000-of-00001.parquet"]
     assert pq.read_schema(made[0].path).names == table("youtube/videos").names(released=True)

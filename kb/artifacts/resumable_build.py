@@ -21,14 +21,14 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 
 from kb.artifacts import manifest
-from kb.artifacts.catalog import Catalog
 from kb.artifacts.manifest import Build, Manifest
+from kb.artifacts.table_catalog import Catalog
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.schema import table
 from kb.store.atomic import write_text
 from kb.store.layout import Layout, parquet_files
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 
 _PLAN = "plan.json"
 

@@ -1,4 +1,4 @@
-"""Tests of `kb.store.advice`."""
+"""Tests of `kb.store.rebuild_hint`."""
 
 from __future__ import annotations
 

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from kb.core.config.profile import load_profile
+from kb.reddit.parse import answer_tree
 from kb.reddit.parse import answers as parse
-from kb.reddit.parse import tree
-from kb.reddit.parse.tree import depths
+from kb.reddit.parse.answer_tree import depths
 from kb.store.rawlog.rawlog import Envelope, Request, encode
 from tests.reddit.cassettes import Exchange, read
 
@@ -30,7 +30,7 @@ from tests.reddit.cassettes import Exchange, read
     ],
 )
 def test_since_is_inside_and_until_is_not(at: Any, since: Any, until: Any, expected: bool) -> None:
-    assert tree.outside(at, since, until) is expected
+    assert answer_tree.outside(at, since, until) is expected
 
 
 Row = dict[str, Any]

@@ -29,7 +29,7 @@ from kb.core.errors import CountMismatch, DamagedData, FatalError
 from kb.core.summary import Summary, Tally, vocabulary
 from kb.filters.chain import VERDICTS, Clean
 from kb.filters.tasks import FilterJob, collect_texts, decode_segment, filter_bucket, spec_of
-from kb.filters.unanswered import unanswered
+from kb.filters.unanswered_keys import unanswered
 from kb.schema.tables import table
 from kb.store.atomic import write_text
 from kb.store.layout import Layout
@@ -38,7 +38,7 @@ from kb.store.rawlog import damaged_answers, rawlog
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 from kb.store.tables import partition, row_counts
-from kb.store.tables.shards import write_table
+from kb.store.tables.shard_writer import write_table
 
 
 def run_clean(run: Run, source: str) -> Summary:

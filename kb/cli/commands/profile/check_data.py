@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import zstandard
 
-from kb.core.config.profile.finding import ERROR, NOTE, WARNING, Finding
+from kb.core.config.profile.check_finding import ERROR, NOTE, WARNING, Finding
 from kb.core.config.profile.wiki import Markup
 from kb.core.errors import FatalError, MissingExtra, Retryable
 from kb.pairs.keyword_hits import keyword_lines

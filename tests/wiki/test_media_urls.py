@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from kb.wiki import urls
+from kb.wiki import media_urls
 
 W = "https://wiki.example/images"
 
@@ -22,7 +22,7 @@ W = "https://wiki.example/images"
     ],
 )
 def test_original(src, expected):
-    assert urls.original(src) == expected
+    assert media_urls.original(src) == expected
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,7 @@ def test_original(src, expected):
     ],
 )
 def test_file_title(src, page, expected):
-    assert urls.file_title(src, page) == expected
+    assert media_urls.file_title(src, page) == expected
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_file_title(src, page, expected):
     ],
 )
 def test_licence(url, text, expected):
-    assert urls.licence(url, text) == expected
+    assert media_urls.licence(url, text) == expected
 
 
 @pytest.mark.parametrize(
@@ -81,4 +81,4 @@ def test_licence(url, text, expected):
     ],
 )
 def test_file_licence(page, expected):
-    assert urls.file_licence(page) == expected
+    assert media_urls.file_licence(page) == expected

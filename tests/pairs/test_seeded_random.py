@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kb.pairs import sampling
+from kb.pairs import seeded_random
 
 
 def one_by_one(clips, gap, most):  # type: ignore[no-untyped-def]
@@ -34,7 +34,7 @@ _clips = st.lists(
 def test_like_one_by_one(clips, gap, most):  # type: ignore[no-untyped-def]
     clips = [(start, start + length, video, rank) for start, length, video, rank in clips]
     start, end, video, rank = (np.array([clip[at] for clip in clips], np.int64) for at in range(4))
-    taken = sampling.choose(start, end, video, rank.astype(np.uint64), gap, most)
+    taken = seeded_random.choose(start, end, video, rank.astype(np.uint64), gap, most)
     assert np.flatnonzero(taken).tolist() == one_by_one(clips, gap, most)
 
 
@@ -51,5 +51,5 @@ def test_like_one_by_one(clips, gap, most):  # type: ignore[no-untyped-def]
 def test_clips_stay_inside_the_video(
     center: int, length: int, video: int, expected: tuple[int, int]
 ) -> None:
-    start, end = sampling.clips(*(np.array([value]) for value in (center, length, video)))
+    start, end = seeded_random.clips(*(np.array([value]) for value in (center, length, video)))
     assert (start[0], end[0]) == expected

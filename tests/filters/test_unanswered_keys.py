@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from kb.filters.clean import run_clean
+from kb.filters.filter_run import run_clean
 from kb.store.state.frontier import Frontier
 from tests.filters.made import (
     rows,

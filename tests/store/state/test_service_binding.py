@@ -13,7 +13,7 @@ from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request, Segment
-from kb.store.state.identity import remember
+from kb.store.state.service_binding import remember
 from tests.youtube.job import Job
 
 

@@ -10,7 +10,7 @@ import pytest
 from kb.release.folders import find
 from kb.release.metadata.gaps import gaps
 from kb.store.tables import database
-from kb.youtube.parse.view_rule import view_rule
+from kb.youtube.parse.view_counting import view_rule
 from tests.youtube.connector.test_fetch import CRAWL
 from tests.youtube.job import Job
 
