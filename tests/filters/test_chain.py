@@ -20,7 +20,7 @@ from tests.filters.made import (
 MINE = '''
 from dataclasses import replace
 from pathlib import Path
-from kb.core import pipeline
+from kb.core.config import pipeline
 from kb.filters.predicates import AtLeast, AtMost
 
 shipped = pipeline.load(str(pipeline.locate("youtube")))

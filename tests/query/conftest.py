@@ -49,4 +49,6 @@ def root(tmp_path: Path, make_rows) -> Path:  # type: ignore[no-untyped-def]
 
 def rows(root: Path, sql: str) -> list[tuple[object, ...]]:
     with query.connect(root) as con:
-        return [tuple(row.values()) for row in query.select(con, sql).read_all().to_pylist()]
+        return [
+            tuple(row.values()) for row in query.select(con, sql, root=root).read_all().to_pylist()
+        ]
