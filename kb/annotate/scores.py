@@ -21,6 +21,7 @@ import pyarrow.compute as pc
 
 from kb.artifacts import manifest, purge_rows
 from kb.schema.tables import table
+from kb.store.artifact_registry import MANIFEST
 from kb.store.layout import Layout, parquet_files
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan
@@ -150,7 +151,7 @@ class Scores:
         path = folder / "toxicity.parquet"
         if not parts:
             return path if path.exists() else None
-        (folder / manifest.NAME).unlink(missing_ok=True)  # it describes the previous file
+        (folder / MANIFEST).unlink(missing_ok=True)  # it describes the previous file
         # DuckDB sorts on disk when memory is short; rows come and go a batch at a time.
         with self._reading() as con, ShardWriter(path, TABLE, in_order=True) as writer:
             rows = con.sql(

@@ -13,6 +13,7 @@ from pathlib import Path
 from kb.artifacts import manifest, texts
 from kb.artifacts.table_catalog import Catalog
 from kb.core.errors import DamagedData
+from kb.store.artifact_registry import MANIFEST
 from kb.store.atomic import followed
 from kb.store.layout import Layout
 
@@ -30,7 +31,7 @@ def folder(root: Path, source: str) -> Path:
 def remove(root: Path, source: str) -> None:
     """Remove the index; no byte of it stays."""
     place = folder(root, source)
-    (place / manifest.NAME).unlink(missing_ok=True)  # from here on there is no index
+    (place / MANIFEST).unlink(missing_ok=True)  # from here on there is no index
     shutil.rmtree(followed(place), ignore_errors=True)
     if place.is_symlink():
         place.unlink()
@@ -79,4 +80,4 @@ def has_unknown_files(place: Path, known: manifest.Manifest) -> bool:
 
 def _files(place: Path) -> list[Path]:
     there = sorted(place.iterdir()) if place.is_dir() else []
-    return [one for one in there if one.name != manifest.NAME and not one.name.startswith(".")]
+    return [one for one in there if one.name != MANIFEST and not one.name.startswith(".")]

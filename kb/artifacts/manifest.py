@@ -3,7 +3,7 @@
     clean/wiki/_manifest.json               in the artifact's folder, written last
     state/manifests/release-wiki.json       of public folders, which are given away as they are
 
-A command that makes an artifact (kb.artifacts.registry) writes it with `replacing`:
+A command that makes an artifact (kb.store.artifact_registry) writes it with `replacing`:
 
     with manifest.replacing(root, "pairs", inputs=manifest.inputs(root, "pairs")) as build:
         ...                                  # write files below build.folder
@@ -34,8 +34,8 @@ from typing import Any
 import msgspec
 import pyarrow.parquet as pq
 
-from kb.artifacts.registry import ARTIFACTS, Artifact, artifact_of, of_table
 from kb.core.errors import DamagedData
+from kb.store.artifact_registry import ARTIFACTS, MANIFEST, Artifact, artifact_of, of_table
 from kb.store.atomic import replacing_folder, write_bytes
 from kb.store.layout import Layout, parquet_files, rows_pattern
 from kb.store.rawlog import rawlog
@@ -44,7 +44,6 @@ from kb.store.tables import checksums
 from kb.store.tables.checksums import FileEntry
 from kb.store.tables.parquet import content_digest
 
-NAME = checksums.MANIFEST
 SUMMARY = "_summary.json"  # the figures of pairs and links in data roots of older versions
 _SHARD = re.compile(r"(.+)-(\d{5})-of-(\d{5})(\.[a-z]+)")
 _THREADS = 4  # files that are hashed at a time
@@ -76,17 +75,10 @@ class Build:
     figures: dict[str, Any] = field(default_factory=dict)
 
 
-def path(root: Path, name: str) -> Path:
-    """Where the manifest of an artifact is."""
-    artifact = ARTIFACTS[name]
-    if artifact.public:
-        return Layout(root).state_folder("manifests") / f"{name.replace('/', '-')}.json"
-    return artifact.folder(root) / NAME
-
-
 def read(root: Path, name: str) -> Manifest | None:
     """The manifest of an artifact; None where it was never made. Raises DamagedData."""
-    artifact, place = ARTIFACTS[name], path(root, name)
+    artifact = ARTIFACTS[name]
+    place = artifact.manifest(root)
     loaded: Manifest | None = json_files.read(place, Manifest, fix=artifact.hint)
     return _from_older_notes(root, artifact) if loaded is None else loaded
 
@@ -105,12 +97,15 @@ def replacing(
         yield build
         made = describe(name, fresh, build)
         if not artifact.public:
-            write(fresh / NAME, made)
+            write(fresh / MANIFEST, made)
         else:  # until the folder is in its place, nothing is promised about its files
             unknown = {one: FileEntry() for one in made.files}
-            write(path(root, name), msgspec.structs.replace(made, inputs={}, files=unknown))
+            write(
+                ARTIFACTS[name].manifest(root),
+                msgspec.structs.replace(made, inputs={}, files=unknown),
+            )
     if artifact.public:
-        write(path(root, name), made)
+        write(ARTIFACTS[name].manifest(root), made)
 
 
 def record(folder: Path, name: str) -> None:
@@ -118,7 +113,7 @@ def record(folder: Path, name: str) -> None:
 
     Remove the manifest before the files change. Raises DiskFull.
     """
-    write(folder / NAME, describe(name, folder, Build(folder, {}, "")))
+    write(folder / MANIFEST, describe(name, folder, Build(folder, {}, "")))
 
 
 def describe(name: str, folder: Path, build: Build) -> Manifest:
@@ -168,7 +163,9 @@ def editing(root: Path, *names: str) -> Iterator[None]:
 
 
 def _write_entries(root: Path, manifest: Manifest, files: dict[str, FileEntry]) -> None:
-    write(path(root, manifest.artifact), msgspec.structs.replace(manifest, files=files))
+    write(
+        ARTIFACTS[manifest.artifact].manifest(root), msgspec.structs.replace(manifest, files=files)
+    )
 
 
 def _stamps(folder: Path) -> dict[str, tuple[int, int, int]]:
@@ -263,7 +260,10 @@ def note_inputs(root: Path, name: str) -> None:
     Raises DiskFull.
     """
     if (manifest := read(root, name)) is not None:
-        write(path(root, name), msgspec.structs.replace(manifest, inputs=inputs(root, name)))
+        write(
+            ARTIFACTS[name].manifest(root),
+            msgspec.structs.replace(manifest, inputs=inputs(root, name)),
+        )
 
 
 def _digest_of_input(
@@ -299,7 +299,7 @@ def _files(folder: Path) -> list[Path]:
     return [
         one
         for one in sorted(folder.rglob("*"))
-        if one.is_file() and one.name != NAME and not one.name.startswith(".")
+        if one.is_file() and one.name != MANIFEST and not one.name.startswith(".")
     ]
 
 

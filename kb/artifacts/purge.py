@@ -32,13 +32,13 @@ from kb.artifacts import index as index_of
 from kb.artifacts import manifest, purge_raw
 from kb.artifacts.purge_raw import Matcher, Names, Strip
 from kb.artifacts.purge_rows import RowLocation, drop_rows, released
-from kb.artifacts.registry import artifact_of
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.source_spec import load_name
 from kb.core.sources import SPECS
 from kb.core.summary import Summary
 from kb.store import lock
+from kb.store.artifact_registry import artifact_of
 from kb.store.atomic import write_bytes
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import damaged_answers, rawlog

@@ -29,8 +29,8 @@ from kb.core.errors import DamagedData, FatalError, KbError, SettingError, Usage
 from kb.core.installation import cache_root
 from kb.core.sources import PUBLISHED, SOURCES, SPECS
 from kb.schema.tables import Table, table, tables
+from kb.store.artifact_registry import rebuild_hint
 from kb.store.layout import TOP, Layout, parquet_files
-from kb.store.rebuild_hint import advice
 from kb.store.tables.row_counts import VERDICTS
 
 SCHEMAS = ("clean", "release", "restored", "links")  # a bare name is the first of these that has it
@@ -98,7 +98,7 @@ class Catalog:
         """Raises DamagedData for a table's file that should be there and is not."""
         for folder in self.releases:
             for path in folder.missing():
-                hint = release_folder.DOWNLOAD if self.is_download else advice(path)
+                hint = release_folder.DOWNLOAD if self.is_download else rebuild_hint(path)
                 raise DamagedData(f"{path} is missing", hint=hint)
         if is_root(self.path):
             for name in (*(f"clean/{source}" for source in SOURCES), "pairs"):

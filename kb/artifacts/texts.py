@@ -9,8 +9,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from kb.artifacts import manifest
-from kb.artifacts.registry import ARTIFACTS
 from kb.artifacts.table_catalog import Catalog
+from kb.store.artifact_registry import ARTIFACTS
 
 
 def files(root: Path, name: str) -> dict[str, list[Path]]:

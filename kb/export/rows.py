@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from kb.artifacts import manifest
-from kb.artifacts.registry import of_table
 from kb.core.errors import FatalError
 from kb.schema.tables import table
+from kb.store.artifact_registry import of_table
 from kb.store.atomic import writing
 from kb.store.layout import Layout
 from kb.store.tables.merge import Merge

@@ -78,13 +78,12 @@ def build(run: Run) -> Summary:
 
 
 def check(run: Run) -> lists.Keywords:
-    """The profile's keywords, when everything else that pairs need is there.
+    """The profile's keywords, when the extra that pairs need is installed.
 
-    Raises ProfileError, MissingExtra, FatalError without transcripts.
+    Raises ProfileError, MissingExtra.
     """
     section, keywords = run.profile.section(Pairs), lists.load(run.profile)
     make_tools(section, run.seed, keywords)
-    transcripts.parts(run.root)
     return keywords
 
 

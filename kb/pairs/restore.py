@@ -17,7 +17,6 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from kb.artifacts import domain_binding, manifest
-from kb.artifacts.registry import ARTIFACTS
 from kb.artifacts.restore import WantedContent
 from kb.core import signals
 from kb.core.config.profile.pairs import Pairs
@@ -33,6 +32,7 @@ from kb.pairs.transcript_batch import Text, without_sounds
 from kb.pairs.transcripts import VIDEOS
 from kb.schema.table_check import conform
 from kb.schema.tables import table
+from kb.store.artifact_registry import ARTIFACTS
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
 from kb.store.state import tombstones

@@ -20,7 +20,7 @@ from kb.artifacts.release_folder import read_tombstones
 from kb.artifacts.table_catalog import SCHEMAS, Catalog, View, bare
 from kb.core.errors import DamagedData
 from kb.query.limits import Limits
-from kb.store.rebuild_hint import advice
+from kb.store.artifact_registry import rebuild_hint
 from kb.store.tables import database
 from kb.store.tables.reading import escaped, reading, scan
 
@@ -89,7 +89,7 @@ def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View]) -> None:
         except duckdb.Error as error:
             raise DamagedData(
                 f"{view.files[0].parent}: {str(error).splitlines()[0]}",
-                hint=advice(view.files[0]),
+                hint=rebuild_hint(view.files[0]),
             ) from None
     for name, view in bare(views).items():
         con.execute(f"CREATE VIEW main.{name} AS FROM {view.full}")

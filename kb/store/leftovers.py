@@ -1,8 +1,8 @@
 """Removes leftovers of killed commands: temporary files, new and old folders, leases.
 
-Each holds what may have been purged since, so whoever gets a lock (kb.store.lock) first clears
-what lies where the lock allows to write, and what no process can be using any more of what DuckDB
-spilled; a folder that was on its way to be replaced comes back.
+Leftovers may hold content that was purged since. Acquiring a lock (kb.store.lock) therefore first
+clears them from the folders that the lock protects, and removes what queries of ended processes
+spilled. A folder whose replacement was interrupted comes back.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
-from kb.core.sources import EXPORTS, MADE_OF, SPECS, made_of
 from kb.store import process
+from kb.store.artifact_registry import ARTIFACTS
 from kb.store.atomic import followed, settle_folder
 from kb.store.layout import Layout
 from kb.store.tables import database
@@ -36,54 +36,30 @@ def is_left(parts: Iterable[str]) -> bool:
 
 
 def sweep(root: Path, name: str) -> None:
-    """Clear what is left where the lock `name` allows to write. Call it under that lock."""
+    """Remove what killed commands left in the folders that the lock `name` protects.
+
+    Call it under that lock. A folder whose replacement was interrupted comes back, also one that
+    the lock's commands read: nobody replaces it while they hold the lock (kb.store.lock.of_clean).
+    """
+    at, artifacts = Layout(root), [one for one in ARTIFACTS.values() if one.lock == name]
     _spilled(root)
-    remove_temporary(Layout(root).profile)
-    for folder in _folders_read(Layout(root), name):
-        settle_folder(folder)
-    # The manifest of a public folder is kept in state/ (kb.artifacts.manifest).
-    manifest = Layout(root).state_folder("manifests") / f"{name}.json"
-    for path in (manifest, *_places(Layout(root), name)):
+    remove_temporary(at.profile)
+    for read in {one for artifact in artifacts for one in artifact.inputs}:
+        if read.startswith("clean/") and name != "report":  # a report does not lock what it reads
+            settle_folder(root / read)
+    folders = [one.folder(root) for one in artifacts]
+    folders += [one.manifest(root) for one in artifacts if one.public]
+    if (released := name.removeprefix("release-")) != name:
+        folders.append(at.released(released))
+    elif name == "deposits":
+        folders.append(at.deposits)
+    else:  # of a source, pairs or links; elsewhere there are none
+        folders += [at.raw(name), at.state_folder(name), at.importing(name)]
+    for path in folders:
         for place in dict.fromkeys((path, followed(path))):
             _remove_temporary(place)
             if place.is_dir() and not place.is_symlink():
                 _remove_temporary_below(place)
-
-
-def _places(at: Layout, name: str) -> tuple[Path, ...]:
-    """Where the lock `name` allows to write; it is a source's where it is none of these."""
-    match name:
-        case "pairs":
-            return at.pairs, at.pairing
-        case "links":
-            return at.links, at.linking
-        case "report":
-            return (at.report,)
-        case "deposits":
-            return (at.deposits,)
-        case "restored":
-            return (at.restored(),)
-        case "reconstructed":
-            return (at.reconstructed,)
-    kind, _, of = name.partition("-")
-    if kind == "index":
-        return (at.index(of),)
-    if kind == "release":
-        exports = SPECS[of].exports if of in SPECS else EXPORTS.get(of, ())
-        return at.release(of), at.released(of), *(at.export(*one.split("/")) for one in exports)
-    folders = at.raw(name), at.annotations(name), at.clean(name), at.state_folder(name)
-    return *folders, at.importing(name)
-
-
-def _folders_read(at: Layout, name: str) -> tuple[Path, ...]:
-    """Folders that nobody replaces while the lock `name` is held (kb.store.lock.of_clean).
-
-    Whoever holds it reads them: one whose replacement was cut off is put back first.
-    """
-    if name in MADE_OF:
-        return tuple(at.clean(one) for one in made_of(name))
-    kind, _, source = name.partition("-")
-    return (at.clean(source),) if kind in ("release", "index") and source in SPECS else ()
 
 
 def _remove_temporary(path: Path) -> None:

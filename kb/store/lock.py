@@ -1,20 +1,14 @@
-"""One lock for whatever writes or removes, held by the kernel, so that a crash frees it.
+"""Locks for writers, held by the kernel, so that a crash releases them.
 
     youtube wiki reddit    raw/, state/, annotations/ and clean/ of a source
-    pairs                  pairs/, state/pairs/
-    links                  links/, state/links/
-    release-<source>       release/<source>/ and export/ of it; of `pairs` and `links` too
-    index-<source>         index/ of it
-    report                 report/
-    restored               restored/
-    reconstructed          export/reconstructed/
     deposits               what was uploaded
+    every other            the folders of the artifacts that name it (kb.store.artifact_registry)
 
-A command takes all that it writes, and what it reads whole (`pairs`, `links` and exports read
-clean/, so a filter and a purge take their locks as well), always in this order, so that no two
-wait for each other; a second command ends with one line at once. Single readers (`kb query`,
-`kb status`) take none. Whoever gets a lock sweeps what killed commands left there
-(kb.store.leftovers).
+A command acquires the locks of all folders that it writes, and of those that it reads as a unit
+(`pairs`, `links` and exports read clean/, so a filter and a purge acquire their locks as well),
+always in the same order, so that two commands cannot wait for each other. A second command ends
+with one line at once. Readers of single files (`kb query`, `kb status`) acquire none. Acquiring a
+lock removes what killed commands left in its folders (kb.store.leftovers).
 """
 
 from __future__ import annotations
@@ -27,8 +21,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from kb.core.errors import WriterLocked
-from kb.core.sources import PUBLISHED, SOURCES, made_of
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.store import leftovers
+from kb.store.artifact_registry import ARTIFACTS
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.layout import Layout
 
@@ -44,9 +39,12 @@ _taken: set[Path] = set()  # by `taking` of this process: its own steps may take
 
 
 def of_clean(source: str) -> tuple[str, ...]:
-    """What writing clean/<source> takes: the source's own lock and those of who reads it whole."""
-    pairs = ("pairs",) if source in made_of("pairs") else ()
-    return (source, *pairs, "links", f"release-{source}", f"index-{source}")
+    """The locks for writing clean/<source>: the source's own and those of commands that read it.
+
+    A report reads single files only.
+    """
+    readers = [one.lock for one in ARTIFACTS.values() if f"clean/{source}" in one.inputs]
+    return tuple(dict.fromkeys((source, *(lock for lock in readers if lock != "report"))))
 
 
 def of_purge(source: str) -> tuple[str, ...]:

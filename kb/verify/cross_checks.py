@@ -13,8 +13,8 @@ from kb.core.errors import DamagedData
 from kb.core.sources import PUBLISHED, SOURCES, SPECS
 from kb.schema.tables import table
 from kb.store import leftovers
+from kb.store.artifact_registry import ARTIFACTS, rebuild_hint
 from kb.store.layout import Layout, parquet_files
-from kb.store.rebuild_hint import advice
 from kb.store.tables import database
 from kb.store.tables.reading import scan
 from kb.store.tables.row_counts import VERDICTS
@@ -43,7 +43,7 @@ def _lost_tables(findings: Findings, root: Path) -> None:
     for name in ("pairs", "links", *(f"clean/{source}" for source in SOURCES)):
         with contextlib.suppress(DamagedData):  # told with the manifest
             for path in manifest.missing(root, name):
-                findings.missing(name.partition("/")[0], path, advice(path))
+                findings.missing(name.partition("/")[0], path, rebuild_hint(path))
 
 
 def _lost_indexes(findings: Findings, root: Path) -> None:
@@ -53,7 +53,7 @@ def _lost_indexes(findings: Findings, root: Path) -> None:
         with contextlib.suppress(DamagedData):  # told with the manifest
             lost = manifest.missing(root, name)
             if manifest.read(root, name) is None and any(place.glob("*.store")):
-                lost = [manifest.path(root, name)]
+                lost = [ARTIFACTS[name].manifest(root)]
             for path in lost:
                 findings.missing("index", path, "run `kb index --again`")
 
@@ -80,16 +80,16 @@ def _two_answers(findings: Findings, root: Path, source: str) -> None:
         with database.over(all_files, root) as con:
             more = (con.execute(sql).fetchone() or (0,))[0]
     except duckdb.Error as error:
-        findings.damaged("clean", clean, str(error).splitlines()[0], advice(clean / "x"))
+        findings.damaged("clean", clean, str(error).splitlines()[0], rebuild_hint(clean / "x"))
         return
     if more:
         what = f"{more:,} keys are in two of kept, rejected, failed and pending"
-        findings.damaged("clean", clean / "summary.json", what, advice(clean / "x"))
+        findings.damaged("clean", clean / "summary.json", what, rebuild_hint(clean / "x"))
 
 
 def _release(findings: Findings, root: Path, source: str) -> None:
     folder = Layout(root).release(source)
     if folder.is_dir() and any(folder.iterdir()):
-        releases.folder(findings, folder, advice, described=False)
+        releases.folder(findings, folder, rebuild_hint, described=False)
     elif manifest.read(root, f"release/{source}"):
-        findings.missing("release", folder, advice(folder / "x"))
+        findings.missing("release", folder, rebuild_hint(folder / "x"))

@@ -9,8 +9,8 @@ from kb.artifacts import manifest
 from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES, SPECS
 from kb.store import leftovers
+from kb.store.artifact_registry import MANIFEST, rebuild_hint
 from kb.store.rawlog import rawlog, sidefiles
-from kb.store.rebuild_hint import advice
 from kb.verify import raw, tables
 from kb.verify.findings import Findings
 
@@ -113,8 +113,8 @@ class FileVerifier:
             self._findings.intact("set aside", path)
         elif path.suffix == ".parquet" and self._is_listed(path, kind):
             self._parquet(kind, path)
-        elif path.suffix == ".json" and (kind != "annotations" or path.name == manifest.NAME):
-            self._json(kind, path, advice(path))
+        elif path.suffix == ".json" and (kind != "annotations" or path.name == MANIFEST):
+            self._json(kind, path, rebuild_hint(path))
         else:
             self._strange(kind, path)
 
@@ -137,14 +137,14 @@ class FileVerifier:
         size = path.stat().st_size
         self._findings.advance(size)
         what = "" if size or path.suffix not in _NEVER_EMPTY else "is empty"
-        self._findings.checked(kind, path, what, advice(path))
+        self._findings.checked(kind, path, what, rebuild_hint(path))
 
     def _index(self, path: Path, parts: tuple[str, ...]) -> None:
         """What `kb search` reads; it is made again at any time."""
         findings, rebuild = self._findings, "run `kb index --again`"
         if len(parts) != 3 or parts[1] not in SOURCES:
             self._strange("index", path)
-        elif path.name == manifest.NAME:
+        elif path.name == MANIFEST:
             self._json("index", path, rebuild)
         else:
             findings.advance(path.stat().st_size)
@@ -166,7 +166,7 @@ class FileVerifier:
 
     def _parquet(self, kind: str, path: Path) -> None:
         what = tables.problem(path, self._findings.advance)
-        self._findings.checked(kind, path, what, advice(path))
+        self._findings.checked(kind, path, what, rebuild_hint(path))
 
     def _json(self, kind: str, path: Path, fix: str) -> None:
         self._findings.checked(kind, path, tables.problem(path, self._findings.advance), fix)

@@ -20,6 +20,7 @@ from kb.pairs.build import build
 from kb.query import connect
 from kb.release.build import exported, release
 from kb.store import lock
+from kb.store.artifact_registry import MANIFEST
 from kb.store.tables.checksums import digest
 from kb.store.tables.parquet import read_table
 from kb.store.tables.shard_writer import write_table
@@ -162,7 +163,7 @@ def test_the_manifest_names_inputs_and_files_with_digest_and_rows(root: Path) ->
     assert found.inputs == manifest.inputs(root, "clean/youtube")
     there = {path for path in (root / "clean/youtube").rglob("*") if path.is_file()}
     assert {root / "clean/youtube" / name for name in found.files} == {
-        path for path in there if path.name != manifest.NAME
+        path for path in there if path.name != MANIFEST
     }
     for name, entry in found.files.items():
         path = root / "clean/youtube" / name
@@ -209,7 +210,7 @@ def test_a_copied_root_is_current_and_a_changed_one_is_not(root: Path, tmp_path:
 def test_a_root_of_an_older_version_is_current_and_complete(root: Path) -> None:
     """Before there were manifests: files.json, inputs.json and release-<source>.exported."""
     clean, made_from = root / "clean/youtube", manifest.inputs(root, "clean/youtube")
-    (clean / manifest.NAME).unlink()
+    (clean / MANIFEST).unlink()
     names = {
         folder.name: [path.name for path in sorted(folder.iterdir())]
         for folder in sorted(clean.iterdir())

@@ -14,7 +14,6 @@ import pyarrow.parquet as pq
 import pytest
 
 import kb
-from kb.artifacts import manifest
 from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
 from kb.core.errors import DamagedData, WriterLocked
@@ -25,6 +24,7 @@ from kb.query import connect
 from kb.schema import table
 from kb.search.answers import keys
 from kb.store import lock
+from kb.store.artifact_registry import MANIFEST
 from kb.store.layout import Layout, parquet_files
 from kb.store.tables import parquet, shard_writer
 from kb.store.tables.shard_writer import write_table
@@ -97,7 +97,7 @@ def test_workers_and_file_layout_change_no_byte_of_the_tables(run: Run) -> None:
         cut(Layout(run.root).table(name), name, 3)
     made.links(replace(run, workers=2), NAMES)
     second = bytes_of(run.root)
-    assert second.pop(manifest.NAME) != first.pop(manifest.NAME)  # it has digests of the texts
+    assert second.pop(MANIFEST) != first.pop(MANIFEST)  # it has digests of the texts
     assert second == first
 
 

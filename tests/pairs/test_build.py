@@ -18,6 +18,7 @@ from kb.core.errors import FatalError, LimitReached, ProfileError, SettingError
 from kb.pairs import build as building
 from kb.pairs.clip_tokens import ENDS, Tokens
 from kb.pairs.keyword_hits import keyword_lines
+from kb.store.layout import Layout
 from tests.pairs.made import fill, tables
 
 pipeline = load(str(locate("pairs")))
@@ -60,6 +61,13 @@ def test_the_whole_job(run: Run) -> None:
     counts = made.figures["keywords"]
     assert sum(hits["matches"] for hits in counts.values()) == summary["matches"]
     assert not list((run.root / "state" / "pairs").iterdir())
+
+
+def test_transcripts_that_a_killed_filter_had_moved_away_come_back(run: Run) -> None:
+    clean = Layout(run.root).clean("youtube")
+    clean.rename(clean.with_name(".youtube.old"))  # killed between the two renames
+    assert pipeline.pairs(run, "parquet")["videos"] == 60
+    assert clean.is_dir()
 
 
 def test_workers_cuts_and_file_layout_change_no_byte(

@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 
 import kb
 from kb.artifacts import index as index_of
-from kb.artifacts import manifest
 from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData, UsageError
 from kb.core.sources import SOURCES
@@ -29,6 +28,7 @@ from kb.search.passage import MOST_WORDS, Passage
 from kb.search.ranking import Only
 from kb.search.youtube_passages import MOST
 from kb.store import lock
+from kb.store.artifact_registry import ARTIFACTS, MANIFEST
 from kb.store.layout import Layout
 from kb.verify.root import verify
 from tests.filters import full_root
@@ -290,7 +290,7 @@ def bytes_of(folder: Path) -> bytes:
 
 
 def made_at(root: Path) -> dict[str, int]:
-    return {source: manifest.path(root, f"index/{source}").stat().st_ino for source in SOURCES}
+    return {source: ARTIFACTS[f"index/{source}"].manifest(root).stat().st_ino for source in SOURCES}
 
 
 def test_a_changed_source_is_made_again_and_no_other(root: Path) -> None:
@@ -320,7 +320,7 @@ def test_a_filter_removes_an_index_that_it_made_old_and_leaves_another(tmp_path:
     index(run)
     held = Layout(root).index("youtube")
     run_clean(run, "youtube")
-    assert manifest.path(root, "index/youtube").is_file()
+    assert ARTIFACTS["index/youtube"].manifest(root).is_file()
     views = run.profile.section("youtube").min_views
     run_clean(run_at(root, min_views=views + 10**9), "youtube")
     assert not held.exists()
@@ -410,7 +410,7 @@ def test_a_damaged_index_is_told(root: Path, spoil: Callable[[Path], Any]) -> No
     run, folder = run_at(root), Layout(root).index("wiki")
     kinds = sorted({Path(name).suffix for name in files_of(folder)} - {".lock"})
     for suffix in kinds:
-        names = files_of(folder).keys() - {manifest.NAME, ".managed.json"}
+        names = files_of(folder).keys() - {MANIFEST, ".managed.json"}
         name = min(name for name in names if name.endswith(suffix))
         assert not verify(root, run.progress).of("index")
         spoil(folder / name)
@@ -435,7 +435,7 @@ def test_an_index_without_its_note_or_with_a_file_more(root: Path) -> None:
     assert search(root, "camel")
     assert index(run)["indexed"] == ["wiki"]  # no byte stays that is not known
     assert not verify(root, run.progress).of("index")
-    manifest.path(root, "index/wiki").unlink()
+    ARTIFACTS["index/wiki"].manifest(root).unlink()
     assert "missing" in {one.state for one in verify(root, run.progress).of("index")}
     with pytest.raises(UsageError, match="the index of wiki is missing"):
         search(root, "camel")

@@ -22,11 +22,9 @@ from typing import NamedTuple
 import msgspec
 
 from kb.core.errors import DamagedData
-from kb.store.layout import Layout
-from kb.store.rebuild_hint import advice
+from kb.store.artifact_registry import artifact_of, rebuild_hint
 
 SUMS = "SHA256SUMS"
-MANIFEST = "_manifest.json"  # the underscore hides it from readers of a folder of Parquet
 MISMATCH = "checksum mismatch"
 _LINE = re.compile(r"([0-9a-f]{64})  ([^/]+)")
 _CHUNK = 1 << 20
@@ -86,15 +84,13 @@ def parsed(text: str) -> tuple[dict[str, str], int]:
 
 
 def recorded(path: Path) -> FileEntry | None:
-    """What a manifest or a SHA256SUMS says of a file; None where neither knows its digest."""
-    folder, root = path.parent, path.parent.parent.parent
-    public = Layout(root).state_folder() / "manifests" / f"{folder.parent.name}-{folder.name}.json"
-    for place, name in (
-        (folder / MANIFEST, path.name),
-        (folder.parent / MANIFEST, f"{folder.name}/{path.name}"),
-        (public, path.name),
-        (folder / SUMS, path.name),
-    ):
+    """The entry of a file in a manifest or a SHA256SUMS; None where neither has its digest."""
+    places = [(path.parent / SUMS, path.name)]
+    if match := artifact_of(path):
+        root, artifact = match
+        name = path.relative_to(artifact.folder(root)).as_posix()
+        places.insert(0, (artifact.manifest(root), name))
+    for place, name in places:
         entry = _entries(place).get(name)
         if entry is not None and entry.sha256:
             return entry
@@ -116,7 +112,7 @@ def check(
         path = Path(stamp.path)
         entry = recorded(path)
         if entry is not None and digest(path, advance=advance) != entry.sha256:
-            raise DamagedData(f"{path} can't be read: {MISMATCH}", hint=advice(path))
+            raise DamagedData(f"{path} can't be read: {MISMATCH}", hint=rebuild_hint(path))
         if entry is None and unrecorded is not None:
             unrecorded(path)
         if entry is not None or unrecorded is not None:

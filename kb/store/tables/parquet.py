@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData
-from kb.store.rebuild_hint import advice
+from kb.store.artifact_registry import rebuild_hint
 from kb.store.tables import checksums
 
 # Files of earlier versions have a checksum of themselves in the footer.
@@ -73,7 +73,9 @@ def decode(path: Path) -> None:
                 pass
     except (pa.ArrowException, OSError) as error:
         what = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise DamagedData(f"{path} can't be read: {what.rstrip('.')}", hint=advice(path)) from error
+        raise DamagedData(
+            f"{path} can't be read: {what.rstrip('.')}", hint=rebuild_hint(path)
+        ) from error
 
 
 def content_digest(path: Path) -> str:

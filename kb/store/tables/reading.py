@@ -20,8 +20,8 @@ import pyarrow as pa
 
 from kb.core.errors import DamagedData
 from kb.schema.tables import table, tables
+from kb.store.artifact_registry import rebuild_hint
 from kb.store.layout import Layout
-from kb.store.rebuild_hint import advice
 from kb.store.state.frontier import Frontier
 from kb.store.tables import parquet
 
@@ -56,7 +56,7 @@ def broken(files: Iterable[Path | str]) -> DamagedData | None:
             return error
     for path in paths:
         if what := _other(path):
-            return DamagedData(f"{path} can't be read: {what}", hint=advice(path))
+            return DamagedData(f"{path} can't be read: {what}", hint=rebuild_hint(path))
     return None
 
 
@@ -108,7 +108,7 @@ def filtered(root: Path, source: str) -> dict[str, Any]:
         why = "it is not an object"
     if not isinstance(document, dict):
         raise DamagedData(
-            f"{path} can't be read: {why}", hint=advice(path.parent / "videos" / path.name)
+            f"{path} can't be read: {why}", hint=rebuild_hint(path.parent / "videos" / path.name)
         )
     return document
 

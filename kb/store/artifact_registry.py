@@ -1,0 +1,130 @@
+"""Every folder that a command makes: its name, its inputs, the command, its lock, and its tables.
+
+    raw/<source> → clean/<source> → release/<source>, export/…, index/<source>
+                   clean/youtube → pairs → release/pairs, export/…
+                   clean/<every source> → links → release/links
+
+A name is the artifact's path below the data root. Freshness, completeness, damage, hints, locks,
+cleanup and the catalog of tables are derived from these declarations and from the manifest of each
+folder (kb.artifacts.manifest). They follow from the specs of the sources (kb.core.sources), so a
+new source needs no line here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from kb.core.sources import EXPORTS, PUBLISHED, SOURCES, SPECS, exported_by, made_of
+from kb.schema.tables import tables
+from kb.store.layout import Layout
+
+VERDICTS = ("rejected", "failed", "pending")
+
+MANIFEST = "_manifest.json"
+"""The file name of a manifest; the underscore hides it from readers of a folder of Parquet."""
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """A folder (or file) that one command makes from its inputs.
+
+    `inputs` are names of other artifacts or "raw/<source>". `lock` is the lock that its writer
+    holds (kb.store.lock). `reads` are the tables of the inputs that matter, all of them when empty.
+    `public` artifacts are given away as they are, so their manifest is kept in state/manifests/.
+    """
+
+    name: str
+    inputs: tuple[str, ...]
+    command: str
+    lock: str
+    tables: tuple[str, ...] = ()
+    reads: tuple[str, ...] = ()
+    public: bool = False
+
+    def folder(self, root: Path) -> Path:
+        """Where it is in a data root."""
+        return root / self.name
+
+    def manifest(self, root: Path) -> Path:
+        """Where its manifest is in a data root."""
+        if self.public:
+            return Layout(root).state_folder() / "manifests" / f"{self.name.replace('/', '-')}.json"
+        return self.folder(root) / MANIFEST
+
+    @property
+    def hint(self) -> str:
+        """How to make it again when one of its files is damaged or missing."""
+        if self.command in ("kb pairs", "kb links", "kb index"):
+            return f"run `{self.command} --again`"
+        if self.name.startswith("restored"):
+            return "remove its folder, then run `kb restore` with the release's folder again"
+        if self.name.startswith("annotations/"):
+            return f"remove it, then run `{self.command}`, which scores its texts again"
+        return f"run `{self.command}` again"
+
+
+def _declared() -> Iterator[Artifact]:
+    for source in SOURCES:
+        filter_ = f"kb {source} filter"
+        own = tuple(one.name for one in tables().values() if one.source == source)
+        kept = tuple(name for name in own if not name.endswith("/missing"))
+        texts = tuple(f"{source}/{short}" for short in SPECS[source].indexed)
+        clean = f"clean/{source}"
+        yield Artifact(f"annotations/{source}", (), filter_, source, ("shared/annotations",))
+        yield Artifact(clean, (f"raw/{source}",), filter_, source, kept)
+        yield Artifact(f"index/{source}", (clean,), "kb index", f"index-{source}", reads=texts)
+        yield Artifact(f"restored/{source}", (), "kb restore", "restored")
+    for name in ("pairs", "links"):
+        own = tuple(one.name for one in tables().values() if one.source == name)
+        inputs = tuple(f"clean/{one}" for one in made_of(name))
+        linked = tuple(f"{one}/{text.table}" for one in SOURCES for text in SPECS[one].texts)
+        yield Artifact(name, inputs, f"kb {name}", name, own, linked if name == "links" else ())
+    yield Artifact("restored", (), "kb restore", "restored")  # its lists of missing ids
+    yield Artifact("restored/pairs", (), "kb restore", "restored", ("pairs/pairs",))
+    for name in PUBLISHED:
+        own = tuple(one.name for one in tables().values() if one.source == name and one.released)
+        inputs = (f"clean/{name}" if name in SPECS else name,)
+        command, lock = exported_by(name), f"release-{name}"
+        yield Artifact(f"release/{name}", inputs, command, lock, own, own, public=True)
+        for export in SPECS[name].exports if name in SPECS else EXPORTS.get(name, ()):
+            format_ = f"{command} --format {export.partition('/')[0]}"
+            yield Artifact(f"export/{export}", inputs, format_, lock, public=True)
+    reconstruct = ("raw/reddit",), "kb reddit reconstruct", "reconstructed"
+    yield Artifact("export/reconstructed", *reconstruct, public=True)
+    clean_all = tuple(f"clean/{source}" for source in SOURCES)
+    yield Artifact("report", clean_all, "kb report", "report")
+
+
+ARTIFACTS: dict[str, Artifact] = {one.name: one for one in _declared()}
+
+
+def artifact_of(path: Path) -> tuple[Path, Artifact] | None:
+    """The data root and the artifact that a path belongs to, by the end of the path; None for any
+    other file.
+    """
+    parts = path.parts
+    for end in range(len(parts), 0, -1):
+        for start in range(end):  # "restored/pairs" before "pairs"
+            if (name := "/".join(parts[start:end])) in ARTIFACTS:
+                return Path(*parts[:start]), ARTIFACTS[name]
+        if parts[end - 1] in ("raw", "state"):
+            return None
+    return None
+
+
+def rebuild_hint(path: Path) -> str:
+    """How to make a damaged or missing file of a data root again."""
+    if path.name == "tombstones.parquet":
+        return "run `kb verify --repair`, which restores it from its copy"
+    match = artifact_of(path)
+    return match[1].hint if match is not None else "restore it from a copy"
+
+
+def of_table(name: str) -> Artifact:
+    """The artifact that has a declared table's rows ("youtube/videos", "pairs/pairs",
+    "youtube/rejected").
+    """
+    source = name.partition("/")[0]
+    return ARTIFACTS[f"clean/{source}" if source in SPECS else source]
