@@ -336,8 +336,9 @@ def _from_older_notes(root: Path, artifact: Artifact) -> Manifest | None:
             return None
         figures = summary
         for table in artifact.tables:
-            if not Layout(root).rows(table):
-                files[f"{table.partition('/')[2]}-00000-of-00001.parquet"] = FileEntry()
+            there = [one.name for one in Layout(root).rows(table)]
+            for name in there or [f"{table.partition('/')[2]}-00000-of-00001.parquet"]:
+                files[name] = FileEntry()
     else:
         return None
     return Manifest(artifact.name, artifact.command, inputs=inputs, files=files, figures=figures)

@@ -23,11 +23,10 @@ from kb.verify.findings import Findings
 
 
 def compare(findings: Findings, root: Path) -> None:
-    """Look for what is told by no file alone; `look` has what each one of them says."""
+    """Add what no file shows by itself: missing files, keys with two verdicts."""
     steps = [
         partial(raw.lost_side_files, findings, root),
-        partial(_lost_tables, findings, root),
-        partial(_lost_indexes, findings, root),
+        partial(_missing_files, findings, root),
         *(partial(_two_answers, findings, root, source) for source in SOURCES),
         *(partial(_release, findings, root, source) for source in PUBLISHED),
     ]
@@ -38,24 +37,19 @@ def compare(findings: Findings, root: Path) -> None:
             findings.foreign("release", other, "no export has written it", "move it away")
 
 
-def _lost_tables(findings: Findings, root: Path) -> None:
-    """Add missing files of tables."""
-    for name in ("pairs", "links", *(f"clean/{source}" for source in SOURCES)):
-        with contextlib.suppress(DamagedData):  # told with the manifest
-            for path in manifest.missing(root, name):
-                findings.missing(name.partition("/")[0], path, rebuild_hint(path))
-
-
-def _lost_indexes(findings: Findings, root: Path) -> None:
-    """Add missing files of indexes."""
-    for source in SOURCES:
-        name, place = f"index/{source}", Layout(root).index(source)
-        with contextlib.suppress(DamagedData):  # told with the manifest
+def _missing_files(findings: Findings, root: Path) -> None:
+    """Add missing files of artifacts; releases are checked by their own checksums."""
+    for name, artifact in ARTIFACTS.items():
+        kind = name.partition("/")[0]
+        if artifact.public or kind == "restored":
+            continue
+        with contextlib.suppress(DamagedData):  # reported with the manifest itself
             lost = manifest.missing(root, name)
-            if manifest.read(root, name) is None and any(place.glob("*.store")):
-                lost = [ARTIFACTS[name].manifest(root)]
+            is_made = manifest.read(root, name) is not None
+            if kind == "index" and not is_made and any(artifact.folder(root).glob("*.store")):
+                lost = [artifact.manifest(root)]
             for path in lost:
-                findings.missing("index", path, "run `kb index --again`")
+                findings.missing(kind, path, artifact.hint)
 
 
 def _two_answers(findings: Findings, root: Path, source: str) -> None:

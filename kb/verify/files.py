@@ -1,33 +1,57 @@
-"""Checks every file of a data root by its path: intact, damaged or foreign."""
+"""Checks every file of a data root by its path: intact, damaged or foreign.
+
+A file of an artifact is what the artifact's manifest lists, byte for byte. Files that no manifest
+describes are read in full instead.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import json
+from collections.abc import Callable, Iterable
+from functools import cache
 from pathlib import Path
 
 from kb.artifacts import manifest
 from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES, SPECS
 from kb.store import leftovers
-from kb.store.artifact_registry import MANIFEST, rebuild_hint
+from kb.store.artifact_registry import MANIFEST, Artifact, artifact_of, rebuild_hint
 from kb.store.rawlog import rawlog, sidefiles
-from kb.verify import raw, tables
+from kb.store.tables import checksums
+from kb.store.tables.reading import broken
+from kb.verify import raw
 from kb.verify.findings import Findings
 
 # Beside the folders of commands: other roots and what belongs to a checkout.
 NEIGHBOURS = {"demo", "dumps", "profiles", "demo-finished", ".gitignore", ".gitkeep"}
-_CLEARED = "a killed command left it: `kb verify --repair` or the next command there clears it"
-_NEVER_EMPTY = (".json", ".jsonl", ".html", ".png", ".svg")
 _OF_STATE = (
-    ".lock",
-    ".key",
-    ".key.sha256",
-    ".exported",
-    ".repair",
-    ".sqlite-wal",
-    ".sqlite-shm",
-    ".bak",
+    *(".lock", ".key", ".key.sha256", ".exported", ".repair", ".txt"),
+    *(".sqlite-wal", ".sqlite-shm", ".bak"),
 )
+_NEVER_EMPTY = (".json", ".jsonl", ".html", ".parquet", ".png", ".svg")
+
+
+def problem(path: Path, advance: Callable[[int], None]) -> str:
+    """What is wrong with a file, "" when nothing is. Every byte is read.
+
+    It is compared with its digest where a manifest or SHA256SUMS has one. Otherwise every page of a
+    Parquet file is decoded, and JSON is parsed.
+    """
+    size = path.stat().st_size
+    if (entry := checksums.recorded(path)) is not None:
+        return "" if checksums.digest(path, advance=advance) == entry.sha256 else checksums.MISMATCH
+    advance(size)
+    if not size and path.suffix in _NEVER_EMPTY:
+        return "is empty"
+    if path.suffix == ".parquet":
+        damage = broken([path])
+        return "" if damage is None else str(damage).removeprefix(f"{path} ")
+    if path.suffix == ".json":
+        try:
+            json.loads(path.read_bytes())
+        except (ValueError, RecursionError) as error:
+            return f"can't be read: {error}"
+    return ""
 
 
 class FileVerifier:
@@ -38,12 +62,12 @@ class FileVerifier:
         self._segments = {source: raw.SegmentVerifier(findings, root, source) for source in SOURCES}
 
     def read(self, files: Iterable[Path]) -> None:
-        """Each of them, then what the state knows of raw answers and is not among them."""
+        """Check each file, then report segments that the state knows and that are missing."""
         for path in files:
             try:
                 self._file(path, path.relative_to(self._root).parts)
             except FileNotFoundError:
-                continue  # replaced meanwhile; what is gone for good is told of the whole root
+                continue  # replaced meanwhile; cross_checks reports what is missing for good
         for segments in self._segments.values():
             segments.end()
 
@@ -52,31 +76,26 @@ class FileVerifier:
         if path.is_symlink() and not path.exists():
             findings.foreign("other", path, "is a link that leads nowhere", "remove it")
         elif leftovers.is_left(parts):
-            findings.foreign("leftovers", path, "is a temporary file", _CLEARED)
-        elif len(parts) == 1:
-            if path.name not in NEIGHBOURS:
-                self._strange("other", path)
+            hint = "run `kb verify --repair` or the next command on this folder, which removes it"
+            findings.foreign("leftovers", path, "is a temporary file", hint)
         elif parts[0] == "raw":
             self._raw(path, parts)
         elif parts[0] == "state":
             self._state(path, parts)
-        elif parts[0] in ("annotations", "clean", "pairs", "links"):
-            self._made(path, parts)
-        elif parts[0] in ("export", "report", "restored"):
-            self._plain(path, parts[0])
-        elif parts[0] == "index":
-            self._index(path, parts)
         elif parts[0] == "release":
-            if len(parts) == 2:
+            if len(parts) == 2:  # whole folders are checked by kb.verify.releases
                 findings.foreign("release", path, "a release is a folder", "move it away")
-        else:
+        elif match := artifact_of(path):
+            self._artifact(path, match[1])
+        elif path.name not in NEIGHBOURS:
+            kinds = ("clean", "pairs", "links", "index", "annotations", "export", "restored")
             findings.advance(path.stat().st_size)
-            self._strange("other", path)
+            self._foreign(parts[0] if parts[0] in kinds else "other", path)
 
     def _raw(self, path: Path, parts: tuple[str, ...]) -> None:
         findings, known = self._findings, parts[1] in SOURCES
         if known and len(parts) == 3 and path.name.startswith("tombstones"):
-            self._parquet("tombstones", path)
+            self._checked("tombstones", path)
         elif known and len(parts) == 4 and path.name.endswith((rawlog.SUFFIX, rawlog.OPEN)):
             self._segments[parts[1]].file(path)
         elif known and len(parts) == 4 and f"{rawlog.SUFFIX}.damaged-" in path.name:
@@ -88,88 +107,51 @@ class FileVerifier:
             else:
                 raw.side_file(findings, path)
         else:
-            findings.foreign(
-                "raw answers", path, "no crawl or import has written it", "move it away"
-            )
+            self._foreign("raw answers", path, "no crawl or import has written it")
 
     def _state(self, path: Path, parts: tuple[str, ...]) -> None:
-        name = path.name
-        if name.endswith(".sqlite") and len(parts) == 2:
+        if path.suffix == ".sqlite" and len(parts) == 2:
             raw.state(self._findings, path)
-        elif name.endswith(".parquet"):
-            self._parquet("tombstones" if name == "tombstones.parquet" else "state", path)
-        elif name.endswith(".json"):
-            self._json("state", path, "move it away, or restore it from a copy")
-        elif name.endswith(sidefiles.QUARANTINE_SUFFIX):
+        elif path.suffix in (".parquet", ".json"):
+            self._checked("tombstones" if path.name == "tombstones.parquet" else "state", path)
+        elif path.name.endswith(sidefiles.QUARANTINE_SUFFIX):
             self._findings.intact("set aside", path)
-        elif name.endswith((*_OF_STATE, ".txt")) or name == ".gitkeep":
+        elif path.name.endswith(_OF_STATE) or path.name == ".gitkeep":
             self._findings.intact("state", path)
         else:
-            self._strange("state", path)
+            self._foreign("state", path)
 
-    def _made(self, path: Path, parts: tuple[str, ...]) -> None:
-        kind = parts[0]
+    def _artifact(self, path: Path, artifact: Artifact) -> None:
+        kind = artifact.name.partition("/")[0]
         if path.name.endswith(sidefiles.QUARANTINE_SUFFIX):
             self._findings.intact("set aside", path)
-        elif path.suffix == ".parquet" and self._is_listed(path, kind):
-            self._parquet(kind, path)
-        elif path.suffix == ".json" and (kind != "annotations" or path.name == MANIFEST):
-            self._json(kind, path, rebuild_hint(path))
+        elif path.name == MANIFEST or self._is_listed(path, artifact):
+            self._checked(kind, path)
+        elif kind == "index" and path.name.startswith("."):
+            self._findings.advance(path.stat().st_size)  # tantivy's own locks and lists
         else:
-            self._strange(kind, path)
+            self._foreign(kind, path)
 
-    def _is_listed(self, path: Path, kind: str) -> bool:
-        """Whether a filter says that it wrote a clean file; of other tables all are taken."""
-        if kind != "clean":
-            return True
-        source = path.parent.parent.name
+    def _is_listed(self, path: Path, artifact: Artifact) -> bool:
+        """Whether the artifact's manifest lists a file, or could list it where it lists none."""
+        listed = self._listed(artifact.name)
+        if artifact.public or not listed:
+            return not artifact.tables or path.suffix in (".parquet", ".json")
+        name = path.relative_to(artifact.folder(self._root)).as_posix()
+        is_old = not artifact.manifest(self._root).is_file()
+        return name in listed or (is_old and path.suffix == ".json")
+
+    @cache  # noqa: B019  a verifier ends with its command
+    def _listed(self, name: str) -> frozenset[str]:
         try:
-            known = manifest.read(self._root, f"clean/{source}") if source in SOURCES else None
+            known = manifest.read(self._root, name)
         except DamagedData:
-            return True  # told with the manifest
-        return known is None or not known.files or f"{path.parent.name}/{path.name}" in known.files
+            known = None  # reported with the manifest itself
+        return frozenset(known.files if known is not None else ())
 
-    def _plain(self, path: Path, kind: str) -> None:
-        """Files of other layouts and figures; there are no checksums of these."""
-        if path.suffix == ".parquet":
-            self._parquet(kind, path)
-            return
-        size = path.stat().st_size
-        self._findings.advance(size)
-        what = "" if size or path.suffix not in _NEVER_EMPTY else "is empty"
+    def _checked(self, kind: str, path: Path) -> None:
+        what = problem(path, self._findings.advance)
         self._findings.checked(kind, path, what, rebuild_hint(path))
 
-    def _index(self, path: Path, parts: tuple[str, ...]) -> None:
-        """What `kb search` reads; it is made again at any time."""
-        findings, rebuild = self._findings, "run `kb index --again`"
-        if len(parts) != 3 or parts[1] not in SOURCES:
-            self._strange("index", path)
-        elif path.name == MANIFEST:
-            self._json("index", path, rebuild)
-        else:
-            findings.advance(path.stat().st_size)
-            known = self._manifest_of_index(parts[1])
-            if path.name.startswith(".") or known is None:
-                return  # tantivy's own locks and lists; an index of an older version
-            entry = known.files.get(path.name)
-            if entry is None:
-                self._strange("index", path)
-            else:
-                what = "" if manifest.entry_of(path) == entry else "checksum mismatch"
-                findings.checked("index", path, what, rebuild)
-
-    def _manifest_of_index(self, source: str) -> manifest.Manifest | None:
-        try:
-            return manifest.read(self._root, f"index/{source}")
-        except DamagedData:
-            return None  # told with the manifest
-
-    def _parquet(self, kind: str, path: Path) -> None:
-        what = tables.problem(path, self._findings.advance)
-        self._findings.checked(kind, path, what, rebuild_hint(path))
-
-    def _json(self, kind: str, path: Path, fix: str) -> None:
-        self._findings.checked(kind, path, tables.problem(path, self._findings.advance), fix)
-
-    def _strange(self, kind: str, path: Path) -> None:
-        self._findings.foreign(kind, path, "no command has written it", "move it away")
+    def _foreign(self, kind: str, path: Path, what: str = "no command has written it") -> None:
+        self._findings.foreign(kind, path, what, "move it away")

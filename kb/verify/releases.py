@@ -10,7 +10,7 @@ from typing import Any
 
 from kb.artifacts import manifest, release_folder
 from kb.store.tables import checksums
-from kb.verify import tables
+from kb.verify.files import problem
 from kb.verify.findings import Findings
 
 CROISSANT = "croissant.json"
@@ -52,7 +52,7 @@ def _file(findings: Findings, path: Path, wanted: str | None, advice: str) -> No
         actual = checksums.digest(path, advance=findings.advance)
         what = "" if actual == wanted else f"differs from {checksums.SUMS}"
     elif path.suffix == ".parquet":
-        what = tables.problem(path, findings.advance)
+        what = problem(path, findings.advance)
     elif path.suffix == ".tar":
         findings.advance(path.stat().st_size)
         what = _tar(path)

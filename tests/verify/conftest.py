@@ -38,3 +38,8 @@ def root(made: Path, tmp_path: Path) -> Path:
 def folders(released: Path, tmp_path: Path) -> Path:  # noqa: F811
     """A folder of downloaded releases."""
     return Path(shutil.copytree(released / "release", tmp_path / "down"))
+
+
+def emptied(path: Path) -> None:
+    """Leave a file without content."""
+    path.write_bytes(b"")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from tests.verify.conftest import emptied
 from tests.verify.test_repair import repair
-from tests.verify.test_root import found, verify
-from tests.verify.test_tables import emptied
+from tests.verify.test_root import flipped, found, one, verify
 
 
 @pytest.mark.parametrize(
@@ -57,4 +58,35 @@ def test_of_what_repair_does_not_make_the_table_names_the_command(
     (told,) = verify(root).entries
     assert (told.state, told.advice) == ("damaged", f"run `{command}` again")
     repair(root)
-    assert [one.path for one in verify(root).entries] == [path]
+    assert [each.path for each in verify(root).entries] == [path]
+
+
+FILES = {
+    "raw/youtube/videos/*.zst": "raw answers",
+    "raw/youtube/tombstones.parquet": "tombstones",
+    "state/youtube.sqlite": "state",
+    "clean/youtube/videos/*.parquet": "clean",
+    "clean/youtube/rejected/*.parquet": "clean",
+    "clean/youtube/_manifest.json": "clean",
+    "pairs/pairs-*.parquet": "pairs",
+    "release/youtube/videos-*.parquet": "release",
+}
+
+
+@pytest.mark.parametrize("pattern", FILES)
+@pytest.mark.parametrize("damage", [emptied, flipped])
+def test_damage_is_found_wherever_it_is(
+    root: Path, pattern: str, damage: Callable[[Path], None]
+) -> None:
+    path = one(root, pattern)
+    if path.suffix == ".json":
+        path.write_bytes(path.read_bytes()[:-9])
+    elif path.suffix == ".sqlite" and damage is flipped:
+        path.write_bytes(path.read_bytes()[:4096] + bytes(8192))
+    else:
+        damage(path)
+    look = verify(root)
+    assert [(each.kind, each.state, each.path) for each in look.entries] == [
+        (FILES[pattern], "damaged", path)
+    ]
+    assert look.entries[0].advice

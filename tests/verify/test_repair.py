@@ -14,8 +14,8 @@ from kb.core.config.pipeline import load, locate
 from kb.core.progress import Silent
 from kb.verify.repair import Crawl, Make, Step, repaired
 from tests.filters.made import run_at
+from tests.verify.conftest import emptied
 from tests.verify.test_root import flipped, found, one, verify
-from tests.verify.test_tables import emptied
 
 
 def repair(root: Path) -> list[str]:
