@@ -3,8 +3,6 @@
 The steps are the commands that a user types; none knows that the services are invented.
 """
 
-from __future__ import annotations
-
 # Commands of `kb`, in order: each source, then what is made from all of them.
 STEPS = [
     "youtube crawl",

@@ -8,8 +8,6 @@ and to threads. Keywords are matched as for pairs (pipelines/pairs.py).
     release    links/ → release/links/: ids and counts
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Mapping
 

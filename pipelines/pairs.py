@@ -12,8 +12,6 @@ which of a video's overlapping clips are kept.
     refill     a released index and one's own transcripts → pairs/*.parquet
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from kb.artifacts import domain_binding

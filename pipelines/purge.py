@@ -10,8 +10,6 @@ again.
     exports    release/, export/, links/ and report/ as far as they are there
 """
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -6,8 +6,6 @@ score, tell the types of posts apart; 4. score titles, bodies and comments with 
 the threshold. Released: ids and figures; `kb reddit reconstruct` brings content back with a key.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 from kb.annotate import toxicity

@@ -10,8 +10,6 @@ folder: what the paper's authors made by hand.
     publish    one draft deposit per folder; published only on request
 """
 
-from __future__ import annotations
-
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.release.publish.publish import publish as upload

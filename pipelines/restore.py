@@ -7,8 +7,6 @@ downloads it brings the content back with keys of their own.
     missing                what could not be had, and why; what was removed is never asked for
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from kb.artifacts.restore import RestoreJob, choose, write_missing

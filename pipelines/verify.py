@@ -4,8 +4,6 @@ verify     read every byte of a data root or a release
 repair     move damaged data away and fetch it again; rebuild what is made from raw data
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial

@@ -9,8 +9,6 @@ tables, images with captions, sprites, and all frames of what moves.
     export     tables with tar shards of screenshots and images, or MineDojo's layout
 """
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

@@ -6,8 +6,6 @@ drop by views, aspect ratio, duration, age restriction; score titles and descrip
 drop above the threshold. Released: ids and metadata only.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

@@ -2,8 +2,6 @@
 and what to do when something is not installed.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import os
 from datetime import timedelta

@@ -1,7 +1,5 @@
 """`kb` in this process: the same way from the words to the exit code, without starting Python."""
 
-from __future__ import annotations
-
 import logging
 import os
 from collections.abc import Callable

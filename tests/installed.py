@@ -4,8 +4,6 @@ Test processes share one of each (the files are made under a lock), as building 
 their time.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import sysconfig

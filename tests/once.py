@@ -1,7 +1,5 @@
 """What takes long to make and is only read: made once, however many test processes there are."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

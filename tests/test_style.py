@@ -1,7 +1,5 @@
 """One formatter, one linter and one type checker over everything, and nothing left to fix."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -12,8 +12,6 @@ Where that can't be had, `run` takes a weaker means: an audit hook in every Pyth
 looks at the connections of all the command's processes, the browser's too, many times a second.
 """
 
-from __future__ import annotations
-
 import os
 import socket
 import struct

@@ -5,8 +5,6 @@ in fp32 and 6 times as many with 8-bit weights; OpenVINO is 5 % ahead of it, whi
 runtime that crashes where oneDNN is limited to fewer instructions.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 from functools import cache, partial

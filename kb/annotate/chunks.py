@@ -5,8 +5,6 @@ model; large ones are scored faster, because texts of one length share a batch. 
 doesn't depend on its chunk.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any, cast
 

@@ -7,8 +7,6 @@ A model may have more outputs than classes (`unbiased`: 16 and 7); the first one
 Source: https://github.com/unitaryai/detoxify/blob/v0.5.4/detoxify/detoxify.py
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

@@ -5,8 +5,6 @@ its name only when its sha256 is right, or, where none is published, when it is 
 a network's log-in page answers 200 too. The checkpoint comes last: when it is there, all is.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -5,8 +5,6 @@ Looked at before anything is sent or written; whether they go with the weights s
 is loaded.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ scoring a small crawl. A new graph must agree with Detoxify's own `predict` on p
 discarded.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib.metadata
 import json

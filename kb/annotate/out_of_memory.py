@@ -1,7 +1,5 @@
 """One error for the many ways in which model runtimes report that memory is short."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
 

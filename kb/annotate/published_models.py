@@ -6,8 +6,6 @@ Configuration and vocabulary: the base model's folder on the model hub, at
 one revision, so that they can't change under us.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 CHECKPOINTS = "https://github.com"

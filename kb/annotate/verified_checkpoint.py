@@ -6,8 +6,6 @@ kb/annotate/published.py, KB_TOXICITY_SHA256, a `.sha256` file beside it. Withou
 refused; the digits in its own name say which model it is, and prove nothing.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import shlex

@@ -1,7 +1,5 @@
 """What a worker does: score one chunk with a model that it loads once and keeps."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Sequence
 from functools import cache

@@ -5,8 +5,6 @@ it binds once something is stored: a mistyped profile that nothing came from doe
 may change within a profile; another name is refused (OtherService, exit 2).
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

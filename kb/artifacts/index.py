@@ -5,8 +5,6 @@ date: a purge at once (`remove`), a filter where its texts have changed (`remove
 under the source's lock (kb.store.lock.of_clean).
 """
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

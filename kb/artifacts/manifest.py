@@ -17,8 +17,6 @@ Data roots of older versions have no manifests. For those `read` returns one tha
 from the notes of that time; its digests are those of the notes, or unknown.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import os

@@ -4,8 +4,6 @@ A segment is written again without the keys and takes the place of the old one b
 that may hold a key are found by searching their bytes; only these are decoded.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 

@@ -8,8 +8,6 @@ This is the one place that recognises such a folder and lists what is in it; `kb
 restore`, `kb verify`, `kb query` and `kb.load` all ask here.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass

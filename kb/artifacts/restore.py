@@ -13,8 +13,6 @@ The frame needs the store and no crawl, so sources and `kb.pairs` build on it al
 how raw answers become rows; the merge, the reasons and the list of what is missing are here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass

@@ -8,8 +8,6 @@
 The digest covers the inputs and the plan: parts made from anything else are removed, never used.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

@@ -10,8 +10,6 @@ A download is one release folder, or a folder above several. Commands that only 
 names only.
 """
 
-from __future__ import annotations
-
 import difflib
 import hashlib
 import os

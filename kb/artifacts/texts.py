@@ -4,8 +4,6 @@
 where they are made from a download.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from kb.artifacts import manifest

@@ -1,7 +1,5 @@
 """The `kb` command: thin files over the rooms, nothing heavy until a command runs."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,7 +1,5 @@
 """The command tree of `kb`. A command's module is imported only when the command is named."""
 
-from __future__ import annotations
-
 import functools
 import importlib
 from collections.abc import Iterator, Sequence

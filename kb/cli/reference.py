@@ -8,8 +8,6 @@ data/profiles/README.md    the keys of a profile
 schemas/README.md          tables and columns
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import sys

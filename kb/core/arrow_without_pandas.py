@@ -4,8 +4,6 @@ The first `pyarrow.array()` of a process asks pandas, where it is installed, whe
 one of its objects: 0.8 s and 60 MB in each worker, for nothing.
 """
 
-from __future__ import annotations
-
 import sys
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec

@@ -5,8 +5,6 @@ date stands still, but for what `sleep_until` slept: who waits for midnight must
 behind it.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import random

@@ -1,7 +1,5 @@
 """What one command run carries: settings, profile, data root, options and where progress goes."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -6,8 +6,6 @@ Every wait goes in short slices: a signal, a lost scheduler and a cluster withou
 Source: https://distributed.dask.org/en/stable/client.html, …/resilience.html
 """
 
-from __future__ import annotations
-
 import asyncio
 import concurrent.futures
 import contextlib

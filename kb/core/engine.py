@@ -5,8 +5,6 @@ Results come back in the order of the tasks, whatever order they were done in, s
 never depends on the number of workers or the engine.
 """
 
-from __future__ import annotations
-
 import contextlib
 import multiprocessing
 import os

@@ -29,8 +29,6 @@ KbError                     exit  what follows
     └── Retryable                 may go well next time: backoff, then `failed`
 """
 
-from __future__ import annotations
-
 from datetime import datetime
 from typing import Any
 

@@ -4,8 +4,6 @@ licences/known.toml lists them. Texts: the licence stewards' own, as SPDX lists 
 (https://spdx.org/licenses/).
 """
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path

@@ -8,8 +8,6 @@ The total is what is known now: given once, or what is done and what `waiting` s
 discovery finds more. A task that an error ends stays as it is, partial.
 """
 
-from __future__ import annotations
-
 import sys
 import threading
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """SIGINT and SIGTERM: the item in hand is finished, then the run ends resumable (exit 3)."""
 
-from __future__ import annotations
-
 import contextlib
 import signal
 import threading

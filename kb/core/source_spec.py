@@ -4,8 +4,6 @@ A spec is light data. It names the modules and functions that do the work as "mo
 and they are imported when they are first needed: `kb --help` reads every spec and no connector.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field

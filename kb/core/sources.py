@@ -3,8 +3,6 @@
 A new source is a package with a `spec.py`, and its line in `REGISTRY`.
 """
 
-from __future__ import annotations
-
 import importlib
 
 from kb.core.source_spec import ReleaseSpec, SourceSpec

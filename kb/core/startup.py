@@ -6,8 +6,6 @@ Chromium's in kb/wiki/browser/, the dashboard of Dask in kb/core/dask_engine.py,
 updates in kb/reddit/connector/client.py.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 

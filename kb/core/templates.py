@@ -1,7 +1,5 @@
 """Templates that stop at a missing value instead of leaving a hole."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ marks that turn the direction of writing, and line breaks that forge a line. Non
 a terminal, a log line or an error as it is; files keep the data exactly.
 """
 
-from __future__ import annotations
-
 _DIRECTION = "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
 _BREAKS = "\u2028\u2029"
 _NAMED = {"\n": "\\n", "\r": "\\r", "\t": "\\t"}

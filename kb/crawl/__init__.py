@@ -8,5 +8,3 @@
 
 A source owns what is its own: what to ask, how to read it, what its errors mean.
 """
-
-from __future__ import annotations

@@ -13,8 +13,6 @@ By content, not by name:
 Text may be compressed with gzip. XML is refused: each of its lines would be taken for an id.
 """
 
-from __future__ import annotations
-
 import csv
 import gzip
 import json

@@ -1,7 +1,5 @@
 """Runs a source: open its data root, discover, work through the phases, return a summary."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Stops of a run: `--limit`, spent quotas, blocks; which phases they close, and for how long."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from datetime import datetime, timedelta
 

@@ -8,8 +8,6 @@ The class of an error decides what happens to the current items.
 kb.crawl.phase_scheduler chooses them.
 """
 
-from __future__ import annotations
-
 import threading
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence

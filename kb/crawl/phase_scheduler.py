@@ -8,8 +8,6 @@ halves    halves of failed batches: each is requested by itself, so that one ite
 Halves and items that failed in an earlier run are retried once, after everything else.
 """
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict, deque
 from collections.abc import Sequence
 from datetime import datetime

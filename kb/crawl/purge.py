@@ -1,7 +1,5 @@
 """The first part of a purge, which needs a source's raw answers and state under its lock."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path

@@ -4,8 +4,6 @@ Crawl, refresh, restore, import and purge all begin here, so that each waits for
 rejects a data root of another profile and has replayed the same raw tail.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager

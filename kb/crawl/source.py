@@ -1,7 +1,5 @@
 """The interface of a source: phases, answers, and the methods that a crawl calls."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol

@@ -11,8 +11,6 @@ with which CLIP4MC weights no pair, until its tools fill it in. Files are ASCII.
 Source: Jiang et al., "Reinforcement Learning Friendly Vision-Language Model for Minecraft" (2023).
 """
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

@@ -16,8 +16,6 @@ own, `unknown-<id>`, and so has what a deleted account wrote.
 Holds titles and bodies: it stays under export/ on the user's own disk and is never released.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

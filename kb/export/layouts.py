@@ -1,7 +1,5 @@
 """Lists the export formats of each source and of pairs, with the function that writes each."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path

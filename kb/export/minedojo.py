@@ -15,8 +15,6 @@ All files are ASCII, as published. Source: "MineDojo: Building Open-Ended Embodi
 Internet-Scale Knowledge" (NeurIPS 2022), data appendix. The wiki is in kb.export.minedojo_wiki.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -15,8 +15,6 @@ screenshot shows is in it, as there. SVG files, which its loader can't open, are
 screenshot shows them.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -5,8 +5,6 @@ The folder is written anew and takes the old one's place whole, so nothing of an
 clean/: columns by `released`, whole tables (transcripts) as well.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple

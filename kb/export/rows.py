@@ -1,7 +1,5 @@
 """Helpers of all export formats: sorted rows of a table, and JSON lists with an item a line."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 from collections.abc import Callable, Iterator, Sequence

@@ -9,8 +9,6 @@ copies the caption of a row to every clip that it cuts out of it.
         --caption_col caption --clip_col clips
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

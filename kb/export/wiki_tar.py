@@ -10,8 +10,6 @@ Files that belong together have one name up to the first dot and stand side by s
 same rows and files give the same bytes.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

@@ -1,7 +1,5 @@
 """A filter that keeps nothing says why, instead of ending as if all were well."""
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Any
 

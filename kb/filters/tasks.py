@@ -12,8 +12,6 @@ toxicity score. A task is a `FilterJob` and the name of a segment or the number 
 pipeline is loaded by its path. No function holds more than a bucket.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import uuid

@@ -1,7 +1,5 @@
 """Keys that a crawl requested and never received count as failed: every key has an outcome."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path

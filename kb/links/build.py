@@ -5,8 +5,6 @@ don't depend on workers or the engine. Rows of a source whose texts, keywords an
 changed are copied from the tables as they are.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping

@@ -6,8 +6,6 @@ the title is without what stands in brackets behind it; then the same for the en
 Of equals one that is written as the entity is, then the smallest id.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple

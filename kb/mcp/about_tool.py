@@ -1,7 +1,5 @@
 """`about`: what the knowledge base contains, how old it is, and under which licences."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`query`: one SQL query over the views, in a separate process."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from kb.artifacts import table_catalog

@@ -4,8 +4,6 @@ A document's parts keep their order: windows of a transcript, sections of a page
 a post and its comments. The part at the place is chosen first, then the nearest ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """What `read` shows of a thread: the post and its comments."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from urllib.parse import SplitResult

@@ -5,8 +5,6 @@ wiki:PAGE             wiki:PAGE#Taming      a section, by its anchor
 reddit:POST           reddit:POST/COMMENT   bare ids
 """
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 from urllib.parse import parse_qs, unquote, urlsplit

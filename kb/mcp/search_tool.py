@@ -1,7 +1,5 @@
 """`search`: ranked answers, each with its source, link and ref."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Sequence
 from urllib.parse import parse_qs, urlsplit

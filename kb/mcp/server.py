@@ -4,8 +4,6 @@ Stdout carries only the protocol; logs go to stderr. The server ends with its st
 when the client ends, for whatever reason.
 """
 
-from __future__ import annotations
-
 import functools
 import os
 import sys

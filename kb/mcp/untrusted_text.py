@@ -3,8 +3,6 @@
 Each answer's markers contain a random number, so no text written before can close or open them.
 """
 
-from __future__ import annotations
-
 import re
 import secrets
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """What `read` shows of a wiki page: its sections with their tables."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 from urllib.parse import SplitResult, urlunsplit

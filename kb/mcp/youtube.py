@@ -1,7 +1,5 @@
 """What `read` shows of a video: its description and its transcript in windows."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from urllib.parse import SplitResult
 

@@ -1,7 +1,5 @@
 """Pace: how close together requests may be, over all threads of a process."""
 
-from __future__ import annotations
-
 import math
 import threading
 

@@ -4,8 +4,6 @@ Libraries put keys into URLs, URLs into messages, and messages into exceptions; 
 is printed or logged goes through `text`, not only what is known to hold a key.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterable

@@ -5,8 +5,6 @@ Retryable    backoff with full jitter, or the service's own wish (Retry-After)
 others       leave at once: final for the item, stop the stage, or end the run
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Callable

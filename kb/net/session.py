@@ -6,8 +6,6 @@ Nothing is tried again here: that is kb.net.retry's, for what `failure` and `ref
 Retryable.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Collection
 from typing import Any

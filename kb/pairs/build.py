@@ -4,8 +4,6 @@ A part is some thousand transcripts of a file. The parts are merged into globall
 that these do not depend on how the work was cut, on workers or on the engine.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable
 from functools import lru_cache

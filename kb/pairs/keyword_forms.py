@@ -1,7 +1,5 @@
 """Forms under which an English name is said and written: singular, plural, joined, apart."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 _SAME = {

@@ -1,7 +1,5 @@
 """Counts hits per keyword and collects examples in context, for `kb pairs keywords`."""
 
-from __future__ import annotations
-
 import heapq
 from collections.abc import Iterator
 from typing import NamedTuple, cast

@@ -4,8 +4,6 @@ A tab-separated file with the columns `keyword`, `kind`, `rule`, `forms`; lines 
 are comments.
 """
 
-from __future__ import annotations
-
 import difflib
 from collections import Counter
 from collections.abc import Iterator, Sequence

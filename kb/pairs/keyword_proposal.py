@@ -5,8 +5,6 @@ everyday word gets the rule `near`. What can't be matched, or is already in the 
 and counted.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence

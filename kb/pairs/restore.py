@@ -5,8 +5,6 @@ released number of tokens; a transcript that was edited since, or in another lan
 text. Releases of earlier versions counted sounds ([Music]) as words of a text.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Runs one query over the views, streams its rows, and turns DuckDB's errors into one line."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path

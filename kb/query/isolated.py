@@ -3,8 +3,6 @@
 The process has no environment and may not write files; it is killed if it does not end in time.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import subprocess

@@ -5,8 +5,6 @@ every operator reacts to an interruption. So the process gets a memory limit whi
 exits if the query ignores its time limit.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import sys

@@ -1,7 +1,5 @@
 """Writes results to a terminal, a pipe or a file, in the right format for it."""
 
-from __future__ import annotations
-
 import contextlib
 import shutil
 import sys

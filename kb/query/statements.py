@@ -1,7 +1,5 @@
 """Which statements `kb query` allows, which views they read, and casts of their columns."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 

@@ -1,7 +1,5 @@
 """Errors for unknown tables and columns, with the nearest names or the command that makes them."""
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Iterable

@@ -6,8 +6,6 @@ released, the restored, or the links' one. Only files of these tables can be rea
 written, attached, loaded or fetched.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """`data.clips(keyword)`: pairs with their videos and texts."""
 
-from __future__ import annotations
-
 import difflib
 from typing import cast
 

@@ -1,7 +1,5 @@
 """Adds the hints of errors to tracebacks, which show notes only."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import wraps
 from typing import ParamSpec, TypeVar

@@ -1,7 +1,5 @@
 """Small pieces of HTML for notebooks. Everything from the data is escaped here."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any

@@ -1,7 +1,5 @@
 """The tables of one or more folders, with one connection over them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

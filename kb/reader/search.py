@@ -1,7 +1,5 @@
 """`data.search(words)`: ranked answers from the indexes of the loaded folders."""
 
-from __future__ import annotations
-
 import msgspec
 import pyarrow as pa
 

@@ -1,7 +1,5 @@
 """What Reddit declares to the rest of Lorecrawl."""
 
-from __future__ import annotations
-
 from kb.core.source_spec import (
     AgentSpec,
     CommandHelp,

@@ -1,7 +1,5 @@
 """Which parts of posts a crawl could not read, for `kb status`, summaries and the filter."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ release(run)     gate → describe each folder → gate over what was written
 describe(run)    the files around the data alone (also after a purge)
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Release folders as somebody downloaded them: what they are of, and whether they are whole."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The release folders of a data root, and what `kb release` writes into them beside the data."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from kb.artifacts.release_folder import EARLIER_TOMBSTONES, TOMBSTONES, ReleaseFolder, entries, read

@@ -5,8 +5,6 @@ state/releases/<source>/<version>.parquet. A release is compared with the newest
 was noted, so that making the same version again changes nothing in it.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

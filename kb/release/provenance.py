@@ -5,8 +5,6 @@ keywords.tsv       the keyword lists as used, in one file
 provenance.json    the rest, and what changed since the release before
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -1,7 +1,5 @@
 """`kb report`: every figure as SVG, PNG and PDF, and one page with all of them."""
 
-from __future__ import annotations
-
 import importlib.util
 import shutil
 from collections.abc import Callable, Sequence

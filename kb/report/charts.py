@@ -1,7 +1,5 @@
 """Plain kinds of chart: lying bars, histograms, bars over time. Every axis says what it counts."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

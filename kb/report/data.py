@@ -4,8 +4,6 @@ over the ledgers.
 Only aggregates and a few sample rows are held in memory, whatever the size of the data.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass

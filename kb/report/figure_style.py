@@ -4,8 +4,6 @@ Colours: Okabe and Ito's palette, told apart with any colour vision and on paper
 wide as a phone's screen in points, so that their labels stay readable on one.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import io

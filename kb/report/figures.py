@@ -1,7 +1,5 @@
 """Figures that several sources share. Each takes the data, the profile, and what differs."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """What is spoken of: by how many mentions, and which things only one source knows."""
 
-from __future__ import annotations
-
 from kb.core.config.profile import Profile
 from kb.core.sources import SOURCES, SPECS
 from kb.report.data import ReportData

@@ -1,7 +1,5 @@
 """index.html: one file that needs nothing else. Images and styles are inside, no script."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """The video-text pairs: their keywords, their lengths."""
 
-from __future__ import annotations
-
 from kb.core.config.profile import Profile
 from kb.report.charts import even, histogram
 from kb.report.data import ReportData

@@ -1,7 +1,5 @@
 """The figures of Reddit's posts and comments."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from kb.report.figure_style import BLUE, GREEN, ORANGE, PURPLE, RED, SKY

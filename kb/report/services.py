@@ -1,7 +1,5 @@
 """What the services were asked: each on a scale of its own, as their limits are."""
 
-from __future__ import annotations
-
 from kb.core.config.profile import Profile
 from kb.core.sources import SPECS
 from kb.report.charts import over_time

@@ -1,7 +1,5 @@
 """The figures of the wiki's pages."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from kb.report.figure_style import GREEN

@@ -1,7 +1,5 @@
 """A word cloud as vector shapes: words by size, all of them lying, so that they can be read."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from kb.core.config.profile import Profile

@@ -1,7 +1,5 @@
 """The figures of YouTube's videos."""
 
-from __future__ import annotations
-
 import itertools
 from functools import partial
 

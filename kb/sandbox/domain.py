@@ -3,8 +3,6 @@
 domain_of(profile)     its names, labels, subreddit, wiki and thresholds; the same each time
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -8,8 +8,6 @@
 A service is mounted as `faults.wrap("wiki", application)`.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

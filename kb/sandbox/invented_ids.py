@@ -11,8 +11,6 @@ alphabets of the real ones.
 - Hosts of nobody end in `.example` (RFC 2606).
 """
 
-from __future__ import annotations
-
 import base64
 import random
 

@@ -4,8 +4,6 @@
 type; a field whose value is None is left out.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from functools import cache

@@ -6,8 +6,6 @@ classes, a checkpoint that names bert-base-uncased). It tells the insults of its
 and `kb release publish` refuses it. .ci/tiny_model.py makes the archive.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import tarfile

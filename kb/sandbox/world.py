@@ -4,8 +4,6 @@ Nothing in it was taken from a real site: channels, titles, descriptions and spe
 here from the nouns of a domain, the default profile's where none is given.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from datetime import UTC, datetime, timedelta
 from functools import cached_property

@@ -20,8 +20,6 @@ that parsing reads and a later rule uses up: it is in no table):
     each        a list of words; the block then stands for one column a word, put in place of {}
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -4,8 +4,6 @@ A list's text contains the texts of its items, a figure's that of its caption. E
 mappings from their id: to the id of the parent, and to the kind.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any
 

@@ -3,8 +3,6 @@
 Only a small part of JSON Schema 2020-12 is used (listed in schemas/WRITING.md).
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections import Counter

@@ -1,7 +1,5 @@
 """Holds a table that code has made against its declaration."""
 
-from __future__ import annotations
-
 import pyarrow as pa
 
 from kb.core.errors import SchemaMismatch

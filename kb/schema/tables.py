@@ -1,7 +1,5 @@
 """Tables as declared in `schemas/tables/<source>/<table>.toml`: in types, and in Arrow's."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import dataclass, field
 from functools import cache, cached_property

@@ -1,7 +1,5 @@
 """The best passages of a data root, as answers with a snippet and a link to the very place."""
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections import Counter

@@ -4,8 +4,6 @@ The folder is replaced atomically. It is rebuilt when the rows or the rules diff
 manifest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

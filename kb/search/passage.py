@@ -1,7 +1,5 @@
 """Passages: the units that `kb search` indexes and shows, each with its source."""
 
-from __future__ import annotations
-
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence

@@ -10,8 +10,6 @@ Whatever else is typed is words or nothing: quotes that do not close, NEAR, AND,
 columns mean nothing here. Only a text without a word to look for is an error.
 """
 
-from __future__ import annotations
-
 import re
 import unicodedata
 from typing import NamedTuple

@@ -15,8 +15,6 @@ take a word, more than all this can sum up to; and where it has all of them side
 again. So such passages rank above all that only share the words.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections import Counter

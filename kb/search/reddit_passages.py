@@ -1,7 +1,5 @@
 """Posts and comments as passages; a comment has its post's title."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path

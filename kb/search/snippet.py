@@ -1,7 +1,5 @@
 """Snippets: the part of a text with most of the query's terms, which are marked in it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Corrects misspelt words of a query, using the words of the indexes."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Sequence

@@ -5,8 +5,6 @@ one after the other, so that a word of the title counts twice; a phrase never re
 the next. Next to them are the fields that filters use, and `row`, all that an answer shows.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

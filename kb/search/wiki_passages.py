@@ -5,8 +5,6 @@ that was taken is not taken again. Tables of contents and boxes of links are lef
 page does not show.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field

@@ -10,8 +10,6 @@ folder (kb.artifacts.manifest). They follow from the specs of the sources (kb.co
 new source needs no line here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Atomic writes: a file or folder is written under a temporary name, synced, then renamed."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

@@ -14,8 +14,6 @@ restored/<source>/         what `kb restore` brought back from a release's ids; 
 index/<source>/            what `kb search` reads, and in a note what it was made of
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -5,8 +5,6 @@ clears them from the folders that the lock protects, and removes what queries of
 spilled. A folder whose replacement was interrupted comes back.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -11,8 +11,6 @@ with one line at once. Readers of single files (`kb query`, `kb status`) acquire
 lock removes what killed commands left in its folders (kb.store.leftovers).
 """
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import os

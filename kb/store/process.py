@@ -1,7 +1,5 @@
 """Marks temporary files with their process, and tells whether that process still runs."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

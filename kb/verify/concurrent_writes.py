@@ -1,7 +1,5 @@
 """Detects which files other processes write while a data root is read without a lock."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from kb.core.sources import SOURCES

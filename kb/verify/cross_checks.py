@@ -1,7 +1,5 @@
 """Checks across files of a data root: missing files and keys with two verdicts."""
 
-from __future__ import annotations
-
 import contextlib
 from functools import partial
 from pathlib import Path

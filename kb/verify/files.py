@@ -4,8 +4,6 @@ A file of an artifact is what the artifact's manifest lists, byte for byte. File
 describes are read in full instead.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable
 from functools import cache

@@ -1,7 +1,5 @@
 """The findings of `kb verify`: counts by kind, and damaged, missing and foreign files."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path

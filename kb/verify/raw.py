@@ -1,7 +1,5 @@
 """Checks raw answers against their checksums and the state, and captured pages and images."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path

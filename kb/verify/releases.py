@@ -1,7 +1,5 @@
 """Checks a release folder against its SHA256SUMS, its metadata and the names of its shards."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable

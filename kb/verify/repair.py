@@ -5,8 +5,6 @@ Foreign files are never touched, and nothing is deleted: what is damaged gets th
 `.damaged`, or is noted for the next crawl. What each step does is given by pipelines/verify.py.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path

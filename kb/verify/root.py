@@ -1,7 +1,5 @@
 """Verifies a data root, a release folder or a folder of releases."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path

@@ -13,8 +13,6 @@ Retryable
 └── PageTimeout         the page takes too long; its browser is ended
 """
 
-from __future__ import annotations
-
 from kb.core.errors import ItemFinal, Retryable
 
 

@@ -3,8 +3,6 @@
 Thumbnails: https://www.mediawiki.org/wiki/Manual:Thumb.php, /thumb/<file>/<width>px-<name>.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any
 from urllib.parse import quote, unquote, urlsplit, urlunsplit

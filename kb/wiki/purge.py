@@ -1,7 +1,5 @@
 """Rules of a purge for the wiki: how a page leaves answers, captures and images."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import shutil

@@ -1,7 +1,5 @@
 """What a purge has to know about YouTube: videos that vanished leave everything."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What `kb status` says about YouTube: quota units, the buckets of the day, captions kept back."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from kb.core import clock

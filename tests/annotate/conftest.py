@@ -2,8 +2,6 @@
 importing torch takes seconds.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """What the demo scores, out of its invented world, and what its word lists say of a text."""
 
-from __future__ import annotations
-
 import html
 import re
 import tomllib

@@ -8,8 +8,6 @@ scores.
 ONNX Runtime asks the processor itself and has no switch.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

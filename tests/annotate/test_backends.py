@@ -1,7 +1,5 @@
 """The same scores on every processor: what is kept here is what the least instruction sets give."""
 
-from __future__ import annotations
-
 import json
 import random
 import subprocess

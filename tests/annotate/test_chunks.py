@@ -1,7 +1,5 @@
 """Chunks of texts adapt their size to the speed of the model."""
 
-from __future__ import annotations
-
 from kb.annotate import chunks
 from kb.annotate.scores import Scores
 from kb.core.progress import Task

@@ -2,8 +2,6 @@
 with more outputs than classes.
 """
 
-from __future__ import annotations
-
 import pyarrow as pa
 import pytest
 

@@ -1,7 +1,5 @@
 """`kb models fetch` against a loopback host: verified, resumable, with clear exit codes."""
 
-from __future__ import annotations
-
 import hashlib
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer

@@ -1,7 +1,5 @@
 """Words, hashes, windows and batches: properties that hold for every text."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Files beside a checkpoint are checked before anything is loaded."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

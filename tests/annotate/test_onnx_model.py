@@ -1,7 +1,5 @@
 """The graph of a checkpoint is built once, kept, and built again when it is damaged."""
 
-from __future__ import annotations
-
 from kb.annotate import onnx_model
 from tests.annotate.made import checkpoint_of, make_checkpoint
 

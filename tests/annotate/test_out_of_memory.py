@@ -1,7 +1,5 @@
 """Too little memory is one line with what to do."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.annotate import detoxify_model, worker

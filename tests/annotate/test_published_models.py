@@ -1,7 +1,5 @@
 """Addresses of published models are pinned."""
 
-from __future__ import annotations
-
 from kb.annotate.published_models import PUBLISHED
 
 

@@ -1,7 +1,5 @@
 """Scores are read, merged and dropped by text, and damage is reported."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

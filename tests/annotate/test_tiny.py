@@ -1,7 +1,5 @@
 """The sandbox's model: every phrase of its lists is told, and nothing else is."""
 
-from __future__ import annotations
-
 import importlib.util
 import io
 

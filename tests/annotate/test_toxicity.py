@@ -1,7 +1,5 @@
 """Scores of texts: the numbers of Detoxify, each text once, kept by text, model and precision."""
 
-from __future__ import annotations
-
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest

@@ -2,8 +2,6 @@
 missing or cut one is exit 2 with what to do.
 """
 
-from __future__ import annotations
-
 import os
 import pickle
 import shutil

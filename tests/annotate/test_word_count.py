@@ -1,7 +1,5 @@
 """Word counts equal those of str.split."""
 
-from __future__ import annotations
-
 import pyarrow as pa
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """A worker finishes a short chunk when it is asked to stop."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.annotate import worker

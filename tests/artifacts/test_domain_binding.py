@@ -1,7 +1,5 @@
 """Tests of `kb.artifacts.domain_binding`."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files of tables that were deleted: named, never taken for fewer rows."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

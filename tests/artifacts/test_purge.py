@@ -1,7 +1,5 @@
 """The frame of every purge: its list of keys, and its plan."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

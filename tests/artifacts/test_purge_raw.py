@@ -1,7 +1,5 @@
 """Purge reads what may hold a key and skips the rest, and finds as much as by reading all."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

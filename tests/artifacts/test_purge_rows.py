@@ -1,7 +1,5 @@
 """Rows of purged keys leave the files of tables; a dry run counts the same."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pyarrow as pa

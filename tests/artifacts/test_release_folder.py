@@ -1,7 +1,5 @@
 """Tests of `kb.artifacts.release_folder`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from kb.artifacts import release_folder

@@ -1,7 +1,5 @@
 """A stopped build goes on, other rules start anew, and no part is left in the end."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

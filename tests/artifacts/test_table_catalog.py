@@ -1,7 +1,5 @@
 """What a folder holds: a data root, a restored one, a download, or nothing."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

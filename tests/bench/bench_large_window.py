@@ -4,8 +4,6 @@ imported in less than 3 GiB of memory, on one worker and on two.
 KB_BENCH_CONTENT=268435456 make bench ARGS="-k window"      fewer bytes, for a quick look
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 import os

@@ -6,8 +6,6 @@ CPU seconds of one core, so that other work on the machine disturbs the ratios l
 are invented (tests/pairs/made.py); short texts are the same words, twenty at a time.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

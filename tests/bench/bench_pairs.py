@@ -8,8 +8,6 @@ are invented (Zipf's law, keywords mixed in); at scale, 2,000 different ones are
 other ids.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -12,8 +12,6 @@ same run.
 Half a percent of the lines are wanted, as in a monthly file of all subreddits.
 """
 
-from __future__ import annotations
-
 import gzip
 import json
 import os

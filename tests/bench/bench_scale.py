@@ -5,8 +5,6 @@ SHARE=0.05 AGAINST=before.json make bench ARGS="-k raw_to_release"   beside figu
 SHARE=0.05 KEEP=before.json CODE=../older make bench ARGS="…"        an older checkout's code
 """
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

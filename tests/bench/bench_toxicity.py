@@ -12,8 +12,6 @@ again in float64 by what is chosen (kb/annotate/inference.py), and that is a par
 many windows were is printed.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import time

@@ -3,8 +3,6 @@ pages a second with one and two browsers against nothing but loading them with t
 pictures of tall pages against the same browser taking them.
 """
 
-from __future__ import annotations
-
 import contextlib
 import random
 import time

@@ -1,7 +1,5 @@
 """A command's wall time, the CPU time of its whole process tree, and the tree's peak memory."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import subprocess

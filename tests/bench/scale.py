@@ -11,8 +11,6 @@ What every command costs before it sees data is measured at a tiny share and tak
 rest is multiplied. Models are apart: toxicity is off.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -12,8 +12,6 @@ kept video. Each segment is drawn from its own seed, so the same share gives the
 segments can be made side by side.
 """
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import os

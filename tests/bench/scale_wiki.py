@@ -5,8 +5,6 @@ Elements, tables and sizes are drawn so that 6,735 pages have 2.2 million elemen
 page has its own seed, so the same share gives the same bytes.
 """
 
-from __future__ import annotations
-
 import hashlib
 import random
 import struct

@@ -9,8 +9,6 @@ Prints a line for each stop, and how many functions and files they are. One work
 of it runs in this process.
 """
 
-from __future__ import annotations
-
 import shlex
 import sys
 import threading

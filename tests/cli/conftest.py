@@ -2,8 +2,6 @@
 in an empty folder, without the caller's settings.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Help: quick and complete; the root command and its completion."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

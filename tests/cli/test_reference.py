@@ -1,7 +1,5 @@
 """Reference pages are made from what they describe; here they are held against it."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

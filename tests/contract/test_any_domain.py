@@ -2,8 +2,6 @@
 release, and two invented ones through what a keyword decides. None speaks of another's world.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

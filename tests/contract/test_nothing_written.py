@@ -2,8 +2,6 @@
 optional package leaves a data root as it was, which remembers no profile either.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys

@@ -1,7 +1,5 @@
 """Crawl, filter, export and `kb status` of one data root: the same nouns, the same numbers."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

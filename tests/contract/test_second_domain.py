@@ -3,8 +3,6 @@
 The sandbox's videos that carry the label of another game are this domain's; the rest are not.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Times are UTC; a fixed date holds for the whole process; random numbers depend on their seed."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.core import clock

@@ -1,7 +1,5 @@
 """The local engine: results in the order of the tasks, and no worker that outlives its parent."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import subprocess

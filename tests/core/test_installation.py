@@ -1,7 +1,5 @@
 """What is made for the user's cache by several processes at once is there once, and whole."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.core.installation import making

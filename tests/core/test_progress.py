@@ -1,7 +1,5 @@
 """Tests of `kb.core.progress`."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """The registry: every name of code in a spec is there, and every spec agrees with the schemas."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any

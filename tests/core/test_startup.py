@@ -1,7 +1,5 @@
 """Dependencies that report by themselves are switched off before they start; and the trap."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

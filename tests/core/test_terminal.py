@@ -1,7 +1,5 @@
 """Text of others is shown, never obeyed: in log lines, errors, summaries and progress."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

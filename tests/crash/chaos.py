@@ -15,8 +15,6 @@ unharmed run, no leftover and no file more than there is in the folder, `kb veri
 and of what was purged no byte is anywhere.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import random

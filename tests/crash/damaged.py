@@ -6,8 +6,6 @@ makes of whole files, or it names the file and ends with 1. Then `kb verify --re
 was, or the root is told again not to be whole.
 """
 
-from __future__ import annotations
-
 import random
 import shutil
 from collections import Counter

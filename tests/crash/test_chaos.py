@@ -1,7 +1,5 @@
 """Every command that writes, killed at a few moments and run again; `make chaos` does it longer."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

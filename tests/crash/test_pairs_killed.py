@@ -1,7 +1,5 @@
 """`kb pairs` killed at any moment: the same command goes on, to the same bytes."""
 
-from __future__ import annotations
-
 import signal
 import time
 from pathlib import Path

@@ -2,8 +2,6 @@
 the other says who holds it, and both are right.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

@@ -2,8 +2,6 @@
 and hardly a request more.
 """
 
-from __future__ import annotations
-
 import shutil
 import signal
 from collections import Counter

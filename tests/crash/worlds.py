@@ -2,8 +2,6 @@
 services, and the commands that it harms.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from pathlib import Path

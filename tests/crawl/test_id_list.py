@@ -1,7 +1,5 @@
 """Lists of ids in the forms that other tools write, read by the rules of each source."""
 
-from __future__ import annotations
-
 import gzip
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tests of `kb.crawl.job`."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.core.context import Run

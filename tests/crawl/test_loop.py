@@ -2,8 +2,6 @@
 failures, blocks.
 """
 
-from __future__ import annotations
-
 import signal
 import threading
 import time

@@ -2,8 +2,6 @@
 read in one run, and the fifty are counted. (The feed of test_loop.py has the same in every order.)
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

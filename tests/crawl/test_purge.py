@@ -1,7 +1,5 @@
 """A purge of damaged raw data: what can be read is purged, what can't be read is set aside."""
 
-from __future__ import annotations
-
 from kb.store.rawlog import quarantine
 from tests.youtube.job import Job
 from tests.youtube.test_damage import frames, job, overwrite, plain, segment, video_of

@@ -1,7 +1,5 @@
 """Tests of `kb.crawl.source`."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from kb.core.context import Run

@@ -9,8 +9,6 @@ Messages are read from the source text: first arguments and hints of errors, lin
 log, warnings, help texts, findings. `{…}` stands for what a complex expression fills in.
 """
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

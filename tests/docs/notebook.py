@@ -3,8 +3,6 @@
 python -m tests.docs.notebook FOLDER    FOLDER holds data/demo, as `kb demo` makes it there
 """
 
-from __future__ import annotations
-
 import ast
 import base64
 import contextlib

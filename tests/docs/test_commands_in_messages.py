@@ -2,8 +2,6 @@
 and can be typed as it stands.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

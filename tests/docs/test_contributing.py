@@ -1,7 +1,5 @@
 """Guides for contributors: their examples run, and what they name is there."""
 
-from __future__ import annotations
-
 import csv
 import importlib
 import re

@@ -3,8 +3,6 @@
 Whoever registered such a name there would be installed by our readers.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

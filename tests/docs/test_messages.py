@@ -1,7 +1,5 @@
 """tests/messages.txt lists the messages of the program as they are."""
 
-from __future__ import annotations
-
 import ast
 
 from tests.docs.messages import LIST, error_classes, listing, messages_of

@@ -1,7 +1,5 @@
 """docs/first-look.ipynb: its cells run where Jupyter opens it, and show what is stored in it."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

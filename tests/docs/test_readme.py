@@ -2,8 +2,6 @@
 what needs a real service is at least a real command.
 """
 
-from __future__ import annotations
-
 import doctest
 import os
 import re

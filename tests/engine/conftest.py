@@ -1,7 +1,5 @@
 """A Dask cluster of two worker processes on this machine, as a user would start one."""
 
-from __future__ import annotations
-
 import logging
 
 import pytest

@@ -1,7 +1,5 @@
 """Tasks that workers import by name."""
 
-from __future__ import annotations
-
 import os
 import time
 from pathlib import Path

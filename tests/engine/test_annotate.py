@@ -2,8 +2,6 @@
 and the filter finds it.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from kb.sandbox.server import Sandbox

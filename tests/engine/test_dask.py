@@ -2,8 +2,6 @@
 and what a user can set wrong.
 """
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import sys

@@ -2,8 +2,6 @@
 and signals are heard.
 """
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import os

@@ -2,8 +2,6 @@
 also when a worker is killed.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

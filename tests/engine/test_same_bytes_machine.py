@@ -1,7 +1,5 @@
 """Filter, export, pairs and release of one crawl: the same bytes wherever and however they run."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

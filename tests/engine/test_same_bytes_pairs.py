@@ -1,7 +1,5 @@
 """Pairs of a two-worker cluster are the bytes of the local engine, also when a worker is killed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

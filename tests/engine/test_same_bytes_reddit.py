@@ -1,7 +1,5 @@
 """Dumps imported by one worker, by two, and by a cluster that loses one: the same raw bytes."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

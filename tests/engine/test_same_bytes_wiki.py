@@ -2,8 +2,6 @@
 and one whose worker dies.
 """
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

@@ -1,7 +1,5 @@
 """A data root with clean rows, and a run at it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pyarrow as pa

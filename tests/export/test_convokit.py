@@ -2,8 +2,6 @@
 that ConvoKit loads it is tested with Reddit's filter.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Other layouts of pairs, read by what they are made for."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import shutil

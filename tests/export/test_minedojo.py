@@ -1,7 +1,5 @@
 """The published layout of MineDojo's YouTube file."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Export: released columns only, sorted, whole, and the same bytes whatever the clean parts."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Raw YouTube answers with a video for every reason."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """A data root in which one video is in every folder, for tests of purges, damage and indexes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from kb.core.config.pipeline import load, locate

@@ -1,7 +1,5 @@
 """Raw answers of YouTube by hand, and a run of the filter on them."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A user's own pipeline: its chains, stages and scorer."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The clean runner on YouTube's own pipeline: raw segments in, four answers out."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

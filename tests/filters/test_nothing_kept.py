@@ -1,7 +1,5 @@
 """`kb <source> filter` that keeps nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

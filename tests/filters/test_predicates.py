@@ -1,7 +1,5 @@
 """Predicates: one literal row a reason."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pyarrow as pa

@@ -1,7 +1,5 @@
 """What workers do for a bucket."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

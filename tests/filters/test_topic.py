@@ -1,7 +1,5 @@
 """The stage `topic`: what shows that a video is about the domain."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pyarrow as pa

@@ -1,7 +1,5 @@
 """Keys without an answer count as failed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from kb.filters.filter_run import run_clean

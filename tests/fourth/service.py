@@ -1,7 +1,5 @@
 """The feed's service on loopback, with faults that a test plants."""
 
-from __future__ import annotations
-
 import json
 import threading
 from collections import Counter

@@ -3,8 +3,6 @@
 The test adds them to a copy of the project and takes the source through every command.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

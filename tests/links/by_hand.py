@@ -1,7 +1,5 @@
 """The slow, obvious way to count who speaks of what: word by word, one text after the other."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Small clean tables of all three sources, and a run with keywords of its own."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

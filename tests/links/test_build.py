@@ -1,7 +1,5 @@
 """`kb links` on a data root: the same bytes however it is worked on; what follows it."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

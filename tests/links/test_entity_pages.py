@@ -1,7 +1,5 @@
 """Tests of `kb.links.entity_pages`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

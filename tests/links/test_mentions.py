@@ -1,7 +1,5 @@
 """What is counted, held against a reckoning word by word; which page is an entity's own."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 from typing import Any

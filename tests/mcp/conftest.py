@@ -1,7 +1,5 @@
 """A server over a small world, asked by a real client of the SDK over stdio."""
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Callable, Iterator

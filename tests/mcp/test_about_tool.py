@@ -1,7 +1,5 @@
 """`about`: contents, dates and licences."""
 
-from __future__ import annotations
-
 from kb.mcp.untrusted_text import LEAST
 from tests.mcp.conftest import Ask, outside
 

@@ -1,7 +1,5 @@
 """`query`: SQL that only reads, within limits."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

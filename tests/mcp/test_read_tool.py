@@ -1,7 +1,5 @@
 """`read`: the surroundings of a place."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.core.sources import SOURCES

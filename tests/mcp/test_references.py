@@ -1,7 +1,5 @@
 """References and links name places."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.core.errors import UsageError

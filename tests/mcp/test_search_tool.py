@@ -1,7 +1,5 @@
 """`search`: ranked answers of limited size."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from pathlib import Path

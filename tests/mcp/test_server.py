@@ -1,7 +1,5 @@
 """The server: its tools, errors, and its end."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Retrieved text can't leave its markers."""
 
-from __future__ import annotations
-
 import re
 
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Tests of what `read` shows of a wiki page."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.mcp.conftest import Ask, outside

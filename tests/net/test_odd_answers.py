@@ -1,7 +1,5 @@
 """Answers of services that no service gives: one line with what to do, never "unexpected"."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Space between requests, over all threads."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

@@ -1,7 +1,5 @@
 """Secrets pass no line."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 

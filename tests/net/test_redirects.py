@@ -1,7 +1,5 @@
 """No service can send us elsewhere: what is redirected to another host goes nowhere."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer

@@ -1,7 +1,5 @@
 """What is tried again, how often, and how long one waits."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

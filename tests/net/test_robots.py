@@ -1,7 +1,5 @@
 """Tests of `kb.net.robots`."""
 
-from __future__ import annotations
-
 from kb.net.robots import Robots, robots_url
 
 RULES = (

@@ -1,7 +1,5 @@
 """Plain HTTP against a real server on loopback."""
 
-from __future__ import annotations
-
 import socket
 import threading
 from collections.abc import Iterator

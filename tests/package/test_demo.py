@@ -2,8 +2,6 @@
 the whole job, and nothing left out.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """`make setup`, with stand-ins for Python, pip and apt that write down what they were asked."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """The wheel is whole: what a user installs works outside of the checkout."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

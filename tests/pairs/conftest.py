@@ -1,7 +1,5 @@
 """Keywords, a section and ways to run a batch that the tests of pairs share."""
 
-from __future__ import annotations
-
 import pyarrow as pa
 import pytest
 

@@ -1,7 +1,5 @@
 """Invented transcripts: words by Zipf's law, now and then a keyword, cues as YouTube makes them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

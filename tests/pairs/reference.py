@@ -3,8 +3,6 @@
 What the fast one is held against.
 """
 
-from __future__ import annotations
-
 import unicodedata
 from typing import NamedTuple
 

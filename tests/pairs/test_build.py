@@ -1,7 +1,5 @@
 """`kb pairs` on a data root: the same bytes however the work is cut, resumed and refilled."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Token counts are CLIP's own."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Rows of pairs: what holds for every pair of any transcript."""
 
-from __future__ import annotations
-
 import re
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Tests of `kb.pairs.keyword_forms`."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.pairs.keyword_forms import forms, plural, singular

@@ -1,7 +1,5 @@
 """Keywords proposed from a wiki's names."""
 
-from __future__ import annotations
-
 from kb.pairs.keyword_list import scan
 from kb.pairs.keyword_proposal import PageNames, propose
 from kb.pairs.matching import phrase

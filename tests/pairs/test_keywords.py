@@ -1,7 +1,5 @@
 """The keyword list: forms by rule, everyday words, and what a wrong list says."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

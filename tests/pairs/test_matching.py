@@ -1,7 +1,5 @@
 """Matching: whole words, case-folded, leftmost-longest, across cues, at exact positions."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """The choice of clips: all at once gives what one by one gives."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

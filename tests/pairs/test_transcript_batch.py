@@ -1,7 +1,5 @@
 """White space of every kind parts words, in as many bytes as it had."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

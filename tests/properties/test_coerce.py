@@ -1,7 +1,5 @@
 """Conversions of raw values, over everything that JSON can hold."""
 
-from __future__ import annotations
-
 import json
 from datetime import UTC, datetime, timedelta, timezone
 from typing import Any

@@ -1,7 +1,5 @@
 """The command's fixture, for tests of what it prints."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

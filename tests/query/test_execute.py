@@ -1,7 +1,5 @@
 """Damaged files are named, whatever part of a query meets them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Results as tables, CSV, JSON and on a terminal."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import json

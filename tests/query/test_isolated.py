@@ -1,7 +1,5 @@
 """Tests of queries in a process of their own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Where results go, and in which format."""
 
-from __future__ import annotations
-
 import io
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Queries only read the views."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

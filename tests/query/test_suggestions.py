@@ -1,7 +1,5 @@
 """Wrong names and queries: one line, with the nearest names."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Views of clean, released and restored tables, and their bare names."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import duckdb

@@ -1,7 +1,5 @@
 """A release of the demo, and a small one with three shards."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Clips of a keyword."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`kb.load`: data roots, releases, SQL and notebooks."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Tests of hints in tracebacks."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.core.errors import UsageError

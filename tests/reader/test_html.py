@@ -1,7 +1,5 @@
 """Text of others is escaped in notebooks."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import kb

@@ -1,7 +1,5 @@
 """Missing files and folders are errors, and never fewer rows."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

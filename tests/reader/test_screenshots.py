@@ -1,7 +1,5 @@
 """Screenshots from tars and data roots."""
 
-from __future__ import annotations
-
 import io
 import shutil
 import sys

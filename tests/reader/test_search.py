@@ -1,7 +1,5 @@
 """Search over a download."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Tables and their conversions."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

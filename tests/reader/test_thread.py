@@ -1,7 +1,5 @@
 """Threads, with and without texts."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Wiki pages with their boxes, facts and recipes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Recorded exchanges with Reddit (PRAW's own cassettes), as answers of a requests adapter."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any, NamedTuple

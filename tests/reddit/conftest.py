@@ -1,7 +1,5 @@
 """A small subreddit on loopback, and one whole job for what a finished data root shows."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

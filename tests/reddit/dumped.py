@@ -1,7 +1,5 @@
 """Dumps by hand, and what an import made of them."""
 
-from __future__ import annotations
-
 import json
 import signal
 import time

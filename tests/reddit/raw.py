@@ -1,7 +1,5 @@
 """Raw answers by hand: literal posts and comments as the services give them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

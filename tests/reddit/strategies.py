@@ -1,7 +1,5 @@
 """Hypothesis strategies for raw answers of Reddit whose fields hold anything."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """A purge leaves no trace of posts and comments."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

@@ -2,8 +2,6 @@
 and the card.
 """
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The toxicity stage on titles, bodies and comments, and scores of texts that a purge took away."""
 
-from __future__ import annotations
-
 from hashlib import sha256
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A user's work on Reddit's sandbox, in this process; `job` runs `kb` as a process of its own."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

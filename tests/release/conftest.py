@@ -1,7 +1,5 @@
 """A released root made once, for tests that only read it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

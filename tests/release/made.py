@@ -4,8 +4,6 @@ Values are invented and the same on every run. No crawl is needed, so that each 
 tested with one wrong value.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 from collections.abc import Callable

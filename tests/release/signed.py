@@ -1,7 +1,5 @@
 """The shipped profile with a creator and a contact, without which nothing is published."""
 
-from __future__ import annotations
-
 import tempfile
 from functools import cache
 from pathlib import Path

@@ -2,8 +2,6 @@
 tombstones, samples.
 """
 
-from __future__ import annotations
-
 import json
 from datetime import datetime
 from pathlib import Path

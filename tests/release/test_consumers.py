@@ -5,8 +5,6 @@ Offline: DuckDB, pyarrow, polars, Hugging Face datasets, mlcroissant, sha256sum,
 zenodo.json.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

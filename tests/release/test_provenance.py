@@ -1,7 +1,5 @@
 """What a folder was made with, what changed since the release before, and who made it."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import logging

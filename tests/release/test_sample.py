@@ -1,7 +1,5 @@
 """Samples are small and hold whole groups."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

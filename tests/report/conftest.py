@@ -1,7 +1,5 @@
 """A report of all figures, for whoever only reads it."""
 
-from __future__ import annotations
-
 import functools
 import json
 import warnings

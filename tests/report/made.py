@@ -1,7 +1,5 @@
 """Runs over made data, and the report of one source alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """The page in the real browser: on a phone and on a desk, without any request or error."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from pathlib import Path

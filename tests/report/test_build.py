@@ -1,7 +1,5 @@
 """`kb report` over made data: every figure, the same bytes twice, and what is missing."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Charts scale to what they show."""
 
-from __future__ import annotations
-
 from kb.report.charts import bars, even, over_time
 
 

@@ -1,7 +1,5 @@
 """Labels of figures."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from kb.report.figure_style import readable

@@ -1,7 +1,5 @@
 """Figures that several sources share."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

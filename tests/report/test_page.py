@@ -1,7 +1,5 @@
 """The page needs nothing outside itself, and texts stay texts."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Figures of pairs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from kb.core.config.profile import load_profile

@@ -1,7 +1,5 @@
 """A page with the boxes of its elements."""
 
-from __future__ import annotations
-
 import re
 from io import BytesIO
 from pathlib import Path

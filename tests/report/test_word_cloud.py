@@ -1,7 +1,5 @@
 """Word clouds."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Figures of videos."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import duckdb

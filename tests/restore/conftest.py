@@ -1,7 +1,5 @@
 """A release that somebody made, and the services that its content is still on."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

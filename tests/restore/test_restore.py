@@ -2,8 +2,6 @@
 nothing that was removed.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

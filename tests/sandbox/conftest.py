@@ -1,7 +1,5 @@
 """A running sandbox, and the real clients pointed at it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

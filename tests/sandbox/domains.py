@@ -1,7 +1,5 @@
 """Three domains of different kinds, small: a craft, a science, a game that is not Minecraft."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Worlds made of a profile: its words in everything, the same planted cases, none of another's."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

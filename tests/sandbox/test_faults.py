@@ -1,7 +1,5 @@
 """What goes wrong on purpose does so exactly as planned."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Ids of the invented world can't exist on the real services, and our own readers take them."""
 
-from __future__ import annotations
-
 import base64
 
 from kb.sandbox.invented_ids import PEOPLE

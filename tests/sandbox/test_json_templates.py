@@ -1,7 +1,5 @@
 """Tests of filling in the answers of the sandbox."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Tests of the servers of the sandbox."""
 
-from __future__ import annotations
-
 import pytest
 import requests
 

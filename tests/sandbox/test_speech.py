@@ -1,7 +1,5 @@
 """What is said in the invented world: as long as its video, grammatical, each video its own."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 

@@ -1,7 +1,5 @@
 """The tiny toxicity model is unpacked without torch."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The invented world is the same everywhere, covers every case, and grows."""
 
-from __future__ import annotations
-
 import hashlib
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Keys leave an answer by what its schema says, and nothing else of it changes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Tests of `kb.schema.declaration`."""
 
-from __future__ import annotations
-
 from kb.schema.declaration import check_table
 
 

@@ -1,7 +1,5 @@
 """Tests of `kb.schema.nested_elements`."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.schema.nested_elements import ancestors, is_outermost

@@ -2,8 +2,6 @@
 wrong ones named.
 """
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Tests of `kb.schema.table_check`."""
 
-from __future__ import annotations
-
 import pyarrow as pa
 import pytest
 

@@ -2,8 +2,6 @@
 and code can't write what is not declared.
 """
 
-from __future__ import annotations
-
 import json
 import tomllib
 from pathlib import Path

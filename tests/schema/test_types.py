@@ -1,7 +1,5 @@
 """Tests of `kb.schema.types`."""
 
-from __future__ import annotations
-
 import pyarrow as pa
 
 from kb.schema.types import parse_type

@@ -1,7 +1,5 @@
 """`kb index` and `kb search` on a clean world with one right place for each question."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

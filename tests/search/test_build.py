@@ -1,7 +1,5 @@
 """Tests of `kb.search.build`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

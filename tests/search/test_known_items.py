@@ -5,8 +5,6 @@ action and another animal apart. It is crawled by the real clients, and every li
 followed on the services to the very place that it names.
 """
 
-from __future__ import annotations
-
 import html
 import random
 import re

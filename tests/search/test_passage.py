@@ -1,7 +1,5 @@
 """Tests of `kb.search.passage`."""
 
-from __future__ import annotations
-
 from kb.search.passage import RowsByKey, pieces, plain
 
 

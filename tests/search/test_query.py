@@ -1,7 +1,5 @@
 """Tests of `kb.search.query`."""
 
-from __future__ import annotations
-
 from kb.search.query import Term, question
 
 

@@ -4,8 +4,6 @@ The answers are read in place and put into clean tables; eight questions more, o
 MediaWiki renders it, are in test_known_items.py.
 """
 
-from __future__ import annotations
-
 import html
 import json
 from collections.abc import Iterator

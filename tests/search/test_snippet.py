@@ -1,7 +1,5 @@
 """Tests of `kb.search.snippet`."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

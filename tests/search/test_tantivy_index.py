@@ -1,7 +1,5 @@
 """Tests of `kb.search.tantivy_index`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from kb.search import tantivy_index

@@ -1,7 +1,5 @@
 """Tests of `kb.search.wiki_passages`."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.search.wiki_passages import grid, link

@@ -1,7 +1,5 @@
 """Tests of `kb.search.youtube_passages`."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.search.youtube_passages import LEAST, MOST, talk

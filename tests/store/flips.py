@@ -4,8 +4,6 @@ what was written.
 `python -m tests.store.flips ROOT COUNT [SEED]` tries COUNT of them over a data root.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import sys

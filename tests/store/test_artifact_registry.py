@@ -1,7 +1,5 @@
 """Every folder that a command makes is declared once, and found by its path."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

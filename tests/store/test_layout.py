@@ -1,7 +1,5 @@
 """Paths under the data root are written in kb/store/layout.py and nowhere else."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

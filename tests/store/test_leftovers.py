@@ -1,7 +1,5 @@
 """What killed queries spilled: cleared by whoever gets a lock, never taken from a running one."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tests of `kb.store.lock`."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

@@ -1,7 +1,5 @@
 """Tests of `kb.store.process`."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """A small data root with everything that YouTube has, and a release of every source."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

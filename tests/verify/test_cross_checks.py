@@ -1,7 +1,5 @@
 """Tests of `kb.verify.cross_checks`."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`kb verify`: every damaged, missing and foreign file is found, and what can be is mended."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """One browser pool, one small page server and one MediaWiki for all tests of the wiki room."""
 
-from __future__ import annotations
-
 import shutil
 import threading
 import time

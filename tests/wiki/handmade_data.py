@@ -1,7 +1,5 @@
 """Raw answers of a wiki and captured pages, by hand: no browser and no wiki."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -2,8 +2,6 @@
 each differing from the first in one slot or one field. Given under CC0 1.0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 

@@ -2,8 +2,6 @@
 1.0.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from PIL import Image, ImageDraw

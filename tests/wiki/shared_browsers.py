@@ -6,8 +6,6 @@ and one that hung or died was ended and never comes back. That a crawl's own bro
 is what tests without this say (tests/wiki/browser/test_pool.py, crawls in processes of their own).
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager

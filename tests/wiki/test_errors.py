@@ -1,7 +1,5 @@
 """Tests of the errors of URLs and of the browser."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.wiki import errors

@@ -1,7 +1,5 @@
 """The released tar shards and MineDojo's layout, from rows made by hand."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

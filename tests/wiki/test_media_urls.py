@@ -1,7 +1,5 @@
 """Originals, file titles, licences, titles files: pure functions, one literal case a line."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.wiki import media_urls

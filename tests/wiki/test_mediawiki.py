@@ -1,7 +1,5 @@
 """The whole way on a real MediaWiki: crawl, edit, delete, move, crawl again, filter."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from collections import Counter

@@ -1,7 +1,5 @@
 """A page's images leave the raw answers with it, however their names are written in addresses."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

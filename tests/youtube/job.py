@@ -2,8 +2,6 @@
 services.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import subprocess

@@ -2,8 +2,6 @@
 price that was promised.
 """
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections import Counter

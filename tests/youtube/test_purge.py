@@ -1,7 +1,5 @@
 """Purge: what was named or has vanished leaves every folder, and nothing brings it back."""
 
-from __future__ import annotations
-
 import shutil
 import signal
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """What YouTube's site shows to a client that it turns away: the marks of the recorded pages."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from kb.sandbox.youtube.player import SITE, player_answer

@@ -1,7 +1,5 @@
 """`kb restore`: the content of a downloaded release."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path

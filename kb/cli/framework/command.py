@@ -19,8 +19,6 @@ printed as the command's summary; None prints nothing. A `KbError` may carry the
 `.summary`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import inspect
 import signal

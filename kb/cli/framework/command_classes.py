@@ -1,7 +1,5 @@
 """Click classes of commands: the order of options in `--help`, suggestions, `--dumps FILE…`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -5,8 +5,6 @@
 The traceback is shown with --debug only.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import sys

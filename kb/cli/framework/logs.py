@@ -1,7 +1,5 @@
 """Log lines on stderr, ours and those of libraries, with secrets redacted."""
 
-from __future__ import annotations
-
 import logging
 import os
 import sys

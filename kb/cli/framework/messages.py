@@ -4,8 +4,6 @@ Every line has secrets redacted, and escape sequences made harmless. Commands th
 are completed with the --data and --profile of this call, so that they can be typed as shown.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

@@ -1,7 +1,5 @@
 """Progress on stderr: bars on a terminal, plain lines elsewhere, nothing with --quiet."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from typing import Any

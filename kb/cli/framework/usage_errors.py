@@ -1,7 +1,5 @@
 """Wrong commands and options: what the user probably meant."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Addresses of services: which are on this machine, and which may be asked in the clear."""
 
-from __future__ import annotations
-
 import ipaddress
 from urllib.parse import urlsplit
 

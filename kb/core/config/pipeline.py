@@ -1,7 +1,5 @@
 """Pipelines are files loaded by path, shipped ones and a user's own alike."""
 
-from __future__ import annotations
-
 import importlib.util
 from functools import cache
 from pathlib import Path

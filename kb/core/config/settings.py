@@ -3,8 +3,6 @@
 Names and meanings are the contract's; `.env.example` lists them.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import re

@@ -1,7 +1,5 @@
 """Names in `.env` and in the environment that look like settings of Lorecrawl but are unknown."""
 
-from __future__ import annotations
-
 import difflib
 import os
 from collections.abc import Iterable

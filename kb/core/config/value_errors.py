@@ -4,8 +4,6 @@ wrong(problem, field)   "must be a list, such as [\"Minecraft\"]"
 shown(value)            the value as it would be written in a profile, shortened
 """
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -5,8 +5,6 @@ The line of a command, `kb status` and the reference page are made of this table
 A name that is written `command.name` says it for that command alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

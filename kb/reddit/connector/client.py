@@ -4,8 +4,6 @@ PRAW logs in and signs requests; retries and waiting are Lorecrawl's, so that ev
 the ledger before it is sent and a signal ends every wait.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from datetime import timedelta

@@ -1,7 +1,5 @@
 """What a crawl of Reddit begins with: the profile's listings, new rounds of them, spans of time."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from kb.core.config.profile.reddit import RedditSection as Section

@@ -7,8 +7,6 @@ anything else about one post                            Retryable
 anything else about us                                  FatalError
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import prawcore.exceptions as wrong

@@ -1,7 +1,5 @@
 """`kb reddit import`: archive dumps → raw envelopes, one task per file, resumable after SIGKILL."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """The question of `kb profile check --online` to Reddit: the subreddit's description."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from kb.core.config.profile.check_finding import (

@@ -1,7 +1,5 @@
 """What reading Reddit would take: a crawl, a refresh, a reconstruction. Sends nothing."""
 
-from __future__ import annotations
-
 import math
 import tempfile
 from collections.abc import Sequence

@@ -7,8 +7,6 @@ thread    "<post>/<comment>" of "continue this thread"
 info      full names that are asked for by name         Named
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec

@@ -5,8 +5,6 @@ read live more than the profile's `max_age_days` ago. The filter uses the newer 
 reddit` removes what was deleted, removed or is missing.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Collection, Iterator
 from contextlib import closing

@@ -4,8 +4,6 @@ Work that completes a post goes first: stubs, then threads, then the next post's
 the next page of a listing. So `--limit N` reads no more listings than N posts need.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from datetime import datetime
 from functools import cached_property

@@ -5,8 +5,6 @@ kb.reddit.dumps.subreddit_search looks into them. What is cut off or damaged is 
 fatal.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path

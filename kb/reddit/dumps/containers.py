@@ -11,8 +11,6 @@ first bytes, never by their names.
 A truncated or damaged file yields everything before the damage, and `ReadProgress` says so.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Callable, Iterator

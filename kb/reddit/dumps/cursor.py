@@ -5,8 +5,6 @@ The next start completes a noted segment whose last rename is missing and delete
 no note names, as their records are read again.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import threading

@@ -1,7 +1,5 @@
 """Chunks of a dump → the wanted records, anonymized and as JSON. Runs in an import's workers."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from functools import cache
 from pathlib import Path

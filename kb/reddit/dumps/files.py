@@ -1,7 +1,5 @@
 """Which dumps an import or a reconstruction reads: named files, and dumps in named folders."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path

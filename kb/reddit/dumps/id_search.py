@@ -12,8 +12,6 @@ finds them, at the same rate, and the id decides.
     ids/bits                        a bit for each checksum; at most one of 32 is set
 """
 
-from __future__ import annotations
-
 import mmap
 from array import array
 from bisect import bisect_left

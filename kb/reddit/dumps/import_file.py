@@ -4,8 +4,6 @@ An envelope has the form of a Listing with 100 things, so that the reader of liv
 The cursor is saved whenever a segment is complete, and when the run is asked to stop.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections import deque

@@ -4,8 +4,6 @@ A whole chunk is searched before anything is parsed. Only lines with a hit are p
 checked; of the others only the first and last characters are checked.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache, lru_cache

@@ -5,8 +5,6 @@ release can't be tried out against lists of names. Beside it stands by what it i
 another key the same person would be two people in old and new rows.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 import secrets

@@ -4,8 +4,6 @@ Forms (recorded in tests): a Listing (listings, search, info); two Listings (a p
 post, then nested comments); `json.data.things` (morechildren, flat); dumps are written as Listings.
 """
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 

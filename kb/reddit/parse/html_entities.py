@@ -9,8 +9,6 @@ A bare `&` is one that begins no entity: `&#` with decimal digits, `&#x` with he
 `&` with a name of HTML 5, each up to its `;` (https://html.spec.whatwg.org/#character-references).
 """
 
-from __future__ import annotations
-
 import html
 import re
 from collections.abc import Iterable

@@ -4,8 +4,6 @@ The rows of the raw log are partitioned into buckets on disk, as in `kb reddit f
 bucket is reduced to one row per thing. Memory is bounded by a piece of a segment, then by a bucket.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager

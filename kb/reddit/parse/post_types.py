@@ -1,7 +1,5 @@
 """What a post is, by what it holds and not by one unreliable hint (`post_hint` lacks on many)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 from urllib.parse import urlsplit

@@ -4,8 +4,6 @@ A value that can't be read is null, and the list `problems` of its row says why:
 value).
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable

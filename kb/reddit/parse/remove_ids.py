@@ -9,8 +9,6 @@ Where keys stand in what was asked, and which fields a crosspost copies, `schema
 entries go, but not trees in which replies take the place of what goes and stubs count it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Posts and comments of released folders, as a job of `kb restore`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -13,8 +13,6 @@ was in flight; then kb.artifacts.restore adds them to the tables of earlier runs
     out/.work-<digest>                              raw answers of an unfinished run
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 import shutil

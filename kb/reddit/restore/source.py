@@ -1,7 +1,5 @@
 """The crawl of a reconstruction: known ids and whole trees, into its work folder."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator
 from dataclasses import replace
 from pathlib import Path

@@ -4,8 +4,6 @@
 added. An empty list opens the gate. Nothing is written here.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Tables and the index of the archives are joined in DuckDB, so memory does not gr
 of images.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -10,8 +10,6 @@ Game talk is full of figures, so a phone number is one of these forms only, and 
 Coordinates, counts, seeds, versions and dates have none of them, or too few different digits.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the gate finds: one line each, with what to do."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 

@@ -5,8 +5,6 @@ The sentences are in templates/about/ and fit any domain, further ones in the pr
 around them are measured (kb.release.metadata.measure).
 """
 
-from __future__ import annotations
-
 import functools
 import tomllib
 from collections.abc import Callable

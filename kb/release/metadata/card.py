@@ -9,8 +9,6 @@ law         LICENSE: whose the data is, then the legal text
 Figures come from kb.release.metadata.measure, sentences on a source from kb.release.metadata.about.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from kb import __version__

@@ -5,8 +5,6 @@ croissant-rai-spec.html. Made without mlcroissant, which the tests use to valida
 every record.
 """
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The figures of a release folder, as its card, datasheet and metadata tell them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any

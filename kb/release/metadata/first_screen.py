@@ -4,8 +4,6 @@ The picture is text, as a card is read in many places: a bar for each step of th
 the most frequent keywords.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from kb.core.source_spec import ReleaseSpec

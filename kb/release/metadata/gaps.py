@@ -2,8 +2,6 @@
 sentences for card and datasheet.
 """
 
-from __future__ import annotations
-
 from duckdb import DuckDBPyConnection
 
 from kb.artifacts.release_folder import ReleaseFolder

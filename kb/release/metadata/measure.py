@@ -3,8 +3,6 @@
 Only counts, extremes and medians over the whole data: the same data gives the same figures.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from itertools import chain

@@ -10,8 +10,6 @@ Nothing is escaped by default, as Markdown, YAML and BibTeX differ: a template n
 | `flow`   | a block of the template as one line               |
 """
 
-from __future__ import annotations
-
 import json
 import re
 from datetime import datetime

@@ -5,8 +5,6 @@ becomes CC0 there, so `license` has no default here. The codes of languages are 
 and 639-2 (terminological), https://www.loc.gov/standards/iso639-2/.
 """
 
-from __future__ import annotations
-
 import html
 from typing import Annotated, Literal
 

@@ -3,8 +3,6 @@
 Each folder is sent by kb.release.publish.upload, which goes on where it was cut off.
 """
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import Any

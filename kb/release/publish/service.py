@@ -5,8 +5,6 @@ deposit is named), 400 what the service says field by field, 429 a wait or exit 
 and broken connections a few more tries and then exit 3.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

@@ -6,8 +6,6 @@ files whose md5 differs; a draft that was published meanwhile with these files i
 repeated.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

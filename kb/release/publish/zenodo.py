@@ -4,8 +4,6 @@ Source: https://developers.zenodo.org. Only what a release needs: create, list, 
 metadata, publish, new version. Errors are those of kb.release.publish.service.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -3,8 +3,6 @@
 Both hosts (www and oauth) are one root here. Forms and limits are those of the recorded answers.
 """
 
-from __future__ import annotations
-
 import base64
 import html
 import json

@@ -4,8 +4,6 @@ The first posts cover every case once (CASES); the rest are ordinary. Insults ar
 for the sandbox's toxicity model. Times are fixed, so that the same seed gives the same world.
 """
 
-from __future__ import annotations
-
 import random
 import re
 from functools import cached_property, partial

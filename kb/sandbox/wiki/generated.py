@@ -5,8 +5,6 @@ Beside the recorded pages where the domain has these, alone with a main page els
 profile's own markup. In the later state the first page was edited and the last one deleted.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from functools import cache

@@ -3,8 +3,6 @@
 States: the first one, and a later one after some edits, a deletion, a move and a new page.
 """
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from pathlib import Path

@@ -5,8 +5,6 @@ The pages are recorded ones (kb/sandbox/wiki/recorded.py) and ones generated for
 "later", after some edits, a deletion, a move and a new page.
 """
 
-from __future__ import annotations
-
 import json
 import mimetypes
 from typing import Any

@@ -5,8 +5,6 @@ long, manual English captions) in the fewest places. `stage` is the stage that r
 it is kept: the tests' own answer sheet. Stages are the contract's.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator

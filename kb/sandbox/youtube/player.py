@@ -3,8 +3,6 @@
 It is written down in data/youtube/player.json.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 from urllib.parse import urlencode

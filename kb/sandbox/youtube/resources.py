@@ -4,8 +4,6 @@ Source: https://developers.google.com/youtube/v3/docs (search, channels, playlis
 videos).
 """
 
-from __future__ import annotations
-
 import hashlib
 import html
 from functools import partial

@@ -4,8 +4,6 @@ Units are counted a Pacific day and bucket in `world.used`, up to `world.quota`.
 fails for its key or for a spent bucket costs nothing; every other one costs a unit, 404 included.
 """
 
-from __future__ import annotations
-
 import base64
 import binascii
 import json

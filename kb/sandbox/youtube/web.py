@@ -5,8 +5,6 @@ that key) the caption tracks, a track's address the text. Lighter than the real 
 compressed), same places.
 """
 
-from __future__ import annotations
-
 import html
 import json
 from functools import partial

@@ -3,8 +3,6 @@
 Source: https://developers.zenodo.org ("Representation", "Errors").
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -7,8 +7,6 @@ Source: https://developers.zenodo.org ("Depositions", "Deposition files", "Depos
 "Errors").
 """
 
-from __future__ import annotations
-
 import itertools
 import threading
 import uuid

@@ -10,8 +10,6 @@ by the next one. The command that finds damage ends with exit 1 and names it; th
 again, and until it has, `check` keeps filters from taking what is lost for what never was.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Collection, Iterable
 from pathlib import Path

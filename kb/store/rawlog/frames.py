@@ -1,7 +1,5 @@
 """The zstd frames of a file that may be damaged."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import BinaryIO
 

@@ -3,8 +3,6 @@
 raw/<source>/<kind>/….ndjson.zst.damaged-<offset>      the damaged bytes, for whoever can fix them
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO

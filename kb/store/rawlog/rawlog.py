@@ -10,8 +10,6 @@ cut back to its last whole frame when its writer starts again; what the state ha
 never cut (kb.store.rawlog.damaged_answers).
 """
 
-from __future__ import annotations
-
 import os
 import re
 import uuid

@@ -7,8 +7,6 @@ that a live answer goes through, so nothing that was answered is asked again. Wh
 and the raw data have lost is (kb.store.rawlog.damaged_answers).
 """
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Callable, Collection, Iterable

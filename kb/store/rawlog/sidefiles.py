@@ -7,8 +7,6 @@ Whoever meets one that is not what it was notes it, without any lock; the next c
 as `<name>.damaged` and asks again for what it held.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Collection, Iterable

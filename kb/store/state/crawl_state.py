@@ -4,8 +4,6 @@ One connection guarded by one lock: threads of a crawl share it. Readers (`kb st
 read-only beside a running crawl (write-ahead log).
 """
 
-from __future__ import annotations
-
 import contextlib
 import sqlite3
 import threading

@@ -1,7 +1,5 @@
 """The items that a crawl still has to fetch, by kind and status."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path

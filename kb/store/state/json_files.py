@@ -1,7 +1,5 @@
 """Reads small typed JSON files of a data root; a damaged one is named in the error."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, TypeVar, overload
 

@@ -1,7 +1,5 @@
 """A data root remembers which services its data came from; mixing two would spoil both."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from urllib.parse import urlsplit
 

@@ -8,8 +8,6 @@ Whoever reads takes the union of both, and of other copies beside the first one.
 makes both whole.
 """
 
-from __future__ import annotations
-
 import filecmp
 from collections.abc import Collection, Iterable
 from pathlib import Path

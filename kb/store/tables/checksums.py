@@ -8,8 +8,6 @@ Whoever reads a file asks `check` first: it compares the bytes with what is reco
 process. Files without a record are read as they are.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

@@ -6,8 +6,6 @@ command was typed. DuckDB removes it at the end; what a killed process left ther
 may have been purged since, so kb.store.leftovers asks `abandoned` and clears it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import os

@@ -1,7 +1,5 @@
 """Deduplication: keeps the newest of several rows with one key."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import pyarrow as pa

@@ -6,8 +6,6 @@ handed out: a few Arrow calls for about a row group of rows. Files that are not 
 the right way are sorted first, one at a time (each was written from memory once).
 """
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence

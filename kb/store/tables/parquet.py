@@ -5,8 +5,6 @@ is read. What lies between the pages is covered by the SHA-256 in the manifest o
 (kb.store.tables.checksums), which also covers rows that come by DuckDB: it verifies no page.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path

@@ -5,8 +5,6 @@ with reading(files):                    # what a library says of a broken file b
     con.execute(f"SELECT count(*) FROM {scan(files)}")
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import re

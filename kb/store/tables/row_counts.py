@@ -1,7 +1,5 @@
 """Counts kept, rejected, failed and pending rows in clean/<source> for all summaries."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from datetime import datetime
 from pathlib import Path

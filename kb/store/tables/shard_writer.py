@@ -8,8 +8,6 @@ Bytes depend on the rows alone: each row group is written from one contiguous bl
 boundaries can't follow from how the rows arrived, and nothing in the file tells the time.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path

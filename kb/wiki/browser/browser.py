@@ -4,8 +4,6 @@ The browser gets a fresh profile and home folder, none of our environment variab
 only the hosts of the wiki.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

@@ -3,8 +3,6 @@
 We start the driver, not Selenium, so that we can end its whole process group.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import select

@@ -1,7 +1,5 @@
 """Keeps a pool of browsers, one per worker, and replaces those that hang or die."""
 
-from __future__ import annotations
-
 import contextlib
 import threading
 from collections.abc import Callable

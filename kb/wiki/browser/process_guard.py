@@ -7,8 +7,6 @@ ends the sessions that are still registered. If the guard is killed together wit
 the driver, and the browser exits because the pipe of its driver closes.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import functools

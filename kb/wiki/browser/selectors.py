@@ -3,8 +3,6 @@
 Pages are only parsed: no script runs and nothing is loaded.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import NamedTuple

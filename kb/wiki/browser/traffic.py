@@ -3,8 +3,6 @@
 Scripts of the page see neither Retry-After nor why an image failed; the log has both.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from typing import Any

@@ -4,8 +4,6 @@ Sizes come from headers. Only files within `max_pixels` are decoded further, for
 animation. SVG is read as text; its scripts never run.
 """
 
-from __future__ import annotations
-
 import io
 import re
 import warnings

@@ -1,7 +1,5 @@
 """Captures one page as a reader sees it: load, settle, extract, take the screenshot."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -7,8 +7,6 @@ pages and images. It governs the API only where it names us (`WikiHosts.barred`)
 wikis bar the folder of their scripts to crawlers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from html.parser import HTMLParser
 from typing import Any

@@ -4,8 +4,6 @@ A round reads the complete list of pages, or named titles; `--again` starts a ne
 is done. At its end, pages that the wiki no longer has become tombstones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Fetches each kind of item from the wiki, as answers to be recorded."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from functools import partial

@@ -1,7 +1,5 @@
 """Requests from the wiki's hosts over plain HTTP: API, robots.txt and image files."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import threading

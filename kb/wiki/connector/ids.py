@@ -1,7 +1,5 @@
 """Reads lists of wiki pages: titles, URLs or page ids."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Collection
 from functools import partial

@@ -1,7 +1,5 @@
 """Asks the wiki for its description and some pages, for `kb profile check --online`."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterator
 from typing import TypeVar

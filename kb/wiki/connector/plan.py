@@ -1,7 +1,5 @@
 """Estimates the remaining work of a wiki crawl. Sends and writes nothing."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -12,8 +12,6 @@ files     address          an original image file
 A round of the whole list is "1", "2" …; one of named titles is "t1", "t2" … .
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec

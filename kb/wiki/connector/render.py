@@ -1,7 +1,5 @@
 """Captures one page in at most `max_tries` tries and stores its files."""
 
-from __future__ import annotations
-
 import hashlib
 import shutil
 import tempfile

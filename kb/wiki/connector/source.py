@@ -8,8 +8,6 @@ pages    each new revision in the browser     raw kind renders, raw/wiki/pages/
 files    the original images                raw kinds imageinfo, files, raw/wiki/images/
 """
 
-from __future__ import annotations
-
 import threading
 from collections import Counter
 from collections.abc import Iterator, Sequence

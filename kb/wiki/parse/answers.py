@@ -5,8 +5,6 @@ shape, an answer may be incomplete. None of these says anything about a page. Th
 checked first (`problem`), and a page absent from the answer is "unanswered", never "missing".
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 from urllib.parse import unquote

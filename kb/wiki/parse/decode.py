@@ -3,8 +3,6 @@
 Bad values in the wiki's answers never raise: they are null and listed in `problems`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache

@@ -4,8 +4,6 @@ Extractions are decoded to types with the fields that `schemas/tables/wiki/` nam
 those that its rules read. One of another form is read field by field, to the same records.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from typing import Any

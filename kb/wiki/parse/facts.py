@@ -4,8 +4,6 @@ The extraction has texts as shown. Names and units are derived here, by the prof
 other rules need no new crawl. Pages captured by versions before these tables have no rows in them.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache

@@ -1,7 +1,5 @@
 """Reads titles, redirects and categories of a crawled wiki's pages from raw answers."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any, NamedTuple

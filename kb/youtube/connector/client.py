@@ -1,7 +1,5 @@
 """The Data API through Google's client: one call, its unit in the ledger, its errors sorted."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """What a crawl begins with: keywords, another part's channels, what gets another chance."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Collection
 from pathlib import Path

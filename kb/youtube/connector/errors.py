@@ -3,8 +3,6 @@
 Source: https://developers.google.com/youtube/v3/docs/errors
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from kb.core.errors import CredentialRefused, ItemFinal, KbError, Retryable

@@ -1,7 +1,5 @@
 """What to ask the Data API and the web site for, and how the answer is recorded."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from functools import partial

@@ -1,7 +1,5 @@
 """Video ids from a list, and the share of one machine of several."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The question of `kb profile check --online` to YouTube: one channel search."""
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path

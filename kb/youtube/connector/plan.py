@@ -5,8 +5,6 @@ from this data root as far as it was crawled, else from the assumptions below, a
 which.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ Both are full of signed addresses, the visitor's data and public keys; nothing b
 leaves this file.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

@@ -6,8 +6,6 @@ statistics videos.batchGetStats, 1 a call
 web        requests to the public site: no units, counted only
 """
 
-from __future__ import annotations
-
 from datetime import UTC, datetime, timedelta
 from zoneinfo import ZoneInfo
 

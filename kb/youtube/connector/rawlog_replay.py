@@ -4,8 +4,6 @@ Only the fields that kb.youtube.connector.reduce reads are decoded, and their ch
 together, so that rebuilding a state costs little more than reading the log.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path

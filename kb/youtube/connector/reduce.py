@@ -10,8 +10,6 @@ statistics    key video id: counts to be read again → refresh, for those that 
 refresh       key video id: metadata to be read again
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any

@@ -10,8 +10,6 @@ Newer answers win when filtering. Only videos.list says that a video is gone, as
 does not answer all or nothing; such a video becomes `missing`, and `kb purge youtube` removes it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection
 from datetime import timedelta

@@ -12,8 +12,6 @@ used side by side.
     plan, refresh, purge
 """
 
-from __future__ import annotations
-
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence

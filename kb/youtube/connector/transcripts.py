@@ -6,8 +6,6 @@ Preference: manual track of the language, automatic one, manual of another langu
 automatic translated.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from typing import Any

@@ -8,8 +8,6 @@ what the API says of a video may not be stored for long without being read again
     state/youtube-check/<list>.json     counts of one that is
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 import re

@@ -7,8 +7,6 @@
 A video with a row, and one whose reason is final, is not asked for again without --again.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace

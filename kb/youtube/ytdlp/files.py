@@ -4,8 +4,6 @@ yt-dlp names files by a template that users change. Its default is `TITLE [ID].E
 most frequent other one. SubtitleName have their language before the suffix.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterable, Iterator

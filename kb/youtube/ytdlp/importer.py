@@ -5,8 +5,6 @@ log is not read again, so the same command goes on after a kill and repeats noth
 as the disk lists them, a few at a time.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections import Counter

@@ -10,8 +10,6 @@ Automatic tracks have the time of every word. A vtt file does not tell how long 
 the next one is there; automatic cues are cut there anyway (kb.youtube.parse.assemble).
 """
 
-from __future__ import annotations
-
 import html
 import json
 import re

@@ -5,8 +5,6 @@ the video's info.json; then the times of words, which automatic tracks alone hav
 them that no info.json lists counts as manual.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator
 from functools import cache

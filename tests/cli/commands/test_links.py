@@ -1,7 +1,5 @@
 """Tests of `kb links` at the command line."""
 
-from __future__ import annotations
-
 import json
 
 import pyarrow as pa

@@ -1,7 +1,5 @@
 """Tests of `kb release` and `kb release publish` at the command line."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

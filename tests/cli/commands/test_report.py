@@ -1,7 +1,5 @@
 """Tests of `kb report` at the command line."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`kb sandbox` as a process: settings on stdout, a command with them, an end by SIGTERM."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

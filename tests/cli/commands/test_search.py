@@ -1,7 +1,5 @@
 """Tests of `kb index` and `kb search` at the command line."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

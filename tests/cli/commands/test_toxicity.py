@@ -1,7 +1,5 @@
 """`kb annotate` and `kb models` as a user types them, on a small crawl of the sandbox."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

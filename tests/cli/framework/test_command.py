@@ -1,7 +1,5 @@
 """Options that each command takes and refuses; signals while one runs."""
 
-from __future__ import annotations
-
 import json
 import re
 import signal

@@ -1,7 +1,5 @@
 """Help texts: sections, descriptions, examples."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """Tests of the settings of commands in a demo's data root."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Exit codes, and the line on stderr that goes with them."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """Tests of log lines on stderr."""
 
-from __future__ import annotations
-
 import logging
 import sys
 

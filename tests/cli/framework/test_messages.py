@@ -1,7 +1,5 @@
 """Commands in messages are completed with the options of this call."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Settings, profile and data root are checked before anything is written."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

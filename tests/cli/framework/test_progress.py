@@ -1,7 +1,5 @@
 """Progress: bars on a terminal, lines elsewhere, nothing with --quiet."""
 
-from __future__ import annotations
-
 import io
 import os
 import pty

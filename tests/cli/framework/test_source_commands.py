@@ -1,7 +1,5 @@
 """Tests of `filter` and `export`, which every source has."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

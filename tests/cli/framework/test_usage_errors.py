@@ -1,7 +1,5 @@
 """Wrong commands and options get a suggestion."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

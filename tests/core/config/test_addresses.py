@@ -1,7 +1,5 @@
 """Addresses on this machine may be asked over plain http, others may not."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.core.config.addresses import in_the_clear, is_loopback

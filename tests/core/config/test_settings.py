@@ -1,7 +1,5 @@
 """Settings: the environment wins over .env, and no secret is ever printed."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.core.config.settings import REDDIT, Settings, load_settings

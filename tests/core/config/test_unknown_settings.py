@@ -1,7 +1,5 @@
 """Tests of `kb.core.config.unknown_settings`."""
 
-from __future__ import annotations
-
 from kb.core.config.unknown_settings import unknown_names
 
 

@@ -4,8 +4,6 @@ GET /notes?page=N    {"notes": [{"id": "n1"}, …], "next": 2 or null}
 GET /notes/<id>      {"id": "n1", "text": "…", "likes": 3}; 404 for a note that was taken back
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Tokens that can't be read, and the window of requests that Reddit announces."""
 
-from __future__ import annotations
-
 from time import monotonic
 from typing import Any
 

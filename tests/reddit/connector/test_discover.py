@@ -1,7 +1,5 @@
 """A crawl of a span of time, and what a later one with another span or none makes of it."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Real exchanges, replayed through real PRAW: what is sent, and what follows from each answer."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

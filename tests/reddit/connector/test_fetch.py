@@ -1,7 +1,5 @@
 """Tests of the requests for each kind of item."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import pytest

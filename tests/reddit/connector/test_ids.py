@@ -1,7 +1,5 @@
 """Lists of posts and comments in every form."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pyarrow as pa

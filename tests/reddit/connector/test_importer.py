@@ -2,8 +2,6 @@
 SIGKILL.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """A plan counts and sends nothing."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

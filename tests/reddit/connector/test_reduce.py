@@ -1,7 +1,5 @@
 """The end of a crawl, later rounds, and stubs that nothing comes of."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

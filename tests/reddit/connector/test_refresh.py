@@ -1,7 +1,5 @@
 """What was deleted at its source, removed, or named leaves every folder, and does not come back."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

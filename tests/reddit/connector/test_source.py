@@ -1,7 +1,5 @@
 """A crawl reads every post and comment once, whatever goes wrong on the way."""
 
-from __future__ import annotations
-
 import signal
 from collections import Counter
 from datetime import UTC, datetime

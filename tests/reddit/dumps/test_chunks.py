@@ -1,7 +1,5 @@
 """Whole lines of any dump, with damage counted."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.reddit.connector.importer import import_dumps

@@ -1,7 +1,5 @@
 """The same records in every container give the same things, also cut off, empty or killed."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import os

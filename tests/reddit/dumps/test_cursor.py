@@ -2,8 +2,6 @@
 nothing half-read stays.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

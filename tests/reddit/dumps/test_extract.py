@@ -1,7 +1,5 @@
 """Which records an import takes, and in what form."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 
 import pytest

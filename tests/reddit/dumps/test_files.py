@@ -1,7 +1,5 @@
 """Folders are searched for dumps."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import os

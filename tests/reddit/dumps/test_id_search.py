@@ -1,7 +1,5 @@
 """Records of dumps are found by their ids."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

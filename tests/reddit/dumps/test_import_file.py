@@ -1,7 +1,5 @@
 """One dump on several workers gives the same bytes as on one, and goes on where it was stopped."""
 
-from __future__ import annotations
-
 import random
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path

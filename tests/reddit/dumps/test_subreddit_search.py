@@ -1,7 +1,5 @@
 """Records of one subreddit are found however its name is written."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """No name of a person is left in an answer, wherever it stands; what names nobody stays."""
 
-from __future__ import annotations
-
 import hmac
 import json
 import shutil

@@ -1,7 +1,5 @@
 """Things in answers, and how comments hang together."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

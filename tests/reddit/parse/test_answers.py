@@ -1,7 +1,5 @@
 """Raw answers become one row per post, comment, stub and missing id, whatever they hold."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Entities of dumps: what somebody wrote comes back, whether the record was escaped or not."""
 
-from __future__ import annotations
-
 import html
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Real answers of 2016 to 2026 through the parsing of live ones, with their values."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Purged ids leave raw answers, and a search of the bytes overlooks none of them."""
 
-from __future__ import annotations
-
 import json
 import re
 from typing import Any

@@ -1,7 +1,5 @@
 """A second data root, for what somebody else has released."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

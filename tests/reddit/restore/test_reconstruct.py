@@ -2,8 +2,6 @@
 the rest.
 """
 
-from __future__ import annotations
-
 import shutil
 import signal
 import subprocess

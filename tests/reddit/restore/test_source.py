@@ -1,7 +1,5 @@
 """Tests of the requests of a reconstruction: known ids and whole trees."""
 
-from __future__ import annotations
-
 import json
 import signal
 from collections import Counter

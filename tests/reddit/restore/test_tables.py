@@ -1,7 +1,5 @@
 """Released ids out of archive dumps: no key, no network, and what was removed stays removed."""
 
-from __future__ import annotations
-
 import html
 import json
 import random

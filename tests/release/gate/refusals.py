@@ -1,7 +1,5 @@
 """What the gate says of a release, and changes to its tables."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

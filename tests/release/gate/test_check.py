@@ -1,7 +1,5 @@
 """The gate: one wrong value at a time, and its line. All lines come at once."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

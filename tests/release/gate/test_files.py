@@ -1,7 +1,5 @@
 """A release folder holds declared files that agree with their checksums."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Personal data beyond what the profile tolerates."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Released rows are the clean ones, scored and fresh."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

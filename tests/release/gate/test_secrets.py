@@ -1,7 +1,5 @@
 """No file and no column of a release holds a secret."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

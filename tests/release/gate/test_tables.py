@@ -1,7 +1,5 @@
 """Released columns, values and samples are what the schemas declare."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Croissant files that mlcroissant reads."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Iterator

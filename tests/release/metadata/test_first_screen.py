@@ -1,7 +1,5 @@
 """The first screen of a card: what it tells to type works as it stands, in the folder itself."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Licences and dates, measured on the rows."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Words of the data in templates."""
 
-from __future__ import annotations
-
 import json
 from itertools import pairwise
 from pathlib import Path

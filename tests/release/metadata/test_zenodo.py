@@ -1,7 +1,5 @@
 """What zenodo.json says."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Publishing to a loopback service that behaves as the documented API, errors included."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

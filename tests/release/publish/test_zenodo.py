@@ -1,7 +1,5 @@
 """Tests of `kb.release.publish.zenodo`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Tests of the sandbox's Reddit API."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Tests of the invented subreddit."""
 
-from __future__ import annotations
-
 from kb.sandbox.reddit.subreddit import Subreddit
 
 

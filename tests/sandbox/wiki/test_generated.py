@@ -1,7 +1,5 @@
 """Generated pages are about the keywords, in the markup of the profile."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import requests

@@ -1,7 +1,5 @@
 """Tests of the recorded wiki."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.sandbox.wiki.recorded import RecordedWiki

@@ -1,7 +1,5 @@
 """Tests of the sandbox's wiki as a service."""
 
-from __future__ import annotations
-
 import requests
 
 from kb.sandbox.server import Sandbox

@@ -1,7 +1,5 @@
 """The planted cases follow the thresholds of a profile."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from kb.core.config.profile import load_profile

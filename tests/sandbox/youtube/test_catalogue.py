@@ -1,7 +1,5 @@
 """Videos and what is said in them."""
 
-from __future__ import annotations
-
 import itertools
 
 from kb.sandbox.server import Sandbox

@@ -1,7 +1,5 @@
 """The player's answer has the form of recorded ones."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Answers of the Data API have the form of recorded ones."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The sandbox's Data API through the real client, and its answers beside the recorded ones."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -2,8 +2,6 @@
 and its answers beside the recorded ones.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

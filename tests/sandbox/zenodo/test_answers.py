@@ -1,7 +1,5 @@
 """Tests of the answers of the deposit service."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Tests of the sandbox's deposit service."""
 
-from __future__ import annotations
-
 import hashlib
 
 import requests

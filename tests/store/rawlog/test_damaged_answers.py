@@ -1,7 +1,5 @@
 """Tests of `kb.store.rawlog.damaged_answers`."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

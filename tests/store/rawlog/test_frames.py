@@ -1,7 +1,5 @@
 """Tests of `kb.store.rawlog.frames`."""
 
-from __future__ import annotations
-
 import zstandard
 from hypothesis import given
 from hypothesis import strategies as some

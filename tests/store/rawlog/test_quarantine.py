@@ -1,7 +1,5 @@
 """Tests of `kb.store.rawlog.quarantine`."""
 
-from __future__ import annotations
-
 import pytest
 import zstandard
 

@@ -1,7 +1,5 @@
 """The raw log: what was written whole is there, whatever happens behind it."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """Tests of `kb.store.rawlog.recorder`."""
 
-from __future__ import annotations
-
 import random
 import signal
 import time

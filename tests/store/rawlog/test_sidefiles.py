@@ -1,7 +1,5 @@
 """Tests of `kb.store.rawlog.sidefiles`."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Tests of `kb.store.state.crawl_state`."""
 
-from __future__ import annotations
-
 import contextlib
 import shutil
 import sqlite3

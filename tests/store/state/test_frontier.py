@@ -1,7 +1,5 @@
 """Frontier, ledger and recorder: nothing answered is asked again, nothing asked is forgotten."""
 
-from __future__ import annotations
-
 import sqlite3
 
 import pytest

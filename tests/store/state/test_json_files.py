@@ -1,7 +1,5 @@
 """What a data root remembers, when it is damaged: named, with what to do about it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

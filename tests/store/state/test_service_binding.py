@@ -1,7 +1,5 @@
 """A data root remembers its services, from their first answer on."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Tests of `kb.store.state.sqlite`."""
 
-from __future__ import annotations
-
 import shutil
 import sqlite3
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What was purged stays away, whatever is copied over its tombstones."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """SHA-256 of files is compared with what a manifest or SHA256SUMS records."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

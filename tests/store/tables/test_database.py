@@ -1,7 +1,5 @@
 """How DuckDB is opened: in UTC, spilling to the data root, nothing loaded by itself."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

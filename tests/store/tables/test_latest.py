@@ -1,7 +1,5 @@
 """The one deduplication, and the one way rows get into buckets."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

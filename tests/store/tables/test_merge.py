@@ -1,7 +1,5 @@
 """Tests of `kb.store.tables.merge`."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Parquet and raw data whose bits change: told by the file's name, whoever reads them."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Tests of `kb.store.tables.partition`."""
 
-from __future__ import annotations
-
 import zlib
 from pathlib import Path
 

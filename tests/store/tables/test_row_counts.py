@@ -1,7 +1,5 @@
 """Tests of `kb.store.tables.row_counts`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pyarrow as pa

@@ -1,7 +1,5 @@
 """Parquet as it is written: settings, order, wholeness, and bytes that depend on the rows alone."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 

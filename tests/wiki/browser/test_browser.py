@@ -1,7 +1,5 @@
 """How close together the browser's requests come, and what it asks for besides the page."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import itertools

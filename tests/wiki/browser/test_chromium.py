@@ -1,7 +1,5 @@
 """Tests of the browser programs: what happens when one does not start."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A driver that does not start at once is tried again; one that never does is named."""
 
-from __future__ import annotations
-
 import threading
 
 from kb.wiki.browser.browser import Browser

@@ -1,7 +1,5 @@
 """No browser outlives the process that started it."""
 
-from __future__ import annotations
-
 import shutil
 import signal
 import subprocess

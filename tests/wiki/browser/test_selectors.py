@@ -1,7 +1,5 @@
 """Selectors are tried by the browser that a crawl uses."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.core.config.profile import load_profile

@@ -1,7 +1,5 @@
 """Tests of reading responses from Chromium's performance log."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

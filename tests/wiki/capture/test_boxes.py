@@ -2,8 +2,6 @@
 tall ones.
 """
 
-from __future__ import annotations
-
 import pytest
 from PIL import Image
 

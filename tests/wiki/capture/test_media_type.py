@@ -1,7 +1,5 @@
 """Media types by bytes, sizes by headers, frames within limits."""
 
-from __future__ import annotations
-
 import io
 import zlib
 

@@ -1,7 +1,5 @@
 """Screenshots: tiles are decoded, checked, joined to one PNG and cropped."""
 
-from __future__ import annotations
-
 import base64
 import io
 

@@ -1,7 +1,5 @@
 """A small wiki, and the client that asks it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

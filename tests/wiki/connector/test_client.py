@@ -1,7 +1,5 @@
 """Malformed answers are no answers, and lists that loop end."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -2,8 +2,6 @@
 starts.
 """
 
-from __future__ import annotations
-
 import contextlib
 from pathlib import Path
 from typing import Any

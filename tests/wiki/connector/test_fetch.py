@@ -1,7 +1,5 @@
 """Tests of the requests for titles, pages and image files."""
 
-from __future__ import annotations
-
 from kb.wiki.connector.source import crawl
 from tests.wiki.connector.test_source import faults, make_run, one_date, sandbox, tables  # noqa: F401  fixtures
 

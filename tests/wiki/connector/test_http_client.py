@@ -1,7 +1,5 @@
 """Which addresses of a wiki may be asked."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.core.errors import Blocked

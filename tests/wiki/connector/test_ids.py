@@ -1,7 +1,5 @@
 """Lists of titles, in every form that `--titles` takes."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -2,8 +2,6 @@
 without end, nothing purged by mistake.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 

@@ -1,7 +1,5 @@
 """What is stored as a page identifies itself as that page, and came to its end."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import json

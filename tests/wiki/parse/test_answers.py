@@ -1,7 +1,5 @@
 """Tests of what an answer of the wiki's API says."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

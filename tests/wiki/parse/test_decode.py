@@ -1,7 +1,5 @@
 """Tests of how answers are decoded to rows."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

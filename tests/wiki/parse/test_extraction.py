@@ -1,7 +1,5 @@
 """Extractions decoded into types are the tables that they are field by field."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -2,8 +2,6 @@
 texts. Against a real MediaWiki: test_mediawiki.py.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

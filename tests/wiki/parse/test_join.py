@@ -1,7 +1,5 @@
 """Raw answers and extractions by hand, filtered: every page one answer, the newest answer wins."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a wiki calls its pages, read from the raw answers; and nothing of what was purged."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

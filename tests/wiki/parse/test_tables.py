@@ -1,7 +1,5 @@
 """Tests of `kb.wiki.parse.tables`."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 from kb.wiki.parse import tables

@@ -1,7 +1,5 @@
 """The services below other addresses."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

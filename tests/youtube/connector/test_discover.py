@@ -1,7 +1,5 @@
 """Searches, uploads and rounds."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

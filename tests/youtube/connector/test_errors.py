@@ -2,8 +2,6 @@
 one request.
 """
 
-from __future__ import annotations
-
 import sqlite3
 from typing import Any
 

@@ -2,8 +2,6 @@
 nothing lost.
 """
 
-from __future__ import annotations
-
 import signal
 import subprocess
 from pathlib import Path

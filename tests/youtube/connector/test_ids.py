@@ -1,7 +1,5 @@
 """Known ids, and the parts of several machines."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pyarrow as pa

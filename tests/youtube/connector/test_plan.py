@@ -1,7 +1,5 @@
 """A plan sends nothing and costs what the crawl costs."""
 
-from __future__ import annotations
-
 from tests.youtube.connector.test_fetch import CRAWL
 from tests.youtube.job import Job
 

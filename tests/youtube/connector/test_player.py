@@ -1,7 +1,5 @@
 """Tests of `kb.youtube.connector.player`."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -2,8 +2,6 @@
 else is real.
 """
 
-from __future__ import annotations
-
 import sqlite3
 import threading
 from datetime import UTC, datetime, timedelta

@@ -1,7 +1,5 @@
 """A state made again from raw data is the one that the crawl had, whatever the answers hold."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from typing import Any

@@ -1,7 +1,5 @@
 """Tests of `kb.youtube.connector.reduce`."""
 
-from __future__ import annotations
-
 from kb.store.state.frontier import Frontier
 from kb.youtube.connector.reduce import SEARCHES, UPLOADS, VIDEOS
 from tests.youtube.connector.test_fetch import CRAWL, finish

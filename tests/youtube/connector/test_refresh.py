@@ -2,8 +2,6 @@
 what the service asks.
 """
 
-from __future__ import annotations
-
 from tests.youtube.connector.test_fetch import CRAWL, check
 from tests.youtube.job import Job
 

@@ -2,8 +2,6 @@
 round, a plan.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from tests.youtube.connector.test_fetch import CRAWL, check

@@ -1,7 +1,5 @@
 """Captions that can be had only with a PO token: one try a day, an outcome of its own."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """How much of a published list lives: counted by year, and nothing else is kept."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

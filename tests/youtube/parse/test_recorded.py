@@ -2,8 +2,6 @@
 against the file.
 """
 
-from __future__ import annotations
-
 import json
 from datetime import UTC, datetime
 from pathlib import Path

@@ -1,7 +1,5 @@
 """view_rule says how a count was made; a crawl that mixes both rules says so."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 
 import pyarrow as pa

@@ -4,8 +4,6 @@ An automatic track is shown in a window of two rows: a line is followed 10 ms be
 a line break of its own, and stays until the line after the next.
 """
 
-from __future__ import annotations
-
 import json
 from html import escape
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Folders of yt-dlp in place of a crawl: what is taken in, what is counted, what comes of it."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from typing import Any

@@ -1,7 +1,5 @@
 """One track in yt-dlp's three forms gives what the crawl's client reads in the plain form."""
 
-from __future__ import annotations
-
 import pytest
 from youtube_transcript_api._transcripts import _TranscriptParser
 

@@ -1,7 +1,5 @@
 """Tests of `kb.youtube.ytdlp.tracks`."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.youtube.ytdlp.tracks import ListedTracks, TrackKind, kind_of

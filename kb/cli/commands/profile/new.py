@@ -1,7 +1,5 @@
 """Writes the files of `kb profile new`, after checking what they are made from."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import tempfile

@@ -1,7 +1,5 @@
 """`kb status`: progress of a collection, for a person or as JSON."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

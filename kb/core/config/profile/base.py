@@ -1,7 +1,5 @@
 """What all sections of a profile share: unknown keys are errors, and errors guess the mistake."""
 
-from __future__ import annotations
-
 import difflib
 import re
 import types

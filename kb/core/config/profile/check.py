@@ -3,8 +3,6 @@
 check_file(path)    TOML, unknown keys, wrong values, and what is allowed but can't be meant
 """
 
-from __future__ import annotations
-
 import copy
 import re
 import tomllib

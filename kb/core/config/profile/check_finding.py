@@ -1,7 +1,5 @@
 """What a check of a profile finds: how bad it is, where it stands, what it is, how to fix it."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 ERROR = "error"  # the profile can't be used as it is

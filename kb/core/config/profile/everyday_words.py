@@ -1,7 +1,5 @@
 """Words that everybody says, whatever the subject: alone they tell no domain."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

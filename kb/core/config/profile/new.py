@@ -6,8 +6,6 @@ profile_text("mine", source=profile)    the same with another profile's values
 KEYWORDS                                keywords.tsv, with its columns and rules
 """
 
-from __future__ import annotations
-
 import json
 import re
 import textwrap

@@ -4,8 +4,6 @@ look(profile, data)    (level, key, what, how to fix it) of everything; `data` i
 publishing(profile)    the same of what only a published release needs
 """
 
-from __future__ import annotations
-
 import contextlib
 import difflib
 import re

@@ -1,7 +1,5 @@
 """[reddit]: which subreddit, which posts are kept, what links are images or videos."""
 
-from __future__ import annotations
-
 from pydantic import Field, field_validator
 
 from kb.core.config.profile.base import Section

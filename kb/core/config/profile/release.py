@@ -1,7 +1,5 @@
 """[release] and [report] of a profile: what a release says about itself, what the figures show."""
 
-from __future__ import annotations
-
 from pydantic import Field, field_validator
 
 from kb.core.config.profile.base import Section

@@ -1,7 +1,5 @@
 """[toxicity] of a profile. `toxicity = "off"` instead of the table leaves the scores out."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator

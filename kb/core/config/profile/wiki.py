@@ -1,7 +1,5 @@
 """[wiki]: which wiki, how its pages are shown and measured, which are kept."""
 
-from __future__ import annotations
-
 import re
 from urllib.parse import urlsplit
 

@@ -1,7 +1,5 @@
 """[youtube]: which channels are searched, which videos are kept."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from pydantic import Field, field_validator

@@ -1,7 +1,5 @@
 """A good profile, the ways to break it, and a sandbox to check it against."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable, Iterator

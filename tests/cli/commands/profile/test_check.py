@@ -1,7 +1,5 @@
 """What is refused or warned about before a crawl."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`kb profile check --data`."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """`kb profile check` as it is typed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

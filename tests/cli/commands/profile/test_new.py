@@ -1,7 +1,5 @@
 """`kb profile new`: a profile that is ready but for what only its user knows."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """`kb profile check --online`, against the sandbox."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

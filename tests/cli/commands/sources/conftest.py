@@ -1,7 +1,5 @@
 """A small sandbox with a data root, and the plans of commands on it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

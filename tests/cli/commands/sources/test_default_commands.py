@@ -1,7 +1,5 @@
 """Tests of the commands of a source that declares none of its own."""
 
-from __future__ import annotations
-
 from typer.testing import CliRunner
 
 from kb.cli.commands.sources.default_commands import app_of

@@ -1,7 +1,5 @@
 """Tests of `kb purge`."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Tests of `kb refresh`."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.cli.commands.sources.conftest import LATER, planned

@@ -1,7 +1,5 @@
 """Tests of `kb wiki`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tests.cli.commands.sources.conftest import first_plan, planned

@@ -1,7 +1,5 @@
 """A small data root, and what `kb status` says of it."""
 
-from __future__ import annotations
-
 import json
 from datetime import UTC, datetime
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`kb status` reads the state of all sources, also beside a running crawl."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Tests of the next steps that `kb status` names."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

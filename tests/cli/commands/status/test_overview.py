@@ -1,7 +1,5 @@
 """Tests of what `kb status` reports of each source."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Tests of the row counts of `kb status`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Profiles: found by name or path; every mistake names the key, the value and what is allowed."""
 
-from __future__ import annotations
-
 import pytest
 
 from kb.core.config.profile import load_profile
