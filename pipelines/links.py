@@ -20,7 +20,7 @@ from kb.export import layouts
 from kb.links.build import build, check
 from kb.links.entity_pages import Names
 from kb.store.layout import Layout
-from kb.wiki.parse import page_names
+from kb.wiki.parse import answers
 
 
 def links(run: Run) -> Summary:
@@ -62,5 +62,5 @@ def names(run: Run) -> Mapping[str, Names]:
             page.title.removeprefix(f"{page.prefix}:"),
             tuple(title.removeprefix(f"{page.prefix}:") for title in page.redirects),
         )
-        for page in page_names.pages(run.root)
+        for page in answers.named_pages(run.root)
     }

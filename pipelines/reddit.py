@@ -15,8 +15,7 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
 from kb.filters.chain import Chain, Clean
-from kb.filters.judgement import Predicate
-from kb.filters.predicates import AtLeast, In, NotIn, NotTrue, Present, Waits, none_above
+from kb.filters.predicates import AtLeast, In, NotIn, NotTrue, Predicate, Present, Waits, none_above
 from kb.reddit import status
 from kb.reddit.parse.answers import KINDS, raw_kind
 from kb.reddit.parse.assemble import HELPERS, assemble, with_counts, with_posts

@@ -19,8 +19,7 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
 from kb.filters.chain import Chain, Clean, Follow, SideFiles
-from kb.filters.judgement import Predicate
-from kb.filters.predicates import AtLeast, AtMost, Present, RecordedReason, Waits
+from kb.filters.predicates import AtLeast, AtMost, Predicate, Present, RecordedReason, Waits
 from kb.wiki.parse import tables
 from kb.wiki.parse.facts import MarkupRules
 from kb.wiki.parse.join import HELPERS, KINDS, assemble

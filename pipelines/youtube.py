@@ -17,11 +17,11 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
 from kb.filters.chain import Chain, Clean, Follow
-from kb.filters.judgement import Predicate
 from kb.filters.predicates import (
     AtLeast,
     In,
     NotTrue,
+    Predicate,
     RatioAtLeast,
     none_above,
     passes,

@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 
 from kb.core.context import Run
 from kb.core.errors import SchemaMismatch
-from kb.filters.judgement import SCORED, Judgement, Predicate, one
+from kb.filters.predicates import SCORED, Judgement, Predicate, one
 from kb.schema.tables import table
 from kb.store.tables.partition import RawKind
 

@@ -15,30 +15,40 @@ import json
 import shutil
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from kb.artifacts import domain_binding, index, manifest
 from kb.core.config import pipeline
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
-from kb.core.errors import CountMismatch, DamagedData, FatalError
+from kb.core.errors import CountMismatch, DamagedData, FatalError, NothingKept
 from kb.core.summary import Summary, Tally, vocabulary
 from kb.filters.chain import VERDICTS, Clean
-from kb.filters.tasks import FilterJob, collect_texts, decode_segment, filter_bucket, spec_of
-from kb.filters.unanswered_keys import unanswered
+from kb.filters.tasks import (
+    FilterJob,
+    collect_texts,
+    decode_segment,
+    filter_bucket,
+    purged_keys,
+    spec_of,
+)
 from kb.schema.tables import table
 from kb.store.atomic import write_text
-from kb.store.layout import Layout
+from kb.store.layout import Layout, parquet_files
 from kb.store.lock import of_clean, writer
 from kb.store.rawlog import damaged_answers, rawlog
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
-from kb.store.tables import partition, row_counts
+from kb.store.tables import parquet, partition, row_counts
 from kb.store.tables.shard_writer import write_table
+
+_WHY = {"rejected": ("stage", "reason"), "failed": ("reason",)}  # columns that explain a verdict
 
 
 def run_clean(run: Run, source: str) -> Summary:
@@ -52,26 +62,17 @@ def run_clean(run: Run, source: str) -> Summary:
     spec = spec_of(job)
     key = spec.scorer.check(run, source) if spec.scorer is not None else ""
     _segments(run.root, spec)  # without any, nothing is written
-    with domain_binding.writing(run, *of_clean(source)), _work(job) as work:
-        segments = _segments(run.root, spec)
+    with domain_binding.writing(run, *of_clean(source)):
         raw = manifest.inputs(run.root, f"clean/{source}")
         tombstones.heal(run.root, source)
         damaged_answers.check(run.root, source)
-        size = _size(run.root, spec, segments)
-        job = job._replace(work=str(work), buckets=partition.how_many(size), scores=key)
-        with make_executor(run.engine, run.processes(size), run.scheduler) as executor:
-            try:
-                decoded = _decode(run, job, segments, executor)
-            except DamagedData as error:
-                _suspect(run, source, error)
-                raise
+        with _decoded(run, job._replace(scores=key)) as decoded:
             if key and spec.scorer is not None:
-                spec.scorer.annotate(run, source, _texts(run, job, executor, keep=True))
+                spec.scorer.annotate(run, source, _texts(run, decoded))
             with manifest.replacing(run.root, f"clean/{source}", inputs=raw) as build:
                 fresh = build.folder
-                job = job._replace(out=str(fresh))
-                counts = _judge(run, job, executor)
-                summary = _summary(spec, fresh, decoded, counts, key)
+                counts = _judge(run, decoded, fresh)
+                summary = _summary(spec, fresh, decoded.counts, counts, key)
                 summary |= spec.about(run.root) if spec.about is not None else {}
                 summary |= spec.figures(fresh) if spec.figures is not None else {}
                 write_text(fresh / "summary.json", json.dumps(summary, indent=1) + "\n")
@@ -82,51 +83,73 @@ def run_clean(run: Run, source: str) -> Summary:
 def texts(run: Run, source: str) -> Iterator[pa.Array[Any]]:
     """The texts that the toxicity stage of a source would look at, for `kb annotate`."""
     job = _job(run, source)
-    spec = spec_of(job)
-    _segments(run.root, spec)
-    with writer(run.root, source), _work(job) as work:
-        segments = _segments(run.root, spec)
-        size = _size(run.root, spec, segments)
-        job = job._replace(work=str(work), buckets=partition.how_many(size))
-        with make_executor(run.engine, run.processes(size), run.scheduler) as executor:
-            try:
-                _decode(run, job, segments, executor)
-            except DamagedData as error:
-                _suspect(run, source, error)
-                raise
-            yield from _texts(run, job, executor, keep=False)
+    _segments(run.root, spec_of(job))
+    with writer(run.root, source), _decoded(run, job) as decoded:
+        yield from _texts(run, decoded)
+
+
+def check_kept(run: Run, source: str, summary: Summary) -> None:
+    """Raises NothingKept (with `summary`) when every row failed or was rejected.
+
+    Rows that wait for the crawl may still be kept.
+    """
+    if summary["kept"] or summary["pending"] or not summary["crawled"]:
+        return
+    counts: Counter[tuple[str, str]] = Counter()
+    for verdict, columns in _WHY.items():
+        for path in parquet_files(Layout(run.root).clean(source) / verdict):
+            rows = parquet.read_table(path, columns=list(columns))
+            reasons = [rows[name].cast(pa.string()) for name in columns]
+            for entry in pc.value_counts(pc.binary_join_element_wise(*reasons, ": ")).to_pylist():
+                counts[verdict, str(entry["values"])] += entry["counts"]
+    (((verdict, why), n),) = counts.most_common(1)
+    error = NothingKept(
+        f"nothing was kept of {summary['crawled']:,} {summary['counted']}; the most frequent"
+        f" reason is {why} ({n:,} {verdict})",
+        hint=f"see `kb query 'SELECT * FROM clean.{source}_{verdict}'` and the rules of"
+        f" [{source}] in {run.profile.path}"
+        if verdict == "rejected"
+        else f"run `kb {source} crawl`, which retries what failed",
+    )
+    error.summary = summary
+    raise error
 
 
 def _job(run: Run, source: str) -> FilterJob:
-    path = str(pipeline.locate(source, run.pipeline))
-    stamp = tombstones.version(run.root, source)
     return FilterJob(
-        path,
-        run.profile.model_dump_json(),
-        str(run.profile.path),
-        source,
-        str(run.root.absolute()),
-        "",
-        "",
-        1,
-        "",
-        stamp,
+        pipeline=str(pipeline.locate(source, run.pipeline)),
+        profile=run.profile.model_dump_json(),
+        profile_path=str(run.profile.path),
+        source=source,
+        root=str(run.root.absolute()),
+        tombstones=tombstones.version(run.root, source),
     )
 
 
-class _work:
-    """A temporary folder for partitioned rows."""
+class _Decoded(NamedTuple):
+    """Raw answers as partitioned rows; `counts` of rows, and of unknown keys as "?<path>"."""
 
-    def __init__(self, job: FilterJob) -> None:
-        self.path = Layout(Path(job.root)).filtering(job.source)
+    job: FilterJob
+    executor: Any
+    counts: Counter[str]
 
-    def __enter__(self) -> Path:
-        shutil.rmtree(self.path, ignore_errors=True)
-        self.path.mkdir(parents=True)
-        return self.path
 
-    def __exit__(self, *error: object) -> None:
-        shutil.rmtree(self.path, ignore_errors=True)
+@contextmanager
+def _decoded(run: Run, job: FilterJob) -> Iterator[_Decoded]:
+    """Decode the raw answers into a temporary folder. Raises DamagedData."""
+    spec = spec_of(job)
+    segments = _segments(run.root, spec)
+    size = sum(path.stat().st_size for _, path in segments)
+    size += spec.side_files.size(run.root) if spec.side_files is not None else 0
+    work = Layout(run.root).filtering(job.source)
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
+    job = job._replace(work=str(work), buckets=partition.how_many(size))
+    try:
+        with make_executor(run.engine, run.processes(size), run.scheduler) as executor:
+            yield _Decoded(job, executor, _decode(run, job, segments, executor))
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
 
 
 def _segments(root: Path, spec: Clean) -> list[tuple[str, Path]]:
@@ -141,96 +164,107 @@ def _segments(root: Path, spec: Clean) -> list[tuple[str, Path]]:
     return segments
 
 
-def _size(root: Path, spec: Clean, segments: list[tuple[str, Path]]) -> int:
-    """Bytes to be read."""
-    size = sum(path.stat().st_size for _, path in segments)
-    return size + (spec.side_files.size(root) if spec.side_files is not None else 0)
-
-
 def _decode(
     run: Run, job: FilterJob, segments: list[tuple[str, Path]], executor: Any
 ) -> Counter[str]:
-    """Counts of rows, and of unknown keys as "?<path>"."""
     total: Counter[str] = Counter()
     tasks = ((job, kind, str(path), place) for place, (kind, path) in enumerate(segments))
-    damaged: list[tuple[int, int]] = []  # segment, and the first byte that can't be read
-    with run.progress.task(f"decode {job.source}", total=len(segments), unit="raw files") as task:
-        for number, done in enumerate(
-            map_in_order(executor, decode_segment, tasks, window=2 * run.workers)
-        ):
-            total["rows"] += done["rows"]
-            total.update({f"?{path}": count for path, count in done["unknown"].items()})
-            if done["damaged"] is not None:
-                damaged.append((number, done["damaged"]))
-            task.advance(1, rows=total["rows"])
-    if damaged:
-        raise _damaged(job, [(*segments[number], at) for number, at in damaged])
+    damaged: list[tuple[Path, int]] = []  # segment, and the first byte that can't be read
+    try:
+        with run.progress.task(
+            f"decode {job.source}", total=len(segments), unit="raw files"
+        ) as task:
+            decoding = map_in_order(executor, decode_segment, tasks, window=2 * run.workers)
+            for (_, path), done in zip(segments, decoding, strict=True):
+                total["rows"] += done["rows"]
+                total.update({f"?{path}": count for path, count in done["unknown"].items()})
+                if done["damaged"] is not None:
+                    damaged.append((path, done["damaged"]))
+                task.advance(1, rows=total["rows"])
+        if damaged:
+            first, at = damaged[0]
+            more = f" (and {len(damaged) - 1:,} more files)" if len(damaged) > 1 else ""
+            error = DamagedData(f"{first} is damaged at byte {at:,}{more}")
+            error.paths = [path for path, _ in damaged]  # type: ignore[attr-defined]
+            error.summary = Summary(source=job.source, truncated_files=len(damaged))
+            raise error
+    except DamagedData as error:
+        hint = f"run `kb {job.source} crawl`: it moves damaged data away and fetches it again"
+        with closing(Frontier(Layout(run.root).state(job.source))) as frontier:
+            damaged_answers.note(run.root, job.source, frontier, error, hint)
+        raise
     return total
 
 
-def _damaged(job: FilterJob, files: list[tuple[str, Path, int]]) -> DamagedData:
-    _, path, at = files[0]
-    more = f" (and {len(files) - 1:,} more files)" if len(files) > 1 else ""
-    error = DamagedData(f"{path} is damaged at byte {at:,}{more}")
-    error.paths = [path for _, path, _ in files]  # type: ignore[attr-defined]
-    error.summary = Summary(source=job.source, truncated_files=len(files))
-    return error
-
-
-def _suspect(run: Run, source: str, error: DamagedData) -> None:
-    """Note damaged segments for the crawl, which is what to run."""
-    frontier = Frontier(Layout(run.root).state(source))
-    try:
-        damaged_answers.note(
-            run.root,
-            source,
-            frontier,
-            error,
-            f"run `kb {source} crawl`: it moves damaged data away and fetches it again",
-        )
-    finally:
-        frontier.close()
-
-
-def _texts(run: Run, job: FilterJob, executor: Any, *, keep: bool) -> Iterator[pa.Array[Any]]:
-    tasks = ((job, number, keep) for number in range(job.buckets))
-    for path in map_in_order(executor, collect_texts, tasks, window=2 * run.workers):
+def _texts(run: Run, decoded: _Decoded) -> Iterator[pa.Array[Any]]:
+    tasks = ((decoded.job, number) for number in range(decoded.job.buckets))
+    for path in map_in_order(decoded.executor, collect_texts, tasks, window=2 * run.workers):
         with pa.ipc.open_file(path) as file:
             for number in range(file.num_record_batches):
                 yield file.get_batch(number).column(0)
         Path(path).unlink()
 
 
-def _judge(run: Run, job: FilterJob, executor: Any) -> Counter[str]:
+def _judge(run: Run, decoded: _Decoded, out: Path) -> Counter[str]:
     total: Counter[str] = Counter()
+    job = decoded.job._replace(out=str(out))
     spec = spec_of(job)
     tasks = ((job, number) for number in range(job.buckets))
     with run.progress.task(f"filter {job.source}", total=job.buckets, unit="parts") as task:
-        for done in map_in_order(executor, filter_bucket, tasks, window=2 * run.workers):
+        for done in map_in_order(decoded.executor, filter_bucket, tasks, window=2 * run.workers):
             total.update(done)
             task.advance(1, kept=total["kept"], rejected=total["rejected"])
     if spec.unanswered is not None:
-        total.update(unanswered(job, spec))
-    _write_empty(Path(job.out), spec)
-    for cut in Path(job.out).rglob(
-        ".*.tmp"
-    ):  # of a worker that died; its task was done again by another
-        cut.unlink()
-    return total
-
-
-def _write_empty(out: Path, spec: Clean) -> None:
-    """A first part for each table that has none, so that readers find every table."""
-    tables = (
-        [chain.table for chain in spec.chains]
-        + [follow.table for follow in spec.follow]
-        + [f"shared/{verdict}" for verdict in VERDICTS]
-    )
-    for name in tables:
+        total.update(_fail_unanswered(job, spec, dict(spec.unanswered(Path(job.root)))))
+    # An empty first part for each table without rows, so that readers find every table.
+    tables = [chain.table for chain in spec.chains] + [follow.table for follow in spec.follow]
+    for name in (*tables, *(f"shared/{verdict}" for verdict in VERDICTS)):
         declared = table(name)
         path = out / declared.short / "part-00000.parquet"
         if not path.exists():
             write_table(path, declared.arrow().empty_table(), declared, sync=False)
+    for leftover in out.rglob(".*.tmp"):  # of a killed worker, whose task another one repeated
+        leftover.unlink()
+    return total
+
+
+def _fail_unanswered(job: FilterJob, spec: Clean, lost: dict[str, str]) -> Counter[str]:
+    """Count the keys in `lost` (key → reason), which the crawl gave up on, as failed unless they
+    have a row. Pending rows that wait for such a key no longer wait.
+    """
+    if not lost:
+        return Counter()
+    waited = _end_pending(Path(job.out, "pending"), spec.ended_by_failure, lost)
+    places = [(chain.table, chain.key, chain.prefix) for chain in spec.chains]
+    places += [(f"shared/{verdict}", "key", "") for verdict in VERDICTS]
+    for name, column, prefix in places:
+        for path in parquet_files(Path(job.out, table(name).short)):
+            for key in parquet.read_table(path, columns=[column])[column].to_pylist():
+                lost.pop(f"{prefix}{key}", None)
+    for key in purged_keys(job.root, job.source, job.tombstones):
+        lost.pop(key, None)
+    if lost:
+        rows = pa.table({"key": list(lost), "reason": list(lost.values())})
+        write_table(Path(job.out, "failed", "part-crawl.parquet"), rows, "shared/failed")
+    return Counter(crawled=len(lost) - waited, failed=len(lost), pending=-waited)
+
+
+def _end_pending(folder: Path, reasons: tuple[str, ...], lost: dict[str, str]) -> int:
+    """Remove the pending rows of these keys with one of these reasons; return their number."""
+    count = 0
+    for path in parquet_files(folder) if reasons else ():
+        rows = parquet.read_table(path)
+        ended = pc.and_(
+            pc.is_in(rows["key"].cast(pa.string()), pa.array(lost, pa.string())),
+            pc.is_in(rows["reason"].cast(pa.string()), pa.array(reasons, pa.string())),
+        )
+        waiting = rows.filter(pc.invert(ended))
+        if waiting.num_rows < rows.num_rows:
+            count += rows.num_rows - waiting.num_rows
+            path.unlink()
+            if waiting.num_rows:
+                write_table(path, waiting, "shared/pending", sync=False)
+    return count
 
 
 def _summary(

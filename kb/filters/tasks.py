@@ -13,8 +13,6 @@ pipeline is loaded by its path. No function holds more than a bucket.
 """
 
 import json
-import shutil
-import uuid
 from collections import Counter
 from collections.abc import Callable
 from functools import cache, partial
@@ -28,7 +26,7 @@ from kb.core.config import pipeline
 from kb.core.config.profile import Profile
 from kb.core.errors import FatalError
 from kb.filters.chain import VERDICTS, Chain, Clean, Judged, declared_columns, judge_chain
-from kb.filters.judgement import SCORED
+from kb.filters.predicates import SCORED
 from kb.schema.tables import table
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.state import tombstones
@@ -44,11 +42,11 @@ class FilterJob(NamedTuple):
     profile_path: str
     source: str
     root: str
-    work: str
-    out: str
-    buckets: int
-    scores: str
     tombstones: int  # their version, so that no process uses an older one
+    work: str = ""
+    out: str = ""
+    buckets: int = 1
+    scores: str = ""
 
 
 @cache
@@ -78,19 +76,14 @@ def decode_segment(job: FilterJob, kind: str, segment: str, number: int) -> dict
         )
 
 
-def collect_texts(job: FilterJob, number: int, keep: bool) -> str:
-    """Write the texts of a bucket that reach their toxicity stage to a file; return its path.
-
-    With `keep` the joined rows stay for `filter_bucket`.
-    """
+def collect_texts(job: FilterJob, number: int) -> str:
+    """Write the texts of a bucket that reach their toxicity stage to a file; return its path."""
     spec = spec_of(job)
     path = str(Path(job.work, f"texts-{number:06d}.arrow"))
     schema = pa.schema([("text", pa.string())])
     with full_disk_is_resumable(Path(job.work)), pa.ipc.new_file(path, schema) as file:
         with partition.without_collecting():
-            rows, counts = join(job, spec, number, follows=keep)
-        if keep:
-            _keep(job, spec, number, rows, counts)
+            rows, _ = join(job, spec, number, follows=False)
         for chain, judged in judge(spec, rows, lambda chain, rows: rows, until_scores=True)[0]:
             for column in chain.scores or ():
                 for chunk in judged.kept.column(column).chunks:
@@ -157,12 +150,8 @@ def join(
 ) -> tuple[dict[str, pa.Table], Counter[str]]:
     """The rows of a bucket by table, without purged ones, and its counts.
 
-    Returns the rows that `collect_texts` kept, if it did. Without `follows` the tables that follow
-    others may be empty.
+    Without `follows` the tables that follow others may be empty.
     """
-    folder = _kept_folder(job, number)
-    if folder.is_dir():
-        return _read_kept(folder)
     newest, counts = latest(job, spec, number)
     if not newest:
         return {}, counts
@@ -236,44 +225,6 @@ def write(job: FilterJob, name: str, number: int, rows: pa.Table) -> None:
     if rows.num_rows:
         path = Path(job.out, table(name).short, f"part-{number:05d}.parquet")
         write_table(path, rows, name, sync=False)
-
-
-def _kept_folder(job: FilterJob, number: int) -> Path:
-    return Path(job.work, "joined", str(number))
-
-
-def _keep(
-    job: FilterJob, spec: Clean, number: int, rows: dict[str, pa.Table], counts: Counter[str]
-) -> None:
-    """Keep joined rows instead of the rows they were joined from.
-
-    The folder appears in one step, so a task that another worker repeats sees one or the other.
-    """
-    folder = _kept_folder(job, number)
-    if folder.is_dir():
-        return
-    fresh = folder.with_name(f".{number}.{uuid.uuid4().hex[:8]}")
-    fresh.mkdir(parents=True)
-    for name, part in rows.items():
-        path = fresh / f"{name.replace('/', '.')}.arrow"
-        with pa.ipc.new_file(str(path), part.schema) as file:
-            file.write_table(part)
-    (fresh / "counts.json").write_text(json.dumps([list(rows), counts]))
-    fresh.rename(folder)
-    for kind, about in spec.kinds.items():
-        if about.bucket:  # every bucket reads the others
-            shutil.rmtree(Path(job.work, kind, str(number)), ignore_errors=True)
-
-
-def _read_kept(folder: Path) -> tuple[dict[str, pa.Table], Counter[str]]:
-    names, counts = json.loads((folder / "counts.json").read_text())
-    rows = {}
-    for name in names:
-        with pa.ipc.open_file(
-            pa.memory_map(str(folder / f"{name.replace('/', '.')}.arrow"))
-        ) as file:
-            rows[name] = file.read_all()
-    return rows, Counter(counts)
 
 
 def _without_purged(rows: pa.Table, chain: Chain, purged: frozenset[str]) -> pa.Table:

@@ -16,8 +16,17 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.config.profile.youtube import YouTubeSection
-from kb.filters.judgement import Judgement, Predicate, malformed, nothing, one, text
-from kb.filters.predicates import NotTrue, Present, passes
+from kb.filters.predicates import (
+    Judgement,
+    NotTrue,
+    Predicate,
+    Present,
+    malformed,
+    nothing,
+    one,
+    passes,
+    text,
+)
 
 _EDGE = r"[^\pL\pN_]"
 

@@ -102,7 +102,7 @@ def names(purge: Purge) -> Names:
         shown[removed] |= {file["key"]: file["title"] for file in answer["files"]}
         folder = root / answer["folder"]
         if is_captured_path(root, answer["folder"]) and (folder / "extraction.json.zst").exists():
-            sprites = extraction.sprites(root, folder)
+            sprites = extraction.read(root, folder)["sprites"]
             paths[removed] |= {str(BELOW.images / f"{name}.png") for name in sprites.values()}
     addresses = shown[True].keys() - shown[False].keys()
     files = {name for name in shown[True].values() if name} - set(shown[False].values())

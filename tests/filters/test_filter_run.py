@@ -11,8 +11,11 @@ from kb.core import context, engine
 from kb.core.errors import DamagedData, FatalError
 from kb.export import parquet
 from kb.filters.filter_run import run_clean
+from kb.sandbox.server import Sandbox
+from kb.sandbox.world import World
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
+from kb.store.state.frontier import Frontier
 from kb.store.tables import partition
 from tests.filters.made import (
     MONDAY,
@@ -25,6 +28,7 @@ from tests.filters.made import (
     transcript,
     video,
 )
+from tests.youtube.job import Job
 
 
 def test_every_answer(root: Path) -> None:
@@ -264,3 +268,26 @@ def test_few_bytes_start_no_worker_process_that_nobody_asked_for(
     run = dataclasses.replace(run_at(root, workers=2), asked=asked)
     assert run_clean(run, "youtube")["kept"] > 0
     assert started == [processes] * bool(processes)
+
+
+def test_videos_that_the_crawl_gave_up_on_are_failed(root: Path) -> None:
+    frontier = Frontier(root / "state" / "youtube.sqlite")
+    frontier.add("videos", ["kept", "lost", "gone", "waiting"])
+    for key in ("kept", "lost", "gone"):
+        frontier.error("videos", key, "status_500")
+    frontier.close()
+    summary = run_clean(run_at(root), "youtube")
+    assert (summary["crawled"], summary["failed"]) == (22, 3)
+    assert rows(root, "failed")["lost"]["reason"] == "status_500"
+    assert set(rows(root, "failed")) == {"lost", "broken", "badcues"}
+
+
+def test_where_all_rows_are_rejected_the_most_frequent_reason_is_named(tmp_path: Path) -> None:
+    with Sandbox(World(n_channels=2, n_videos=6), services=["youtube"]) as sandbox:
+        job = Job(sandbox, tmp_path)
+        job.done("youtube", "crawl")
+        job.profile(("min_views = 100\n", "min_views = 1000000000\n"))
+        summary = job.done("youtube", "filter", code=1)
+        assert (summary["kept"], summary["pending"]) == (0, 0)
+        assert "views: below" in summary["error"]
+        assert job.rows("SELECT count(*) AS n FROM clean.youtube_rejected")[0]["n"] > 0

@@ -21,8 +21,7 @@ def add_filter(app: typer.Typer, source: str, what: str = "raw answers") -> Call
     """`kb <source> filter`, which sorts `what`."""
 
     def filter_(run: Run) -> Summary:
-        from kb.filters.filter_run import run_clean
-        from kb.filters.nothing_kept import check_kept
+        from kb.filters.filter_run import check_kept, run_clean
 
         summary = run_clean(run, source)
         check_kept(run, source, summary)

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -54,21 +54,6 @@ class Captured:
     html: str
     settled: bool
     sprites: dict[int, bytes]
-    seconds: dict[str, float] = field(default_factory=dict)
-
-
-class Stopwatch:
-    """Measures where the time of one page goes."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._last = clock.monotonic()
-
-    def lap(self, name: str) -> None:
-        """Assign the time since the last lap to `name`."""
-        now = clock.monotonic()
-        self.seconds[name] = round(now - self._last, 4)
-        self._last = now
 
 
 def wait_retry_after(after: float | None, within: float) -> bool:
@@ -98,7 +83,6 @@ def capture(
     `after` seconds, and returns False when that takes longer than `within` seconds. Raises
     Retryable (another try may succeed) or ItemFinal (it will not).
     """
-    watch = Stopwatch()
     network = PageTraffic(browser)
     try:
         browser.go(url)
@@ -110,12 +94,9 @@ def capture(
                 raise ServerFault("cut_off")
         if strict and (broken := browser.script(_BROKEN)):
             raise ServerFault("resource_failed", after=_longest(network, broken))
-        watch.lap("load")
         settled = _settle(browser, network, rules, turn)
         browser.promise(_FREEZE, rules)
-        watch.lap("settle")
         extraction = browser.script(page_script("extract.js"), rules)
-        watch.lap("extract")
     except Retryable as error:
         if error.after is None and not browser.overdue:
             error.after = _retry_after(network, url)
@@ -138,14 +119,12 @@ def capture(
         if e["kind"] == "sprite" and e.get("css") and e["visible"]
     }
     html = browser.script(_HTML)
-    watch.lap("html")
     # Each tile gets the time of a page, so that tall pages do not fail on a busy machine.
     browser.allow(browser.page_seconds * (1 + screenshot.count_tiles(page["height"])))
     sprites = screenshot.take_screenshot(browser, shot, page["width"], page["height"], crops)
     if browser.script(_MEASURE) != [page["width"], page["height"]]:
         raise Retryable("page_moved: its size changed during the screenshot")
-    watch.lap("screenshot")
-    return Captured(extraction, html, settled, sprites, watch.seconds)
+    return Captured(extraction, html, settled, sprites)
 
 
 def _settle(

@@ -4,8 +4,9 @@ A round reads the complete list of pages, or named titles; `--again` starts a ne
 is done. At its end, pages that the wiki no longer has become tombstones.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -143,17 +144,6 @@ def reopen_larger(frontier: Frontier, section: Wiki) -> None:
                 frontier.mark("pages", [key], "todo")
 
 
-def reopen_moved(frontier: Frontier, today: Callable[[str], str]) -> None:
-    """Reopen what was refused for its host and is now reached at another URL."""
-    for kind in ("pages", "files"):
-        moved = []
-        for key, _, reason, payload in frontier.items(kind, "skipped"):
-            address = payload.url if kind == "pages" else key
-            if reason == "other_host" and today(address) != address:
-                moved.append(key)
-        frontier.mark(kind, moved, "todo")
-
-
 def reopen_lost(frontier: Frontier, root: Path) -> None:
     """Reopen the items of side files that are missing or damaged.
 
@@ -167,7 +157,10 @@ def reopen_lost(frontier: Frontier, root: Path) -> None:
             for path in lost
             if Path(path).is_relative_to(BELOW.captures)
         }
-        pages |= _with_sprites(frontier, root, {Path(path).stem for path in lost})
+        names = {Path(path).stem for path in lost}
+        for key, content in _captured_pages(frontier, root):
+            if content is None or names.intersection(content["sprites"].values()):
+                pages.add(key)
         files = {
             envelope.response["key"]
             for envelope in rawlog.read(root, "wiki", "files")
@@ -189,28 +182,24 @@ def reopen_foreign(frontier: Frontier, root: Path) -> None:
     """
     if frontier.cursor(_IDENTIFIED):
         return
-    foreign = []
-    for key, _, _, page in frontier.items("pages", "done"):
-        if page.rendered is not None:
-            folder = Layout(root).captures / key / str(page.rendered[0])
-            if extraction.is_foreign(extraction.page_of(folder), int(key)):
-                foreign.append(key)
+    foreign = [
+        key
+        for key, content in _captured_pages(frontier, root)
+        if content is not None and extraction.is_foreign(content["page"], int(key))
+    ]
     with frontier.transaction():
         frontier.mark("pages", foreign, "todo")
         frontier.set_cursor(_IDENTIFIED, True)
 
 
-def _with_sprites(frontier: Frontier, root: Path, names: set[str]) -> set[str]:
-    """Pages whose capture is unreadable, or has one of these files as a sprite."""
-    pages = set()
-    for key, _, _, page in frontier.items("pages", "done"):
+def _captured_pages(frontier: Frontier, root: Path) -> Iterator[tuple[str, dict[str, Any] | None]]:
+    """Page ids with their extractions; None for one that can't be read."""
+    for key, _, _, page in list(frontier.items("pages", "done")):
         if page.rendered is not None:
-            folder = Layout(root).captures / key / str(page.rendered[0])
             try:
-                sprites = extraction.sprites(root, folder)
+                yield (
+                    key,
+                    extraction.read(root, Layout(root).captures / key / str(page.rendered[0])),
+                )
             except DamagedData:
-                pages.add(key)
-                continue
-            if names & set(sprites.values()):
-                pages.add(key)
-    return pages
+                yield key, None

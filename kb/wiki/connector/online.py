@@ -1,15 +1,23 @@
-"""Asks the wiki for its description and some pages, for `kb profile check --online`."""
+"""Checks a profile against its wiki: the wiki's description and some pages for
+`kb profile check --online`, and what the profile's CSS selectors match in pages.
+
+Selectors are tried in the browser that a crawl uses. Pages are only parsed: no script runs and
+nothing is loaded.
+"""
 
 import contextlib
-from collections.abc import Callable, Iterator
-from typing import TypeVar
+from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple, TypeVar
 
 from kb.core.config import value_errors
 from kb.core.config.profile.check_finding import NOTE, OnlineAnswer, QuestionCost
-from kb.core.config.profile.wiki import Wiki
+from kb.core.config.profile.wiki import Markup, Wiki
 from kb.core.context import Run
 from kb.core.errors import ItemFinal
 from kb.net import retry
+from kb.wiki.browser import chromium
+from kb.wiki.browser.browser import Browser
+from kb.wiki.browser.process_guard import Guard
 from kb.wiki.connector.client import WikiApi, find_endpoint
 from kb.wiki.connector.http_client import WikiHosts
 
@@ -18,7 +26,7 @@ Result = TypeVar("Result")
 
 
 class _Once(WikiHosts):
-    """A wiki that is asked once: who waits for an answer would rather know now."""
+    """A wiki that is asked once: users who wait for a check want no retries."""
 
     def attempt(self, call: Callable[[], Result], *, service: str | None = None) -> Result:
         """One try. Raises Unreachable or Blocked."""
@@ -64,3 +72,68 @@ def _some_pages(api: WikiApi, web: WikiHosts, namespace: int) -> Iterator[str]:
                 text = web.get(url, {}).body.decode("utf-8", "replace")
                 if "wgArticleId" in text:  # else it is no page of the wiki: a challenge, say
                     yield text
+
+
+_SECONDS = 60.0
+# Selectors that apply inside the matches of another one.
+_INSIDE = {
+    "fact": "regions.infobox",
+    "fact_subject": "regions.infobox",
+    "fact_field": "fact",
+    "fact_value": "fact",
+    "slot": "recipe",
+    "slot_row": "recipe",
+    "slot_output": "recipe",
+}
+_NO_SELECTORS = ("regions", "units", "item", "animation_active")
+_COUNT = """
+const page = new DOMParser().parseFromString(arguments[0], "text/html");
+return arguments[1].map(([selector, around]) => {
+  try { document.createDocumentFragment().querySelector(selector); } catch { return null; }
+  try {
+    const places = around ? [...page.querySelectorAll(around)] : [page];
+    return places.reduce((sum, place) => sum + place.querySelectorAll(selector).length, 0);
+  } catch { return 0; }
+});
+"""
+
+
+class SelectorMatches(NamedTuple):
+    """`matches` in all pages together; None when the browser rejects the selector."""
+
+    key: str  # as in `wiki.markup.slot`
+    selector: str
+    matches: int | None
+
+
+def selectors_of(markup: Markup) -> dict[str, str]:
+    """The selectors of a profile by their keys below `wiki.markup`."""
+    names = [name for name in Markup.model_fields if name not in _NO_SELECTORS]
+    return {name: getattr(markup, name) for name in names} | {
+        f"regions.{name}": selector for name, selector in markup.regions.items()
+    }
+
+
+def count_matches(markup: Markup, pages: Iterable[str]) -> list[SelectorMatches]:
+    """How often each selector matches in pages given as HTML. Raises MissingExtra, Retryable."""
+    named = selectors_of(markup)
+    asked = [[selector, named.get(_INSIDE.get(key, ""))] for key, selector in named.items()]
+    with contextlib.ExitStack() as stack:
+        programs, watcher = chromium.find(), Guard()
+        stack.callback(watcher.close)
+        browser = Browser(
+            programs,
+            watcher,
+            hosts=(),
+            origins=(),
+            user_agent="lorecrawl",
+            viewport=(1280, 1024),
+            page_seconds=_SECONDS,
+        )
+        stack.callback(browser.end)
+        counts = [browser.script(_COUNT, html, asked) for html in pages]
+    each = zip(*counts, strict=True) if counts else [(0,)] * len(asked)
+    return [
+        SelectorMatches(f"wiki.markup.{key}", selector, None if None in matches else sum(matches))
+        for (key, selector), matches in zip(named.items(), each, strict=True)
+    ]

@@ -168,7 +168,6 @@ def remove_scratch(root: Path) -> None:
 
 def _store(root: Path, item: Item, captured: Captured, shot: Path) -> dict[str, Any]:
     """Write the page's files in one step; what the envelope says about them."""
-    watch = clock.monotonic()
     page = captured.extraction["page"]
     revision = int(page["revision_id"])
     folder = pages_folder(root) / str(int(item.key)) / str(revision)
@@ -192,7 +191,6 @@ def _store(root: Path, item: Item, captured: Captured, shot: Path) -> dict[str, 
             pack.compress(_ENCODER.encode({**captured.extraction, "sprites": sprites}))
         )
         sidefiles.write_sums(fresh)
-    seconds = {**captured.seconds, "store": round(clock.monotonic() - watch, 4)}
     return {
         "outcome": "captured",
         "revision_id": revision,
@@ -200,7 +198,6 @@ def _store(root: Path, item: Item, captured: Captured, shot: Path) -> dict[str, 
         "settled": captured.settled,
         "elements": len(captured.extraction["elements"]),
         "files": files,
-        "seconds": seconds,
     }
 
 

@@ -114,7 +114,6 @@ class WikiSource(Plain):
         names = self._titles.keys if self._titles else None
         discover.begin_round(frontier, names, self.section.namespaces, again=self._run.again)
         discover.reopen_larger(frontier, self.section)
-        discover.reopen_moved(frontier, self._web.today)
         discover.reopen_lost(frontier, self._run.root)
         discover.reopen_foreign(frontier, self._run.root)
         self._removed = self.opened.purged

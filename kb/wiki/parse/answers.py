@@ -1,90 +1,92 @@
-"""Checks the shape of the API's answers and reads the states of pages from them.
+"""Checks the shape of the API's answers, and reads states and names of pages from them.
 
 Status 200 does not guarantee an answer: a front end may say "busy", an error may have another
 shape, an answer may be incomplete. None of these says anything about a page. The shape is therefore
 checked first (`problem`), and a page absent from the answer is "unanswered", never "missing".
 """
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any, Generic, NamedTuple, TypeVar
 from urllib.parse import unquote
 
-SHOWN = 80  # characters of a strange answer that a message quotes
+import msgspec
+from msgspec import UNSET, UnsetType
+
+from kb.store.rawlog import rawlog
+from kb.store.state import tombstones
+
+SHOWN = 80  # characters of a malformed answer that a message quotes
+_Query = TypeVar("_Query")
+
+
+class _Answer(msgspec.Struct, Generic[_Query], rename={"next": "continue"}):
+    query: _Query
+    next: dict[str, str | int] | None = None
+
+
+class _Titled(msgspec.Struct):
+    title: str
+
+
+class _Site(msgspec.Struct):
+    general: dict[str, Any]
+    namespaces: dict[str, dict[str, Any]] = {}
+
+
+class _List(msgspec.Struct):
+    allpages: list[_Titled]
+
+
+class _Page(msgspec.Struct):
+    title: str = ""
+    pageid: int = 0
+    revisions: list[dict[str, Any]] = []
+
+
+class _Renamed(msgspec.Struct, rename={"source": "from"}):
+    source: str
+    to: str
+
+
+class _Pages(msgspec.Struct):
+    pages: list[_Page] | UnsetType = UNSET
+    normalized: list[_Renamed] = []
+    interwiki: list[_Titled] = []
+    badrevids: Any = None
 
 
 def problem(params: Mapping[str, str | int], answer: Any) -> str | None:
     """What is wrong with the shape of an answer to these parameters; None when it can be used."""
-    if not isinstance(answer, dict):
-        return f"the API's answer is no object but {quoted(repr(answer))}"
-    going = answer.get("continue")
-    if going is not None and not (
-        isinstance(going, dict) and all(isinstance(value, str | int) for value in going.values())
-    ):
-        return "the API's answer has a `continue` that can't be followed"
-    query = answer.get("query")
-    if not isinstance(query, dict):
-        return f"the API's answer has no `query` but {quoted(repr(answer))}"
+    shape: Any = _Answer[dict[str, Any]]
     if params.get("meta") == "siteinfo":
-        spaces = query.get("namespaces", {})
-        if (
-            not isinstance(query.get("general"), dict)
-            or not isinstance(spaces, dict)
-            or not _all(spaces.values())
-        ):
-            return "the API's answer does not describe the site"
-    if params.get("list") == "allpages" and not _entries(query.get("allpages"), "title"):
-        return "the API's answer has no list of pages"
-    if params.keys() & {"titles", "pageids", "revids"}:
-        return _about_pages(query)
+        shape = _Answer[_Site]
+    elif params.get("list") == "allpages":
+        shape = _Answer[_List]
+    elif params.keys() & {"titles", "pageids", "revids"}:
+        shape = _Answer[_Pages]
+    try:
+        query = msgspec.convert(answer, shape).query
+    except msgspec.ValidationError as error:
+        return f"the API's answer is malformed ({error}): {quoted(repr(answer))}"
+    # Without pages there must be another answer: titles of other wikis, or unknown revisions.
+    if (
+        isinstance(query, _Pages)
+        and query.pages is UNSET
+        and not (query.interwiki or query.badrevids)
+    ):
+        return f"the API's answer has no pages: {quoted(repr(answer))}"
     return None
 
 
 def quoted(text: str) -> str:
-    """The beginning of a strange answer on one line."""
+    """The beginning of a malformed answer on one line."""
     line = " ".join(text.split())
     return f'"{line[:SHOWN]}…"' if len(line) > SHOWN else f'"{line}"'
 
 
-def _about_pages(query: dict[str, Any]) -> str | None:
-    # Without a single page there must be another answer: titles of other wikis, or revisions that
-    # are not there.
-    if "pages" not in query and not query.get("interwiki") and not query.get("badrevids"):
-        return f"the API's answer has no pages but {quoted(repr(query))}"
-    pages = query.get("pages", [])
-    if not isinstance(pages, list) or not _all(pages):
-        return "the API's answer has no list of pages"
-    for page in pages:
-        if not isinstance(page.get("title", ""), str) or type(page.get("pageid", 0)) is not int:
-            return (
-                f"the API's answer holds a page that has neither title nor id: {quoted(repr(page))}"
-            )
-        if not isinstance(page.get("revisions", []), list) or not _all(page.get("revisions", [])):
-            return "the API's answer holds revisions that are no objects"
-    if not (
-        _entries(query.get("normalized", []), "from", "to")
-        and _entries(query.get("interwiki", []), "title")
-    ):
-        return "the API's answer names titles in a way that can't be read"
-    return None
-
-
-def _all(values: Any) -> bool:
-    return all(isinstance(value, dict) for value in values)
-
-
-def _entries(values: Any, *names: str) -> bool:
-    return (
-        isinstance(values, list)
-        and _all(values)
-        and all(isinstance(entry.get(name), str) for entry in values for name in names)
-    )
-
-
 def state(page: dict[str, Any]) -> str:
-    """What an answer says of a page: "there", "invalid", "redirect", "missing" or "special".
-
-    "unanswered" when it says none of it.
-    """
+    """The state of a page: "there", "invalid", "redirect", "missing", "special", "unanswered"."""
     flag = next(
         (name for name in ("invalid", "redirect", "missing", "special") if page.get(name)), None
     )
@@ -92,19 +94,69 @@ def state(page: dict[str, Any]) -> str:
 
 
 def asked(params: dict[str, Any]) -> list[str]:
-    """The titles that were asked for."""
+    """The requested titles."""
     titles = params.get("titles")
     return titles.split("|") if isinstance(titles, str) and titles else []
 
 
 def elsewhere(query: dict[str, Any]) -> set[str]:
-    """Titles that stand for pages of other wikis."""
+    """Titles of pages of other wikis."""
     return {entry["title"] for entry in query.get("interwiki", [])}
 
 
 def renamed(query: dict[str, Any]) -> dict[str, str]:
-    """How the wiki writes the titles that were asked for, where it writes them otherwise."""
+    """Requested titles that the wiki writes differently, with its own spelling."""
     return {
         unquote(change["from"]) if change.get("fromencoded") else change["from"]: change["to"]
         for change in query.get("normalized", [])
     }
+
+
+class NamedPage(NamedTuple):
+    """A page: `prefix` is its namespace's name ("Cookbook"), empty for articles."""
+
+    title: str
+    prefix: str
+    redirects: tuple[str, ...]
+    categories: tuple[str, ...]
+
+
+def named_pages(root: Path) -> list[NamedPage]:
+    """Every page of the wiki but its front page, by title; the newest answer wins.
+
+    Purged pages and those that are gone are left out. Raises DamagedData.
+    """
+    spaces, front = _site(root)
+    removed = tombstones.keys(root, "wiki")
+    newest: dict[str, tuple[str, NamedPage | None]] = {}
+    for envelope in rawlog.read(root, "wiki", "pages"):
+        query = (envelope.response or {}).get("query") or {}
+        for page in query.get("pages", []):
+            key, at = str(page.get("pageid", page.get("title"))), envelope.fetched_at or ""
+            if at >= newest.get(key, ("", None))[0]:
+                there = state(page) == "there" and "redirects" not in query
+                newest[key] = (at, _named(page, spaces, removed) if there else None)
+    named = [page for key, (_, page) in newest.items() if page is not None and key not in removed]
+    return sorted(page for page in named if page.title not in removed and page.title != front)
+
+
+def _site(root: Path) -> tuple[dict[int, str], str]:
+    """Names of namespaces by number, and the front page's title."""
+    spaces: dict[int, str] = {}
+    front = ""
+    for envelope in rawlog.read(root, "wiki", "site"):
+        query = (envelope.response or {}).get("query") or {}
+        front = query.get("general", {}).get("mainpage", front)
+        spaces |= {one["id"]: one.get("name", "") for one in query.get("namespaces", {}).values()}
+    return spaces, front
+
+
+def _named(page: dict[str, Any], spaces: dict[int, str], removed: Collection[str]) -> NamedPage:
+    prefix = spaces.get(page.get("ns", 0), "")
+
+    def titles(name: str) -> tuple[str, ...]:
+        return tuple(sorted(one["title"] for one in page.get(name, []) if "title" in one))
+
+    categories = tuple(title.partition(":")[2] or title for title in titles("categories"))
+    redirects = tuple(title for title in titles("redirects") if title not in removed)
+    return NamedPage(page["title"], prefix, redirects, categories)

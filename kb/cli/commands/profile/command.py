@@ -216,7 +216,7 @@ def _proposal(run: Run) -> Proposal:
     from kb.pairs import keywords
     from kb.pairs.keyword_proposal import PageNames, propose
     from kb.store.rawlog import rawlog
-    from kb.wiki.parse.page_names import pages
+    from kb.wiki.parse.answers import named_pages
     from kb.wiki.spec import SPEC
 
     if not rawlog.segments(run.root, SPEC.name, "pages"):
@@ -233,7 +233,7 @@ def _proposal(run: Run) -> Proposal:
             [title.removeprefix(f"{page.prefix}:") for title in page.redirects],
             page.categories,
         )
-        for page in pages(run.root)
+        for page in named_pages(run.root)
     ]
     return propose(names, known)
 

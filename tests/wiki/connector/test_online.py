@@ -4,7 +4,7 @@ import pytest
 
 from kb.core.config.profile import load_profile
 from kb.core.config.profile.wiki import selector_problem
-from kb.wiki.browser.selectors import count_matches, selectors_of
+from kb.wiki.connector.online import count_matches, selectors_of
 
 MARKUP = load_profile("minecraft").wiki.markup
 
