@@ -19,7 +19,7 @@ import hashlib
 import json
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
 from urllib.parse import quote, unquote, urlsplit
@@ -32,6 +32,7 @@ from kb.store.atomic import replacing_folder
 from kb.store.layout import CAPTURED, Layout
 from kb.store.rawlog import sidefiles
 from kb.store.rawlog.sidefiles import captured_path
+from kb.store.tables.merge import RowsByKey
 
 _BOX = ["x", "y", "width", "height"]
 
@@ -49,33 +50,23 @@ def wiki(run: Run) -> Summary:
         ["page_id", "title", "url", "fetched_at", "screenshot_path"],
         ["page_id"],
     )
-    elements = _Grouped(
-        run.root,
+    elements = _by_page(
+        run,
         "wiki/elements",
-        ["page_id", "element_id", "parent_id", "kind", "text", *_BOX, "visible", "reading_order"],
-        ["page_id", "reading_order"],
+        ("reading_order",),
+        ("element_id", "parent_id", "kind", "text", *_BOX, "visible"),
     )
-    cells = _Grouped(
-        run.root,
+    cells = _by_page(
+        run,
         "wiki/cells",
-        ["page_id", "table_id", "row_index", "column_index", "is_header", "text", *_BOX],
-        ["page_id", "table_id", "row_index", "column_index"],
+        ("table_id", "row_index", "column_index"),
+        ("is_header", "text", *_BOX),
     )
-    images = _Grouped(
-        run.root,
+    images = _by_page(
+        run,
         "wiki/images",
-        [
-            "page_id",
-            "element_id",
-            "frame_index",
-            "src",
-            "path",
-            "sha256",
-            "media_type",
-            "alt_text",
-            "caption",
-        ],
-        ["page_id", "element_id", "frame_index"],
+        ("element_id", "frame_index"),
+        ("src", "path", "sha256", "media_type", "alt_text", "caption"),
     )
     with replacing_folder(target) as fresh:
         for page in pages:
@@ -89,10 +80,16 @@ def wiki(run: Run) -> Summary:
             (folder / "images").mkdir(parents=True)
             _copy(run.root, page["screenshot_path"], folder / "screenshot.png")
             key = page["page_id"]
-            data = _data(run.root, folder, page, elements.of(key), cells.of(key), images.of(key))
+            rows = (list(table.of(key)) for table in (elements, cells, images))
+            data = _data(run.root, folder, page, *rows)
             (folder / "data.json").write_text(json.dumps(data, indent=2), encoding="ascii")
             count += 1
     return Summary(format="minedojo", pages=count, path=str(target))
+
+
+def _by_page(run: Run, name: str, order: Sequence[str], columns: Sequence[str]) -> RowsByKey:
+    by = ["page_id", *order]
+    return RowsByKey(sorted_rows(run.root, name, [*by, *columns], by), "page_id")
 
 
 def folder_name(url: str, title: str) -> str:
@@ -128,24 +125,6 @@ def _short(step: str) -> str:
         if len(raw) <= 200
         else f"{raw[:180].decode(errors='ignore')}~{hashlib.sha256(raw).hexdigest()[:12]}"
     )
-
-
-class _Grouped:
-    """Rows of a table by page, read along with the pages; both are in order of page_id."""
-
-    def __init__(self, root: Path, name: str, columns: list[str], by: list[str]) -> None:
-        self._groups = groupby(sorted_rows(root, name, columns, by), key=lambda row: row["page_id"])
-        self._next: tuple[int, Iterator[Row]] | None = next(self._groups, None)
-
-    def of(self, page_id: int) -> list[Row]:
-        """The rows of a page."""
-        while self._next is not None and self._next[0] < page_id:
-            self._next = next(self._groups, None)
-        if self._next is None or self._next[0] != page_id:
-            return []
-        group = list(self._next[1])
-        self._next = next(self._groups, None)
-        return group
 
 
 def box(row: Row) -> list[float | int]:

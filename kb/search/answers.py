@@ -5,25 +5,26 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple
 
 import msgspec
-import pyarrow as pa
-import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from tantivy import TextAnalyzer
 
 from kb.artifacts import index, manifest, texts
 from kb.artifacts.table_catalog import NO_TABLES, Catalog
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
 from kb.search.passage import Passage
-from kb.search.query import question
+from kb.search.query import corrected, question
 from kb.search.ranking import IndexedTerm, Only, Ranked, Weights, rank
-from kb.search.snippet import snippet
-from kb.search.spelling import corrected
 from kb.search.tantivy_index import PassageIndex
 from kb.store.layout import Layout
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
+
+MARK = "**"  # around matching words
+MOST = 32  # words
 
 
 class SearchHit(msgspec.Struct):
@@ -193,21 +194,83 @@ def entity(root: Path, name: str) -> str:
 
 
 def keys(root: Path, name: str, sources: Sequence[str]) -> dict[str, list[str]]:
-    """The keys that are linked to an entity, sorted. Only row groups that may name it are read."""
+    """The keys that are linked to an entity, sorted."""
     linked: dict[str, set[str]] = {source: set() for source in sources}
     files = Catalog(root.absolute()).files("links/links")
     with reading(files):
-        for path in files:
-            with parquet.open_file(path) as file:
-                for group in range(file.metadata.num_row_groups):
-                    about: Any = file.metadata.row_group(group).column(0).statistics
-                    known = about is not None and about.has_min_max
-                    if known and not about.min <= name <= about.max:
-                        continue
-                    rows = file.read_row_group(group, columns=["entity", "source", "key"])
-                    mine = rows.filter(pc.equal(rows["entity"].cast(pa.string()), name))
-                    pairs = zip(mine["source"].to_pylist(), mine["key"].to_pylist(), strict=True)
-                    for source, key in cast("list[tuple[str, str]]", list(pairs)):
-                        if source in linked:
-                            linked[source].add(key)
+        rows = pq.read_table(
+            [str(path) for path in files],
+            columns=["source", "key"],
+            filters=[("entity", "=", name)],
+            page_checksum_verification=True,
+        )
+    for row in rows.to_pylist():
+        if row["source"] in linked:
+            linked[row["source"]].add(row["key"])
     return {source: sorted(linked_keys) for source, linked_keys in linked.items()}
+
+
+class Snippet(NamedTuple):
+    """A part of a text in one line, "…" where more stands; `marks` are (first character, words) in
+    the text of what is marked in it.
+    """
+
+    text: str
+    marks: list[tuple[int, int]]
+
+
+class _Span(NamedTuple):
+    """Words that match a term: the first, one past the last, the number of the term."""
+
+    first: int
+    after: int
+    term: int
+
+
+def snippet(text: str, analyzer: TextAnalyzer, marked: Sequence[IndexedTerm]) -> Snippet:
+    """The MOST words with the longest of the terms, then with the most different ones, then with
+    the most marks, then the first; without any the beginning.
+    """
+    tokens = analyzer.pre_tokenize(text).tokens
+    words = [token.text for token in tokens]
+    spans = _spans(words, marked)
+    begin = _begin(spans, len(words))
+    end = min(begin + MOST, len(words))
+    shown = [one for one in spans if begin <= one.first and one.after <= end]
+    at = tokens[begin].char_offset_from if begin else 0
+    last = tokens[end - 1].char_offset_to if end < len(words) else len(text)
+    assert last is not None
+    parts = []
+    for one in shown:
+        first, after = tokens[one.first].char_offset_from, tokens[one.after - 1].char_offset_to
+        assert after is not None
+        parts += [text[at:first], MARK, text[first:after], MARK]
+        at = after
+    marked_text = "".join(["…" * (begin > 0), *parts, text[at:last], "…" * (end < len(words))])
+    marks = [(tokens[one.first].char_offset_from, one.after - one.first) for one in shown]
+    return Snippet(" ".join(marked_text.split()), marks)
+
+
+def _spans(words: Sequence[str], marked: Sequence[IndexedTerm]) -> list[_Span]:
+    """Where the terms stand, none inside of another: the first, and of these the longest."""
+    spans = []
+    for number, one in enumerate(marked):
+        spans += [_Span(at, at + len(one.words), number) for at in one.places(words)]
+    kept: list[_Span] = []
+    for span in sorted(spans, key=lambda one: (one.first, -one.after)):
+        if not kept or span.first >= kept[-1].after:
+            kept.append(span)
+    return kept
+
+
+def _begin(spans: Sequence[_Span], count: int) -> int:
+    """The first word of the best part, what is marked in the middle of it."""
+    best, begin = (0, 0, 0), 0
+    for one in spans:
+        near = [two for two in spans if two.first >= one.first and two.after <= one.first + MOST]
+        longest = max((two.after - two.first for two in near), default=0)
+        worth = longest, len({two.term for two in near}), len(near)
+        if near and worth > best:
+            best = worth
+            begin = one.first - (MOST - (near[-1].after - one.first)) // 2
+    return max(0, min(begin, count - MOST))

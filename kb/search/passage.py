@@ -81,51 +81,26 @@ def batches(root: Path, name: str, columns: list[str]) -> Iterator[pa.Table]:
     merge = Merge(files, order(declared), there, ahead=_AHEAD, scratch=scratch)
     with closing(merge) as merged:
         for part in merged:
+            made = part
+            for column in set(columns).difference(there):
+                empty = pa.nulls(part.num_rows, declared.arrow().field(column).type)
+                made = made.append_column(column, empty)
             for start in range(0, part.num_rows, _AT_ONCE):
-                yield _filled(part.slice(start, _AT_ONCE), declared.arrow(), columns)
-
-
-def _filled(rows: pa.Table, declared: pa.Schema, columns: list[str]) -> pa.Table:
-    for column in columns:
-        if column not in rows.column_names:
-            kind = declared.field(column).type
-            rows = rows.append_column(column, pa.nulls(rows.num_rows, kind))
-    return rows.select(columns)
-
-
-class RowsByKey:
-    """Rows of a second table in the order of `key`, taken along with the rows of a first one."""
-
-    def __init__(self, rows: Iterator[dict[str, Any]], key: str) -> None:
-        self._rows, self._key = rows, key
-        self._next = next(rows, None)
-
-    def of(self, key: Any) -> Iterator[dict[str, Any]]:
-        """The rows of one key; keys are asked for in rising order. Read them before the next."""
-        while self._next is not None and self._next[self._key] < key:
-            self._next = next(self._rows, None)
-        while self._next is not None and self._next[self._key] == key:
-            yield self._next
-            self._next = next(self._rows, None)
+                yield made.select(columns).slice(start, _AT_ONCE)
 
 
 def pieces(lines: Iterable[str], most: int = MOST_WORDS) -> Iterator[str]:
-    """Lines put together to texts of at most `most` words; a longer line is divided."""
+    """Lines joined to texts of at most `most` words; a longer line is divided."""
     pending: list[str] = []
     count = 0
     for line in lines:
         words = line.split()
-        parts = (
-            [line]
-            if len(words) <= most
-            else [" ".join(words[at : at + most]) for at in range(0, len(words), most)]
-        )
-        for part in parts:
-            size = len(part.split())
-            if pending and count + size > most:
+        for at in range(0, max(len(words), 1), most):
+            part = words[at : at + most]
+            if pending and count + len(part) > most:
                 yield "\n".join(pending)
                 pending, count = [], 0
-            pending.append(part)
-            count += size
+            pending.append(line if len(words) <= most else " ".join(part))
+            count += len(part)
     if pending:
         yield "\n".join(pending)

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from kb.core.config.profile import Profile
 from kb.core.config.profile.reddit import RedditSection
-from kb.search.passage import Passage, RowsByKey, day, pieces, plain, rows
+from kb.search.passage import Passage, day, pieces, plain, rows
+from kb.store.tables.merge import RowsByKey
 
 _POST = ["post_id", "title", "body", "poll_options", "created_utc"]
 _COMMENT = ["comment_id", "post_id", "body", "created_utc"]

@@ -1,4 +1,4 @@
-"""What an index of tantivy's looks like, and how it is asked (kb.search.tantivy_index writes it).
+"""Writes and queries an index of tantivy.
 
 A passage is one document. Its `words` are its title twice, its headings, its text and its alt texts
 one after the other, so that a word of the title counts twice; a phrase never reaches from one into
@@ -12,7 +12,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import orjson
 import tantivy
@@ -26,7 +26,6 @@ from kb.store.atomic import FULL_HINT
 WORDS, KEY, KIND, NUMBER, THING, DAY, ROW = "words", "key", "kind", "number", "thing", "day", "row"
 ANALYZER = "words"  # the name of kb.search.tantivy_index.analyzer in an index
 _SPECIAL = re.compile(r"[^\w\s]")  # signs of a pattern; folding makes some: "⑴" is "(1)"
-_Given = TypeVar("_Given")
 
 
 class IndexHit(NamedTuple):
@@ -62,35 +61,38 @@ class PassageIndex:
     def __init__(self, folder: Path, stemmer: str) -> None:
         self._folder = folder
         self.analyzer = analyzer(stemmer)
-        self._index = self._read(lambda: _open(folder))
-        self.schema = self._index.schema
-        self._searcher = self._read(self._index.searcher)
+        with self._reading():
+            opened = _open(folder)
+            self._searcher = opened.searcher()
+        self.schema = opened.schema
         self.size = self._searcher.num_docs
 
-    def _read(self, ask: Callable[[], _Given]) -> _Given:
+    @contextlib.contextmanager
+    def _reading(self) -> Iterator[None]:
+        damage = DamagedData(f"{self._folder} can't be read", hint="run `kb index --again`")
         try:
-            return ask()
-        except Exception as error:
-            raise self._damaged() from error
+            yield
+        except (ValueError, OSError) as error:
+            raise damage from error
         except BaseException as error:
-            if type(error).__name__ != "PanicException":  # tantivy's; its class has no address
+            if type(error).__name__ != "PanicException":  # tantivy's, which it does not export
                 raise
-            raise self._damaged() from None
-
-    def _damaged(self) -> DamagedData:
-        return DamagedData(f"{self._folder} can't be read", hint="run `kb index --again`")
+            raise damage from None
 
     def frequency(self, word: str) -> int:
         """How many passages have a word of the analyzer's."""
-        return self._read(lambda: self._searcher.doc_freq(WORDS, word))
+        with self._reading():
+            return self._searcher.doc_freq(WORDS, word)
 
     def count(self, query: Query) -> int:
         """How many passages a query finds."""
-        return int(self._read(lambda: self._searcher.search(query, 1)).count)  # type: ignore[attr-defined]
+        with self._reading():
+            return int(self._searcher.search(query, 1).count)  # type: ignore[attr-defined]
 
     def frequencies(self, prefix: str, most: int) -> list[tuple[str, int]]:
         """The most frequent words that begin like this, and how many passages have them."""
-        return self._read(lambda: self._searcher.terms_with_prefix(WORDS, prefix, limit=most))
+        with self._reading():
+            return self._searcher.terms_with_prefix(WORDS, prefix, limit=most)
 
     def phrase(self, words: list[str]) -> Query:
         """Passages with a word, or with several side by side."""
@@ -129,13 +131,12 @@ class PassageIndex:
         return Query.term_set_query(self.schema, KEY, list(keys))
 
     def best(self, query: Query, most: int) -> list[IndexHit]:
-        """The passages of a query with the highest scores; which of equal ones is chance."""
-        hits = self._read(lambda: self._searcher.search(query, most, count=False)).hits
-        places = [place for _, place in hits]
-        numbers, things = (
-            self._read(lambda field=field: self._searcher.fast_field_values(field, places))  # type: ignore[misc]
-            for field in (NUMBER, THING)
-        )
+        """The passages of a query with the highest scores; the order of equal ones is random."""
+        with self._reading():
+            hits = self._searcher.search(query, most, count=False).hits
+            places = [place for _, place in hits]
+            numbers = self._searcher.fast_field_values(NUMBER, places)
+            things = self._searcher.fast_field_values(THING, places)
         return [
             IndexHit(score, int(number or 0), int(thing or 0), (place.segment_ord, place.doc))
             for (score, place), number, thing in zip(hits, numbers, things, strict=True)
@@ -143,17 +144,17 @@ class PassageIndex:
 
     def first(self, query: Query, most: int) -> list[Passage]:
         """The passages of a query that were written first."""
-        hits = self._read(
-            lambda: self._searcher.search(
+        with self._reading():
+            hits = self._searcher.search(
                 query, most, count=False, order_by_field=NUMBER, order=tantivy.Order.Asc
-            )
-        ).hits
+            ).hits
         return [self.passage((place.segment_ord, place.doc)) for _, place in hits]
 
     def passage(self, address: tuple[int, int]) -> Passage:
         """The passage at an address."""
-        document = self._read(lambda: self._searcher.doc(tantivy.DocAddress(*address)))
-        return Passage(*self._read(lambda: orjson.loads(document.get_first(ROW) or b"")))
+        with self._reading():
+            document = self._searcher.doc(tantivy.DocAddress(*address))
+            return Passage(*orjson.loads(document.get_first(ROW) or b""))
 
 
 def _open(folder: Path) -> tantivy.Index:
@@ -206,7 +207,7 @@ def write(
     index.register_tokenizer(ANALYZER, analyzer(stemmer))
     count = reported = things = 0
     thing = None
-    with _checking_disk(folder):
+    try:
         writer = index.writer(heap_size=heap, num_threads=_THREADS)
         for count, passage in enumerate(passages, 1):
             things += passage.thing != thing
@@ -217,6 +218,11 @@ def write(
                 reported = count
         writer.commit()
         writer.wait_merging_threads()
+    except ValueError as error:
+        # tantivy says only that one of its threads failed.
+        if shutil.disk_usage(folder).free < _LEAST_ROOM:
+            raise DiskFull(f"no space left to write {folder}", hint=FULL_HINT) from error
+        raise
     advance(count - reported)
     written = PassageIndex(folder, stemmer).size
     assert written == count, f"{written} of {count} passages in {folder}"
@@ -236,14 +242,3 @@ def _document(passage: Passage, number: int, thing: int) -> tantivy.Document:
         made.add_integer(DAY, day(passage.date))
     made.add_bytes(ROW, orjson.dumps(tuple(passage)))
     return made
-
-
-@contextlib.contextmanager
-def _checking_disk(folder: Path) -> Iterator[None]:
-    """tantivy says only that a thread of it failed."""
-    try:
-        yield
-    except ValueError as error:
-        if shutil.disk_usage(folder).free < _LEAST_ROOM:
-            raise DiskFull(f"no space left to write {folder}", hint=FULL_HINT) from error
-        raise

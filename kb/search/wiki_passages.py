@@ -14,7 +14,8 @@ from typing import Any
 from urllib.parse import quote
 
 from kb.core.config.profile import Profile
-from kb.search.passage import MOST_WORDS, Passage, RowsByKey, day, pieces, plain, rows
+from kb.search.passage import MOST_WORDS, Passage, day, pieces, plain, rows
+from kb.store.tables.merge import RowsByKey
 
 _PAGE = ["page_id", "title", "url", "revision_id", "revision_timestamp", "license"]
 _ELEMENT = ["page_id", "element_id", "parent_id", "kind", "tag", "region", "heading_level"]

@@ -4,18 +4,16 @@ title and description.
 
 from __future__ import annotations
 
-import unicodedata
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
-from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.config.profile import Profile
-from kb.search.passage import Passage, RowsByKey, batches, day, pieces, plain, rows
+from kb.search.passage import Passage, batches, day, pieces, plain, rows
+from kb.store.tables.merge import RowsByKey
 
 MOST = 120  # words of a window
 LEAST = 60  # words before which no pause ends one
@@ -77,75 +75,32 @@ def passages(_: Profile, root: Path) -> Iterator[Passage]:
 
 
 def spoken(root: Path) -> Iterator[dict[str, Any]]:
-    """`video_id` of each transcript and its `talk`, by video.
-
-    Cues never become an object each: there are a hundred times as many as anything else.
-    """
+    """`video_id` of each transcript and its `talk`, by video."""
     for part in batches(root, "youtube/transcripts", ["video_id", "cues"]):
-        keys, lists = part["video_id"].to_pylist(), part["cues"].combine_chunks()
+        lists = part["cues"].combine_chunks()
         counts = pc.list_value_length(lists).to_pylist()
-        starts, ends, texts = _columns(pc.list_flatten(lists))
+        cues = pc.list_flatten(lists)
+        columns = [pc.struct_field(cues, [name]).to_pylist() for name in _CUE]
         at = 0
-        for key, count in zip(keys, counts, strict=True):
+        for key, count in zip(part["video_id"].to_pylist(), counts, strict=True):
             after = at + (count or 0)
-            yield {
-                "video_id": key,
-                "talk": _talk(starts[at:after], ends[at:after], texts[at:after]),
-            }
+            yield {"video_id": key, "talk": talk(*(column[at:after] for column in columns))}
             at = after
-
-
-def _columns(cues: pa.Array[Any]) -> tuple[list[float], list[float], list[str]]:
-    """Starts and ends of cues to the hundredth of a second, and their texts; no null."""
-    start, length, text = (pc.struct_field(cues, [name]) for name in _CUE)
-    starts = pc.max_element_wise(start, 0.0)  # which leaves nulls out
-    ends = pc.add(starts, pc.max_element_wise(length, 0.0))
-    return (
-        pc.round(starts, 2).to_pylist(),
-        pc.round(ends, 2).to_pylist(),
-        pc.fill_null(text, "").to_pylist(),
-    )
 
 
 def talk(
     starts: Sequence[float | None], durations: Sequence[float | None], texts: Sequence[str | None]
 ) -> Talk:
-    """The cues with words, none of them longer than a window: a longer one is divided by its words.
-
-    Times in seconds.
-    """
-    columns: list[pa.Array[Any]] = [
-        pa.array(starts, pa.float64()),
-        pa.array(durations, pa.float64()),
-        pa.array(texts, pa.string()),
-    ]
-    return _talk(*_columns(pa.StructArray.from_arrays(columns, names=_CUE)))
-
-
-def _talk(starts: list[float], ends: list[float], texts: list[str]) -> Talk:
-    joined = f" {' '.join(texts)} "
-    one_form = joined.isascii() or unicodedata.is_normalized("NFC", joined)
-    if one_form and joined.isprintable() and "  " not in joined:  # as nearly all are
-        counts = [text.count(" ") + 1 for text in texts]
-        if max(counts, default=0) <= MOST:
-            return Talk(starts, ends, texts, list(accumulate(counts, initial=0)))
-    words = [plain(text).split() for text in texts]
-    counts = list(map(len, words))
-    if counts and (min(counts) == 0 or max(counts) > MOST):
-        starts, ends, words = _divided(starts, ends, words)
-        counts = list(map(len, words))
-    return Talk(starts, ends, list(map(" ".join, words)), list(accumulate(counts, initial=0)))
-
-
-def _divided(
-    begun: list[float], ended: list[float], words: list[list[str]]
-) -> tuple[list[float], list[float], list[list[str]]]:
-    """Cues without words left out, those of more than a window's in parts."""
-    starts, ends, parts = [], [], []
-    for start, end, cue_words in zip(begun, ended, words, strict=True):
-        for at in range(0, len(cue_words), MOST):
-            after = min(at + MOST, len(cue_words))
-            starts.append(start + at / len(cue_words) * (end - start))
-            ends.append(start + after / len(cue_words) * (end - start))
-            parts.append(cue_words[at:after])
-    return starts, ends, parts
+    """The cues with words. A cue longer than a window is divided. Times in seconds."""
+    made = Talk([], [], [], [0])
+    for start, duration, text in zip(starts, durations, texts, strict=True):
+        words = plain(text).split()
+        begun, length = max(start or 0.0, 0.0), max(duration or 0.0, 0.0)
+        for at in range(0, len(words), MOST):
+            part = words[at : at + MOST]
+            after = at + len(part)
+            made.starts.append(round(begun + at / len(words) * length, 2))
+            made.ends.append(round(begun + after / len(words) * length, 2))
+            made.texts.append(" ".join(part))
+            made.words.append(made.words[-1] + len(part))
+    return made

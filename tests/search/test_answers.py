@@ -5,6 +5,7 @@ import math
 import re
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -20,10 +21,12 @@ from kb.core.errors import DamagedData, UsageError
 from kb.core.sources import SOURCES
 from kb.filters.filter_run import run_clean
 from kb.search import reddit_passages, wiki_passages, youtube_passages
-from kb.search.answers import search
+from kb.search.answers import MOST as SNIPPET_WORDS
+from kb.search.answers import search, snippet
 from kb.search.build import index
 from kb.search.passage import MOST_WORDS, Passage
 from kb.search.ranking import Only
+from kb.search.tantivy_index import analyzer
 from kb.search.youtube_passages import MOST
 from kb.store import lock
 from kb.store.artifact_registry import ARTIFACTS, MANIFEST
@@ -257,7 +260,7 @@ def test_only_a_text_without_words_is_an_error(made: Path, text: str) -> None:
     try:
         answers = search(made, text, sources=["wiki"])
     except UsageError:
-        assert not re.search(r"(?<![-\w])[a-zA-Z0-9]", text)
+        assert not re.search(r"(?:^|\s)[a-zA-Z0-9]", text)
         return
     for one in answers:
         assert one.score > 0
@@ -439,3 +442,24 @@ def test_an_index_without_its_note_or_with_a_file_more(root: Path) -> None:
         search(root, "camel")
     assert index(run)["indexed"] == ["wiki"]
     assert not verify(root, run.progress).of("index")
+
+
+def term(word: str) -> Any:
+    """A term of one word, as `snippet` reads it from an index."""
+    return SimpleNamespace(
+        words=[word], places=lambda words: [at for at, one in enumerate(words) if one == word]
+    )
+
+
+def test_the_marked_words_are_shown_and_the_rest_is_cut() -> None:
+    text = " ".join(["dirt"] * 100 + ["wolf"] + ["sand"] * 100)
+    shown = snippet(text, analyzer(""), [term("wolf")])
+    assert shown.text.startswith("…dirt")
+    assert shown.text.endswith("sand…")
+    assert "**wolf**" in shown.text
+    assert len(shown.text.split()) == SNIPPET_WORDS
+    assert shown.marks == [(500, 1)]
+
+
+def test_without_a_mark_the_text_begins() -> None:
+    assert snippet("A short\ntext", analyzer(""), [term("wolf")]) == ("A short text", [])

@@ -157,3 +157,19 @@ class _Cursor:
 
     def close(self) -> None:
         self._file.close()
+
+
+class RowsByKey:
+    """Rows of a second table in the order of `key`, read along with the rows of a first one."""
+
+    def __init__(self, rows: Iterator[dict[str, Any]], key: str) -> None:
+        self._rows, self._key = rows, key
+        self._next = next(rows, None)
+
+    def of(self, key: Any) -> Iterator[dict[str, Any]]:
+        """The rows of one key; ask for keys in rising order, and read them before the next."""
+        while self._next is not None and self._next[self._key] < key:
+            self._next = next(self._rows, None)
+        while self._next is not None and self._next[self._key] == key:
+            yield self._next
+            self._next = next(self._rows, None)

@@ -66,3 +66,14 @@ def test_a_group_larger_than_what_is_read_ahead(
     )
     assert [tuple(row.values()) for row in read] == sorted(rows + more)
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+
+
+def test_rows_of_a_second_table_by_key() -> None:
+    rows = merge.RowsByKey(iter([{"k": 1, "v": "a"}, {"k": 3, "v": "b"}, {"k": 3, "v": "c"}]), "k")
+    assert [[row["v"] for row in rows.of(key)] for key in (0, 1, 2, 3, 4)] == [
+        [],
+        ["a"],
+        [],
+        ["b", "c"],
+        [],
+    ]
