@@ -94,16 +94,14 @@ class IndexedTerm:
 
     def places(self, words: Sequence[str]) -> list[int]:
         """Where the term stands among the words of a text."""
-        first, *rest = self.words or [""]
-        if not rest and self.prefix:
-            return [at for at, word in enumerate(words) if word.startswith(first)]
-        places = [at for at, word in enumerate(words) if word == first]
-        return [at for at in places if self._goes_on(words[at + 1 : at + 1 + len(rest)], rest)]
-
-    def _goes_on(self, words: Sequence[str], rest: Sequence[str]) -> bool:
-        if not self.prefix or len(words) < len(rest):
-            return words == rest
-        return words[:-1] == rest[:-1] and words[-1].startswith(rest[-1])
+        size = len(self.words)
+        places = []
+        for at in range(len(words) - size + 1) if size else ():
+            last = words[at + size - 1]
+            ends = last.startswith(self.words[-1]) if self.prefix else last == self.words[-1]
+            if ends and list(words[at : at + size - 1]) == self.words[:-1]:
+                places.append(at)
+        return places
 
     def scored(self, weight: float) -> Query:
         """Passages with the term, by BM25 as if it were so rare."""

@@ -55,10 +55,9 @@ def make_pool(wiki, section):
     programs = chromium.find()
     hosts, origins = reach(wiki, ())
 
-    def start(watcher):
+    def start():
         return Browser(
             programs,
-            watcher,
             hosts=hosts,
             origins=origins,
             user_agent="lorecrawl/bench (+bench@example.org)",

@@ -4,13 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.filters.made import (
-    MONDAY,
-    listing,
-    put,
-    transcript,
-    video,
-)
+from tests.filters.made import MONDAY, listing, put, transcript, video
 
 
 @pytest.fixture

@@ -6,14 +6,7 @@ import pytest
 
 from kb.core.errors import SchemaMismatch, SettingError
 from kb.filters.filter_run import run_clean
-from tests.filters.made import (
-    TUESDAY,
-    listing,
-    put,
-    rows,
-    run_at,
-    video,
-)
+from tests.filters.made import TUESDAY, listing, put, rows, run_at, video
 
 MINE = '''
 from dataclasses import replace

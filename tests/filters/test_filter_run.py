@@ -36,14 +36,7 @@ def test_every_answer(root: Path) -> None:
     assert {
         name: summary[name]
         for name in ("crawled", "kept", "rejected", "failed", "pending", "missing")
-    } == {
-        "crawled": 21,
-        "kept": 2,
-        "rejected": 16,
-        "failed": 2,
-        "pending": 1,
-        "missing": 1,
-    }
+    } == {"crawled": 21, "kept": 2, "rejected": 16, "failed": 2, "pending": 1, "missing": 1}
     kept = rows(root, "videos")
     assert set(kept) == {"kept", "bare"}
     row = kept["kept"]

@@ -95,12 +95,7 @@ def test_at_most_with_scores() -> None:
     scores = pa.array([0.5, 0.50001, None, 0.1], pa.float32())
     assert judge(
         AtMost("s", 0.5, stage="toxicity", null_passes=True, reason="title"), s=scores
-    ) == [
-        (None, None),
-        ("title", "0.50001"),
-        (None, None),
-        (None, None),
-    ]
+    ) == [(None, None), ("title", "0.50001"), (None, None), (None, None)]
     assert judge(AtMost("s", 0.5, stage="x"), s=scores)[2] == ("absent", None)
 
 
@@ -112,11 +107,7 @@ def test_flags_and_sets() -> None:
     ]
     assert judge(
         NotIn("kind", ("none", "disabled"), stage="transcript"), kind=["none", "asr", None]
-    ) == [
-        ("none", "none"),
-        (None, None),
-        (None, None),
-    ]
+    ) == [("none", "none"), (None, None), (None, None)]
     assert judge(In("kind", ("a",), stage="x"), kind=["a", "b", None]) == [
         (None, None),
         ("other", "b"),
@@ -124,11 +115,7 @@ def test_flags_and_sets() -> None:
     ]
     assert judge(
         Present("kind", stage="x"), [[], bad("kind", "7"), []], kind=["a", None, None]
-    ) == [
-        (None, None),
-        ("malformed", "7"),
-        ("absent", None),
-    ]
+    ) == [(None, None), ("malformed", "7"), ("absent", None)]
     waits = Waits("kind", ("unknown",), stage="transcript", reason="transcript")
     assert judge(waits, kind=["unknown", "asr"]) == [("transcript", None), (None, None)]
     assert waits.judge(pa.table({"kind": ["unknown"]})).verdict == "pending"

@@ -5,9 +5,7 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from kb.filters.predicates import (
-    AtLeast,
-)
+from kb.filters.predicates import AtLeast
 from kb.filters.topic import Topic, whole_words
 from tests.filters.test_predicates import PROBLEMS, bad
 

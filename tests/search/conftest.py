@@ -7,9 +7,7 @@ import pytest
 
 from kb.search.build import index
 from tests.filters.made import run_at
-from tests.search.made import (
-    world,
-)
+from tests.search.made import world
 
 
 @pytest.fixture(scope="session")

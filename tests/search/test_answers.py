@@ -35,15 +35,7 @@ from kb.verify.root import verify
 from tests.filters import full_root
 from tests.filters.made import run_at
 from tests.inprocess import Here
-from tests.search.made import (
-    ACTIONS,
-    SECRET,
-    combinations,
-    second,
-    told,
-    video_id,
-    write,
-)
+from tests.search.made import ACTIONS, SECRET, combinations, second, told, video_id, write
 
 EVERY = Only(each=None, limit=1000)
 

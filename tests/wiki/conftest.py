@@ -181,10 +181,9 @@ def pool(programs: chromium.Programs, pages: Pages, section: Any) -> Iterator[Po
     """Browsers that may ask the page server only."""
     hosts, origins = reach(pages.url, ())
 
-    def start(watcher: Any) -> Browser:
+    def start() -> Browser:
         return Browser(
             programs,
-            watcher,
             hosts=hosts,
             origins=origins,
             user_agent="lorecrawl/test (+test@example.org)",

@@ -16,23 +16,21 @@ import pytest
 from kb.core.errors import Retryable
 from kb.wiki.browser import browser
 from kb.wiki.browser.pool import Pool
-from kb.wiki.browser.process_guard import Guard
 from kb.wiki.connector import source
 
 MOST = 4  # browsers that wait; those of a wiki that has ended among them
 
 
 class _Shelf:
-    """Idle browsers with what they were started with; while they wait, `guard` watches them."""
+    """Idle browsers with what they were started with."""
 
     def __init__(self) -> None:
-        self.guard = Guard()
         self._idle: list[tuple[str, browser.Browser]] = []
         self._started: dict[int, str] = {}
         self._lock = threading.Lock()
         self._browser = browser.Browser
 
-    def start(self, programs: Any, watcher: Guard, **options: Any) -> browser.Browser:
+    def start(self, programs: Any, **options: Any) -> browser.Browser:
         """One that waits and was started alike, else a new one."""
         wanted = repr((programs, sorted(options.items())))
         while (held := self._take(wanted)) is not None:
@@ -41,9 +39,8 @@ class _Shelf:
             except Retryable:
                 held.end()
                 continue
-            self._watch(held, watcher)
             return held
-        made = self._browser(programs, watcher, **options)
+        made = self._browser(programs, **options)
         self._started[id(made)] = wanted
         return made
 
@@ -51,7 +48,6 @@ class _Shelf:
         """It waits from now on; the one that has waited longest makes room."""
         with self._lock:
             oldest = self._idle.pop(0)[1] if len(self._idle) >= MOST else None
-            self._watch(idle, self.guard)
             self._idle.append((self._started[id(idle)], idle))
         if oldest is not None:
             oldest.end()
@@ -60,7 +56,6 @@ class _Shelf:
         """End them all."""
         for _, held in self._idle:
             held.end()
-        self.guard.close()
 
     def _take(self, wanted: str) -> browser.Browser | None:
         with self._lock:
@@ -69,13 +64,6 @@ class _Shelf:
                     del self._idle[number]
                     return held
         return None
-
-    @staticmethod
-    def _watch(held: browser.Browser, watcher: Guard) -> None:
-        process = held.process
-        watcher.watch(process.pid, process.folder)
-        process._watcher.forget(process.pid)
-        process._watcher = watcher
 
 
 def _clear(held: browser.Browser, origins: list[str]) -> None:

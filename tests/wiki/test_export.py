@@ -75,10 +75,7 @@ PUBLISHED = {  # the layout as published, see kb/export/minedojo_wiki.py
                 },
             },
         },
-        "sprites": {
-            "type": "array",
-            "items": {**TEXT, "properties": {"text": WORDS, "bbox": BOX}},
-        },
+        "sprites": {"type": "array", "items": {**TEXT, "properties": {"text": WORDS, "bbox": BOX}}},
         "texts": {"type": "array", "items": TEXT},
     },
 }

@@ -127,7 +127,7 @@ def test_the_browser_asks_for_no_more_than_a_readers(mediawiki, programs, tmp_pa
             page_seconds=60,
             before=before,
         )
-        with Pool(lambda watcher, start=start: start(watcher=watcher), 120) as pool:
+        with Pool(start, 120) as pool:
             for title in ("Pictures", "Empty_images", "Frames", "Icons", "Colours"):
                 url = f"{mediawiki.url}/wiki/{title}"
                 if before:
@@ -298,13 +298,7 @@ def test_regions_headings_and_no_chrome(data):
         e["text"]: e["heading_level"]
         for e in found
         if e["heading_level"] and e["region"] == "content"
-    } == {
-        "Regions": 1,
-        "First": 2,
-        "Under first": 3,
-        "Second": 2,
-        "Third": 2,
-    }
+    } == {"Regions": 1, "First": 2, "Under first": 3, "Second": 2, "Third": 2}
     regions = {e["text"]: e["region"] for e in found}
     assert regions["For the river, see elsewhere."] == "hatnote"
     assert regions["North South"] == "navbox"

@@ -15,7 +15,6 @@ from urllib.parse import urlsplit
 from urllib3.exceptions import HTTPError
 
 from kb.core.errors import MissingExtra, Retryable
-from kb.wiki.browser import process_guard
 from kb.wiki.browser.chromium import INSTALL, START_SECONDS, DriverProcess, Programs
 from kb.wiki.errors import PageTimeout, of_browser
 
@@ -103,7 +102,6 @@ class Browser:
     def __init__(
         self,
         programs: Programs,
-        watcher: process_guard.Guard,
         *,
         hosts: Sequence[str],
         origins: Sequence[str],
@@ -115,7 +113,8 @@ class Browser:
         self.page_seconds = page_seconds
         self._driver: Any = None
         self.overdue = self._limited = False
-        self.process = DriverProcess(programs.driver, watcher)
+        self.uses = 0
+        self.process = DriverProcess(programs.driver)
         try:
             self._open(programs, hosts, user_agent, viewport, page_seconds)
             self._prepare(origins, viewport, before)

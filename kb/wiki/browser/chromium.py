@@ -1,14 +1,21 @@
-"""Finds Chromium and its driver, and runs the driver.
+"""Finds Chromium and its driver, runs the driver, and ends all processes of the browser.
 
-We start the driver, not Selenium, so that we can end its whole process group.
+A browser consists of many processes, and killing its driver alone leaves the others running. Each
+driver therefore leads its own session, and the whole session with all descendants is ended. If this
+process is killed, Linux kills the driver, and the browser exits because the pipe of its driver
+closes.
 """
 
 import os
 import re
 import select
 import shutil
+import signal
 import subprocess
+import sys
 import tempfile
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -16,7 +23,6 @@ from pathlib import Path
 from kb.core import clock
 from kb.core.errors import MissingExtra
 from kb.core.installation import install_extra
-from kb.wiki.browser import process_guard
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 INSTALL = (
@@ -99,19 +105,50 @@ def _version(program: str) -> str:
     return match[0]
 
 
+# Becomes the driver, which Linux kills with us (PR_SET_PDEATHSIG of prctl(2), SIGKILL).
+_RUN = """
+import ctypes, os, sys
+try:
+    ctypes.CDLL(None).prctl(1, 9, 0, 0, 0)
+except (OSError, AttributeError):
+    pass
+if os.getppid() == int(sys.argv[1]):
+    os.execv(sys.argv[2], sys.argv[2:])
+"""
 START_SECONDS = 30
 STARTS = 3  # attempts before a driver counts as broken
+_FOLDER = "lorecrawl-browser-"  # followed by our process id
 _KEPT = ("PATH", "LD_LIBRARY_PATH", "FONTCONFIG_FILE", "FONTCONFIG_PATH")
 
 
 class DriverProcess:
     """A running driver: `port` on loopback, `folder` is its home. `end` it."""
 
-    def __init__(self, program: str, watcher: process_guard.Guard) -> None:
+    def __init__(self, program: str) -> None:
         """Raises MissingExtra when it does not start."""
-        self.folder = tempfile.mkdtemp(prefix="lorecrawl-browser-")
-        self._watcher = watcher
-        self.port = self._listening(program)
+        for leftover in Path(tempfile.gettempdir()).glob(f"{_FOLDER}*"):  # of killed processes
+            if not Path("/proc", leftover.name.split("-")[2]).exists():
+                shutil.rmtree(leftover, ignore_errors=True)
+        self.folder = tempfile.mkdtemp(prefix=f"{_FOLDER}{os.getpid()}-")
+        names = ("HOME", "TMPDIR", "XDG_CONFIG_HOME", "XDG_CACHE_HOME")
+        env = {name: os.environ[name] for name in _KEPT if name in os.environ}
+        env |= {"LANG": "C.UTF-8", "TZ": "UTC", **dict.fromkeys(names, self.folder)}
+        # The driver picks a free port and exits when another program takes it first.
+        for _ in range(STARTS):
+            try:
+                self._process = (
+                    _starter(os.getpid()).submit(_start, program, env, self.folder).result()
+                )
+            except OSError as error:
+                raise MissingExtra(f"{program} does not start: {error}", hint=INSTALL) from None
+            port = _port(self._process)
+            if port is not None:
+                self.port = port
+                return
+            self.kill()
+            self._process.wait()
+        shutil.rmtree(self.folder, ignore_errors=True)
+        raise MissingExtra(f"{program} does not start", hint=INSTALL)
 
     @property
     def pid(self) -> int:
@@ -120,46 +157,14 @@ class DriverProcess:
 
     def kill(self) -> None:
         """End its processes at once; `end` cleans up."""
-        process_guard.end(self._process.pid)
+        end(self._process.pid)
 
     def end(self) -> None:
         """End its processes and remove the folder."""
-        process_guard.end(self._process.pid, self.folder)
-        self._ended()
-
-    def _listening(self, program: str) -> int:
-        for _ in range(STARTS):
-            self._process = self._start(program)
-            self._watcher.watch(self._process.pid, self.folder)
-            port = _port(self._process)
-            if port is not None:
-                return port
-            # The driver picks a free port and exits when another program takes it first.
-            self.kill()
-            self._ended()
-        shutil.rmtree(self.folder, ignore_errors=True)
-        raise MissingExtra(f"{program} does not start", hint=INSTALL)
-
-    def _start(self, program: str) -> subprocess.Popen[bytes]:
-        kept = {name: os.environ[name] for name in _KEPT if name in os.environ}
-        home = {
-            "HOME": self.folder,
-            "TMPDIR": self.folder,
-            "XDG_CONFIG_HOME": self.folder,
-            "XDG_CACHE_HOME": self.folder,
-            "LANG": "C.UTF-8",
-            "TZ": "UTC",
-        }
-        try:
-            return process_guard.start([program, "--port=0"], {**kept, **home}, self.folder)
-        except OSError as error:
-            raise MissingExtra(f"{program} does not start: {error}", hint=INSTALL) from None
-
-    def _ended(self) -> None:
+        end(self._process.pid, self.folder)
         self._process.wait()
         if self._process.stdout:
             self._process.stdout.close()
-        self._watcher.forget(self._process.pid)
 
 
 def _port(process: subprocess.Popen[bytes]) -> int | None:
@@ -176,3 +181,82 @@ def _port(process: subprocess.Popen[bytes]) -> int | None:
         if not part:
             break
     return None
+
+
+def _start(program: str, env: dict[str, str], folder: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-I", "-S", "-c", _RUN, str(os.getpid()), program, "--port=0"],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+        env=env,
+        cwd=folder,
+    )
+
+
+@cache
+def _starter(pid: int) -> ThreadPoolExecutor:
+    """A thread that lasts as long as the process `pid`, as Linux kills a driver with the thread
+    that started it.
+    """
+    return ThreadPoolExecutor(1, thread_name_prefix=f"starter-{pid}")
+
+
+def family(leader: int, folder: str = "") -> list[int]:
+    """All processes of the session of `leader`, its descendants, and those that name its folder.
+
+    Chromium's crash handler leaves session and parents at once; the folder in its arguments gives
+    it away.
+    """
+    parents: dict[int, int] = {}
+    family = {leader}
+    for name in (path.name for path in Path("/proc").iterdir()):
+        if not name.isdigit():
+            continue
+        try:
+            with Path(f"/proc/{name}/stat").open(encoding="utf-8", errors="replace") as file:
+                fields = file.read().rpartition(")")[2].split()
+        except OSError:
+            continue
+        pid = int(name)
+        parents[pid] = int(fields[1])
+        if int(fields[3]) == leader or (folder and _names(pid, folder)):
+            family.add(pid)
+    grown = True
+    while grown:
+        more = {pid for pid, parent in parents.items() if parent in family} - family
+        family |= more
+        grown = bool(more)
+    return sorted(family & (parents.keys() | {leader}))
+
+
+def _names(pid: int, folder: str) -> bool:
+    try:
+        with Path(f"/proc/{pid}/cmdline").open("rb") as file:
+            return folder.encode() in file.read()
+    except OSError:
+        return False
+
+
+def end(leader: int, folder: str = "") -> None:
+    """Kill the family of `leader` until none is left, then remove its folder."""
+    for _ in range(50):
+        alive = [pid for pid in family(leader, folder) if _kill(pid)]
+        if not alive:
+            break
+        threading.Event().wait(0.02)
+    if folder:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _kill(pid: int) -> bool:
+    """Whether the process was still there; a zombie that waits for its parent counts as gone."""
+    try:
+        with Path(f"/proc/{pid}/stat").open(encoding="utf-8", errors="replace") as file:
+            if file.read().rpartition(")")[2].split()[0] in "ZX":
+                return False
+        os.kill(pid, signal.SIGKILL)
+        return True
+    except OSError:
+        return False

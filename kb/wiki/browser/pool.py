@@ -7,7 +7,6 @@ from typing import Self, TypeVar
 
 from kb.core.errors import ItemFinal, MissingExtra, Retryable
 from kb.wiki.browser.browser import Browser
-from kb.wiki.browser.process_guard import Guard
 from kb.wiki.errors import ServerFault, Unserved
 
 Result = TypeVar("Result")
@@ -20,23 +19,16 @@ class Pool:
     Raises MissingExtra when the browser does not start.
     """
 
-    def __init__(self, start: Callable[[Guard], Browser], seconds: float) -> None:
+    def __init__(self, start: Callable[[], Browser], seconds: float) -> None:
         self._start, self._seconds = start, seconds
         self._lock = threading.Lock()
-        self._used: dict[int, int] = {}
         self._all: set[Browser] = set()
-        self._guard = Guard()
-        try:
-            self._idle = [self._new()]
-        except BaseException:
-            self._guard.close()
-            raise
+        self._idle = [self._new()]
 
     def _new(self) -> Browser:
-        browser = self._start(self._guard)
+        browser = self._start()
         with self._lock:
             self._all.add(browser)
-            self._used[id(browser)] = 0
         return browser
 
     def use(
@@ -64,23 +56,18 @@ class Pool:
             healthy = True
             raise
         finally:
-            self._used[id(browser)] += 1
-            if healthy and not browser.overdue and self._used[id(browser)] < PAGES:
+            browser.uses += 1
+            if healthy and not browser.overdue and browser.uses < PAGES:
                 with self._lock:
                     self._idle.append(browser)
             else:
-                self._drop(browser)
-
-    def _drop(self, browser: Browser) -> None:
-        with self._lock:
-            self._all.discard(browser)
-            self._used.pop(id(browser), None)
-        browser.end()
+                with self._lock:
+                    self._all.discard(browser)
+                browser.end()
 
     def close(self) -> None:
         """End all browsers and their processes."""
         with contextlib.ExitStack() as stack:
-            stack.callback(self._guard.close)
             for browser in list(self._all):
                 stack.callback(browser.end)
 

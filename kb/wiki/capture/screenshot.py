@@ -15,7 +15,6 @@ import math
 import struct
 import zlib
 from collections.abc import Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Self
 
@@ -54,18 +53,33 @@ def take_screenshot(
     `width` and `height` are the page's, in CSS px, which equal image px. Raises Retryable when the
     image does not match the page.
     """
-    # One thread joins a tile while the browser captures the next one.
-    with PngWriter(path, width, height) as png, ThreadPoolExecutor(1) as thread:
-        joiner = _TileJoiner(png, width, crops or {})
-        joining: Future[None] | None = None
+    from PIL import Image, ImageChops
+
+    crops = crops or {}
+    pieces: dict[int, Any] = {
+        key: Image.new("RGB", (right - left, bottom - top))
+        for key, (left, top, right, bottom) in crops.items()
+        if 0 < right - left <= MAX_CROP and 0 < bottom - top <= MAX_CROP
+    }
+    strip: Any = None  # what the next tile must begin with
+    with PngWriter(path, width, height) as png:
         for top, rows, overlap in _tiles(height):
-            data = _capture(browser, top, width, rows + overlap)
-            if joining is not None:
-                joining.result()
-            joining = thread.submit(joiner.add, data, top, rows, overlap)
-        if joining is not None:
-            joining.result()
-    return {key: encode_png(piece) for key, piece in joiner.pieces.items()}
+            end = rows + overlap
+            tile = decode_tile(_capture(browser, top, width, end), width, end)
+            if strip is not None:
+                again = tile.crop((0, 0, width, strip.height))
+                if ImageChops.difference(strip, again).getbbox():
+                    raise Retryable("screenshot_repeats: a tile does not show its part of the page")
+            if not rows:
+                continue
+            strip = tile.crop((0, end - (overlap or min(STRIP, rows)), width, end))
+            png.add(tile.crop((0, 0, width, rows)))
+            for key, piece in pieces.items():
+                left, upper, right, lower = crops[key]
+                if upper < top + rows and lower > top:
+                    box = left, max(upper, top) - top, right, min(lower, top + rows) - top
+                    piece.paste(tile.crop(box), (0, max(upper, top) - upper))
+    return {key: encode_png(piece) for key, piece in pieces.items()}
 
 
 def count_tiles(height: int) -> int:
@@ -88,37 +102,6 @@ def _tiles(height: int) -> Iterator[tuple[int, int, int]]:
     if height > TILE:
         strip = min(STRIP, rows)
         yield height - strip, 0, strip
-
-
-class _TileJoiner:
-    """Compares, joins and crops the tiles of a page, from top to bottom."""
-
-    def __init__(self, png: PngWriter, width: int, crops: dict[int, Box]) -> None:
-        from PIL import Image
-
-        self._png, self._width, self._crops = png, width, crops
-        self.pieces: dict[int, Any] = {
-            key: Image.new("RGB", (right - left, bottom - top))
-            for key, (left, top, right, bottom) in crops.items()
-            if 0 < right - left <= MAX_CROP and 0 < bottom - top <= MAX_CROP
-        }
-        self._strip: Any = None  # what the next tile must begin with
-
-    def add(self, data: bytes, top: int, rows: int, overlap: int) -> None:
-        """Append the first `rows` of a tile (PNG bytes). Raises Retryable."""
-        width, end = self._width, rows + overlap
-        tile = decode_tile(data, width, end)
-        if self._strip is not None:
-            _compare(self._strip, tile.crop((0, 0, width, self._strip.height)))
-        if not rows:
-            return
-        self._strip = tile.crop((0, end - (overlap or min(STRIP, rows)), width, end))
-        self._png.add(tile.crop((0, 0, width, rows)))
-        for key, piece in self.pieces.items():
-            left, upper, right, lower = self._crops[key]
-            if upper < top + rows and lower > top:
-                box = left, max(upper, top) - top, right, min(lower, top + rows) - top
-                piece.paste(tile.crop(box), (0, max(upper, top) - upper))
 
 
 def decode_tile(data: bytes, width: int, height: int) -> Any:
@@ -198,11 +181,3 @@ def _capture(browser: Browser, top: int, width: int, rows: int) -> bytes:
         },
     )
     return base64.b64decode(answer["data"])
-
-
-def _compare(expected: Any, actual: Any) -> None:
-    """Raise Retryable unless two images of the same rows are equal."""
-    from PIL import ImageChops
-
-    if ImageChops.difference(expected, actual).getbbox():
-        raise Retryable("screenshot_repeats: a tile does not show its part of the page")

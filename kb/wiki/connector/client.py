@@ -98,7 +98,7 @@ class WikiApi:
         return Answer("pages", self.endpoint, by, answer, status)
 
     def files(self, titles: list[str]) -> Answer:
-        """What the wiki knows about up to 50 files; `answers.files` has it by title."""
+        """What the wiki knows about up to 50 files; by title."""
         params = {"action": "query", "titles": "|".join(titles), **_FILES}
         status, answer = self.ask_all(params)
         return Answer("imageinfo", self.endpoint, {"titles": titles}, answer, status)
@@ -157,31 +157,29 @@ class WikiApi:
 
 
 class _LoopDetector:
-    """Detects a list whose continuations loop."""
+    """Detects a list whose continuations, or consecutive parts, repeat."""
 
     def __init__(self) -> None:
-        self._seen: set[str] = set()
-        self._last: list[Any] | None = None
+        self._seen: set[bytes] = set()
+        self._last: Sequence[Any] = ()
 
-    def check(self, going: Mapping[str, str | int]) -> None:
-        """Check a step before it is requested. Raises Retryable when it was answered before."""
-        if _step_key(going) in self._seen:
-            raise _loop_error(_step_key(going))
+    def check(self, going: Mapping[str, str | int], entries: Sequence[Any] = ()) -> None:
+        """Raises Retryable for a step that was answered before, or with the same entries as the
+        step before.
+        """
+        if _step_key(going) in self._seen or (entries and entries == self._last):
+            step = answers.quoted(_step_key(going).decode())
+            raise Retryable(f"the wiki's API loops: it continues again at {step}")
 
     def note(self, going: Mapping[str, str | int], entries: Sequence[Any] = ()) -> None:
-        """Record an answered step. Raises Retryable when the previous one had the same entries."""
-        if entries and entries == self._last:
-            raise _loop_error(_step_key(going))
+        """Record an answered step. Raises as `check`."""
+        self.check(going, entries)
         self._seen.add(_step_key(going))
-        self._last = list(entries)
+        self._last = entries
 
 
-def _loop_error(step: str) -> Retryable:
-    return Retryable(f"the wiki's API loops: it continues again at {answers.quoted(step)}")
-
-
-def _step_key(going: Mapping[str, str | int]) -> str:
-    return msgspec.json.encode(going, order="sorted").decode()
+def _step_key(going: Mapping[str, str | int]) -> bytes:
+    return msgspec.json.encode(going, order="sorted")
 
 
 def _join(first: dict[str, Any], more: dict[str, Any]) -> None:

@@ -27,24 +27,14 @@ from kb.wiki.parse import answers
 LONGEST = 5000  # bytes of titles in one URL; servers refuse longer ones
 
 
-def listing(api: WikiApi, item: Item) -> Iterator[Answer]:
-    """The next piece of a namespace's list."""
-    asked = item.payload
-    yield api.listing(asked.round, asked.namespace, asked.going)
-
-
-def titles(api: WikiApi, items: list[Item]) -> Iterator[Answer]:
-    """The pages of up to 50 titles of one round."""
-    yield api.details(_tag(items[0]), titles=[item.payload.title for item in items])
-
-
 def batch_titles(items: list[Item]) -> list[Item]:
     """The first titles of one round that fit into one URL."""
-    mine = list(takewhile(lambda item: _tag(item) == _tag(items[0]), items))
+    mine = list(takewhile(lambda item: tag(item) == tag(items[0]), items))
     return mine[: len(next(_parts([item.payload.title for item in mine])))]
 
 
-def _tag(item: Item) -> str:
+def tag(item: Item) -> str:
+    """The round of a title."""
     return item.key.partition(":")[0]
 
 
@@ -63,18 +53,18 @@ def _parts(names: Iterable[str]) -> Iterator[list[str]]:
         yield part
 
 
-def compare(api: WikiApi, frontier: Frontier, root: Path, tag: str) -> Iterator[Answer]:
+def compare(api: WikiApi, frontier: Frontier, root: Path, round_: str) -> Iterator[Answer]:
     """End a round: ask about pages that disappeared and files that were replaced."""
-    if tag.isdigit():
-        ids = discover.unlisted(frontier, int(tag))
+    if round_.isdigit():
+        ids = discover.unlisted(frontier, int(round_))
     else:
-        ids = discover.unnamed(frontier, tag)
+        ids = discover.unnamed(frontier, round_)
     for start in range(0, len(ids), BATCH):
         signals.stop.check()
-        yield api.details(tag, ids=ids[start : start + BATCH])
-    if tag.isdigit() and int(tag) > 1:
+        yield api.details(round_, ids=ids[start : start + BATCH])
+    if round_.isdigit() and int(round_) > 1:
         yield from _replaced(api, frontier, root)
-    discover.finish_round(frontier, root, tag)
+    discover.finish_round(frontier, root, round_)
 
 
 def _replaced(api: WikiApi, frontier: Frontier, root: Path) -> Iterator[Answer]:

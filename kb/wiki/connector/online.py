@@ -17,7 +17,6 @@ from kb.core.errors import ItemFinal
 from kb.net import retry
 from kb.wiki.browser import chromium
 from kb.wiki.browser.browser import Browser
-from kb.wiki.browser.process_guard import Guard
 from kb.wiki.connector.client import WikiApi, find_endpoint
 from kb.wiki.connector.http_client import WikiHosts
 
@@ -119,11 +118,8 @@ def count_matches(markup: Markup, pages: Iterable[str]) -> list[SelectorMatches]
     named = selectors_of(markup)
     asked = [[selector, named.get(_INSIDE.get(key, ""))] for key, selector in named.items()]
     with contextlib.ExitStack() as stack:
-        programs, watcher = chromium.find(), Guard()
-        stack.callback(watcher.close)
         browser = Browser(
-            programs,
-            watcher,
+            chromium.find(),
             hosts=(),
             origins=(),
             user_agent="lorecrawl",

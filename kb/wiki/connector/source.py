@@ -11,7 +11,7 @@ files    the original images                raw kinds imageinfo, files, raw/wiki
 import threading
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -32,7 +32,6 @@ from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier, Item
 from kb.wiki.browser import browser, chromium
 from kb.wiki.browser.pool import Pool
-from kb.wiki.browser.process_guard import Guard
 from kb.wiki.capture import page
 from kb.wiki.connector import discover, fetch, reduce, render
 from kb.wiki.connector.client import BATCH, WikiApi, find_endpoint
@@ -85,7 +84,7 @@ class WikiSource(Plain):
         self._web = WikiHosts(run, self.url, section.hosts, section.seconds_between)
         self._threads = ThreadPoolExecutor(max(2, run.workers), "wiki-files")
         self._lock = threading.Lock()
-        self._api: Future[WikiApi] | None = None
+        self._api: WikiApi | None = None
         self._pool: Pool | None = None
         self._shown = 0  # pages that were answered for in this run
         self._missing_before = 0
@@ -137,9 +136,11 @@ class WikiSource(Plain):
         if phase is SITE:
             yield api.site()
         elif phase is TITLES:
-            yield from fetch.listing(api, items[0])
+            asked = items[0].payload
+            yield api.listing(asked.round, asked.namespace, asked.going)
         elif phase is INFO:
-            yield from fetch.titles(api, items)
+            titles = [item.payload.title for item in items]
+            yield api.details(fetch.tag(items[0]), titles=titles)
         elif phase is GONE:
             frontier, root = self.opened.frontier, self._run.root
             yield from fetch.compare(api, frontier, root, items[0].key)
@@ -188,21 +189,12 @@ class WikiSource(Plain):
     # -- what is needed before anything is asked -------------------------------------------------
 
     def _start(self) -> WikiApi:
-        """robots.txt and the API, found by the first thread for all; once again if it could not."""
+        """robots.txt and the API, found by the first thread; the others wait."""
         with self._lock:
-            mine = self._api is None
             if self._api is None:
-                self._api = Future()
-            api = self._api
-        if mine:
-            try:
                 self._web.read_robots()
-                api.set_result(WikiApi(self._endpoint(), self._web))
-            except BaseException as error:  # noqa: BLE001  raised again in every thread that waits
-                with self._lock:
-                    self._api = None
-                api.set_exception(error)
-        return api.result()
+                self._api = WikiApi(self._endpoint(), self._web)
+            return self._api
 
     def _endpoint(self) -> str:
         """The API's address, looked for once a data root and with --again."""
@@ -225,12 +217,11 @@ class WikiSource(Plain):
                 self._pool = Pool(self._browser, self.section.page_seconds + LAST_SECONDS)
             return self._pool
 
-    def _browser(self, watcher: Guard) -> browser.Browser:
+    def _browser(self) -> browser.Browser:
         section = self.section
         hosts, origins = browser.reach(self.url, section.hosts)
         return browser.Browser(
             self._programs,
-            watcher,
             hosts=hosts,
             origins=origins,
             user_agent=self._web.agent,

@@ -4,7 +4,7 @@ Bad values in the wiki's answers never raise: they are null and listed in `probl
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from typing import Any
 from urllib.parse import urljoin
@@ -25,51 +25,23 @@ FILE_COLUMNS = ("path", "sha256", "media_type", "width", "height", "license")  #
 Row = dict[str, Any]
 
 
-def pages(lines: Iterable[bytes]) -> Iterator[pa.Table]:
-    """Answers about pages → a row a page id that they name and a row a title that was asked for.
+def rows(kind: str, lines: Iterable[bytes]) -> Iterator[pa.Table]:
+    """Raw answers of a kind as tables with the columns of `schema`. Raises DamagedData.
 
-    Columns: `of` ("page", "title"), `name` (the id as text, or the title), `state` ("there",
-    "missing", "invalid", "redirect", "special", "interwiki", "unanswered"), `answered` (false for
-    the last), `echo` (true for the title of a page that is there: it says no more than the page's
-    own row), `of_page` (the id as text of the page that bears a title), and of a page that is
-    there the columns that wiki/pages takes from the answer, and `problems`. Raises DamagedData.
+    Answers that only the crawl needs have no rows.
     """
-    return _rows(lines, _pages, "pages")
-
-
-def renders(lines: Iterable[bytes]) -> Iterator[pa.Table]:
-    """What became of showing pages: `page_id`, `captured`, `revision_id`.
-
-    For a captured one also `title`, `settled`, `folder` and `files` (addresses of its images), else
-    `outcome`, `reason`, `value`, `url`. Raises DamagedData.
-    """
-    return _rows(lines, _render, "renders")
-
-
-def files(lines: Iterable[bytes]) -> Iterator[pa.Table]:
-    """Image files by `key` (address): where and what they are, all null when not stored.
-
-    Raises DamagedData.
-    """
-    return _rows(lines, _file, "files")
-
-
-def site(lines: Iterable[bytes]) -> Iterator[pa.Table]:
-    """The wiki's own description: `server`, `script`, `license_url`, `license_text`.
-
-    Raises DamagedData.
-    """
-    return _rows(lines, _site, "site")
-
-
-def no_rows(lines: Iterable[bytes]) -> Iterator[pa.Table]:
-    """No rows of answers that only the crawl needs.
-
-    They are looked through for unknown keys and cut-off files.
-    """
-    for _ in lines:
-        pass
-    return iter(())
+    read = {"pages": _pages, "renders": _render, "files": _file, "site": _site}.get(kind)
+    waiting: list[Row] = []
+    for line in lines:
+        if read is None:
+            continue
+        envelope = rawlog.decode(line)
+        waiting += ({**row, "fetched_at": envelope.fetched_at} for row in read(envelope))
+        if len(waiting) >= ROWS:
+            yield _table(waiting, kind)
+            waiting = []
+    if waiting:
+        yield _table(waiting, kind)
 
 
 @cache
@@ -87,7 +59,18 @@ def _declared() -> dict[str, tuple[Column, list[str | int], dict[str, Any]]]:
 
 
 def schema(kind: str) -> pa.Schema:
-    """Columns of a kind's rows: those of the tables as declared, and what only stages read."""
+    """Columns of a kind's rows: those of the tables as declared, and what only stages read.
+
+    pages: a row a page id in an answer and a row a requested title, by `of` ("page", "title") and
+        `name` (the id as text, or the title). `state` is as kb.wiki.parse.answers names it, or
+        "interwiki"; `answered` is false for "unanswered"; `echo` marks titles of pages that are
+        there, which say no more than the page's own row; `of_page` is the id of the page with
+        that title.
+    renders: a capture, or why there is none (`outcome`, `reason`, `value`, `url`); `files` are
+        addresses of its images.
+    files: image files by `key` (address); all other columns are null when it is not stored.
+    site: the wiki's description of itself.
+    """
     text, flag = pa.string(), pa.bool_()
     problem = pa.struct([("column", text), ("reason", text), ("value", text)])
     columns: dict[str, dict[str, pa.DataType]] = {
@@ -124,20 +107,6 @@ def schema(kind: str) -> pa.Schema:
 
 def _types(name: str, *columns: str) -> dict[str, pa.DataType]:
     return {column: table(name).column(column).parsed.arrow() for column in columns}
-
-
-def _rows(
-    lines: Iterable[bytes], read: Callable[[Envelope], Iterator[Row]], kind: str
-) -> Iterator[pa.Table]:
-    waiting: list[Row] = []
-    for line in lines:
-        envelope = rawlog.decode(line)
-        waiting += ({**row, "fetched_at": envelope.fetched_at} for row in read(envelope))
-        if len(waiting) >= ROWS:
-            yield _table(waiting, kind)
-            waiting = []
-    if waiting:
-        yield _table(waiting, kind)
 
 
 def _table(rows: list[Row], kind: str) -> pa.Table:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import pyarrow as pa
@@ -11,19 +12,16 @@ from kb.store.tables.partition import RawKind
 from kb.wiki import media_urls
 from kb.wiki.parse import decode
 
-# Columns that the stages read and the table has not.
-KINDS = {
-    "pages": RawKind(
-        decode.pages, key=("of", "name"), bucket="name", prefer="answered", echo="echo"
-    ),
-    "renders": RawKind(
-        decode.renders, key=("page_id", "captured", "revision_id", "title"), bucket="page_id"
-    ),
-    "files": RawKind(decode.files, key=("key",), named_by=("renders", "files")),
-    "site": RawKind(decode.site, key=()),
-    "titles": RawKind(decode.no_rows, key=()),
-    "imageinfo": RawKind(decode.no_rows, key=()),
+_KEYS: dict[str, dict[str, Any]] = {
+    "pages": {"key": ("of", "name"), "bucket": "name", "prefer": "answered", "echo": "echo"},
+    "renders": {"key": ("page_id", "captured", "revision_id", "title"), "bucket": "page_id"},
+    "files": {"key": ("key",), "named_by": ("renders", "files")},
+    "site": {"key": ()},
+    "titles": {"key": ()},
+    "imageinfo": {"key": ()},
 }
+KINDS = {kind: RawKind(partial(decode.rows, kind), **keys) for kind, keys in _KEYS.items()}
+# Columns that the stages read and the table has not.
 HELPERS = (
     "key",
     "state",

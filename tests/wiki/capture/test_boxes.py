@@ -194,10 +194,7 @@ def test_lines_hold_what_is_shown_of_a_text_and_no_more(pages, look):
     ((left, _, width, _),) = by_text["cutoffcutoffcutoff"]
     assert (left, width) == (0, 60)
     assert by_text["never shown"] is None
-    assert by_text["first\nsecond\ninner"] == [
-        *by_text["first"],
-        *by_text["second\ninner"],
-    ]
+    assert by_text["first\nsecond\ninner"] == [*by_text["first"], *by_text["second\ninner"]]
     assert by_text["second\ninner"][1:] == by_text["inner"]
     assert len(by_text["left\nright"]) == 2
     assert sorted(line[0] > 300 for line in by_text["left\nright"]) == [False, True]

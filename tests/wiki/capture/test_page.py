@@ -10,7 +10,7 @@ import zlib
 import pytest
 
 from kb.core.errors import ItemFinal, Retryable
-from kb.wiki.browser import process_guard
+from kb.wiki.browser import chromium
 
 TEXT = "<!DOCTYPE html><div id=content><p>A page that has something to say.</p>"
 
@@ -236,14 +236,19 @@ def test_scripts_in_svg_never_run(pages, look):
     assert "/ran" not in pages.asked
 
 
-def test_nothing_is_left_of_a_browser(programs, pages, pool):
+def test_nothing_is_left_of_a_browser(pool):
     """Every process of the browser's session is gone after `end`, its profile too."""
     browser = pool.use(lambda held: held)
     leader, folder = browser.process.pid, browser.process.folder
-    assert len(process_guard.family(leader, folder)) > 3
-    pool._idle.remove(browser)
-    pool._drop(browser)
+    assert len(chromium.family(leader, folder)) > 3
+
+    def fail(held):
+        assert held is browser
+        raise Retryable("a browser that failed is replaced")
+
+    with pytest.raises(Retryable):
+        pool.use(fail)
     assert not os.path.exists(folder)
     assert [
-        pid for pid in process_guard.family(leader, folder) if os.path.exists(f"/proc/{pid}/exe")
+        pid for pid in chromium.family(leader, folder) if os.path.exists(f"/proc/{pid}/exe")
     ] == []

@@ -12,6 +12,7 @@ import threading
 import time
 from pathlib import Path
 
+import psutil
 import pyarrow.parquet as pq
 import pytest
 
@@ -38,6 +39,7 @@ from kb.wiki.browser import chromium
 from kb.wiki.browser.browser import Browser
 from kb.wiki.connector.source import LAST_SECONDS, crawl
 from tests import processes
+from tests.wiki.browser.test_chromium import ended
 
 NOW = "2026-11-20T12:00:00Z"
 # The first pages by title: one with tables, one that is too short, one with picture files, one with
@@ -164,14 +166,13 @@ def test_sigkill_and_resume_give_the_same_tables(whole, sandbox, few, faults, tm
     held = faults.add("/wiki/Lamp_buoy", hold=True)
     process = processes.start(words, env=environment(sandbox), cwd=tmp_path)
     assert held.arrived.wait(60)
-    leaders = [pid for pid in descendants(process.pid) if "chromedriver" in name_of(pid)]
-    families = {pid for leader in leaders for pid in descendants(leader)} | set(leaders)
-    assert families
+    family = psutil.Process(process.pid).children(recursive=True)
+    assert any("chromedriver" in one.name() for one in family)
     process.send_signal(signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL
     held.release()
     faults.clear()
-    gone(families)
+    ended(family)
     run = dataclasses.replace(whole[0], root=tmp_path)
     summary = crawl(run)
     assert summary["crawled_in_all"] == len(FEW)
@@ -182,35 +183,6 @@ def test_sigkill_and_resume_give_the_same_tables(whole, sandbox, few, faults, tm
 def environment(sandbox) -> dict[str, str]:
     """What a command needs to crawl the sandbox's wiki."""
     return {**os.environ, **sandbox.settings(), "KB_NOW": NOW, "KB_CONTACT": "test@example.org"}
-
-
-def descendants(pid: int) -> list[int]:
-    """All processes below one."""
-    found, todo = [], [pid]
-    while todo:
-        for task in Path(f"/proc/{todo.pop()}/task").glob("*/children"):
-            children = [int(word) for word in task.read_text().split()]
-            found += children
-            todo += children
-    return found
-
-
-def name_of(pid: int) -> str:
-    try:
-        return Path(f"/proc/{pid}/comm").read_text().strip()
-    except OSError:
-        return ""
-
-
-def gone(pids: set[int]) -> None:
-    """Wait until the processes have ended; the guard ends them after we are gone."""
-    waiting = threading.Event()
-    for _ in range(1200):
-        left = [pid for pid in pids if name_of(pid) and os.path.exists(f"/proc/{pid}/exe")]
-        if not left:
-            return
-        waiting.wait(0.05)
-    raise AssertionError(f"left behind: {[(pid, name_of(pid)) for pid in left]}")
 
 
 def test_limit_and_goes_on(make_run, tmp_path):
@@ -591,7 +563,7 @@ def test_sigterm_finishes_the_page_in_hand(sandbox, few, faults, tmp_path):
     held = faults.add("/wiki/Charts", hold=True)
     process = processes.start(words, env=environment(sandbox), cwd=tmp_path)
     assert held.arrived.wait(60)
-    family = set(descendants(process.pid))
+    family = psutil.Process(process.pid).children(recursive=True)
     assert family
     process.send_signal(signal.SIGTERM)
     held.release()
@@ -600,4 +572,4 @@ def test_sigterm_finishes_the_page_in_hand(sandbox, few, faults, tmp_path):
     summary = json.loads(out.splitlines()[-1])
     assert summary["crawled"] >= 1
     assert summary["pending"] == len(FEW) - summary["crawled"]
-    gone(family)
+    ended(family)

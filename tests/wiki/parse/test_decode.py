@@ -7,12 +7,7 @@ import pytest
 from kb.core.errors import DamagedData
 from kb.filters.filter_run import run_clean
 from kb.store.rawlog import rawlog
-from tests.wiki.handmade_data import (
-    MONDAY,
-    page,
-    put,
-    told,
-)
+from tests.wiki.handmade_data import MONDAY, page, put, told
 from tests.wiki.parse.test_join import (
     root,  # noqa: F401  a fixture
     run_at,
