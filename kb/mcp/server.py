@@ -8,6 +8,7 @@ import functools
 import os
 import sys
 from collections.abc import Awaitable, Callable, Sequence
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
@@ -21,11 +22,41 @@ from kb.core.installation import install_extra
 from kb.core.sources import SOURCES
 from kb.mcp import untrusted_text
 from kb.mcp.about_tool import run_about
-from kb.mcp.query_tool import MOST_ROWS, MOST_SECONDS, ROWS, SECONDS, run_query
 from kb.mcp.read_tool import run_read
 from kb.mcp.references import parse_reference
 from kb.mcp.search_tool import run_search
+from kb.mcp.untrusted_text import Fence, cut
+from kb.query.isolated import run_isolated
+from kb.query.limits import Limits
 from kb.search.ranking import Only, day_given
+
+ROWS, MOST_ROWS = 100, 1_000
+SECONDS, MOST_SECONDS = 10, 60
+_MEMORY = 1 << 30  # bytes
+_LEFT_OUT = "More rows were left out: raise max_chars or max_rows, or ask for less."
+
+
+def run_query(root: Path, sql: str, rows: int, seconds: float, size: int) -> str:
+    """The first rows as CSV in at most `size` characters. Raises DamagedData."""
+    fence = Fence()
+    views = table_catalog.read(root).views
+    head = f"{fence.note}\nThe answer as CSV, times in UTC."
+    room = size - len(head) - len(_LEFT_OUT) - len(fence.mark("")) - 6
+    try:
+        reply = run_isolated(
+            sql,
+            views,
+            rows=rows,
+            characters=room,
+            cell=room // 2,
+            limits=Limits(seconds, _MEMORY),
+        )
+    except UsageError as error:  # the message may quote a value
+        hint = error.hint.replace("`kb query --tables`", "`about`")
+        raise UsageError(f"{fence.note}\n{fence.mark(cut(f'{error}; {hint}', room))}") from None
+    body = fence.mark("".join(reply.lines).rstrip("\n"))
+    return "\n\n".join([head, body, *([_LEFT_OUT] if reply.more else [])])
+
 
 INSTRUCTIONS = (
     "A local knowledge base of video transcripts, a wiki and forum threads. Ask `search` first,"

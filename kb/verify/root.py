@@ -1,16 +1,144 @@
-"""Verifies a data root, a release folder or a folder of releases."""
+"""Verifies a data root, a release folder or a folder of releases.
 
+After each file by itself come the checks across files: missing files, and keys with two verdicts.
+Findings that another process caused by writing at the same time are dropped.
+"""
+
+import contextlib
 import os
 from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
 
+import duckdb
+
+from kb.artifacts import manifest
 from kb.artifacts.release_folder import DOWNLOAD
 from kb.artifacts.table_catalog import Catalog, empty, existing, is_root
+from kb.core.errors import DamagedData
 from kb.core.progress import Progress
-from kb.verify import cross_checks, releases
-from kb.verify.concurrent_writes import Busy
+from kb.core.sources import PUBLISHED, SOURCES, SPECS
+from kb.schema.tables import table
+from kb.store import leftovers, lock
+from kb.store.artifact_registry import ARTIFACTS, artifact_of, rebuild_hint
+from kb.store.layout import Layout, parquet_files
+from kb.store.tables import database
+from kb.store.tables.reading import scan
+from kb.store.tables.row_counts import VERDICTS
+from kb.verify import raw, releases
 from kb.verify.files import NEIGHBOURS, FileVerifier
 from kb.verify.findings import Findings
+
+_CHECKS = 3
+
+
+class Busy:
+    """Which paths of a data root may have changed since this object was created."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self._before = lock.used(root)
+        self._held = lock.holders(root)
+
+    def touches(self, path: Path) -> bool:
+        """Whether another process holds, or has held since, a lock that covers a path."""
+        now = lock.used(self._root)
+        moved = {name for name in now if now[name] != self._before.get(name)}
+        names = moved | self._held.keys() | lock.holders(self._root).keys()
+        return not names.isdisjoint(_locks(path.relative_to(self._root).parts))
+
+    def holders(self, path: Path) -> set[str]:
+        """The pids of other processes that hold a lock which covers a path now."""
+        holders = lock.holders(self._root)
+        return {
+            holders[name] for name in _locks(path.relative_to(self._root).parts) if name in holders
+        }
+
+    def is_abandoned(self, path: Path) -> bool:
+        """Whether a file is there that no process is writing.
+
+        A writer holds the lock for as long as the file exists. So the file is checked before and
+        after the lock, and again, as another writer may start at any time.
+        """
+        return all(
+            path.exists() and not self.holders(path) and path.exists() for _ in range(_CHECKS)
+        )
+
+
+def _locks(parts: tuple[str, ...]) -> tuple[str, ...]:
+    """The locks under which a path is written (kb.store.lock); all where it may be any."""
+    # `.youtube.new` and `youtube.sqlite` belong to youtube
+    place, *rest = bare = [name.lstrip(".").partition(".")[0] for name in parts]
+    if match := artifact_of(Path(*bare)):
+        return (match[1].lock,)
+    return (rest[0],) if place in ("raw", "state") and rest[0] in SOURCES else lock.ORDER
+
+
+def compare(findings: Findings, root: Path) -> None:
+    """Add what no file shows by itself: missing files, keys with two verdicts."""
+    steps = [
+        partial(raw.lost_side_files, findings, root),
+        partial(_missing_files, findings, root),
+        *(partial(_two_answers, findings, root, source) for source in SOURCES),
+        *(partial(_release, findings, root, source) for source in PUBLISHED),
+    ]
+    for step in steps:
+        findings.retrying(step)
+    for other in sorted(Layout(root).release().glob("*/")):
+        if other.name not in PUBLISHED and not leftovers.is_left((other.name,)):
+            findings.foreign("release", other, "no export has written it", "move it away")
+
+
+def _missing_files(findings: Findings, root: Path) -> None:
+    """Add missing files of artifacts; releases are checked by their own checksums."""
+    for name, artifact in ARTIFACTS.items():
+        kind = name.partition("/")[0]
+        if artifact.public or kind == "restored":
+            continue
+        with contextlib.suppress(DamagedData):  # reported with the manifest itself
+            lost = manifest.missing(root, name)
+            is_made = manifest.read(root, name) is not None
+            if kind == "index" and not is_made and any(artifact.folder(root).glob("*.store")):
+                lost = [artifact.manifest(root)]
+            for path in lost:
+                findings.missing(kind, path, artifact.hint)
+
+
+def _two_answers(findings: Findings, root: Path, source: str) -> None:
+    """crawled = kept + rejected + failed + pending: no key is in two of them."""
+    clean = Layout(root).clean(source)
+    if any(clean in one.path.parents for one in findings.of("clean")):
+        return  # counting makes sense of whole files only
+    keys = [
+        (
+            f"'{prefix}' || {table(f'{source}/{short}').key[0]}::VARCHAR",
+            parquet_files(clean / short),
+        )
+        for short, prefix in SPECS[source].tables.items()
+    ]
+    keys += [("key", parquet_files(clean / verdict)) for verdict in VERDICTS]
+    all_files = [file for _, files in keys for file in files]
+    if not all_files:
+        return
+    parts = [f"SELECT {key} AS key FROM {scan(files)}" for key, files in keys if files]
+    sql = f"SELECT count(*) - count(DISTINCT key) FROM ({' UNION ALL '.join(parts)})"
+    try:
+        with database.over(all_files, root) as con:
+            more = (con.execute(sql).fetchone() or (0,))[0]
+    except duckdb.Error as error:
+        findings.damaged("clean", clean, str(error).splitlines()[0], rebuild_hint(clean / "x"))
+        return
+    if more:
+        what = f"{more:,} keys are in two of kept, rejected, failed and pending"
+        findings.damaged("clean", clean / "summary.json", what, rebuild_hint(clean / "x"))
+
+
+def _release(findings: Findings, root: Path, source: str) -> None:
+    folder = Layout(root).release(source)
+    if folder.is_dir() and any(folder.iterdir()):
+        releases.folder(findings, folder, rebuild_hint, described=False)
+    elif manifest.read(root, f"release/{source}"):
+        findings.missing("release", folder, rebuild_hint(folder / "x"))
 
 
 def verify(folder: Path, progress: Progress) -> Findings:
@@ -50,7 +178,7 @@ def verify(folder: Path, progress: Progress) -> Findings:
 def _root(findings: Findings, root: Path, files: Iterable[Path]) -> None:
     """Each file by where it is, then what is not there, then what the files say together."""
     FileVerifier(findings, root).read(files)
-    cross_checks.compare(findings, root)
+    compare(findings, root)
 
 
 def _recheck(findings: Findings, root: Path, busy: Busy, progress: Progress) -> None:

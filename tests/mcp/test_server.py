@@ -1,6 +1,7 @@
 """The server: its tools, errors, and its end."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -13,9 +14,8 @@ import pytest
 
 from kb.core.errors import UsageError
 from kb.mcp.about_tool import run_about
-from kb.mcp.query_tool import run_query
 from kb.mcp.search_tool import run_search
-from kb.mcp.server import make
+from kb.mcp.server import make, run_query
 from kb.mcp.untrusted_text import DEFAULT
 from kb.search.ranking import Only
 from kb.store.tables.shard_writer import write_table
@@ -23,6 +23,7 @@ from tests.cli.conftest import clean_environment
 from tests.filters.made import run_at
 from tests.inprocess import Here
 from tests.mcp.conftest import SERVER, Ask
+from tests.query.test_statements import ESCAPES
 
 
 def test_the_tools_say_what_they_take(client: Any) -> None:
@@ -158,3 +159,31 @@ def test_without_the_extra_it_says_what_to_install(
     assert (done.code, done.out) == (2, "")
     assert done.said.endswith('or `pip install -e ".[mcp]"` there')
     assert here("mcp", "--data", str(data / "nowhere")).code == 2
+
+
+def test_query_reads_the_views_and_nothing_else(ask: Ask, data: Path, tmp_path: Path) -> None:
+    assert "\n14,Camel\n" in ask("query", sql="SELECT page_id, title FROM clean.wiki_pages")
+    tried = re.compile(r"COPY youtube|temp_directory'\)|arrow|blob", re.IGNORECASE)
+    chosen = [sql for sql in ESCAPES if tried.search(sql)]
+    assert len(chosen) >= 4
+    for sql in [*chosen, "SELECT 1; SELECT 2"]:
+        text = ask("query", sql=sql.format(tmp=tmp_path, root=data))
+        assert text.error, sql
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_query_is_limited(ask: Ask) -> None:
+    text = ask("query", sql="FROM range(1000000)", max_rows=7)
+    assert "\n6\n" in text
+    assert "\n7\n" not in text
+    assert "More rows were left out" in text
+    text = ask("query", sql="SELECT repeat('word ', 100000) AS words, 7 AS n", max_chars=1000)
+    assert "(cut, 500,000 characters in total)" in text
+    assert ",7\n" in text
+    text = ask("query", sql="SELECT count(*) FROM range(9999999) a, range(9999999) b"
+               " WHERE hash(a.range) % (b.range + 1) = 7", timeout_s=0.5)  # fmt: skip
+    assert text.error
+    assert "longer than 0.5 s" in text
+    text = ask("query", sql="SELECT length(repeat('x', 3000000000))")
+    assert text.error
+    assert "emory" in text

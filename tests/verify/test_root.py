@@ -6,8 +6,10 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
+from kb.artifacts import manifest
 from kb.core.errors import FatalError, UsageError
 from kb.core.progress import Silent
+from kb.store.artifact_registry import MANIFEST
 from kb.store.tables import parquet
 from kb.verify.findings import Findings
 from kb.verify.root import verify as look_at
@@ -96,3 +98,14 @@ def test_a_folder_that_is_neither(tmp_path: Path) -> None:
         verify(tmp_path)
     with pytest.raises(UsageError, match="there is no data root"):
         verify(tmp_path / "nowhere")
+
+
+def test_a_key_with_two_answers_is_told(root: Path) -> None:
+    path = one(root, "clean/youtube/videos/*.parquet")
+    shutil.copyfile(path, path.with_name("part-00001.parquet"))
+    known = manifest.read(root, "clean/youtube")
+    assert known is not None
+    known.files["videos/part-00001.parquet"] = manifest.entry_of(path)
+    manifest.write(root / "clean/youtube" / MANIFEST, known)
+    (told,) = verify(root).entries
+    assert "keys are in two of kept, rejected, failed and pending" in told.what

@@ -1,17 +1,19 @@
 """One post or comment, live or from a dump of any year → a row as a plain dictionary.
 
-A value that can't be read is null, and the list `problems` of its row says why: (column, reason,
-value).
+HTML entities of a dump's record are resolved once for the whole record. A value that can't be read
+is null, and the list `problems` of its row says why: (column, reason, value).
 """
 
 import hashlib
+import html
 import json
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterable
+from html.entities import html5
 from typing import Any
 
 from kb.core.config.profile.reddit import Links
 from kb.reddit.parse import answer_tree
-from kb.reddit.parse.html_entities import resolve
 from kb.reddit.parse.post_types import (
     is_crosspost,
     link_classifier,
@@ -19,6 +21,69 @@ from kb.reddit.parse.post_types import (
     post_type,
     removal,
 )
+
+_TEXTS = ("title", "selftext", "body")  # what tells whether a record was escaped
+_ADDRESSES = ("url", "url_overridden_by_dest")
+_NUMBER = re.compile(r"#(?:[0-9]+|[xX][0-9a-fA-F]+)")
+_OF_REDDIT = ("&amp;", "&lt;", "&gt;")
+
+
+def unescaped(text: str) -> str:
+    """The only text of a record (a comment's body) with its entities resolved, unless it was never
+    escaped.
+    """
+    return text if "&" not in text or was_never_escaped((text,)) else html.unescape(text)
+
+
+def was_never_escaped(texts: Iterable[str]) -> bool:
+    """Whether one of a record's texts holds what escaping would have replaced."""
+    return any("<" in text or ">" in text or _holds_bare(text) for text in texts)
+
+
+def _holds_bare(text: str) -> bool:
+    number = text.count("&")
+    if not number or number == sum(map(text.count, _OF_REDDIT)):
+        return False
+    return not all(map(_begins_entity, text.split("&")[1:]))
+
+
+def _begins_entity(behind: str) -> bool:
+    """Whether an ampersand with this behind it begins an entity."""
+    name, end, _ = behind.partition(";")
+    return bool(end) and (f"{name};" in html5 or _NUMBER.fullmatch(name) is not None)
+
+
+def resolve(record: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a post or comment of a dump with their entities resolved; the same object where
+    nothing changes.
+
+    The post that a crosspost shows is a record of its own. An address that holds a bare `&` stays.
+    """
+    if was_never_escaped(text for name in _TEXTS if isinstance(text := record.get(name), str)):
+        return record
+    changed: dict[str, Any] = {
+        name: html.unescape(text)
+        for name in _TEXTS
+        if isinstance(text := record.get(name), str) and "&" in text
+    }
+    changed |= {
+        name: unescaped(address)
+        for name in _ADDRESSES
+        if isinstance(address := record.get(name), str) and "&" in address
+    }
+    parents = record.get("crosspost_parent_list")
+    if isinstance(parents, list) and parents and isinstance(parents[0], dict):
+        changed["crosspost_parent_list"] = [resolve(parents[0]), *parents[1:]]
+    poll = record.get("poll_data")
+    if isinstance(poll, dict) and isinstance(poll.get("options"), list):
+        options = [
+            {**option, "text": html.unescape(str(option.get("text", "")))}
+            for option in poll["options"]
+            if isinstance(option, dict)
+        ]
+        changed["poll_data"] = {**poll, "options": options}
+    return {**record, **changed} if changed else record
+
 
 Row = dict[str, Any]
 LATEST = 253402300800  # seconds of Unix time: the year 10000

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from kb.core.config.profile import load_profile
 from kb.reddit.parse import answers as parse
-from kb.reddit.parse.html_entities import resolve, unescaped, was_never_escaped
+from kb.reddit.parse.records import resolve, unescaped, was_never_escaped
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request
 

@@ -1,0 +1,105 @@
+"""The first screen of a card: what it tells to type works as it stands, in the folder itself."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+
+from kb import __version__
+from kb.cli.app import leaves
+from kb.core.sources import PUBLISHED, SPECS
+from kb.export import wiki_tar
+from kb.release.build import release
+from tests.release.conftest import a_run
+from tests.release.made import build
+
+
+def card(released: Path, source: str) -> str:
+    return (released / "release" / source / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(text: str, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("source", PUBLISHED)
+def test_install_command_query_and_picture_come_first(released: Path, source: str) -> None:
+    text = card(released, source)
+    screen = text[text.index("\n# ") : text.index("|  |  |")]
+    assert screen.count("\n") < 45
+    assert f"Lorecrawl {__version__} (lock file SHA-256 " in screen
+    assert "run `make setup` in the checkout of Lorecrawl, or `pip install -e " in screen
+    assert blocks(screen, "sh")[0].startswith("kb verify .")
+    assert ("\nkb restore ." in screen) == (source not in ("wiki", "links"))
+    (picture,) = blocks(screen, "text")
+    assert "█" in picture
+    names = {name for name, _ in leaves()}
+    for command in re.findall(r"^kb ([a-z]+)", screen, re.MULTILINE):
+        assert command in names
+
+
+def with_pictures(root: Path) -> Path:
+    """A release of the wiki whose pictures are some."""
+    build(root, sources=("wiki",))
+    for name in ("pages", "images"):
+        for row in pq.read_table(root / "clean" / "wiki" / name).to_pylist():
+            size = (row["page_width"], row["page_height"]) if name == "pages" else (16, 16)
+            path = row.get("screenshot_path") or row.get("path")
+            if path:
+                Image.new("RGB", size).save(root / path, "PNG")
+    wiki_tar.export(a_run(root))
+    release(a_run(root))
+    return root
+
+
+@pytest.mark.parametrize("source", PUBLISHED)
+def test_the_python_of_the_first_screen_and_of_the_archives_runs(
+    released: Path, source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if source == "wiki":
+        released = with_pictures(tmp_path / "wiki")
+    folder = shutil.copytree(released / "release" / source, tmp_path / "folder")
+    monkeypatch.chdir(folder)
+    text = card(released, source)
+    examples = [block for block in blocks(text, "python") if "THIS_FOLDER" not in block]
+    assert len(examples) == 1 + (source == "wiki")
+    for example in examples:
+        names: dict[str, Any] = {}
+        exec(example, names)
+    (tars,) = [line for line in text.splitlines() if line.startswith("tar ")] or [""]
+    if tars:
+        subprocess.run(tars.partition("#")[0].split(), check=True, capture_output=True)
+    assert bool(tars) == (source == "wiki")
+
+
+def test_the_stages_are_those_of_the_pipelines(released: Path) -> None:
+    contract = {
+        "youtube": "missing, topic, views, aspect_ratio, duration, age_restricted, toxicity,"
+        " transcript",
+        "wiki": "missing, robots, render, words, toxicity",
+    }
+    for source, stages in contract.items():
+        assert ", ".join(SPECS[source].release.stages) == stages
+    stages = set(SPECS["reddit"].release.stages)
+    assert stages == {
+        "missing",
+        "removed",
+        "nsfw",
+        "score",
+        "toxicity",
+        "post",
+    }
+    (picture,) = blocks(card(released, "reddit"), "text")[:1]
+    left = [int(line.split()[-2].replace(",", "")) for line in picture.splitlines()]
+    assert left == sorted(left, reverse=True)
+
+
+def test_no_text_points_below_where_nothing_is(released: Path) -> None:
+    for source in PUBLISHED:
+        deposit = (released / "release" / source / "zenodo.json").read_text(encoding="utf-8")
+        assert " below" not in deposit
