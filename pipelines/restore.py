@@ -23,7 +23,7 @@ from kb.filters.topic import released_stages
 from kb.pairs.restore import TextRestore
 from kb.reddit.dumps.files import Dumps, find_dumps
 from kb.reddit.restore.job import ThreadRestore
-from kb.release.downloaded import Folders, keep_profile, verify
+from kb.release.folders import Folders, keep_profile, verify
 from kb.store import lock
 from kb.store.layout import Layout
 from kb.youtube.restore.job import VideoRestore

@@ -24,13 +24,12 @@ from kb.core.licences import KNOWN
 from kb.core.progress import Task
 from kb.core.sources import PUBLISHED, exported_by, made_of
 from kb.core.summary import Summary
-from kb.release import folders, history, provenance, sample
-from kb.release.gate import check
-from kb.release.gate.problem import GateProblem
+from kb.release import folders, provenance, sample
+from kb.release.gate import GateProblem, check
 from kb.release.metadata import measure
 from kb.release.metadata.card import card, citation, datasheet, law
 from kb.release.metadata.croissant import croissant
-from kb.release.metadata.facts import Facts
+from kb.release.metadata.measure import Facts
 from kb.release.metadata.zenodo import deposit
 from kb.schema import table
 from kb.store.atomic import write_text
@@ -77,7 +76,7 @@ def _release(run: Run, only: Sequence[str]) -> Summary:
 
 def describe(run: Run, sources: Sequence[str] = ()) -> None:
     """Write the files around the data again, without the gate: after a purge took rows out."""
-    for folder in folders.find(run.root):
+    for folder in folders.in_root(run.root):
         if not sources or folder.source in sources:
             write(run, folder)
 
@@ -88,7 +87,7 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
     Raises ReleaseRefused when nothing was exported, or a folder that was has lost its data;
     UsageError for a source that was not exported.
     """
-    at, exports = Layout(run.root), folders.find(run.root)
+    at, exports = Layout(run.root), folders.in_root(run.root)
     there = {folder.source for folder in exports}
     wanted = only or PUBLISHED
     refuse(
@@ -146,7 +145,7 @@ def _describe(run: Run, folder: ReleaseFolder, task: Task) -> Facts:
     for path in folder.path.glob("LICENSE-*.txt"):
         path.unlink()
     version = run.profile.release.version
-    changed = history.changes(run.root, folder, facts, version)
+    changed = provenance.changes(run.root, folder, facts, version)
     texts = {
         "README.md": card(run, facts, changed),
         "DATASHEET.md": datasheet(run, facts),
@@ -169,7 +168,7 @@ def _describe(run: Run, folder: ReleaseFolder, task: Task) -> Facts:
     _tombstones(run, folder)
     sample.write(folder, run.profile.release.sample_mb)
     write_text(folder.path / SUMS, listed(folder.files()))
-    history.note(run.root, folder, facts, version)
+    provenance.record(run.root, folder, facts, version)
     task.advance(3)
     return facts
 

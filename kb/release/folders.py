@@ -1,14 +1,31 @@
-"""The release folders of a data root, and what `kb release` writes into them beside the data."""
+"""Release folders: those of a data root, what `kb release` writes into them beside the data, and
+those that somebody downloaded.
+"""
 
+from collections.abc import Sequence
 from pathlib import Path
 
-from kb.artifacts.release_folder import EARLIER_TOMBSTONES, TOMBSTONES, ReleaseFolder, entries, read
+from kb.artifacts import release_folder
+from kb.artifacts.release_folder import (
+    DOWNLOAD,
+    EARLIER_TOMBSTONES,
+    TOMBSTONES,
+    ReleaseFolder,
+    entries,
+    read,
+)
+from kb.artifacts.table_catalog import Catalog
+from kb.core.context import Run
+from kb.core.errors import DamagedData, SettingError
 from kb.core.installation import PROFILE_FILE
 from kb.core.licences import KNOWN
 from kb.core.sources import PUBLISHED
 from kb.schema import Table, released_tables
+from kb.store.atomic import write_bytes
 from kb.store.layout import Layout
-from kb.store.tables.checksums import SUMS
+from kb.store.tables.checksums import SUMS, digest
+
+Folders = Sequence[ReleaseFolder]
 
 DEPOSIT = "zenodo.json"
 # What `kb release` writes into every folder, and what only into some.
@@ -19,7 +36,7 @@ REQUIRED = (
 OPTIONAL = (TOMBSTONES, EARLIER_TOMBSTONES, "keywords.tsv")
 
 
-def find(root: Path) -> list[ReleaseFolder]:
+def in_root(root: Path) -> list[ReleaseFolder]:
     """The folders under `release/` that an export has filled, in the contract's order."""
     folders = (read(Layout(root).release(source), source) for source in PUBLISHED)
     return [folder for folder in folders if folder.data]
@@ -51,3 +68,62 @@ def is_made(name: str, source: str) -> bool:
 def sample_name(declared: Table) -> str:
     """The file with some rows of a table."""
     return f"{declared.short}.sample.json"
+
+
+def find(places: Sequence[Path]) -> list[ReleaseFolder]:
+    """Release folders that were named, or that lie in one that was. Raises SettingError."""
+    releases: dict[Path, ReleaseFolder] = {}
+    for place in places:
+        mine = Catalog(place.expanduser().absolute()).releases
+        if not mine:
+            raise SettingError(
+                f"{place} is not a release folder"
+                if place.is_dir()
+                else f"there is no folder {place}",
+                hint="name a folder with *-00000-of-0000N.parquet and SHA256SUMS in it,"
+                " or one that holds such folders",
+            )
+        releases |= {one.path: one for one in mine}
+    return list(releases.values())
+
+
+def verify(run: Run, releases: Folders) -> None:
+    """Compare every file with SHA256SUMS. Raises DamagedData for the first that differs."""
+    for one in releases:
+        sums = _sums(one.path)
+        for path in one.data:
+            if path.name not in sums and path.suffix == ".parquet":
+                raise DamagedData(f"{path} is not in {SUMS}", hint=f"remove it, or {DOWNLOAD}")
+        with run.progress.task(f"verify {one.path.name}", len(sums), "files") as task:
+            for name, wanted in sums.items():
+                path = one.path / name
+                if not path.is_file():
+                    raise DamagedData(f"{path} is missing", hint=DOWNLOAD)
+                if digest(path) != wanted:
+                    raise DamagedData(f"{path} differs from {SUMS}", hint=DOWNLOAD)
+                task.advance()
+
+
+def _sums(folder: Path) -> dict[str, str]:
+    sums, invalid = release_folder.sums(folder)
+    if invalid:
+        raise DamagedData(f"{folder / SUMS} is not a list of checksums", hint=DOWNLOAD)
+    if not sums:
+        raise DamagedData(
+            f"{folder} has no {SUMS}, so its files can't be checked",
+            hint=f"{DOWNLOAD}; for a folder of your own run `kb release` first",
+        )
+    return sums
+
+
+def keep_profile(root: Path, releases: Folders) -> None:
+    """Copy the releases' profile and keywords next to the restored data, for later commands."""
+    own = profile_of(releases)
+    for path in (own, own.with_name("keywords.tsv")) if own else ():
+        if path.is_file():
+            write_bytes(Layout(root).restored() / path.name, path.read_bytes())
+
+
+def profile_of(releases: Folders) -> Path | None:
+    """The profile that the folders were made with; None where none of them holds it."""
+    return next((one.profile for one in releases if one.profile), None)

@@ -34,7 +34,7 @@ SECTIONS: dict[str, ReportSpec] = {
         title="Video-text pairs",
         tables=("pairs/pairs",),
         hint="run `kb pairs` after `kb youtube filter`",
-        figures="kb.report.pairs:FIGURES",
+        figures="kb.report.sources:PAIRS",
         samples={
             "pairs/pairs": (
                 *("keyword", "keyword_kind", "text", "token_count", "clip_start_s", "clip_end_s"),

@@ -56,7 +56,7 @@ SPEC = SourceSpec(
         title="Wiki",
         tables=("wiki/pages", "wiki/elements", "wiki/images"),
         hint="run `kb wiki crawl`, then `kb wiki filter`",
-        figures="kb.report.wiki:FIGURES",
+        figures="kb.report.sources:WIKI",
         samples={
             "wiki/pages": ("title", "word_count", "page_width", "page_height", "license", "url")
         },

@@ -61,7 +61,7 @@ SPEC = SourceSpec(
         title="YouTube",
         tables=("youtube/videos",),
         hint="run `kb youtube crawl`, then `kb youtube filter`",
-        figures="kb.report.youtube:FIGURES",
+        figures="kb.report.sources:YOUTUBE",
         samples={
             "youtube/videos": (
                 *("title", "view_count", "like_count", "duration_s", "transcript_kind"),

@@ -20,7 +20,7 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, LimitReached, MissingCredential, QuotaSpent, SettingError
 from kb.net import retry
 from kb.release.build import describe
-from kb.release.downloaded import find
+from kb.release.folders import find
 from kb.schema import table
 from kb.store.state import tombstones
 from tests.reddit.dumped import write

@@ -59,7 +59,7 @@ def restore(
     written to restored/ in the data root and can be queried as restored.*; restored.missing lists
     what could not be restored, with the reason. After an interruption the same command resumes.
     """
-    from kb.release.downloaded import find, profile_of
+    from kb.release.folders import find, profile_of
 
     releases = find(folders)
     own = profile_of(releases)

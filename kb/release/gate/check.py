@@ -14,8 +14,7 @@ from kb.core.context import Run
 from kb.core.errors import KbError
 from kb.core.licences import KNOWN, licence
 from kb.release.folders import DEPOSIT, REQUIRED
-from kb.release.gate import files, personal, rows, secrets, tables
-from kb.release.gate.problem import GateProblem
+from kb.release.gate import GateProblem, files, personal, rows, secrets, tables
 from kb.release.metadata.measure import folder_licence, page_licences
 from kb.release.metadata.zenodo import Document
 

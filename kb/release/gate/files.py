@@ -13,7 +13,7 @@ from kb.artifacts import release_folder
 from kb.artifacts.release_folder import INDEX, ReleaseFolder
 from kb.core.sources import RELEASES, exported_by
 from kb.release.folders import is_made, strays
-from kb.release.gate.problem import GateProblem, damaged
+from kb.release.gate import GateProblem, damaged
 from kb.release.gate.tables import numbered
 from kb.store.tables import database
 from kb.store.tables.checksums import SUMS, digest

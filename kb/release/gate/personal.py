@@ -20,7 +20,7 @@ import pyarrow as pa
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.config.profile.release import Release
 from kb.core.errors import DamagedData
-from kb.release.gate.problem import GateProblem
+from kb.release.gate import GateProblem
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import scan
 

@@ -16,7 +16,7 @@ from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES, SPECS, made_by
-from kb.release.gate.problem import GateProblem, damaged
+from kb.release.gate import GateProblem, damaged
 from kb.schema import Table, released_tables
 from kb.store.layout import Layout
 from kb.store.tables import database, parquet

@@ -14,7 +14,7 @@ from ahocorasick_rs import BytesAhoCorasick, MatchKind
 
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.errors import DamagedData
-from kb.release.gate.problem import GateProblem
+from kb.release.gate import GateProblem
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import scan
 

@@ -17,7 +17,7 @@ from kb.artifacts.release_folder import TOMBSTONES, ReleasedTable, ReleaseFolder
 from kb.core.errors import DamagedData
 from kb.core.sources import RELEASES
 from kb.release.folders import samples
-from kb.release.gate.problem import GateProblem, damaged
+from kb.release.gate import GateProblem, damaged
 from kb.schema import Table, table
 from kb.schema.tables import Column
 from kb.store.tables import database, parquet

@@ -6,22 +6,82 @@ datasheet   DATASHEET.md: the questions of "Datasheets for Datasets" (Gebru et a
 citation    CITATION.cff, version 1.2.0 (https://citation-file-format.github.io)
 law         LICENSE: whose the data is, then the legal text
 
-Figures come from kb.release.metadata.measure, sentences on a source from kb.release.metadata.about.
+Figures come from kb.release.metadata.measure, sentences on a source from
+kb.release.metadata.templates.
+
+
+The first screen of a card says how to get the content and shows one picture as text, as a card is
+read in many places: a bar for each filter stage, or for the most frequent keywords.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from kb import __version__
 from kb.core.context import Run
 from kb.core.installation import install_extra, lock_digest, software_address
 from kb.core.licences import licence
+from kb.core.source_spec import ReleaseSpec
 from kb.core.sources import RELEASES
 from kb.release import provenance
-from kb.release.history import Changes
-from kb.release.metadata.about import about
-from kb.release.metadata.facts import Facts, TableFacts
-from kb.release.metadata.first_screen import first
-from kb.release.metadata.template_filters import SANDBOX_NOTE, language, md, name, render
+from kb.release.metadata.measure import ColumnFacts, Facts, TableFacts
+from kb.release.metadata.templates import SANDBOX_NOTE, about, language, md, name, render
+from kb.release.provenance import Changes
+
+WIDTH = 40  # of the longest bar, in characters
+
+
+class Bar(NamedTuple):
+    """One line of the picture."""
+
+    name: str
+    n: int
+    bar: str
+
+
+def first(facts: Facts) -> dict[str, Any]:
+    """What templates/first_screen.md.jinja says of a folder."""
+    return {
+        "query": RELEASES[facts.source].query,
+        "archive": next((one.name for one in facts.others if one.name.endswith(".tar")), None),
+        "picture": picture(facts),
+    }
+
+
+def picture(facts: Facts) -> list[Bar]:
+    """How much each stage left over, or how often the most frequent keywords are met."""
+    spec = RELEASES[facts.source]
+    if spec.stages:
+        return _bars(_funnel(facts, spec))
+    keyword = _column(facts, spec)
+    return _bars(list(keyword.top) if keyword is not None else [])
+
+
+def _funnel(facts: Facts, spec: ReleaseSpec) -> list[tuple[str, int]]:
+    """What was read, then what was left behind each stage that dropped something."""
+    dropped: dict[str, int] = {}
+    for stage, _, n in facts.rejected:
+        dropped[stage] = dropped.get(stage, 0) + n
+    counted = spec.counted or (spec.main,)
+    left = sum(one.rows for one in facts.tables if one.table.short in counted)
+    left += sum(dropped.values())
+    steps = [("read", left)]
+    for stage in spec.stages:
+        if stage in dropped:
+            left -= dropped[stage]
+            steps.append((f"after {stage}", left))
+    return steps
+
+
+def _bars(steps: list[tuple[str, int]]) -> list[Bar]:
+    most = max((n for _, n in steps), default=0)
+    return [Bar(name, n, "█" * max(1, round(WIDTH * n / most))) for name, n in steps if n]
+
+
+def _column(facts: Facts, spec: ReleaseSpec) -> ColumnFacts | None:
+    main = next((one for one in facts.tables if one.table.short == spec.main), None)
+    columns = main.columns if main is not None else ()
+    return next((one for one in columns if one.column.name == spec.pictured), None)
+
 
 _SIZES = (
     (10**3, "n<1K"),

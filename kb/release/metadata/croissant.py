@@ -11,10 +11,9 @@ from typing import Any
 from kb.core.context import Run
 from kb.core.licences import licence
 from kb.core.sources import RELEASES
-from kb.release.metadata.about import about
 from kb.release.metadata.card import bibtex
-from kb.release.metadata.facts import DataFile, Facts, TableFacts
-from kb.release.metadata.template_filters import SANDBOX_NOTE, day, language, name
+from kb.release.metadata.measure import DataFile, Facts, TableFacts
+from kb.release.metadata.templates import SANDBOX_NOTE, about, day, language, name
 from kb.schema.tables import Column
 
 PARQUET = "application/x-parquet"

@@ -14,9 +14,8 @@ from kb.core import terminal
 from kb.core.context import Run
 from kb.core.installation import software_address
 from kb.core.licences import licence
-from kb.release.metadata.about import about
-from kb.release.metadata.facts import Facts
-from kb.release.metadata.template_filters import SANDBOX_NOTE, day, language, name, span
+from kb.release.metadata.measure import Facts
+from kb.release.metadata.templates import SANDBOX_NOTE, about, day, language, name, span
 
 # Two letters, as profiles write them, and the three that Zenodo asks for.
 _CODES = """

@@ -20,8 +20,7 @@ from kb.core.sources import exported_by, made_by, made_of
 from kb.core.summary import Summary
 from kb.net.session import HttpSession, host_of
 from kb.release.build import exported, refuse
-from kb.release.gate import check
-from kb.release.gate.problem import GateProblem
+from kb.release.gate import GateProblem, check
 from kb.release.metadata.measure import models
 from kb.release.publish.service import TIMEOUT_S, stray
 from kb.release.publish.upload import Upload, document_of

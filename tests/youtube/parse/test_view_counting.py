@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 import pyarrow as pa
 import pytest
 
-from kb.release.folders import find
+from kb.release.folders import in_root
 from kb.release.metadata.gaps import gaps
 from kb.store.tables import database
 from kb.youtube.parse.view_counting import view_rule
@@ -69,7 +69,7 @@ def test_a_crawl_across_the_change_says_that_it_mixes_both(job: Job) -> None:
     }
     assert set(counts) == {"watch_time", "playback_start"}
     job.done("youtube", "export")
-    (folder,) = find(job.root)
+    (folder,) = in_root(job.root)
     with database.asking() as con:
         (sentence,) = gaps(con, folder)
     for rule, n in counts.items():

@@ -11,7 +11,7 @@ from markdown_it import MarkdownIt
 
 from kb.core.licences import KNOWN
 from kb.release.build import release
-from kb.release.metadata.template_filters import render
+from kb.release.metadata.templates import render
 from tests.release.conftest import a_run
 from tests.release.made import build
 

@@ -1,0 +1,42 @@
+"""Figures of sources and pairs: their rows add up to those of the tables."""
+
+from pathlib import Path
+
+import duckdb
+import pytest
+
+from kb.core.config.profile import load_profile
+from kb.report import sources
+from kb.report.data import ReportData
+from tests.report.made import a_run
+
+
+@pytest.mark.parametrize(
+    ("figure", "table"),
+    [
+        (sources.WIKI[2], "wiki/elements"),
+        (sources.REDDIT[1], "reddit/posts"),
+        (sources.lengths, "pairs/pairs"),
+    ],
+)
+def test_a_figure_counts_every_row(root: Path, figure: object, table: str) -> None:
+    with ReportData(a_run(root)) as data:
+        made = figure(data, load_profile("minecraft"))
+        rows = data.count(table)
+    assert sum(n for _, n in made.rows) == rows > 0
+
+
+def test_durations_end_at_the_percentile_of_the_profile(root: Path) -> None:
+    with ReportData(a_run(root)) as data:
+        figure = sources.durations(data, load_profile("minecraft"))
+        videos = data.files("youtube/videos")
+    with duckdb.connect() as con:
+        ((limit, shown),) = con.execute(
+            "WITH v AS (SELECT duration_s AS d FROM read_parquet(?)),"
+            " m AS (SELECT quantile_disc(d, 0.85) AS high FROM v)"
+            " SELECT any_value(high), count(*) FROM v, m WHERE d <= high",
+            [videos],
+        ).fetchall()
+    assert sum(n for _, n in figure.rows) == shown
+    assert 0.84 <= shown / 120 <= 0.87
+    assert f"{limit / 60:.1f} minutes" in figure.caption
