@@ -163,6 +163,8 @@ def _verdicts(
         chain.prefix, rows.column(chain.key).cast(pa.string()).combine_chunks(), ""
     )
     size = rows.num_rows
+    nulls = pa.nulls(size, pa.string())
+    described = set(chain.described_by).intersection(rows.column_names)
     verdicts = pa.table(
         {
             "key": key,
@@ -170,9 +172,12 @@ def _verdicts(
             "reason": judged.reason,
             "value": judged.value,
             "threshold": pa.repeat(pa.scalar(judged.threshold, pa.string()), size),
-            **{name: _description(rows, name, chain) for name in DESCRIBED_BY},
-            "matched": _or_nothing(judged.matched, size),
-            "unmatched": _or_nothing(judged.unmatched, size),
+            **{
+                name: one(rows, name).cast(pa.string()) if name in described else nulls
+                for name in DESCRIBED_BY
+            },
+            "matched": nulls if judged.matched is None else judged.matched,
+            "unmatched": nulls if judged.unmatched is None else judged.unmatched,
         }
     )
     for verdict in VERDICTS:
@@ -187,17 +192,6 @@ def _verdicts(
         hits = verdicts.filter(hit).select(schema.names)
         if hits.num_rows:
             yield verdict, hits.cast(schema)
-
-
-def _description(rows: pa.Table, name: str, chain: Chain) -> pa.Array[Any]:
-    """A column of the rows as text, null unless the chain describes its rows with it."""
-    if name not in chain.described_by or name not in rows.column_names:
-        return _or_nothing(None, rows.num_rows)
-    return one(rows, name).cast(pa.string())
-
-
-def _or_nothing(values: pa.Array[Any] | None, size: int) -> pa.Array[Any]:
-    return pa.nulls(size, pa.string()) if values is None else values
 
 
 def declared_columns(rows: pa.Table, chain: Chain) -> pa.Table:

@@ -1,4 +1,4 @@
-"""What a row must be like to be kept: declarative, vectorised, one object for value and threshold.
+"""Declarative, vectorised predicates: the conditions a row must meet to be kept.
 
 A predicate has a `stage` (the contract's name), `reads` (the columns that it needs) and
 `judge(rows)`. A row that it does not pass gets a short reason, the value that decided and the
@@ -119,7 +119,7 @@ def nothing(rows: pa.Table) -> pa.Array[Any]:
 
 @dataclass(frozen=True)
 class _OfOne:
-    """What looks at one column."""
+    """A predicate of one column."""
 
     column: str
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import Any
 
 import pyarrow as pa
@@ -35,16 +36,8 @@ def whole_words(phrases: Sequence[str]) -> str:
     """An RE2 pattern that finds any of the phrases as whole words,
     whatever their case and spaces.
     """
-    inner = "|".join(r"\s+".join(_escaped(word) for word in phrase.split()) for phrase in phrases)
+    inner = "|".join(r"\s+".join(re.escape(word) for word in phrase.split()) for phrase in phrases)
     return rf"(?i)(?:^|{_EDGE})(?:{inner})(?:$|{_EDGE})"
-
-
-def _escaped(word: str) -> str:
-    return (
-        re.sub(r"([^\w])", r"\\\1", word, flags=re.ASCII)
-        if word.isascii()
-        else re.sub(r"([\\.^$|?*+()\[\]{}-])", r"\\\1", word)
-    )
 
 
 @dataclass(frozen=True)
@@ -80,7 +73,7 @@ class Topic:
         named = self._named(rows)
         ours = pc.and_(named, self._ours(rows))
         candidate = pc.and_(pc.invert(named), self._categorised(rows))
-        hit = pc.and_(candidate, self._keyword(rows, candidate))
+        hit = reduce(pc.or_, self._places(rows, candidate).values())
         evidence = pc.if_else(
             ours, "game_label", pc.if_else(hit, "keywords", pa.scalar(None, pa.string()))
         )
@@ -173,15 +166,6 @@ class Topic:
         categories = pa.array(self.category_ids, pa.int64())
         categorised: pa.Array[Any] = pc.is_in(one(rows, "category_id"), categories)
         return categorised
-
-    def _keyword(self, rows: pa.Table, candidate: pa.Array[Any]) -> pa.Array[Any]:
-        """Whether a keyword is in the title, else in the tags, else in the description;
-        asked of candidates only.
-        """
-        hits = pa.array([False] * rows.num_rows, pa.bool_())
-        for hit in self._places(rows, candidate).values():
-            hits = pc.or_(hits, hit)
-        return hits
 
     def _places(self, rows: pa.Table, candidate: pa.Array[Any]) -> dict[str, pa.Array[Any]]:
         """Text → the candidates where a keyword stands in it and in none before it."""

@@ -10,7 +10,6 @@ from typing import NamedTuple
 from kb.artifacts import domain_binding, manifest, texts
 from kb.artifacts import index as index_of
 from kb.artifacts.table_catalog import NO_TABLES, Catalog, empty
-from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.sources import SOURCES, SPECS
@@ -62,7 +61,8 @@ def follow(run: Run, source: str) -> BuiltIndex | None:
             index_of.remove(root, source)
             return None
         place, workplace = index_of.folder(root, source), Catalog(root.absolute()).workplace
-        stemmer = _stemmer(run.profile)
+        youtube = run.profile.youtube
+        stemmer = STEMMERS.get("en" if youtube is None else youtube.language, "")
         rules, inputs = f"{_LAYOUT} {stemmer}", texts.inputs(root, name)
         known = None if run.again else manifest.read(workplace, name)
         if (
@@ -90,9 +90,3 @@ def ensure(run: Run, sources: Sequence[str]) -> None:
         if texts.files(run.root, name) and not texts.is_current(run.root, name):
             run.progress.say(f"the index of {source} is missing or out of date; building it")
             follow(run, source)
-
-
-def _stemmer(profile: Profile) -> str:
-    """The stemmer of the profile's language, "" where tantivy has none."""
-    language = "en" if profile.youtube is None else profile.youtube.language
-    return STEMMERS.get(language, "")

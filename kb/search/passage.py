@@ -24,11 +24,11 @@ _NOT_SHOWN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")  # marks of snippets would 
 
 
 class Passage(NamedTuple):
-    """A piece of one thing of a source.
+    """A piece of text of a video, page, post or comment, which `key` identifies.
 
-    `key` is the thing's own (video id, page id, full name of a post or comment), `thing` what at
-    most one answer is given of: the video, page or thread. `path` is a section's headings. `times`
-    are the seconds at which a transcript's cues begin, each of which is a line of the text.
+    By default a search returns one passage of each `thing`: video, page or thread. `path` is a
+    section's headings. `times` are the start seconds of a transcript's cues, which are the lines of
+    the text.
     """
 
     kind: str
@@ -45,9 +45,7 @@ class Passage(NamedTuple):
 
 
 def plain(text: str | None) -> str:
-    """A text without control characters, accents in one character with their letters; "" for
-    None.
-    """
+    """A text without control characters, with composed accents; "" for None."""
     if not text:
         return ""
     if not text.isascii():
@@ -56,7 +54,7 @@ def plain(text: str | None) -> str:
 
 
 def day(when: Any) -> str | None:
-    """A time's date: "2026-03-01"."""
+    """The date of a time: "2026-03-01"."""
     return None if when is None else when.date().isoformat()
 
 

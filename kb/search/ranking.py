@@ -116,7 +116,7 @@ class IndexedTerm:
 
 
 class Weights:
-    """How much each term of a question counts in these indexes, all taken together."""
+    """The weight of each term of a question over all these indexes together."""
 
     def __init__(self, indexes: Mapping[str, PassageIndex], question: Question) -> None:
         self._size = sum(index.size for index in indexes.values())
@@ -135,7 +135,7 @@ class Weights:
         self.order = _HIGHEST * sum(self.terms.values()) + sum(self.pairs.values())
 
     def _rarities(self, terms: Iterable[Term]) -> dict[Term, float]:
-        """Sums over each term's words. One without any, as the analyzer sees it, is left out."""
+        """Sums over each term's words; a term that the analyzer drops is left out."""
         made = {}
         for term in terms:
             frequencies = [one[term].frequencies for one in self.indexed.values()]
@@ -201,7 +201,6 @@ def _query(
     only: Only,
     keys: Collection[str] | None,
 ) -> Query:
-    """What an index is asked."""
     terms, run = weights.indexed[source], weights.runs[source]
     parts = [(Occur.Should, terms[term].scored(one)) for term, one in weights.terms.items()]
     parts += [(Occur.Should, terms[term].constant(one)) for term, one in weights.pairs.items()]

@@ -6,7 +6,6 @@ followed on the services to the very place that it names.
 """
 
 import html
-import random
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,14 +16,12 @@ import pytest
 import requests
 
 from kb.core.config import pipeline
-from kb.core.config.profile import load_profile
 from kb.core.sources import SOURCES
 from kb.filters.filter_run import run_clean
 from kb.sandbox.reddit.subreddit import Subreddit
 from kb.sandbox.server import Sandbox
 from kb.sandbox.wiki.recorded import RecordedWiki
 from kb.sandbox.world import World
-from kb.search import wiki_passages
 from kb.search.answers import search
 from kb.search.build import index
 from kb.search.ranking import Only
@@ -42,7 +39,6 @@ ACTIONS = (
 )  # fmt: skip
 PAIRS = [(action, animal) for animal in ANIMALS for action in ACTIONS]
 QUESTIONS = 100
-RUNS, RUN = 30, 7  # how many, and of how many words
 
 
 def told(number: int) -> str:
@@ -181,42 +177,6 @@ def test_a_known_item_is_among_the_first_five_and_its_link_leads_there(
         for one in right:
             assert told(number) in opened(known.sandbox, source, one.url, one.key), one.url
     assert found >= 0.95 * QUESTIONS
-
-
-def texts(known: Known, source: str) -> list[tuple[str, list[str]]]:
-    """(key, words) of each transcript, of each page's passages together, of each comment."""
-    if source == "youtube":
-        return [
-            (str(row["video_id"]), " ".join(cue["text"] for cue in row["cues"]).split())
-            for row in rows(known.root / "clean" / "youtube/transcripts")
-        ]
-    if source == "reddit":
-        comments = rows(known.root / "clean" / "reddit/comments")
-        return [(f"t1_{row['comment_id']}", str(row["body"]).split()) for row in comments]
-    return [
-        (one.key, one.text.split())
-        for one in wiki_passages.passages(load_profile("minecraft"), known.root)
-        if one.kind == "section"
-    ]
-
-
-def spelled(text: str) -> str:
-    return " ".join(re.findall(r"\w+", text.lower()))
-
-
-@pytest.mark.parametrize("source", SOURCES)
-def test_seven_words_of_a_text_find_it_among_the_first_five(known: Known, source: str) -> None:
-    """As they were said: the place itself, or, as the world repeats itself, the same words."""
-    chance = random.Random(24)
-    long_enough = sorted(one for one in texts(known, source) if len(one[1]) >= RUN)
-    found = 0
-    for _ in range(RUNS):
-        key, words = chance.choice(long_enough)
-        first = chance.randrange(len(words) - RUN + 1)
-        run = " ".join(words[first : first + RUN])
-        answers = search(known.root, run, only=Only(limit=5))
-        found += any(spelled(run) in spelled(one.text) or one.key == key for one in answers)
-    assert found >= 0.95 * RUNS
 
 
 BY_HAND = {

@@ -1,5 +1,6 @@
 """Captures one page as a reader sees it: load, settle, extract, take the screenshot."""
 
+import json
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,8 +11,8 @@ from urllib.parse import urlsplit
 
 from kb.core import clock
 from kb.core.errors import ItemFinal, Retryable
+from kb.net import retry
 from kb.wiki.browser.browser import Browser
-from kb.wiki.browser.traffic import PageTraffic
 from kb.wiki.capture import screenshot
 from kb.wiki.errors import Challenge, NotShown, PageTimeout, ServerFault, Unserved, of_status
 
@@ -56,6 +57,88 @@ class Captured:
     sprites: dict[int, bytes]
 
 
+@dataclass(frozen=True)
+class DocumentResponse:
+    """The last response of a URL: `status` is 0 when there was none, or when it was cut off.
+
+    `after` is its Retry-After in seconds. `barred`: the browser itself blocked the request.
+    """
+
+    status: int
+    after: float | None = None
+    barred: bool = False
+
+    @property
+    def may_come_back(self) -> bool:
+        """Whether a retry can help: not for absent or refused URLs."""
+        return not self.barred and (self.status in (0, 429) or self.status >= 500)
+
+
+class PageTraffic:
+    """The responses since the page was opened, by URL, from Chromium's performance log; `read`
+    updates them. Scripts of the page see neither Retry-After nor why an image failed.
+    """
+
+    def __init__(self, browser: Browser) -> None:
+        self._browser = browser
+        self._addresses: dict[str, str] = {}
+        self._failed: set[str] = set()
+        self._frame: str | None = None  # of the page itself
+        self._document: str | None = None  # the newest request for it
+        self.served: dict[str, DocumentResponse] = {}
+        browser.record()  # forget the pages before
+
+    def read(self) -> None:
+        """Process the log entries since the last call. Raises Retryable."""
+        for entry in self._browser.record():
+            event = json.loads(entry["message"])["message"]
+            self._note(event["method"], event["params"])
+
+    def _note(self, method: str, params: dict[str, Any]) -> None:
+        if method == "Network.requestWillBeSent":
+            self._addresses[params["requestId"]] = _bare(params["request"]["url"])
+            if params.get("type") == "Document":
+                self._frame = self._frame or params.get("frameId")
+                if params.get("frameId") == self._frame:
+                    self._document = params["requestId"]
+        elif method == "Network.responseReceived":
+            answer = params["response"]
+            headers = {name.lower(): value for name, value in answer.get("headers", {}).items()}
+            self.served[_bare(answer["url"])] = DocumentResponse(
+                int(answer["status"]),
+                retry.retry_after(headers.get("retry-after"), headers.get("date")),
+            )
+        elif method == "Network.loadingFailed":
+            self._failed.add(params["requestId"])
+            url = self._addresses.get(params["requestId"])
+            # An error page's body is not wanted by an image: the status before it says more.
+            if url is not None and (url not in self.served or self.served[url].status < 400):
+                self.served[url] = DocumentResponse(0, barred="blockedReason" in params)
+
+    @property
+    def cut_off(self) -> bool:
+        """Whether the page's own document was cut off: Chromium shows what had arrived."""
+        return self._document in self._failed
+
+    def document(self) -> str | None:
+        """The text of the page's own document; None when the browser no longer has it."""
+        try:
+            answer = self._browser.devtools(
+                "Network.getResponseBody", {"requestId": self._document}
+            )
+        except Retryable:
+            return None
+        return None if answer["base64Encoded"] else str(answer["body"])
+
+    def of(self, url: str) -> DocumentResponse | None:
+        """The last response of a URL; None when it was not requested."""
+        return self.served.get(_bare(url))
+
+
+def _bare(url: str) -> str:
+    return url.split("#", 1)[0]
+
+
 def wait_retry_after(after: float | None, within: float) -> bool:
     """Wait for Retry-After only, without a pace of our own. See `capture`."""
     if (after or 0.0) > within:
@@ -90,10 +173,12 @@ def capture(
         _check_document(browser, network, url)
         if page_id is not None:
             _check_identity(browser.script(_IDENTITY), page_id)
-            if strict and _has_no_end(network):
+            text = network.document() if strict else None
+            if text is not None and "</html" not in text[-1000:].lower():
                 raise ServerFault("cut_off")
         if strict and (broken := browser.script(_BROKEN)):
-            raise ServerFault("resource_failed", after=_longest(network, broken))
+            waits = [served.after or 0.0 for one in broken if (served := network.of(one))]
+            raise ServerFault("resource_failed", after=max(waits, default=0.0) or None)
         settled = _settle(browser, network, rules, turn)
         browser.promise(_FREEZE, rules)
         extraction = browser.script(page_script("extract.js"), rules)
@@ -162,12 +247,6 @@ def _settle(
             return bool(ready["settled"])
 
 
-def _longest(network: PageTraffic, addresses: list[str]) -> float | None:
-    """The longest Retry-After of some URLs."""
-    waits = [served.after for url in addresses if (served := network.of(url))]
-    return max((wait for wait in waits if wait is not None), default=None)
-
-
 def _retry_after(network: PageTraffic, url: str) -> float | None:
     """The Retry-After of a document that the browser did not show."""
     try:
@@ -207,12 +286,6 @@ def _check_identity(shown: dict[str, Any], page_id: int) -> None:
         raise Challenge
     if shown["page_id"] != page_id or not shown["revision_id"]:
         raise ItemFinal("other_page", str(shown["page_id"]))
-
-
-def _has_no_end(network: PageTraffic) -> bool:
-    """Whether the document lacks its end although all announced bytes arrived."""
-    text = network.document()
-    return text is not None and "</html" not in text[-1000:].lower()
 
 
 def check_page(browser: Browser, url: str) -> None:

@@ -39,7 +39,10 @@ def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
     done = kinds.get("pages", {}).get("done", 0)
     known_files = sum(kinds.get("files", {}).values())
     each = known_files / done if done else IMAGES_A_PAGE
-    size = _size(Layout(run.root).raw("wiki")) / done / 1e9 if done else MB_A_PAGE / 1e3
+    size = MB_A_PAGE / 1e3
+    if done:
+        raw = Layout(run.root).raw("wiki").rglob("*")
+        size = sum(path.stat().st_size for path in raw if path.is_file()) / done / 1e9
     if pages and not done:
         assumed += [f"{IMAGES_A_PAGE} image files and {MB_A_PAGE} MB a page"]
     files = to_read(kinds, "files") + round(pages * each)
@@ -54,7 +57,3 @@ def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
         PlanPhase("image files", files, requests=files, hours=files * pause / 3600),
     ]
     return Summary(plan("wiki crawl", "wiki", phases, assumed if pages or files else []))
-
-
-def _size(folder: Path) -> int:
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())

@@ -2,14 +2,14 @@
 
 kind      key              an item is
 site      round            the wiki's description of itself, once a round; removed when answered
-          "answered"       done from the first answer on: to do again when raw data have lost it
+          "answered"       done since the first answer; reopened when raw data have lost it
 titles    round:namespace  the list of a namespace's pages
-info      round:title      a title whose page is asked for
-gone      round            a round that is compared with the pages known; removed when it was
-pages     page id          a page, shown when its revision is not the one that was
-files     address          an original image file
+info      round:title      a title whose page is requested
+gone      round            a round to compare with the known pages; removed afterwards
+pages     page id          a page, captured when its revision has changed
+files     URL              an original image file
 
-A round of the whole list is "1", "2" …; one of named titles is "t1", "t2" … .
+Rounds of the complete list are "1", "2" …; rounds of named titles are "t1", "t2" … .
 """
 
 from typing import Any
@@ -29,14 +29,14 @@ LEFT = ("deleted", "moved")  # reasons of pages that are no pages any more
 
 
 class SiteItem(msgspec.Struct):
-    """`listed`: the namespaces are to be listed, these or those that the wiki calls content."""
+    """`listed`: list these namespaces, by default those that the wiki calls content."""
 
     listed: bool
     namespaces: tuple[int, ...] = ()
 
 
 class List(msgspec.Struct):
-    """`going` is the `continue` of the last answer, empty at the beginning."""
+    """`going` is the `continue` of the last answer, at first empty."""
 
     round: int
     namespace: int
@@ -44,7 +44,7 @@ class List(msgspec.Struct):
 
 
 class Title(msgspec.Struct):
-    """A title as it was listed or named."""
+    """A listed or named title."""
 
     title: str
 
@@ -85,7 +85,7 @@ PAYLOADS: dict[str, type[msgspec.Struct]] = {
 
 
 def reduce(frontier: Frontier, kind: str, envelope: Envelope) -> None:
-    """Take one envelope into the frontier; idempotent."""
+    """Apply one envelope to the frontier; idempotent."""
     takes = {
         "site": _site,
         "titles": _titles,
@@ -98,7 +98,7 @@ def reduce(frontier: Frontier, kind: str, envelope: Envelope) -> None:
 
 
 def _site(frontier: Frontier, envelope: Envelope) -> None:
-    """The wiki's description of itself: the rounds that wait for it know what to list."""
+    """The wiki's description of itself tells waiting rounds what to list."""
     spaces = envelope.response.get("query", {}).get("namespaces", {})
     content = sorted(int(key) for key, space in spaces.items() if space.get("content"))
     frontier.add("site", [(ANSWERED, SiteItem(listed=False))])
@@ -114,7 +114,7 @@ def _site(frontier: Frontier, envelope: Envelope) -> None:
 
 
 def add_lists(frontier: Frontier, number: int) -> None:
-    """The lists of a round, as soon as the wiki has said what there is to list."""
+    """Add the lists of a round once its namespaces are known."""
     known = frontier.cursor(SITE + str(number))
     if known is not None:
         lists = ((f"{number}:{each}", List(number, each)) for each in known["namespaces"])
@@ -123,7 +123,6 @@ def add_lists(frontier: Frontier, number: int) -> None:
 
 
 def _titles(frontier: Frontier, envelope: Envelope) -> None:
-    """A piece of the list of all pages: what is to be asked, and where the list goes on."""
     params, answer = envelope.request.params, envelope.response
     number, namespace = params["round"], int(params["apnamespace"])
     listed = answer.get("query", {}).get("allpages", [])
@@ -136,7 +135,7 @@ def _titles(frontier: Frontier, envelope: Envelope) -> None:
 
 
 def _compare_when_listed(frontier: Frontier, number: int) -> None:
-    """A round whose namespaces are all listed is compared with the pages that are known."""
+    """Schedule the comparison of a round once all its namespaces are listed."""
     if frontier.cursor(SITE + str(number)) is None:
         return
     waiting = frontier.items("titles", "todo", "in_progress", "error")
@@ -145,7 +144,6 @@ def _compare_when_listed(frontier: Frontier, number: int) -> None:
 
 
 def _pages(frontier: Frontier, envelope: Envelope) -> None:
-    """Revision, address and place of up to 50 pages."""
     params, query = envelope.request.params, envelope.response.get("query", {})
     tag = str(params["round"])  # "r" for a single revision
     number = int(tag) if tag.isdigit() else 0
@@ -156,10 +154,14 @@ def _pages(frontier: Frontier, envelope: Envelope) -> None:
             _mark_left(frontier, key, "moved")
         elif state == "missing":
             _mark_left(frontier, key, "deleted")
-        elif state == "there" and _usable(page):
-            _update_page(frontier, number, page, page["revisions"][0])
         elif state == "there":
-            state = "unanswered"
+            # Without these no browser can show it; what else it lacks, the filter rejects by name.
+            needed = {"title": str, "pageid": int, "fullurl": str, "revid": int}
+            values = page | page["revisions"][0]
+            if all(values.get(k) and isinstance(values[k], kind) for k, kind in needed.items()):
+                _update_page(frontier, number, page, page["revisions"][0])
+            else:
+                state = "unanswered"
         states[page.get("title")] = state
     names, asked = answers.renamed(query), answers.asked(params)
     if tag != "r":  # a replay may come to the answers before the lists
@@ -170,16 +172,6 @@ def _pages(frontier: Frontier, envelope: Envelope) -> None:
             frontier.done("info", f"{tag}:{title}")
         elif state != "unanswered":
             frontier.skip("info", f"{tag}:{title}", state)
-
-
-def _usable(page: dict[str, Any]) -> bool:
-    """Whether a page has what showing it needs; what it lacks, the filter rejects by name."""
-    return (
-        isinstance(page["revisions"][0].get("revid"), int)
-        and isinstance(page.get("fullurl"), str)
-        and bool(page.get("pageid"))
-        and "title" in page
-    )
 
 
 def _mark_left(frontier: Frontier, key: str, reason: str) -> None:
@@ -224,10 +216,10 @@ def _update_page(
 
 
 def _renders(frontier: Frontier, envelope: Envelope) -> None:
-    """A page was captured, will not be, or failed after its tries.
+    """A page was captured, can't be captured, or failed after its tries.
 
-    What is too large stays so until its revision changes or the profile allows more; any other
-    page that can't be shown is tried once a round.
+    A page that is too large is skipped until its revision changes or the profile allows more; any
+    other page that can't be captured is tried once a round.
     """
     answer = envelope.response
     key, outcome = str(answer["page_id"]), answer["outcome"]
@@ -238,9 +230,11 @@ def _renders(frontier: Frontier, envelope: Envelope) -> None:
             frontier.payload("pages", key, replace(known[1], rendered=rendered))
         frontier.done("pages", key)
         files = [ImageItem(file["key"], file["title"], file["src"]) for file in answer["files"]]
-        if frontier.add("files", [(file.key, file) for file in files]) < len(files):
-            for file in files:
-                _complete(frontier, file)
+        frontier.add("files", [(file.key, file) for file in files])
+        for file in files:  # a replay may know a file by its answer alone
+            known_file = frontier.get("files", file.key)
+            if known_file is not None and known_file[1] is None:
+                frontier.payload("files", file.key, file)
         return
     reason = answer["reason"]
     if outcome not in ("robots", "final"):
@@ -252,15 +246,7 @@ def _renders(frontier: Frontier, envelope: Envelope) -> None:
     frontier.skip("pages", key, reason)
 
 
-def _complete(frontier: Frontier, file: ImageItem) -> None:
-    """Say what a file is that a replay knows by its answer alone."""
-    known = frontier.get("files", file.key)
-    if known is not None and known[1] is None:
-        frontier.payload("files", file.key, file)
-
-
 def _files(frontier: Frontier, envelope: Envelope) -> None:
-    """An image file was fetched, or could not be."""
     answer = envelope.response
     key = answer["key"]
     if answer["outcome"] in ("stored", "final"):
@@ -274,12 +260,12 @@ def _files(frontier: Frontier, envelope: Envelope) -> None:
 
 
 def missing(frontier: Frontier) -> int:
-    """Titles that have no page, whatever the number of rounds that asked for them."""
+    """The number of titles without a page, over all rounds."""
     return len({key.partition(":")[2] for key, *_ in frontier.items("info", "skipped")})
 
 
 def crawled(frontier: Frontier) -> int:
-    """Pages that were answered for in all runs: captured, barred, not to be shown, or missing."""
+    """The number of pages with an outcome in all runs: captured, disallowed, rejected, missing."""
     skipped = frontier.items("pages", "skipped")
     left = sum(reason in (*LEFT, "removed") for _, _, reason, _ in skipped)
     pages = frontier.counts("pages")

@@ -32,8 +32,8 @@ _ENCODER = msgspec.json.Encoder()
 def render_page(
     web: WikiHosts, section: Wiki, pool: Pool, item: Item, others: Callable[[], Iterable[str]]
 ) -> dict[str, Any]:
-    """All tries of one page: the answer to be recorded. `others` are addresses of pages to compare
-    it with when it is challenged. Raises Retryable, Stopped, MissingExtra.
+    """All tries of one page; returns the answer to record. `others` are URLs of pages to compare
+    with when this one is answered by a challenge. Raises Retryable, Stopped, MissingExtra.
     """
     url = web.today(item.payload.url)
     answer: dict[str, Any] = {
@@ -53,7 +53,17 @@ def render_page(
         for number in range(1, section.max_tries + 1):
             last = number == section.max_tries
             try:
-                captured = _capture(web, section, pool, item, url, shot, strict=not last)
+                show = partial(
+                    capture,
+                    url=url,
+                    shot=shot,
+                    rules=section.rules,
+                    max_height=section.max_page_height,
+                    page_id=int(item.key),
+                    strict=not last,
+                    turn=web.turn,
+                )
+                captured = pool.use(show, first=web.pace.wait)
                 stored = _store(root, item, captured, shot)
                 return {**answer, "tries": number, **stored}
             except ItemFinal as error:
@@ -73,50 +83,28 @@ def render_page(
     return {**answer, **failed, "tries": section.max_tries}
 
 
-def _capture(
-    web: WikiHosts, section: Wiki, pool: Pool, item: Item, url: str, shot: Path, *, strict: bool
-) -> Captured:
-    """One try. Raises ItemFinal, Retryable."""
-    return pool.use(
-        lambda browser: capture(
-            browser,
-            url,
-            shot,
-            section.rules,
-            max_height=section.max_page_height,
-            page_id=int(item.key),
-            strict=strict,
-            turn=web.turn,
-        ),
-        first=web.pace.wait,
-    )
-
-
 def _final(web: WikiHosts, error: ItemFinal) -> dict[str, Any]:
-    """What an answer that makes further tries useless means for the page. Raises Blocked.
+    """The outcome of an error that no retry can change. Raises Blocked.
 
-    Answers about one request rather than about the page are asked for again by the next run.
+    Errors about one request rather than about the page are retried by the next run.
     """
     if isinstance(error, PageRefused):
-        _check_front_page(web)
+        # One page may be refused for its own sake; a refused front page means us.
+        try:
+            web.attempt(lambda: web.get(f"{web.root}/", {}), service="the wiki")
+        except ItemFinal as refused:
+            raise Blocked(
+                f"the wiki blocks requests ({refused.reason})",
+                hint="wait and run the same command again",
+            ) from None
     outcome = "failed" if isinstance(error, (PageRefused, NotNow)) else "final"
     return {"outcome": outcome, "reason": error.reason, "value": error.value}
 
 
-def _check_front_page(web: WikiHosts) -> None:
-    """A refused page may be that page's own matter; a refused front page is not. Raises Blocked."""
-    try:
-        web.attempt(lambda: web.get(f"{web.root}/", {}), service="the wiki")
-    except ItemFinal as error:
-        raise Blocked(
-            f"the wiki blocks requests ({error.reason})", hint="wait and run the same command again"
-        ) from None
-
-
 def _compare_with_others(web: WikiHosts, pool: Pool, others: Iterable[str]) -> None:
-    """A challenge instead of one page may be about that page; instead of others, too, it is about
-    us. They are loaded in the browser, as challenges tell browsers from plain clients, until one
-    is shown. Raises Blocked.
+    """Load other pages until one is shown: a challenge for one page may concern that page, but
+    challenges for all pages concern us. Uses the browser, as challenges treat plain clients
+    differently. Raises Blocked.
     """
     challenged = False
     for url in others:
@@ -134,10 +122,10 @@ def _compare_with_others(web: WikiHosts, pool: Pool, others: Iterable[str]) -> N
 
 
 def _request_plainly(web: WikiHosts, url: str, error: Retryable) -> ItemFinal | None:
-    """A plain request tells what the browser hides: 4xx without a body, no wiki at all.
+    """Find out by a plain request what the browser hides: 4xx without a body, an unreachable wiki.
 
-    When the browser was told a time to come back, nothing is asked before. The answer that makes
-    further tries useless, if it is one. Raises Retryable, Blocked.
+    Waits for a Retry-After that the browser received. Returns the error if no retry can change it.
+    Raises Retryable, Blocked.
     """
     announced = [error] if error.after is not None else []
 
@@ -154,20 +142,20 @@ def _request_plainly(web: WikiHosts, url: str, error: Retryable) -> ItemFinal | 
 
 
 def pages_folder(root: Path) -> Path:
-    """Where captured pages are; it is made when it is not there."""
+    """The folder of captured pages; created if missing."""
     folder = Layout(root).captures
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
 def remove_scratch(root: Path) -> None:
-    """Remove what a run that was killed left half-shown."""
+    """Remove incomplete captures of killed runs."""
     for left in pages_folder(root).glob(f"{SCRATCH}*"):
         shutil.rmtree(left, ignore_errors=True)
 
 
 def _store(root: Path, item: Item, captured: Captured, shot: Path) -> dict[str, Any]:
-    """Write the page's files in one step; what the envelope says about them."""
+    """Write the page's files in one step; returns their part of the answer."""
     page = captured.extraction["page"]
     revision = int(page["revision_id"])
     folder = pages_folder(root) / str(int(item.key)) / str(revision)
@@ -202,7 +190,7 @@ def _store(root: Path, item: Item, captured: Captured, shot: Path) -> dict[str, 
 
 
 def wanted_files(extraction: dict[str, Any]) -> list[dict[str, Any]]:
-    """The original files that a page shows, each once, in order: key (address), title, source."""
+    """The original image files of a page, each once, in order: key (URL), title, source."""
     files: dict[str, dict[str, Any]] = {}
     page = media_urls.original(extraction["page"]["url"])
     for element in extraction["elements"]:

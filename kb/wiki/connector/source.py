@@ -102,13 +102,13 @@ class WikiSource(Plain):
         return {"wiki": self.url}
 
     def begin(self, opened: Opened) -> None:
-        """A wait between two tries ends with the run."""
+        """Pauses between tries end with the run."""
         super().begin(opened)
         self._web.sleep = partial(opened.sleep, SITE.service)
         self._web.ledger = self._row
 
     def discover(self, frontier: Frontier) -> None:
-        """A round, and what may go well by now."""
+        """Begin a round, and reopen items that may succeed now."""
         self._missing_before = reduce.missing(frontier)
         names = self._titles.keys if self._titles else None
         discover.begin_round(frontier, names, self.section.namespaces, again=self._run.again)
@@ -121,17 +121,17 @@ class WikiSource(Plain):
             self._run.progress.say(notice)
 
     def leave_out(self, phase: Phase, item: Item) -> str | None:
-        """Pages that were purged."""
+        """Purged pages are skipped."""
         if phase.kind == "pages" and not self._removed.isdisjoint((item.key, item.payload.title)):
             return "removed"
         return None
 
     def pack(self, phase: Phase, items: list[Item]) -> list[Item]:
-        """Titles of one round, as many as an address may hold."""
+        """As many titles of one round as fit into a URL."""
         return fetch.batch_titles(items) if phase is INFO else items
 
     def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
-        """Ask for the items, after robots.txt and the API's address."""
+        """Fetch the items, after robots.txt and the URL of the API."""
         api = self._start()
         if phase is SITE:
             yield api.site()
@@ -158,11 +158,11 @@ class WikiSource(Plain):
             yield from fetch.files(api, self._web, self.section, self._threads, items)
 
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
-        """Take an answer into the frontier."""
+        """Apply an answer to the frontier."""
         reduce.reduce(frontier, kind, envelope)
 
     def advice(self, phase: Phase, reason: str) -> str:
-        """Where all pages fail, the browser or the profile's selectors are to blame."""
+        """The hint when all pages fail: the cause is the browser or the profile's selectors."""
         if phase.kind != "pages":
             return super().advice(phase, reason)
         if reason == "disallowed":
@@ -180,7 +180,7 @@ class WikiSource(Plain):
         self._web.close()
 
     def _row(self, request: PreparedRequest) -> Note:
-        """A row of the ledger before each request of ours; the browsers' own are Chromium's."""
+        """Add a row to the ledger before each request except those of the browsers."""
         frontier = self.opened.frontier
         name = urlsplit(request.url or "").path.rpartition("/")[2]
         row = frontier.spend("requests", 1, name if name in _NAMED else "file")
@@ -197,7 +197,7 @@ class WikiSource(Plain):
             return self._api
 
     def _endpoint(self) -> str:
-        """The API's address, looked for once a data root and with --again."""
+        """The URL of the API, discovered once per data root and with --again."""
         frontier = self.opened.frontier
         known = frontier.cursor("endpoint")
         same = bool(known) and known[0] == self.url
@@ -210,7 +210,7 @@ class WikiSource(Plain):
         return endpoint
 
     def _browsers(self) -> Pool:
-        """The browsers, started when the first page is to be shown."""
+        """The browsers, started with the first page."""
         with self._lock:
             if self._pool is None:
                 render.remove_scratch(self._run.root)

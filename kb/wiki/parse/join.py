@@ -54,7 +54,11 @@ def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
     ).combine_chunks()  # pages that are there, and titles that are not
     absent = pc.not_equal(rows["state"], "there")
     unanswered = pc.equal(rows["state"], "unanswered")
-    shown, failed = _shown(rows, newest.get("renders", decode.schema("renders").empty_table()))
+    renders = newest.get("renders", decode.schema("renders").empty_table())
+    captures = renders.filter(renders["captured"])
+    failures = renders.filter(pc.invert(renders["captured"]))
+    shown = _joined(rows, captures, ("page_id", "revision_id", "title"))
+    failed = _joined(rows, failures, ("page_id", "revision_id"))
     robots = pc.equal(failed["outcome"], "robots")
     open_ = pc.and_(pc.is_null(shown["folder"]), pc.invert(absent))
     none = pa.scalar(None, pa.string())
@@ -77,21 +81,9 @@ def assemble(newest: dict[str, pa.Table], url: str) -> dict[str, Any]:
     return {"wiki/pages": pages, "files": newest.get("files", decode.schema("files").empty_table())}
 
 
-def _shown(rows: pa.Table, renders: pa.Table) -> tuple[pa.Table, pa.Table]:
-    """For each row the capture of its revision under its title, and what was said of a failed one.
-
-    Nulls where there is none.
-    """
-    captures, failures = (
-        renders.filter(renders["captured"]),
-        renders.filter(pc.invert(renders["captured"])),
-    )
-    return _joined(rows, captures, ("page_id", "revision_id", "title")), _joined(
-        rows, failures, ("page_id", "revision_id")
-    )
-
-
 def _joined(rows: pa.Table, other: pa.Table, on: tuple[str, ...]) -> pa.Table:
+    """For each row the row of `other` with the same values; nulls where there is none."""
+
     def keys(table: pa.Table) -> pa.Array[Any]:
         column = pc.binary_join_element_wise(*(table[name].cast(pa.string()) for name in on), "\n")
         return pa.concat_arrays([pa.array([], pa.string()), *column.chunks])

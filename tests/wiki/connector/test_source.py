@@ -161,25 +161,6 @@ def test_faults_lose_nothing(whole, make_run, few, faults, tmp_path):
     assert found == of_few(whole[2])
 
 
-def test_sigkill_and_resume_give_the_same_tables(whole, sandbox, few, faults, tmp_path):
-    words = ["wiki", "crawl", "--data", str(tmp_path), "--quiet", "--workers", "2"]
-    held = faults.add("/wiki/Lamp_buoy", hold=True)
-    process = processes.start(words, env=environment(sandbox), cwd=tmp_path)
-    assert held.arrived.wait(60)
-    family = psutil.Process(process.pid).children(recursive=True)
-    assert any("chromedriver" in one.name() for one in family)
-    process.send_signal(signal.SIGKILL)
-    assert process.wait() == -signal.SIGKILL
-    held.release()
-    faults.clear()
-    ended(family)
-    run = dataclasses.replace(whole[0], root=tmp_path)
-    summary = crawl(run)
-    assert summary["crawled_in_all"] == len(FEW)
-    assert summary["failed"] == 0
-    assert tables(run) == of_few(whole[2])
-
-
 def environment(sandbox) -> dict[str, str]:
     """What a command needs to crawl the sandbox's wiki."""
     return {**os.environ, **sandbox.settings(), "KB_NOW": NOW, "KB_CONTACT": "test@example.org"}
