@@ -199,8 +199,9 @@ class RestoreFolder:
         `newer`: these answers were read after all that is in the tables. `asked` names are listed
         as missing where they have no row, for the reason `otherwise` where none is known;
         `unlisted` ones only if they were asked for. `finish` computes columns from all rows of a
-        bucket. Each table is replaced atomically; after a kill, the same call gives the same
-        result. Raises DamagedData, DiskFull.
+        bucket. Each table is replaced atomically, in the order of `tables`: a key that the last one
+        has is in all of them. After a kill, the same call gives the same result. Raises
+        DamagedData, DiskFull.
         """
         before = self.missing()
         self._partition(scratch, buckets)
@@ -209,7 +210,7 @@ class RestoreFolder:
         with ExitStack() as folders:
             made = {
                 one.name: folders.enter_context(replacing_folder(self.path / one.declared.short))
-                for one in self.tables
+                for one in reversed(self.tables)  # they are replaced in the opposite order
             }
             counts = {one.declared.short: 0 for one in self.tables}
             for bucket in range(buckets):
