@@ -8,7 +8,7 @@ from typing import Any
 from kb.core.context import Run
 from kb.core.sources import SPECS
 from kb.core.summary import Summary
-from kb.export import clip4mc, minedojo, parquet, video2dataset
+from kb.export import minedojo, pair_layouts, parquet
 from kb.store.layout import Layout
 
 Writer = Callable[[Run], Any]
@@ -16,8 +16,8 @@ Writer = Callable[[Run], Any]
 # The layouts of pairs besides "parquet", which is release/pairs; those of a source are in its spec.
 PAIRS: dict[str, Writer] = {
     "minedojo": minedojo.pairs,
-    "clip4mc": clip4mc.write,
-    "video2dataset": video2dataset.write,
+    "clip4mc": pair_layouts.clip4mc,
+    "video2dataset": pair_layouts.video2dataset,
 }
 
 

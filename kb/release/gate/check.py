@@ -7,15 +7,17 @@ added. An empty list opens the gate. Nothing is written here.
 import json
 from pathlib import Path
 
+import pyarrow.parquet as pq
 from pydantic import ValidationError
 
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.context import Run
 from kb.core.errors import KbError
 from kb.core.licences import KNOWN, licence
+from kb.core.sources import RELEASES
 from kb.release.folders import DEPOSIT, REQUIRED
 from kb.release.gate import GateProblem, files, personal, rows, secrets, tables
-from kb.release.metadata.measure import folder_licence, page_licences
+from kb.release.metadata.measure import folder_licence, licences
 from kb.release.metadata.zenodo import Document
 
 
@@ -71,8 +73,9 @@ def _deposit(path: Path, where: str) -> list[GateProblem]:
 def _licence(run: Run, folder: ReleaseFolder) -> list[GateProblem]:
     """Problems of the licence that the folder is to be released under."""
     where = f"{folder.source}/LICENSE"
-    named, unnamed = page_licences(folder)
-    foreign = [name for name in named if name not in KNOWN]
+    spec = RELEASES[folder.source]
+    named = dict(licences(folder, spec.main)) if spec.licensed else {}
+    foreign = sorted(name for name in named if name not in KNOWN)
     if foreign:
         what = (
             f"the pages name {', '.join(foreign[:3])}, which is not a licence that a release can"
@@ -80,7 +83,8 @@ def _licence(run: Run, folder: ReleaseFolder) -> list[GateProblem]:
         )
         return [GateProblem("licence", where, what)]
     problems = []
-    if named and unnamed:
+    main = sum(pq.read_metadata(shard).num_rows for shard in folder.shards(spec.main))
+    if named and (unnamed := main - sum(named.values())):
         what = f"{unnamed:,} rows name no licence, though others do; run `kb wiki crawl --again`"
         problems.append(GateProblem("licence", f"{folder.source}/pages", what))
     spdx = folder_licence(run, folder)

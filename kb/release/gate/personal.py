@@ -93,22 +93,20 @@ def personal_counts(folder: ReleaseFolder) -> dict[tuple[str, str], tuple[int, i
 
 
 def _count(shards: Sequence[Path], name: str) -> tuple[int, int, int]:
-    totals = [0, 0, 0]
+    email = f"contains(\"{name}\", '@') AND regexp_matches(\"{name}\", '{EMAIL}')"
+    phone = f"regexp_matches(\"{name}\", '{PHONE}')"
+    total, emails, phones = 0, 0, 0
     for shard in shards:
         try:
-            if name not in parquet.open_file(shard).schema_arrow.names:
-                continue
-            email = f"contains(\"{name}\", '@') AND regexp_matches(\"{name}\", '{EMAIL}')"
-            phone = f"regexp_matches(\"{name}\", '{PHONE}')"
+            parquet.open_file(shard).close()
             with database.asking() as con:
-                ((rows, emails, texts),) = con.execute(
+                ((rows, addresses, texts),) = con.execute(
                     f"SELECT count(*), count(*) FILTER ({email}),"
                     f' coalesce(list("{name}") FILTER ({phone}), []) FROM {scan([shard])}'
                 ).fetchall()
         except (pa.ArrowException, OSError, DamagedData, duckdb.Error):
             continue  # kb.release.gate.tables reports it
-        totals = [
-            total + n
-            for total, n in zip(totals, (rows, emails, sum(map(holds_phone, texts))), strict=True)
-        ]
-    return totals[0], totals[1], totals[2]
+        total += rows
+        emails += addresses
+        phones += sum(map(holds_phone, texts))
+    return total, emails, phones

@@ -3,9 +3,8 @@ anything that has the shape of a key.
 """
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import duckdb
 import pyarrow as pa
@@ -32,18 +31,12 @@ KEY_SHAPES = {
     ),
 }
 # A literal part of each shape. A file is searched for all of these at once first, which is a
-# hundred times faster than one after the other.
-_ANCHORS = {
-    "a Google API key": (b"AIza",),
-    "a Google access token": (b"ya29.",),
-    "a GitHub token": (b"ghp_", b"gho_", b"ghu_", b"ghs_", b"ghr_"),
-    "an AWS access key": (b"AKIA",),
-    "a Slack token": (b"xoxa-", b"xoxb-", b"xoxp-", b"xoxr-"),
-    "a private key": (b"PRIVATE KEY-----",),
-    "a bearer token": (b"earer ",),
-    "a JSON web token": (b".eyJ",),
-    "a secret in an address": (b"token=", b"secret=", b"key="),
-}
+# hundred times faster than one regular expression after the other.
+_ANCHORS = (
+    *(b"AIza", b"ya29.", b"ghp_", b"gho_", b"ghu_", b"ghs_", b"ghr_", b"AKIA"),
+    *(b"xoxa-", b"xoxb-", b"xoxp-", b"xoxr-", b"PRIVATE KEY-----", b"earer ", b".eyJ"),
+    *(b"token=", b"secret=", b"key="),
+)
 SHORTEST = 6  # a shorter setting would match everywhere
 _CHUNK = 8 << 20
 _OVERLAP = 4096  # bytes of a piece that the next one begins with: more than any shape needs
@@ -66,31 +59,22 @@ class SecretPatterns:
     """The patterns to search for: literal values of settings, and shapes."""
 
     def __init__(self, values: Sequence[str]) -> None:
-        self.literals = [value for value in values if len(value) >= SHORTEST]
-        texts = [value.encode() for value in self.literals]
+        literals = "|".join(re.escape(value) for value in values if len(value) >= SHORTEST)
+        self.shapes = {"the value of a setting": literals} if literals else {}
+        self.shapes |= KEY_SHAPES
+        texts = [value.encode() for value in values if len(value) >= SHORTEST]
         self.overlap = max((_OVERLAP, *map(len, texts)))
-        self._any = _finder(*(anchor for some in _ANCHORS.values() for anchor in some), *texts)
-        self._values = [_finder(text) for text in texts]
-        self._anchors = {what: [_finder(one) for one in some] for what, some in _ANCHORS.items()}
+        self._anchors = BytesAhoCorasick([*_ANCHORS, *texts], matchkind=MatchKind.LeftmostFirst)
 
     def anything(self, data: bytes) -> bool:
         """Whether bytes contain a value, or the literal part of a shape."""
-        return bool(self._any(data))
+        return bool(self._anchors.find_matches_as_indexes(data))
 
-    def within(self, data: bytes) -> Iterator[str]:
+    def within(self, data: bytes) -> list[str]:
         """The values and shapes that bytes contain."""
         if not self.anything(data):
-            return
-        if any(find(data) for find in self._values):
-            yield "the value of a setting"
-        for what, anchors in self._anchors.items():
-            if any(find(data) for find in anchors) and re.search(KEY_SHAPES[what].encode(), data):
-                yield what
-
-
-def _finder(*texts: bytes) -> Callable[[bytes], list[Any]]:
-    """A vectorised search for texts; of overlapping matches it gives the first."""
-    return BytesAhoCorasick(texts, matchkind=MatchKind.LeftmostFirst).find_matches_as_indexes
+            return []
+        return [what for what, shape in self.shapes.items() if re.search(shape.encode(), data)]
 
 
 def _in_file(path: Path, wanted: SecretPatterns) -> Iterator[tuple[str, str]]:
@@ -119,10 +103,7 @@ def _in_parquet(path: Path, wanted: SecretPatterns) -> Iterator[tuple[str, str]]
     ]
     if not names:
         return
-    literals = "|".join(re.escape(value) for value in wanted.literals)
-    shapes = {"the value of a setting": literals} if literals else {}
-    shapes |= KEY_SHAPES
-    pattern = "|".join(f"(?:{shape})" for shape in shapes.values()).replace("'", "''")
+    pattern = "|".join(f"(?:{shape})" for shape in wanted.shapes.values()).replace("'", "''")
     hits = ", ".join(
         f'min("{name}") FILTER (regexp_matches("{name}", \'{pattern}\'))' for name in names
     )
@@ -133,21 +114,15 @@ def _in_parquet(path: Path, wanted: SecretPatterns) -> Iterator[tuple[str, str]]
         return  # kb.release.gate.tables reports it
     for name, hit in zip(names, row, strict=True):
         if hit is not None:
-            what = next((what for what, shape in shapes.items() if re.search(shape, hit)), "a key")
-            yield f"column {name}", what
+            yield f"column {name}", next(iter(wanted.within(hit.encode())), "a key")
 
 
 def _about(file: pq.ParquetFile) -> bytes:
     """The metadata of a Parquet file: of itself, its table and its columns."""
     schema = file.schema_arrow
-    kept = [
-        file.metadata.metadata or {},
-        schema.metadata or {},
-        *(field.metadata or {} for field in schema),
-    ]
-    lines = [
-        key + b"=" + value for one in kept for key, value in one.items() if key != b"ARROW:schema"
-    ]  # that is the schema once more
-    return b"\n".join(
-        [*lines, *(name.encode() for name in schema.names), str(file.metadata.created_by).encode()]
-    )
+    lines = [name.encode() for name in (*schema.names, str(file.metadata.created_by))]
+    for metadata in (file.metadata.metadata, schema.metadata, *(one.metadata for one in schema)):
+        for key, value in (metadata or {}).items():
+            if key != b"ARROW:schema":  # the schema once more
+                lines.append(key + b"=" + value)
+    return b"\n".join(lines)

@@ -4,6 +4,7 @@ and no content where only ids may be.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -61,7 +62,8 @@ def _shard(path: Path, declared: Table, source: str) -> list[GateProblem]:
     try:
         parquet.check(path)
         schema = pq.read_schema(path)
-        if problems := _columns(declared, schema, where):
+        problems = _columns(declared, schema.names, where) + _types(declared, schema, where)
+        if problems:
             return problems
         columns = [column for column in declared.columns if column.released]
         with database.asking() as con:
@@ -81,23 +83,21 @@ def _json(path: Path, declared: Table, source: str) -> list[GateProblem]:
             raise ValueError("it is not a list of rows")
     except (ValueError, OSError) as error:
         return [damaged(where, error, "run `kb release` again")]
-    expected = declared.arrow(True)
-    known = {column.name: column for column in declared.columns}
-    if rows and (names := sorted({name for row in rows for name in row} ^ set(expected.names))):
-        return [
-            _undeclared(name, known.get(name), where, missing=name in expected.names)
-            for name in names
-        ]
+    names = dict.fromkeys(name for row in rows for name in row)
+    if rows and (undeclared := _columns(declared, names, where)):
+        return undeclared
     problems, arrays = [], {}
-    for field in expected:
+    for field in declared.arrow(True):
         try:
             arrays[field.name] = _array([row.get(field.name) for row in rows], field.type)
         except (pa.ArrowException, ValueError, TypeError):
-            what = f"column {field.name} contains other values than {known[field.name].type}"
+            what = (
+                f"column {field.name} contains other values than {declared.column(field.name).type}"
+            )
             problems.append(GateProblem("undescribed", where, what))
     with database.asking() as con:
         con.register("rows", pa.table(arrays))
-        columns = [known[name] for name in arrays]
+        columns = [declared.column(name) for name in arrays]
         return problems + _values(con, "rows", columns, declared, where, source)
 
 
@@ -109,31 +109,37 @@ def _array(values: list[Any], kind: pa.DataType) -> pa.Array[Any]:
     return made
 
 
-def _undeclared(name: str, column: Column | None, where: str, *, missing: bool) -> GateProblem:
-    if missing:
-        return GateProblem("undescribed", where, f"column {name} is missing")
-    if column is None:
-        return GateProblem("undescribed", where, f"column {name} is not described in schemas/")
-    word = "content" if column.content else "unreleased"
-    return GateProblem(word, where, f"column {name} may not be released")
-
-
-def _columns(declared: Table, schema: pa.Schema, where: str) -> list[GateProblem]:
-    """Columns that the schema does not declare, of other types, or missing."""
+def _columns(declared: Table, names: Collection[str], where: str) -> list[GateProblem]:
+    """Columns that the schema does not declare or release, and those that are missing."""
     known = {column.name: column for column in declared.columns}
-    expected = declared.arrow(True)
+    expected = declared.names(released=True)
     problems = []
-    for field in schema:
-        column = known.get(field.name)
-        if column is None or not column.released:
-            problems.append(_undeclared(field.name, column, where, missing=False))
-        elif field.type != expected.field(field.name).type:
-            what = f"column {field.name} is {field.type}, schemas/ says {column.type}"
+    for name in names:
+        column = known.get(name)
+        if column is None:
+            what = f"column {name} is not described in schemas/"
             problems.append(GateProblem("undescribed", where, what))
+        elif not column.released:
+            kind = "content" if column.content else "unreleased"
+            problems.append(GateProblem(kind, where, f"column {name} may not be released"))
     return problems + [
-        _undeclared(name, known[name], where, missing=True)
-        for name in expected.names
-        if name not in schema.names
+        GateProblem("undescribed", where, f"column {name} is missing")
+        for name in expected
+        if name not in names
+    ]
+
+
+def _types(declared: Table, schema: pa.Schema, where: str) -> list[GateProblem]:
+    """Columns of other types than the schema declares."""
+    return [
+        GateProblem(
+            "undescribed",
+            where,
+            f"column {field.name} is {schema.field(field.name).type}, schemas/ says"
+            f" {declared.column(field.name).type}",
+        )
+        for field in declared.arrow(True)
+        if field.name in schema.names and schema.field(field.name).type != field.type
     ]
 
 

@@ -3,7 +3,7 @@
 Only counts, extremes and medians over all of the data: the same data gives the same figures.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import chain
@@ -25,8 +25,10 @@ from kb.store.layout import Layout, parquet_files
 from kb.store.state import tombstones
 from kb.store.tables import database, parquet
 from kb.store.tables.checksums import digest
-from kb.store.tables.reading import SANDBOX_MODEL, filtered
+from kb.store.tables.reading import SANDBOX_MODEL, filtered, scan
 from kb.store.tables.row_counts import VERDICTS
+
+Span = tuple[datetime, datetime]
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +84,8 @@ class Facts:
     others: tuple[DataFile, ...]
     licence: str
     licences: tuple[tuple[str, int], ...]
-    read: tuple[datetime, datetime] | None
-    made: tuple[datetime, datetime] | None
+    read: Span | None
+    made: Span | None
     rejected: tuple[tuple[str, str, int], ...]
     failed: int
     pending: int
@@ -125,8 +127,10 @@ def measure(run: Run, folder: ReleaseFolder) -> Facts:
 
 def _facts(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> Facts:
     tables = tuple(_table(con, part) for part in folder.parts)
-    read = _span(con, folder, ("fetched_at",)) or _clean_span(con, run.root, made_of(folder.source))
-    made = _span(con, folder, ("published_at", "created_utc", "revision_timestamp"))
+    read = _span(con, _times(folder, "fetched_at")) or _span(
+        con, _read_times(run.root, made_of(folder.source))
+    )
+    made = _span(con, _times(folder, "published_at", "created_utc", "revision_timestamp"))
     return Facts(
         source=folder.source,
         built=_built(run, read, made),
@@ -134,13 +138,13 @@ def _facts(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> Facts:
         others=tuple(
             DataFile(path.name, path.stat().st_size, None, digest(path)) for path in folder.others
         ),
-        licence=_choose(con, run, folder),
-        licences=_licences(con, folder, *RELEASES[folder.source].licensed),
+        licence=folder_licence(run, folder),
+        licences=licences(folder, *RELEASES[folder.source].licensed),
         read=read,
         made=made,
         rejected=_rejected(con, run.root, folder.source),
-        failed=_count(con, Layout(run.root).clean(folder.source, "failed")),
-        pending=_count(con, Layout(run.root).clean(folder.source, "pending")),
+        failed=_count(Layout(run.root).clean(folder.source, "failed")),
+        pending=_count(Layout(run.root).clean(folder.source, "pending")),
         models=models(run.root, folder.source),
         tombstones=sum(len(tombstones.keys(run.root, one)) for one in made_of(folder.source)),
         personal=personal_counts(folder),
@@ -149,27 +153,33 @@ def _facts(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> Facts:
 
 
 def folder_licence(run: Run, folder: ReleaseFolder) -> str:
-    """SPDX id of the folder's licence; empty when neither data nor profile give one."""
-    with database.asking() as con:
-        return _choose(con, run, folder)
-
-
-def page_licences(folder: ReleaseFolder) -> tuple[list[str], int]:
-    """Licences that the wiki's pages name,
-    and how many rows name none; nothing for other sources.
+    """SPDX id of the folder's licence: the wiki's own where its pages name one that is known, else
+    the profile's; empty when neither gives one.
     """
-    named: dict[str | None, int] = {}
-    with database.asking() as con:
-        for part in folder.parts if RELEASES[folder.source].licensed else ():
-            if part.table.short == RELEASES[folder.source].main:
-                files = [str(shard) for shard in part.shards]
-                named = dict(
-                    con.execute(
-                        "SELECT license, count(*) FROM read_parquet(?) GROUP BY 1 ORDER BY 1",
-                        [files],
+    spec = RELEASES[folder.source]
+    if spec.licensed:
+        for name, _ in licences(folder, spec.main):
+            if name in KNOWN:
+                return name
+    given = run.profile.release.licenses
+    # Links are an index as the pairs are, and may be under the licence of these.
+    return given.get(folder.source) or (given.get("pairs", "") if folder.source == "links" else "")
+
+
+def licences(folder: ReleaseFolder, *tables: str) -> tuple[tuple[str, int], ...]:
+    """Licences that the rows of these tables name, the most frequent first within each."""
+    counts: dict[str, int] = {}
+    for short in tables:
+        for part in folder.parts:
+            if part.table.short == short and "license" in part.table.names(released=True):
+                with database.asking() as con:
+                    rows = con.execute(
+                        f"SELECT license, count(*) AS n FROM {scan(part.shards)}"
+                        " WHERE license IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1"
                     ).fetchall()
-                )
-    return [name for name in named if name is not None], named.get(None, 0)
+                for name, n in rows:
+                    counts[name] = counts.get(name, 0) + n
+    return tuple(counts.items())
 
 
 def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
@@ -181,7 +191,7 @@ def models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
     """
     # Pairs, links and wiki images carry no scores of their own: what they name was scored.
     scored_by = [one for of in made_of(source) for one in _models(root, of)]
-    return tuple(sorted(set(scored_by))) if len(made_of(source)) > 1 else tuple(scored_by)
+    return tuple(sorted(set(scored_by)))
 
 
 def _models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
@@ -207,73 +217,46 @@ def _models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
         return tuple(rows.fetchall())
 
 
-def _built(run: Run, *spans: tuple[datetime, datetime] | None) -> datetime:
+def _built(run: Run, *spans: Span | None) -> datetime:
     """SOURCE_DATE_EPOCH, or the newest time in the data: never the time of this run."""
     if run.settings.source_date_epoch is not None:
         return datetime.fromtimestamp(run.settings.source_date_epoch, UTC)
     return next((span[1] for span in spans if span), datetime(1970, 1, 1, tzinfo=UTC))
 
 
-def _choose(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> str:
-    """The wiki's own licence where its pages name one that is known, else the profile's."""
-    spec = RELEASES[folder.source]
-    if spec.licensed:
-        named = [name for name, _ in _licences(con, folder, spec.main) if name in KNOWN]
-        if named:
-            return named[0]
-    given = run.profile.release.licenses
-    # Links are an index as the pairs are, and may be under the licence of these.
-    return given.get(folder.source) or (given.get("pairs", "") if folder.source == "links" else "")
-
-
-def _licences(
-    con: DuckDBPyConnection, folder: ReleaseFolder, *tables: str
-) -> tuple[tuple[str, int], ...]:
-    """Licences that the rows of these tables name, the most frequent first within each."""
-    counts: dict[str, int] = {}
-    for short in tables:
-        for part in folder.parts:
-            if part.table.short == short and "license" in part.table.names(released=True):
-                rows = con.execute(
-                    (
-                        "SELECT license, count(*) AS n FROM read_parquet(?)"
-                        " WHERE license IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1"
-                    ),
-                    [[str(shard) for shard in part.shards]],
-                ).fetchall()
-                for name, n in rows:
-                    counts[name] = counts.get(name, 0) + n
-    return tuple(counts.items())
-
-
 def _table(con: DuckDBPyConnection, part: ReleasedTable) -> TableFacts:
-
     files = tuple(
         DataFile(shard.name, shard.stat().st_size, pq.read_metadata(shard).num_rows, digest(shard))
         for shard in part.shards
     )
-    names = [str(shard) for shard in part.shards]
     released = [column for column in part.table.columns if column.released]
-    columns = tuple(_columns(con, names, released))
+    columns = tuple(_columns(con, scan(part.shards), released))
     return TableFacts(part.table, sum(file.rows or 0 for file in files), files, columns)
 
 
 def _columns(
-    con: DuckDBPyConnection, names: list[str], columns: Sequence[Column]
+    con: DuckDBPyConnection, rows: str, columns: Sequence[Column]
 ) -> Iterator[ColumnFacts]:
     """What each column holds: one pass counts and finds the ends; what has to hold a column's
     values in memory (medians, the most frequent ones) is asked column by column.
     """
     asked = ", ".join(map(_counted, columns))
-    counts = con.execute(f"SELECT {asked} FROM read_parquet(?)", [names]).fetchone() or ()
+    counts = con.execute(f"SELECT {asked} FROM {rows}").fetchall()[0]
     for column, nulls, low, high in zip(columns, *(counts[at::3] for at in range(3)), strict=True):
         if _is_number(column):
             ends = [end if end is None else end + 0 for end in (low, high)]  # no minus zero
-            yield ColumnFacts(column, nulls, ends[0], _median(con, names, column), ends[1])
+            sql = f'SELECT quantile_disc("{column.name}", 0.5) FROM {rows}'
+            ((median,),) = con.execute(sql).fetchall()
+            yield ColumnFacts(column, nulls, ends[0], median, ends[1])
         elif _is_time(column):
-            yield ColumnFacts(column, nulls, _utc(low), None, _utc(high))
+            times = [end and end.replace(tzinfo=UTC) for end in (low, high)]
+            yield ColumnFacts(column, nulls, times[0], None, times[1])
         elif column.dictionary or column.type == "bool":
-            yield ColumnFacts(column, nulls, top=_top(con, names, column))
+            top = con.execute(
+                f'SELECT "{column.name}"::VARCHAR, count(*) AS n FROM {rows}'
+                f' WHERE "{column.name}" IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1 LIMIT {_TOPS}'
+            )
+            yield ColumnFacts(column, nulls, top=tuple(top.fetchall()))
         else:
             yield ColumnFacts(column, nulls)
 
@@ -297,65 +280,34 @@ def _counted(column: Column) -> str:
     return f"count(*) - count({name}), {low.format(name)}, {high.format(name)}"
 
 
-def _median(con: DuckDBPyConnection, names: list[str], column: Column) -> Any:
-    sql = f'SELECT quantile_disc("{column.name}", 0.5) FROM read_parquet(?)'
-    return (con.execute(sql, [names]).fetchone() or (None,))[0]
-
-
-def _top(con: DuckDBPyConnection, names: list[str], column: Column) -> tuple[Any, ...]:
-    name = f'"{column.name}"'
-    top = con.execute(
-        (
-            f"SELECT {name}::VARCHAR, count(*) AS n FROM read_parquet(?)"
-            f" WHERE {name} IS NOT NULL GROUP BY 1 ORDER BY n DESC, 1 LIMIT {_TOPS}"
-        ),
-        [names],
-    )
-    return tuple(top.fetchall())
-
-
-def _span(
-    con: DuckDBPyConnection, folder: ReleaseFolder, columns: tuple[str, ...]
-) -> tuple[datetime, datetime] | None:
-    spans = [
-        _extremes(con, [str(shard) for shard in part.shards], name)
-        for part in folder.parts
-        for name in columns
-        if name in part.table.names(released=True)
-    ]
-    known = [span for span in spans if span]
-    return (min(span[0] for span in known), max(span[1] for span in known)) if known else None
-
-
-def _extremes(
-    con: DuckDBPyConnection, files: list[str], name: str
-) -> tuple[datetime, datetime] | None:
-    row = con.execute(
-        f"SELECT {_LOW.format(name)}, {_HIGH.format(name)} FROM read_parquet(?)", [files]
-    ).fetchone()
-    return (
-        (row[0].replace(tzinfo=UTC), row[1].replace(tzinfo=UTC))
-        if row and row[0] is not None
-        else None
-    )
-
-
-def _utc(moment: datetime | None) -> datetime | None:
-    return moment and moment.replace(tzinfo=UTC)
-
-
-def _clean_span(
-    con: DuckDBPyConnection, root: Path, sources: tuple[str, ...]
-) -> tuple[datetime, datetime] | None:
-    """When the rows of sources were read, by the first table of each that says so."""
+def _span(con: DuckDBPyConnection, columns: Iterable[tuple[Sequence[Path], str]]) -> Span | None:
+    """The earliest and the latest time in these columns, each given with its files."""
     known = []
+    for files, name in columns:
+        low, high = con.execute(
+            f"SELECT {_LOW.format(name)}, {_HIGH.format(name)} FROM {scan(files)}"
+        ).fetchall()[0]
+        if low is not None:
+            known += [low.replace(tzinfo=UTC), high.replace(tzinfo=UTC)]
+    return (min(known), max(known)) if known else None
+
+
+def _times(folder: ReleaseFolder, *names: str) -> Iterator[tuple[Sequence[Path], str]]:
+    """The columns of these names in the folder."""
+    for part in folder.parts:
+        for name in names:
+            if name in part.table.names(released=True):
+                yield part.shards, name
+
+
+def _read_times(root: Path, sources: Iterable[str]) -> Iterator[tuple[Sequence[Path], str]]:
+    """When the rows of sources were read, by the first table of each that says so."""
     for source in sources:
         for declared in released_tables(source):
-            files = [str(path) for path in Layout(root).rows(declared.name)]
+            files = Layout(root).rows(declared.name)
             if files and "fetched_at" in declared.names():
-                known += [span for span in [_extremes(con, files, "fetched_at")] if span]
+                yield files, "fetched_at"
                 break
-    return (min(span[0] for span in known), max(span[1] for span in known)) if known else None
 
 
 def _rejected(con: DuckDBPyConnection, root: Path, source: str) -> tuple[tuple[str, str, int], ...]:
@@ -370,7 +322,5 @@ def _rejected(con: DuckDBPyConnection, root: Path, source: str) -> tuple[tuple[s
     return tuple(rows.fetchall())
 
 
-def _count(con: DuckDBPyConnection, folder: Path) -> int:
-    files = [str(file) for file in parquet_files(folder)]
-    row = con.execute("SELECT count(*) FROM read_parquet(?)", [files]).fetchone() if files else None
-    return int(row[0]) if row else 0
+def _count(folder: Path) -> int:
+    return sum(pq.read_metadata(file).num_rows for file in parquet_files(folder))

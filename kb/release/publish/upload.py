@@ -1,9 +1,8 @@
-"""One folder of a release on its way to one deposit service.
+"""Uploads one folder of a release to one deposit service.
 
-What was done is kept in `state/deposits.json` (ids and digests, no token), written before and after
-every step that can't be repeated: a run that was cut off goes on with the same draft and sends only
-files whose md5 differs; a draft that was published meanwhile with these files is noted, not
-repeated.
+`state/deposits.json` (ids and digests, no token) is written before and after every step that can't
+be repeated. An interrupted run resumes with the same draft and sends only files whose md5 differs;
+a draft that was published in the meantime with these files is recorded, not published again.
 """
 
 import json
@@ -48,7 +47,20 @@ class Upload:
     def go(self, *, publish: bool) -> dict[str, Any]:
         """The deposit's state, id, address and uploaded files."""
         try:
-            return self._go(publish=publish)
+            known = self._known()
+            if known.get("published") == self.digest:
+                return _shown("unchanged", known)
+            draft = self._draft(known)
+            if draft.get("submitted"):
+                return self._published("unchanged", draft)
+            uploaded = self._files(draft)
+            described = self.service.describe(draft["id"], self.metadata)
+            if not publish:
+                record = {"id": draft["id"], "doi": doi(described), "page": page(described)}
+                return _shown("draft", record, uploaded)
+            signals.stop.check()
+            public = self.service.publish(draft["id"])
+            return self._published("published", public | {"id": draft["id"]}, uploaded)
         except Forbidden as error:
             error.hint = (
                 "the deposit is another account's, or ZENODO_TOKEN may not do this:"
@@ -56,43 +68,15 @@ class Upload:
             )
             raise
 
-    def _go(self, *, publish: bool) -> dict[str, Any]:
-        known = self._known()
-        if known.get("published") == self.digest:
-            return {
-                "state": "unchanged",
-                "id": known["id"],
-                "doi": known.get("doi"),
-                "page": known.get("page"),
-                "uploaded": 0,
-            }
-        draft = self._draft(known)
-        if draft.get("submitted"):
-            return self._published(draft, "unchanged", 0)
-        uploaded = self._files(draft)
-        shown = self.service.describe(draft["id"], self.metadata)
-        if publish:
-            signals.stop.check()
-            return self._published(
-                {**self.service.publish(draft["id"]), "id": draft["id"]}, "published", uploaded
-            )
-        return {
-            "state": "draft",
-            "id": draft["id"],
-            "doi": doi(shown),
-            "page": page(shown),
-            "uploaded": uploaded,
-        }
-
-    def _published(self, shown: dict[str, Any], state: str, uploaded: int) -> dict[str, Any]:
-        """Note a record, so that it is not made again."""
+    def _published(self, state: str, shown: dict[str, Any], uploaded: int = 0) -> dict[str, Any]:
+        """Record a publication, so that it is not repeated."""
         record = {"id": shown["id"], "doi": doi(shown), "page": page(shown)}
         self._write({**record, "published": self.digest})
-        return {"state": state, **record, "uploaded": uploaded}
+        return _shown(state, record, uploaded)
 
     def _known(self) -> dict[str, Any]:
         """What the state says of this folder, as far as the service still has it."""
-        known = self._read()
+        known = dict(self._all().get(self.key, {}))
         if "id" in known:
             try:
                 self.service.get(known["id"])
@@ -103,7 +87,7 @@ class Upload:
                 return {key: what for key, what in known.items() if key in ("draft", "creating")}
         return known
 
-    def _draft(self, known: dict[str, Any]) -> dict[str, Any]:
+    def _draft(self, known: dict[str, Any]) -> Any:
         """The draft to fill: the one begun, the next version of the published record, or a new one.
 
         The record itself when the one begun was published meanwhile, by hand or by a run that was
@@ -122,30 +106,21 @@ class Upload:
         if "id" in known:
             self._write(known | {"creating": True})
             draft = self.service.new_version(known["id"])
-        elif lost := self._lost_draft(known):
-            draft = lost
         else:
-            self._write({"creating": True})
-            draft = self.service.create(self.metadata)
-        self._write(
-            {key: what for key, what in known.items() if key != "creating"} | {"draft": draft["id"]}
-        )
+            draft = self._lost_draft() if known.pop("creating", False) else None
+            if draft is None:
+                self._write({"creating": True})
+                draft = self.service.create(self.metadata)
+        known.pop("creating", None)
+        self._write(known | {"draft": draft["id"]})
         return draft
 
-    def _lost_draft(self, known: dict[str, Any]) -> dict[str, Any] | None:
-        """A draft that an earlier run created without learning of it: ours by its title,
-        still empty.
-        """
-        if not known.get("creating"):
-            return None
-        return next(
-            (
-                one
-                for one in self.service.drafts()
-                if one.get("title") == self.metadata["title"] and not one.get("files")
-            ),
-            None,
-        )
+    def _lost_draft(self) -> Any:
+        """An empty draft with our title: an earlier run created it and never got the answer."""
+        for draft in self.service.drafts():
+            if draft.get("title") == self.metadata["title"] and not draft.get("files"):
+                return draft
+        return None
 
     def _local(self) -> list[Path]:
         return [*self.folder.files(), self.folder.path / SUMS]
@@ -194,13 +169,21 @@ class Upload:
             )
         return state
 
-    def _read(self) -> dict[str, Any]:
-        return dict(self._all().get(self.key, {}))
-
     def _write(self, entry: dict[str, Any]) -> None:
         write_text(
             self.path, json.dumps(self._all() | {self.key: entry}, indent=1, sort_keys=True) + "\n"
         )
+
+
+def _shown(state: str, record: dict[str, Any], uploaded: int = 0) -> dict[str, Any]:
+    """What the summary says of a deposit."""
+    return {
+        "state": state,
+        "id": record["id"],
+        "doi": record.get("doi"),
+        "page": record.get("page"),
+        "uploaded": uploaded,
+    }
 
 
 def _is_entry(entry: dict[str, Any]) -> bool:

@@ -41,26 +41,21 @@ class Zenodo:
         self._service = DepositService(session, endpoint, token, wait=wait)
         self.root, self._base = self._service.root, self._service.base
 
-    def create(self, metadata: dict[str, Any]) -> dict[str, Any]:
+    def create(self, metadata: dict[str, Any]) -> Any:
         """A new draft. Not sent twice: a draft whose answer was lost is found by `drafts`."""
-        made: dict[str, Any] = self._service.json(
+        return self._service.json(
             "POST", self._base, shape=DepositAnswer, json={"metadata": metadata}, once=True
         )
-        return made
 
-    def drafts(self) -> list[dict[str, Any]]:
+    def drafts(self) -> Any:
         """The newest unpublished deposits of the account."""
-        drafts: list[dict[str, Any]] = self._service.json(
+        return self._service.json(
             "GET", self._base, shape=list[DepositAnswer], params={"status": "draft", "size": PAGE}
         )
-        return drafts
 
-    def get(self, number: int) -> dict[str, Any]:
+    def get(self, number: int) -> Any:
         """A deposit. Raises Gone."""
-        deposit: dict[str, Any] = self._service.json(
-            "GET", f"{self._base}/{number}", shape=DepositAnswer
-        )
-        return deposit
+        return self._service.json("GET", f"{self._base}/{number}", shape=DepositAnswer)
 
     def files(self, number: int) -> dict[str, dict[str, Any]]:
         """Name → {"id", "checksum" (md5, hexadecimal), "filesize"} of what was uploaded."""
@@ -103,11 +98,11 @@ class Zenodo:
             ) from None
         sent(size)
 
-    def describe(self, number: int, metadata: dict[str, Any]) -> dict[str, Any]:
+    def describe(self, number: int, metadata: dict[str, Any]) -> Any:
         """Set the metadata. Raises FatalError when the service refuses it or
         takes another licence.
         """
-        answer: dict[str, Any] = self._service.json(
+        answer = self._service.json(
             "PUT", f"{self._base}/{number}", shape=Described, json={"metadata": metadata}
         )
         taken = answer.get("metadata", {}).get("license")
@@ -119,21 +114,18 @@ class Zenodo:
             )
         return answer
 
-    def publish(self, number: int) -> dict[str, Any]:
+    def publish(self, number: int) -> Any:
         """Publish a draft: can't be undone. When the answer is lost, the deposit itself tells."""
         try:
             url = f"{self._base}/{number}/actions/publish"
-            published: dict[str, Any] = self._service.json(
-                "POST", url, shape=DepositAnswer, once=True
-            )
-            return published
+            return self._service.json("POST", url, shape=DepositAnswer, once=True)
         except (Unreachable, FatalError):
             now = self.get(number)
             if now.get("submitted"):
                 return now
             raise
 
-    def new_version(self, number: int) -> dict[str, Any]:
+    def new_version(self, number: int) -> Any:
         """The draft of the record's next version, with the files of the last one.
 
         The service refuses a second draft while one is open; that one is used then.
@@ -145,8 +137,7 @@ class Zenodo:
             latest = latest_draft(self.get(number))
             if not latest.startswith(self._base):
                 raise
-        draft: dict[str, Any] = self._service.json("GET", latest, shape=DepositAnswer)
-        return draft
+        return self._service.json("GET", latest, shape=DepositAnswer)
 
 
 class _Watched:

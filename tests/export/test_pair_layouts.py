@@ -17,7 +17,7 @@ from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError
-from kb.export import clip4mc
+from kb.export import pair_layouts
 from tests.pairs.made import fill, tables
 
 # MineDojo's published pairs: {keyword: [[video_id, start, end], …]}
@@ -95,7 +95,7 @@ def test_clip4mc_splits_hold_every_pair_once_and_share_no_video(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Read as its users do: dataset_test.json, and every dataset_train*.json."""
-    monkeypatch.setattr(clip4mc, "_ONE_IN", 5)  # there are thirty videos here
+    monkeypatch.setattr(pair_layouts, "_ONE_IN", 5)  # there are thirty videos here
     folder = _export(run, "clip4mc").parent
     whole, test = (
         json.loads((folder / name).read_text(encoding="ascii"))
@@ -115,7 +115,7 @@ def test_clip4mc_splits_hold_every_pair_once_and_share_no_video(
 
 
 def test_about_one_video_in_twenty_is_for_testing() -> None:
-    share = sum(clip4mc.in_test(f"video{number}") for number in range(20_000)) / 20_000
+    share = sum(pair_layouts.in_test(f"video{number}") for number in range(20_000)) / 20_000
     assert 0.04 < share < 0.06
 
 
@@ -128,9 +128,9 @@ def test_clip4mc_needs_texts(run: Run, tmp_path: Path) -> None:
     )
     pq.write_table(empty, tmp_path / "pairs" / "pairs-00000-of-00001.parquet")
     with pytest.raises(FatalError, match="no text"):
-        clip4mc.write(other)
+        pair_layouts.clip4mc(other)
     with pytest.raises(FatalError, match="nothing to export"):
-        clip4mc.write(replace(run, root=tmp_path / "none"))
+        pair_layouts.clip4mc(replace(run, root=tmp_path / "none"))
 
 
 @pytest.mark.parametrize("layout", ["minedojo", "clip4mc", "video2dataset"])
