@@ -14,7 +14,7 @@ import re
 import unicodedata
 from collections import Counter
 from collections.abc import Sequence
-from difflib import SequenceMatcher
+from difflib import SequenceMatcher, get_close_matches
 from typing import NamedTuple
 
 from kb.core.errors import UsageError
@@ -115,6 +115,7 @@ def _counts(one: str) -> bool:
 
 _KNOWN = 50_000  # most frequent words with the same first letter that are compared
 _LEAST = 0.7  # similarity (difflib's ratio) of a word to one that is suggested for it
+_COMPARED = 20  # nearest words of which the most frequent is chosen
 _AS_NEAR = 0.05  # of such a similarity: within that the more frequent word is taken
 _READ = 20  # passages in which the spelling of a stem is looked up
 
@@ -145,17 +146,16 @@ def _nearest(indexes: Sequence[PassageIndex], word: str) -> str:
     stem = "".join(indexes[0].analyzer.analyze(word))
     for index in indexes:
         frequencies.update(dict(index.frequencies(stem[:1], _KNOWN)))
-    matcher = SequenceMatcher(b=stem, autojunk=False)
-    near: dict[str, float] = {}
-    for other in frequencies:
-        matcher.set_seq1(other)
-        if matcher.real_quick_ratio() >= _LEAST and matcher.quick_ratio() >= _LEAST:
-            near[other] = matcher.ratio()
-    most = max(near.values(), default=0.0)
-    if most < _LEAST:
+    near = get_close_matches(stem, frequencies, n=_COMPARED, cutoff=_LEAST)
+    if not near:
         return ""
-    best = [other for other, ratio in near.items() if ratio >= most - _AS_NEAR]
+    least = _likeness(near[0], stem) - _AS_NEAR
+    best = [other for other in near if _likeness(other, stem) >= least]
     return _spelling(indexes, min(best, key=lambda one: (-frequencies[one], one)), word)
+
+
+def _likeness(one: str, other: str) -> float:
+    return SequenceMatcher(None, one, other).ratio()
 
 
 def _spelling(indexes: Sequence[PassageIndex], stem: str, word: str) -> str:
@@ -169,10 +169,8 @@ def _spelling(indexes: Sequence[PassageIndex], stem: str, word: str) -> str:
                 for token in index.analyzer.pre_tokenize(text).tokens
                 if token.text == stem
             )
-    ratio = SequenceMatcher(b=word.lower(), autojunk=False)
-
-    def order(spelling: str) -> tuple[float, int, str]:
-        ratio.set_seq1(spelling)
-        return -ratio.ratio(), -spellings[spelling], spelling
-
-    return min(spellings, key=order, default=stem)
+    return min(
+        spellings,
+        key=lambda one: (-_likeness(one, word.lower()), -spellings[one], one),
+        default=stem,
+    )

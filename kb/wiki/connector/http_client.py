@@ -209,13 +209,6 @@ class WikiHosts:
                         raise ItemFinal("too_large", f"more than {limit}")
             except requests.RequestException as error:
                 raise failure(error, url) from None
-            if (
-                wanted
-                and wanted.isdigit()
-                and not response.headers.get("content-encoding")
-                and len(content) != int(wanted)
-            ):
-                raise Retryable("cut_off", unreachable=True)
         data = bytes(content)
         image = inspect(data)
         if image is None:

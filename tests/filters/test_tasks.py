@@ -1,0 +1,102 @@
+"""Tests of the steps of a row: the newest answers are joined, and written by bucket."""
+
+from pathlib import Path
+
+import pytest
+
+from kb.export import parquet
+from kb.filters.filter_run import run_clean
+from kb.store.state import tombstones
+from kb.store.tables import partition
+from tests.filters.made import (
+    MONDAY,
+    TUESDAY,
+    digests,
+    listing,
+    put,
+    rows,
+    run_at,
+    transcript,
+    video,
+)
+
+
+def test_the_newest_answer_wins(root: Path) -> None:
+    put(
+        root,
+        "videos",
+        (TUESDAY, {"id": "kept,bare"}, listing(video("kept", statistics__viewCount="2000"))),
+    )
+    put(root, "videos", (MONDAY, {}, listing(video("kept", statistics__viewCount="7"))))
+    put(root, "transcripts", (TUESDAY, {}, {"video_id": "kept", "outcome": "failed"}))
+    summary = run_clean(run_at(root), "youtube")
+    assert rows(root, "videos")["kept"]["view_count"] == 2000
+    assert (
+        rows(root, "videos")["kept"]["transcript_kind"] == "asr"
+    )  # a later failure takes nothing away
+    assert rows(root, "rejected")["bare"]["stage"] == "missing"  # it vanished since
+    assert summary["duplicates"] == 4
+
+
+def test_tombstones_are_left_out(root: Path) -> None:
+    assert run_clean(run_at(root), "youtube")["crawled"] == 21
+    tombstones.add(root, "youtube", [("kept", "named"), ("few", "named")])
+    summary = run_clean(run_at(root), "youtube")
+    assert summary["crawled"] == 19
+    assert "kept" not in rows(root, "videos")
+    assert "kept" not in rows(root, "transcripts")
+    assert "few" not in rows(root, "rejected")
+
+
+def test_workers_segments_and_buckets_change_no_byte_of_the_release(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keys = [f"v{number:04d}" for number in range(600)]
+    answers = [
+        listing(
+            *(
+                video(key, statistics__viewCount=str(int(key[1:]) * 3))
+                for key in keys[start : start + 50]
+            )
+        )
+        for start in range(0, 600, 50)
+    ]
+    said = [transcript(key) for key in keys]
+    for name in ("one", "many"):
+        step = 12 if name == "one" else 3
+        for start in range(0, 12, step):
+            put(
+                tmp_path / name,
+                "videos",
+                *((MONDAY, {}, answer) for answer in answers[start : start + step]),
+            )
+        for start in range(0, 600, step * 50):
+            put(tmp_path / name, "transcripts", *said[start : start + step * 50])
+    run_clean(run_at(tmp_path / "one"), "youtube")
+    monkeypatch.setattr(partition, "RAW_BYTES", 10_000)
+    summary = run_clean(run_at(tmp_path / "many", workers=2), "youtube")
+    assert summary["kept"] == 566
+    assert len(list((tmp_path / "many/clean/youtube/videos").iterdir())) > 4
+    for name in ("one", "many"):
+        parquet.export(run_at(tmp_path / name), "youtube")
+    assert digests(tmp_path / "one/release") == digests(tmp_path / "many/release")
+    before = digests(tmp_path / "many/clean")
+    run_clean(run_at(tmp_path / "many", workers=1), "youtube")
+    assert digests(tmp_path / "many/clean") == before
+
+
+def test_buckets_without_rows_are_no_failure_and_every_table_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put(tmp_path, "videos", (MONDAY, {}, listing(video("alone"))))
+    monkeypatch.setattr(partition, "RAW_BYTES", 10)
+    assert run_clean(run_at(tmp_path), "youtube")["pending"] == 1
+    assert {path.name for path in (tmp_path / "clean/youtube").iterdir() if path.is_dir()} == {
+        "videos",
+        "transcripts",
+        "rejected",
+        "failed",
+        "pending",
+    }
+    assert list(rows(tmp_path, "pending")) == ["alone"]
+    assert rows(tmp_path, "videos") == {}
