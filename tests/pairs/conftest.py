@@ -1,14 +1,19 @@
 """Keywords, a section and ways to run a batch that the tests of pairs share."""
 
+from pathlib import Path
+
 import pyarrow as pa
 import pytest
 
 from kb.core.config.profile import load_profile
 from kb.core.config.profile.pairs import Pairs
+from kb.core.config.settings import load_settings
+from kb.core.context import Run
 from kb.pairs.extract import Tools, make_tools, pairs_of
 from kb.pairs.keywords import NEVER, Keyword, Keywords, make
 from kb.pairs.transcript_batch import Text
 from kb.schema import table
+from tests.pairs.made import PHRASES, fill, tables
 
 LIST = [
     Keyword("Creeper", "entity"),
@@ -75,3 +80,15 @@ def rows_of(tools: Tools, rows: pa.Table, lengths: list | None = None) -> list[d
     return sorted(
         made.to_pylist(), key=lambda row: (row["video_id"], row["clip_start_s"], row["pair_id"])
     )
+
+
+@pytest.fixture(scope="module")
+def data():  # type: ignore[no-untyped-def]
+    return tables(60, 400, PHRASES, share=0.06)
+
+
+@pytest.fixture
+def run(tmp_path: Path, data, make_rows) -> Run:  # type: ignore[no-untyped-def]
+    root = tmp_path / "data"
+    fill(root, *data, make_rows)
+    return Run(load_settings(dotenv=False), load_profile("minecraft"), root, workers=1)

@@ -8,6 +8,8 @@ import pyarrow as pa
 from kb.schema import table
 from kb.store.tables.shard_writer import write_table
 
+PHRASES = ["creeper", "oak log", "Iron Golem", "bed", "nether portals", "[Música]", "chest", ">>"]
+
 _LETTERS = np.frombuffer(b"etaoinshrdlucmfwypvbgkjqxz", np.uint8)
 _WORDS_A_CUE = 8
 COMMON = [

@@ -3,36 +3,18 @@
 from dataclasses import replace
 from pathlib import Path
 
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from kb.artifacts import manifest
 from kb.core.config.pipeline import load, locate
-from kb.core.config.profile import load_profile
-from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.core.errors import FatalError, LimitReached, ProfileError, SettingError
+from kb.core.errors import LimitReached
 from kb.pairs import build as building
-from kb.pairs.clip_tokens import ENDS, Tokens
-from kb.pairs.keyword_hits import keyword_lines
 from kb.store.layout import Layout
-from tests.pairs.made import fill, tables
+from tests.pairs.made import PHRASES, fill, tables
 
 pipeline = load(str(locate("pairs")))
-PHRASES = ["creeper", "oak log", "Iron Golem", "bed", "nether portals", "[Música]", "chest", ">>"]
-
-
-@pytest.fixture(scope="module")
-def data():  # type: ignore[no-untyped-def]
-    return tables(60, 400, PHRASES, share=0.06)
-
-
-@pytest.fixture
-def run(tmp_path: Path, data, make_rows) -> Run:  # type: ignore[no-untyped-def]
-    root = tmp_path / "data"
-    fill(root, *data, make_rows)
-    return Run(load_settings(dotenv=False), load_profile("minecraft"), root, workers=1)
 
 
 def _bytes(folder: Path) -> dict[str, bytes]:
@@ -137,72 +119,6 @@ def test_more_videos_change_no_pair(run: Run, make_rows) -> None:  # type: ignor
     after = {row["pair_id"]: row for row in pq.read_table(more.root / "pairs").to_pylist()}
     assert len(after) > len(before)
     assert all(after[row["pair_id"]] == row for row in before)
-
-
-def test_a_released_index_is_filled_again(run: Run) -> None:
-    pipeline.pairs(run, "parquet")
-    whole = _bytes(run.root / "pairs")
-    index = run.root / "release" / "pairs" / "pairs-00000-of-00001.parquet"
-    summary = pipeline.refill(run, index)
-    assert (summary["missing"], summary["differing"]) == (0, 0)
-    assert summary["filled"] == summary["pairs"]
-    assert _bytes(run.root / "pairs") == whole
-
-
-def test_texts_of_an_earlier_version_come_back_with_their_sounds(run: Run) -> None:
-    pipeline.pairs(run, "parquet")
-    index = run.root / "release" / "pairs" / "pairs-00000-of-00001.parquet"
-    said = {
-        row["video_id"]: " ".join(cue["text"] for cue in row["cues"])
-        for row in pq.read_table(run.root / "clean/youtube/transcripts").to_pylist()
-    }
-    rows = pq.read_table(run.root / "pairs").to_pylist()
-    assert not any("[Música]" in row["text"] or ">>" in row["text"] for row in rows)
-    earlier = {
-        row["pair_id"]: said[row["video_id"]][row["text_start_char"] : row["text_end_char"]]
-        for row in rows
-    }
-    released = pq.read_table(index)
-    tokens = [Tokens().count(earlier[one]) + ENDS for one in released["pair_id"].to_pylist()]
-    at = released.column_names.index("token_count")
-    with manifest.editing(run.root, "release/pairs"):
-        pq.write_table(released.set_column(at, "token_count", pa.array(tokens)), index)
-    assert pipeline.refill(run, index)["filled"] == len(rows)
-    after = pq.read_table(run.root / "pairs").to_pylist()
-    assert {row["pair_id"]: row["text"] for row in after} == earlier
-    assert any("[Música]" in text for text in earlier.values())
-
-
-def test_texts_that_can_not_be_had_stay_null_and_are_counted(run: Run) -> None:
-    pipeline.pairs(run, "parquet")
-    (run.root / "clean/youtube/transcripts/part-00001.parquet").unlink()
-    summary = pipeline.refill(run, run.root / "release" / "pairs")
-    assert summary["missing"] == pq.read_table(run.root / "pairs")["text"].null_count > 0
-    assert summary["filled"] + summary["missing"] == summary["pairs"]
-    with pytest.raises(SettingError, match="no column 'pair_id'"):
-        pipeline.refill(run, run.root / "clean/youtube/videos/part-00000.parquet")
-    with pytest.raises(SettingError, match="no index"):
-        pipeline.refill(run, run.root / "nowhere.parquet")
-
-
-def test_keywords_with_examples(run: Run) -> None:
-    lines = {line.keyword: line for line in keyword_lines(run, examples=2)}
-    assert lines["Creeper"].matches > 30
-    assert len(lines["Creeper"].examples) == 2
-    assert "[creeper]" in lines["Creeper"].examples[0]
-    assert lines["Bed"].rule == "near:20"
-    assert lines["Bed"].alone > 0
-    assert list(keyword_lines(run, examples=2)) == list(lines.values())
-    assert {line.kind for line in keyword_lines(run, kind="entity")} == {"entity"}
-
-
-def test_without_transcripts_or_section(run: Run) -> None:
-    with pytest.raises(FatalError, match="no transcripts"):
-        pipeline.pairs(replace(run, root=run.root / "empty"), "parquet")
-    with pytest.raises(ProfileError, match=r"\[pairs\]"):
-        pipeline.pairs(
-            replace(run, profile=run.profile.model_copy(update={"pairs": None})), "parquet"
-        )
 
 
 def test_transcripts_without_any_keyword_give_an_empty_index(run: Run, make_rows) -> None:  # type: ignore[no-untyped-def]

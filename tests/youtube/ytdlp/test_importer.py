@@ -43,21 +43,6 @@ def test_a_root_of_files_alone_goes_through_every_stage(job: Job) -> None:
     assert len(job.sandbox.ledger) == before  # nothing was sent
 
 
-def test_the_order_and_names_of_a_folder_do_not_matter(job: Job) -> None:
-    folder = job.place / "videos"
-    keys = [write_video(folder, number, ()) for number in range(4)]
-    track = vtt(spoken("we build a farm", "in minecraft today"), automatic=True)
-    (folder / f"{keys[0]}.en.vtt").write_text(track)
-    (folder / f"Title 1 [{keys[1]}].en-orig.vtt").write_text(track)
-    (folder / f"Title 2 [{keys[2]}].info.json").rename(folder / "Any name.info.json")
-    (folder / "Any name.en-US.vtt").write_text(track)
-    (folder / f"Title 3 [{keys[3]}].de.vtt").write_text(track)  # no English one
-    assert job.done("youtube", "import", str(folder))["subtitles"] == 4
-    filtered = job.done("youtube", "filter")
-    assert {row["video_id"] for row in job.rows(VIDEOS)} == set(keys[:3])
-    assert (filtered["kept"], filtered["pending"]) == (3, 1)
-
-
 def test_what_cannot_be_used_is_counted_by_reason_and_never_fatal(job: Job) -> None:
     folder = job.place / "videos"
     key = write_video(folder, 1)
@@ -123,23 +108,6 @@ def test_an_import_is_resumed_after_a_kill_and_repeats_nothing(job: Job) -> None
     files = [one["request"]["params"]["file"] for kind in kinds for one in job.raw(kind)]
     assert len(files) == len(set(files)) == 80
     assert job.done("youtube", "filter")["kept"] == 40
-
-
-def test_raw_keeps_subtitles_verbatim_and_no_address_of_an_info_json(job: Job) -> None:
-    folder = job.place / "videos"
-    key = write_video(folder, 1, tuple(FORMS))
-    job.done("youtube", "import", str(folder))
-    for answer in job.raw("ytdlp_subtitles"):
-        name = f"Title 1 [{key}].en.{answer['response']['format']}"
-        assert answer["response"]["text"] == (folder / name).read_text()
-        assert answer["request"]["params"]["file"] == name
-    (one,) = job.raw("ytdlp_info")
-    text = json.dumps(one)
-    for secret in ("SECRET", "203.0.113.7", "signed.example", "VISITOR", str(job.place)):
-        assert secret not in text
-    kept = one["response"]
-    assert kept["automatic_tracks"] == ["en-orig", "en", "de"]
-    assert kept["chapters"] == [{"start_time": 0.0, "title": "Intro", "end_time": 20.0}]
 
 
 @pytest.mark.parametrize("with_entries", [True, False])

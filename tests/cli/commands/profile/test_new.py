@@ -6,11 +6,10 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from kb.core.config.profile import Profile, load_profile
+from kb.core.config.profile import load_profile
 from kb.core.config.profile.check import check_file
 from kb.core.config.profile.check_finding import ERROR
 from kb.core.config.profile.new import KEYWORDS, profile_text
@@ -18,36 +17,9 @@ from kb.core.installation import folder
 from kb.pairs.keywords import NEVER, Keyword, read
 from kb.sandbox.server import Sandbox
 from tests.cli.conftest import Kb, clean_environment
+from tests.core.config.profile.filled import filled
 
 ROOT = Path(__file__).resolve().parents[4]
-FILLED = {  # the four lines that only the user knows
-    'youtube.category_ids = ["FILL-IN"]': "youtube.category_ids = [26]",
-    'wiki.url = "FILL-IN"': 'wiki.url = "https://gardens.wiki"',
-    'reddit.subreddit = "FILL-IN"': 'reddit.subreddit = "rockgarden"',
-    "FILL-IN\tkind": "Saxifrage\tplant",
-}
-
-
-def filled(text: str) -> str:
-    for old, new in FILLED.items():
-        text = text.replace(old, new)
-    return text
-
-
-def leaves(data: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for name, value in data.items():
-        if isinstance(value, dict):
-            found |= leaves(value, f"{prefix}{name}.")
-        else:
-            found[f"{prefix}{name}"] = value
-    return found
-
-
-def saved(place: Path, text: str) -> Path:
-    path = place / "profile.toml"
-    path.write_text(text, encoding="utf-8")
-    return path
 
 
 def test_new_then_four_lines_then_a_clean_check_then_a_plan(tmp_path: Path, kb: Kb) -> None:
@@ -83,40 +55,6 @@ def test_new_then_four_lines_then_a_clean_check_then_a_plan(tmp_path: Path, kb: 
     plan = kb(*commands[2].split())
     assert plan.returncode == 0, plan.stderr
     assert not (tmp_path / "data").exists()
-
-
-def test_what_only_the_user_knows_stands_first() -> None:
-    text = profile_text("rock-gardens")
-    lines = text.splitlines()
-    marked = [at for at, line in enumerate(lines) if '"FILL-IN"' in line]
-    first_default = next(at for at, line in enumerate(lines) if line.startswith("#seed"))
-    assert len(marked) == 3
-    assert max(marked) < first_default < 40
-    assert all(len(line) <= 100 for line in lines if line.startswith("# "))
-
-
-def test_what_new_writes_loads_to_the_defaults(tmp_path: Path) -> None:
-    made = load_profile(saved(tmp_path, filled(profile_text("rock-gardens"))))
-    plain = Profile(
-        name="rock-gardens",
-        title="Rock Gardens",
-        youtube={"keywords": ["Rock Gardens"], "category_ids": [26]},  # type: ignore[arg-type]
-        wiki={"url": "https://gardens.wiki"},  # type: ignore[arg-type]
-        reddit={"subreddit": "rockgarden"},  # type: ignore[arg-type]
-        pairs={"keyword_files": ["keywords.tsv"]},  # type: ignore[arg-type]
-    )
-    assert made.model_dump() == plain.model_dump()
-
-
-def test_every_key_stands_in_it_with_its_default(tmp_path: Path) -> None:
-    """Each # taken away: what is read is still the default, of every key that has one."""
-    text = filled(profile_text("rock-gardens"))
-    bare = re.sub(r"^#(?=[a-z\[\]\" ])(?! )", "", text, flags=re.MULTILINE)
-    made = leaves(load_profile(saved(tmp_path, bare)).model_dump())
-    defaults = leaves(load_profile(saved(tmp_path, text)).model_dump())
-    unset = {key for key, value in defaults.items() if value is None}
-    assert {key for key, value in defaults.items() if made[key] != value} == unset
-    assert all(re.search(rf"^#?{re.escape(key)}( =|\.)", text, re.MULTILINE) for key in defaults)
 
 
 @pytest.mark.parametrize(

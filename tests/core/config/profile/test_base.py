@@ -3,8 +3,6 @@
 import pytest
 
 from kb.core.config.profile import load_profile
-from kb.core.config.profile.check import check_file
-from kb.core.config.profile.check_finding import ERROR
 from kb.core.errors import ProfileError
 
 GOOD = 'name = "garden"\ntitle = "Garden"\n[youtube]\nkeywords = ["roses"]\ncategory_ids = [26]\n'
@@ -77,14 +75,6 @@ def test_a_profile_by_path_with_one_source(tmp_path):
 def test_mistakes_are_named(tmp_path, change, message):
     with pytest.raises(ProfileError, match=message):
         load_profile(write(tmp_path, GOOD.replace(*change)))
-
-
-def test_tables_nested_without_end_are_one_line(tmp_path):
-    path = write(tmp_path, "x = " + "[" * 100_000)
-    with pytest.raises(ProfileError, match=r"nested too deeply|not valid TOML"):
-        load_profile(path)
-    (finding,) = check_file(path).findings
-    assert finding.level == ERROR
 
 
 def test_an_unknown_name_lists_the_known_ones():

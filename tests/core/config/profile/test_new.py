@@ -1,0 +1,42 @@
+"""Tests of `kb.core.config.profile.new`."""
+
+import re
+from pathlib import Path
+
+from kb.core.config.profile import Profile, load_profile
+from kb.core.config.profile.new import profile_text
+from tests.core.config.profile.filled import filled, leaves, saved
+
+
+def test_what_only_the_user_knows_stands_first() -> None:
+    text = profile_text("rock-gardens")
+    lines = text.splitlines()
+    marked = [at for at, line in enumerate(lines) if '"FILL-IN"' in line]
+    first_default = next(at for at, line in enumerate(lines) if line.startswith("#seed"))
+    assert len(marked) == 3
+    assert max(marked) < first_default < 40
+    assert all(len(line) <= 100 for line in lines if line.startswith("# "))
+
+
+def test_what_new_writes_loads_to_the_defaults(tmp_path: Path) -> None:
+    made = load_profile(saved(tmp_path, filled(profile_text("rock-gardens"))))
+    plain = Profile(
+        name="rock-gardens",
+        title="Rock Gardens",
+        youtube={"keywords": ["Rock Gardens"], "category_ids": [26]},  # type: ignore[arg-type]
+        wiki={"url": "https://gardens.wiki"},  # type: ignore[arg-type]
+        reddit={"subreddit": "rockgarden"},  # type: ignore[arg-type]
+        pairs={"keyword_files": ["keywords.tsv"]},  # type: ignore[arg-type]
+    )
+    assert made.model_dump() == plain.model_dump()
+
+
+def test_every_key_stands_in_it_with_its_default(tmp_path: Path) -> None:
+    """Each # taken away: what is read is still the default, of every key that has one."""
+    text = filled(profile_text("rock-gardens"))
+    bare = re.sub(r"^#(?=[a-z\[\]\" ])(?! )", "", text, flags=re.MULTILINE)
+    made = leaves(load_profile(saved(tmp_path, bare)).model_dump())
+    defaults = leaves(load_profile(saved(tmp_path, text)).model_dump())
+    unset = {key for key, value in defaults.items() if value is None}
+    assert {key for key, value in defaults.items() if made[key] != value} == unset
+    assert all(re.search(rf"^#?{re.escape(key)}( =|\.)", text, re.MULTILINE) for key in defaults)
