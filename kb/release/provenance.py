@@ -166,7 +166,7 @@ def provenance(run: Run, source: str, changed: Changes) -> str:
         "profile": {
             "name": run.profile.name,
             "seed": run.profile.seed,
-            "sha256": hashlib.sha256(_file(run.profile).encode()).hexdigest(),
+            "sha256": hashlib.sha256(_profile(run.profile).encode()).hexdigest(),
         },
         "version": run.profile.release.version,
         "settings": dict(rules(run.profile, source)),
@@ -177,7 +177,7 @@ def provenance(run: Run, source: str, changed: Changes) -> str:
 
 def profile_text(profile: Profile) -> str:
     """The profile's file, with its lists named as they lie beside it in the folder."""
-    text = _file(profile)
+    text = _profile(profile)
     lists = profile.pairs.keyword_files if profile.pairs else ()
     if lists in ((), (KEYWORDS,)):
         return text
@@ -193,7 +193,7 @@ def keyword_text(profile: Profile) -> str:
     columns = _COLUMNS.split("\t")
     rows = []
     for name in names:
-        for line in _read(profile, name).splitlines():
+        for line in _read(profile.resolve_file(name), f"the keyword list {name}").splitlines():
             cells = [cell.strip() for cell in line.split("\t")]
             if line.strip() and not line.startswith("#") and cells != columns:
                 rows.append(cells + [""] * (len(columns) - len(cells)))
@@ -201,16 +201,12 @@ def keyword_text(profile: Profile) -> str:
     return "\n".join(lines) + "\n" if names else ""
 
 
-def _file(profile: Profile) -> str:
+def _read(path: Path, what: str) -> str:
     try:
-        return profile.path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")
     except OSError as error:
-        raise ProfileError(f"profile {profile.path} can't be read: {error.strerror}") from None
+        raise ProfileError(f"{what} can't be read: {error.strerror}") from None
 
 
-def _read(profile: Profile, name: str) -> str:
-    try:
-        text = profile.resolve_file(name).read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise ProfileError(f"the keyword list {name} can't be read: {error.strerror}") from None
-    return text if text.endswith("\n") else text + "\n"
+def _profile(profile: Profile) -> str:
+    return _read(profile.path, f"profile {profile.path}")

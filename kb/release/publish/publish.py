@@ -1,10 +1,9 @@
 """`kb release publish`: one deposit a folder, a draft by default, new versions of old records.
 
-Each folder is sent by kb.release.publish.upload, which goes on where it was cut off.
+Each folder is sent by kb.release.publish.upload, which resumes an interrupted upload.
 """
 
 import tomllib
-from pathlib import Path
 from typing import Any
 
 from kb.artifacts import domain_binding
@@ -40,27 +39,15 @@ def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None 
     """
     token = run.settings.need("zenodo_token")
     endpoint = run.settings.kb_zenodo_endpoint or HOSTS[to]
-    with domain_binding.writing(run, *RELEASES):
-        return _publish(run, endpoint, token, publish, only)
-
-
-def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str] | None) -> Summary:
-    exports = exported(run, only or ())
-    loopback = is_loopback(endpoint)
-    _signed(run, exports)
-    refuse(
-        [
-            *_marked(run, exports, loopback),
-            *_limits(exports),
-            *check.check(run, exports),
-            *check.check_made(run, exports),
-        ]
-    )
-    if not loopback:
-        _reachable(run)
     deposits: dict[str, Any] = {}
-    with writer(run.root, "deposits"):
-        service = Zenodo(_session(run, endpoint), endpoint, token, wait=run.wait)
+    with domain_binding.writing(run, *RELEASES), writer(run.root, "deposits"):
+        exports = exported(run, only or ())
+        _check(run, exports, loopback=is_loopback(endpoint))
+        # Uploads take their time; the token goes to one host only.
+        session = HttpSession(
+            run.settings, hosts={host_of(endpoint)}, stray=stray, timeout=TIMEOUT_S
+        )
+        service = Zenodo(session, endpoint, token, wait=run.wait)
         for folder in exports:
             try:
                 signals.stop.check()
@@ -70,6 +57,25 @@ def _publish(run: Run, endpoint: str, token: str, publish: bool, only: list[str]
                 error.summary = _summary(deposits)
                 raise
     return _summary(deposits)
+
+
+def _check(run: Run, exports: list[ReleaseFolder], *, loopback: bool) -> None:
+    """Raises ProfileError and ReleaseRefused for what may not be published."""
+    _signed(run, exports)
+    refuse(
+        [
+            *([] if loopback else _marked(run, exports)),
+            *_limits(exports),
+            *check.check(run, exports),
+            *check.check_made(run, exports),
+        ]
+    )
+    contact = run.profile.release.contact
+    if not loopback and contact and is_placeholder(contact):
+        raise ProfileError(
+            f"the contact of the profile {run.profile.path} is the placeholder {contact}",
+            hint="set release.contact to an address that you read; then run `kb release` again",
+        )
 
 
 def _signed(run: Run, exports: list[ReleaseFolder]) -> None:
@@ -83,32 +89,12 @@ def _signed(run: Run, exports: list[ReleaseFolder]) -> None:
         )
     for folder in exports:
         used = folder.path / PROFILE_FILE
-        if used.is_file() and _of(used).unsigned():
+        section = tomllib.loads(used.read_text(encoding="utf-8")) if used.is_file() else {}
+        if used.is_file() and Release.model_construct(**section.get("release", {})).unsigned():
             raise ProfileError(
                 f"{folder.path} was made before the profile named a creator and a contact",
                 hint="run `kb release` again",
             )
-
-
-def _reachable(run: Run) -> None:
-    """Raises ProfileError for a contact that is an example's address."""
-    contact = run.profile.release.contact
-    if contact and is_placeholder(contact):
-        raise ProfileError(
-            f"the contact of the profile {run.profile.path} is the placeholder {contact}",
-            hint="set release.contact to an address that you read; then run `kb release` again",
-        )
-
-
-def _of(profile: Path) -> Release:
-    """[release] of a profile that was checked when it was written."""
-    section = tomllib.loads(profile.read_text(encoding="utf-8")).get("release", {})
-    return Release.model_construct(**section)
-
-
-def _session(run: Run, endpoint: str) -> HttpSession:
-    """Uploads take their time; the token goes to one host only."""
-    return HttpSession(run.settings, hosts={host_of(endpoint)}, stray=stray, timeout=TIMEOUT_S)
 
 
 def _summary(deposits: dict[str, dict[str, Any]]) -> Summary:
@@ -139,29 +125,19 @@ def _with_folder(folder: ReleaseFolder, error: KbError, deposits: dict[str, dict
     )
 
 
-def _rerun(source: str) -> str:
-    """The commands that make a folder of release/ again with other scores."""
-    filters = [f"`{made_by(one)}`" for one in made_of(source)]
-    return f"{', '.join(filters)} and `{exported_by(source)}`"
-
-
-def _marked(run: Run, exports: list[ReleaseFolder], loopback: bool) -> list[GateProblem]:
+def _marked(run: Run, exports: list[ReleaseFolder]) -> list[GateProblem]:
     """Scores of the sandbox's tiny model may go to a loopback service only."""
-    if loopback:
-        return []
-    return [
-        GateProblem(
-            "sandbox model",
-            folder.source,
-            (
+    problems = []
+    for folder in exports:
+        scored_by = {model for model, _, _ in models(run.root, folder.source)}
+        if SANDBOX_MODEL in scored_by or document_of(folder).get("sandbox_model"):
+            filters = ", ".join(f"`{made_by(one)}`" for one in made_of(folder.source))
+            what = (
                 "scored with the sandbox's tiny model, whose scores mean nothing about real texts;"
-                f" run `kb models fetch`, then {_rerun(folder.source)}"
-            ),
-        )
-        for folder in exports
-        if any(model == SANDBOX_MODEL for model, _, _ in models(run.root, folder.source))
-        or document_of(folder).get("sandbox_model")
-    ]
+                f" run `kb models fetch`, then {filters} and `{exported_by(folder.source)}`"
+            )
+            problems.append(GateProblem("sandbox model", folder.source, what))
+    return problems
 
 
 def _limits(exports: list[ReleaseFolder]) -> list[GateProblem]:
@@ -170,19 +146,9 @@ def _limits(exports: list[ReleaseFolder]) -> list[GateProblem]:
         files = [*folder.files(), folder.path / SUMS]
         total = sum(path.stat().st_size for path in files if path.exists())
         if len(files) > MOST_FILES:
-            problems.append(
-                GateProblem(
-                    "size",
-                    folder.source,
-                    f"{len(files)} files, a record takes {MOST_FILES}; export larger shards",
-                )
-            )
+            what = f"{len(files)} files, a record takes {MOST_FILES}; export larger shards"
+            problems.append(GateProblem("size", folder.source, what))
         if total > MOST_BYTES:
-            problems.append(
-                GateProblem(
-                    "size",
-                    folder.source,
-                    f"{total / 1e9:.1f} GB, a record takes {MOST_BYTES / 1e9:.0f}",
-                )
-            )
+            what = f"{total / 1e9:.1f} GB, a record takes {MOST_BYTES / 1e9:.0f}"
+            problems.append(GateProblem("size", folder.source, what))
     return problems

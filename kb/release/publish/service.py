@@ -26,9 +26,7 @@ LONGEST_WAIT = 120  # seconds that a limit may ask for before the run stops inst
 LONGEST_LIMIT = 366 * 86_400  # seconds: what asks for more is no time to come back at
 _GO_ON = "the same command resumes"
 _SCOPES = "it needs the scopes deposit:write and deposit:actions; the sandbox has tokens of its own"
-MOST_BYTES = 64 << 20  # bytes of an answer
 _SHOWN = 600  # characters of a message
-_LONGEST = 2_000  # characters of an identifier or address
 
 
 class DepositAnswer(msgspec.Struct):
@@ -136,18 +134,17 @@ class DepositService:
             raise stray(url)
         try:
             # Redirects would carry the token to wherever they point.
-            with self._session.request(
+            answer = self._session.request(
                 method,
                 url,
                 headers={**self._headers, **(headers or {})},
                 allow_redirects=False,
-                stream=True,
                 **what,
-            ) as answer:
-                # What it says may come to a terminal and a file: never our token.
-                content = content_of(answer).replace(self._token.encode(), redact.MARK.encode())
+            )
         except requests.RequestException as error:
             raise failure(error, url) from None
+        # What it says may reach a terminal and a file: never our token.
+        content = answer.content.replace(self._token.encode(), redact.MARK.encode())
         if answer.is_redirect or 300 <= answer.status_code < 400:
             raise FatalError(
                 f"the deposit service redirects ({answer.status_code})",
@@ -197,15 +194,11 @@ class DepositService:
             return False  # no address at all
 
     def _limited(self, headers: Any) -> Exception:
-        """A short wait is waited out, a long one ends the run with the time to come back (or
-        --wait).
-        """
+        """A short limit is waited for; a long one ends the run with the time to come back."""
         now = datetime.now(UTC)  # the service's own clock: KB_NOW does not move it
         seconds = retry_after(headers.get("Retry-After"), headers.get("Date"))
         if seconds is None:
-            reset = retry_after(
-                headers.get("X-RateLimit-Reset")
-            )  # a number as well: seconds since 1970
+            reset = retry_after(headers.get("X-RateLimit-Reset"))  # seconds since 1970
             seconds = None if reset is None else max(0.0, reset - now.timestamp())
         if seconds is None or seconds <= LONGEST_WAIT or (self._wait and seconds <= LONGEST_LIMIT):
             return Retryable("limited", after=seconds, throttled=True)
@@ -233,7 +226,7 @@ def page(shown: dict[str, Any]) -> str | None:
 
 
 def _text(value: Any) -> str | None:
-    return value[:_LONGEST] if isinstance(value, str) and value else None
+    return value if isinstance(value, str) and value else None
 
 
 def message(content: bytes, reason: str) -> str:
@@ -246,17 +239,3 @@ def message(content: bytes, reason: str) -> str:
     except (ValueError, RecursionError):
         return (reason or "no message")[:_SHOWN]
     return "; ".join([text.message.strip(), *fields])[:_SHOWN]
-
-
-def content_of(answer: requests.Response) -> bytes:
-    """The bytes of an answer. Raises FatalError for more than any answer of the API has."""
-    pieces, size = [], 0
-    for piece in answer.iter_content(1 << 16):
-        size += len(piece)
-        if size > MOST_BYTES:
-            raise FatalError(
-                f"the deposit service answered with more than {MOST_BYTES >> 20} MB",
-                hint="check KB_ZENODO_ENDPOINT",
-            )
-        pieces.append(piece)
-    return b"".join(pieces)

@@ -1,15 +1,17 @@
-"""The gate: one wrong value at a time, and its line. All lines come at once."""
+"""The gate: files, checksums, archives and licence; all lines come at once."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
 import pytest
 
 from kb.core.errors import ReleaseRefused
 from kb.release.build import release
 from tests.release.conftest import a_run
-from tests.release.gate.refusals import changed, refused
+from tests.release.gate.refusals import changed, refused, rewritten
 from tests.release.made import build
 
 Rows = list[dict[str, Any]]
@@ -98,3 +100,111 @@ def test_damaged_files_are_lines(tmp_path: Path, text: str, file: str) -> None:
         and "again" in line
         for line in lines
     )
+
+
+def test_lost_shard(tmp_path: Path) -> None:
+    build(tmp_path, sources=("youtube",))
+    (tmp_path / "release" / "youtube" / "videos-00001-of-00002.parquet").unlink()
+    assert any(
+        line.startswith("damaged: youtube/videos: shards are missing") for line in refused(tmp_path)
+    )
+
+
+@pytest.mark.parametrize(
+    ("source", "name"),
+    [
+        ("reddit", "reddit.json"),
+        ("reddit", "posts.csv"),
+        ("reddit", "posts-1-of-1.parquet"),
+        ("reddit", "sample-bodies.parquet"),
+        ("reddit", "bodies.sample.json"),
+        ("youtube", "LICENSE-mine.txt"),
+        ("youtube", "images-00000-of-00001.tar"),
+        ("youtube", "settings.env"),
+        ("reddit", "sample-posts.parquet"),
+    ],
+)
+def test_undeclared_files(tmp_path: Path, source: str, name: str) -> None:
+    build(tmp_path, sources=(source,))
+    (tmp_path / "release" / source / name).write_text("text")
+    assert refused(tmp_path) == [
+        f"undeclared file: {source}/{name}: is not part of a release; remove it"
+    ]
+
+
+def test_links_are_not_followed(tmp_path: Path) -> None:
+    build(tmp_path, sources=("youtube",))
+    (tmp_path / "outside").write_text("not ours")
+    for name in ("extra.txt", "README.md", "DATASHEET.md"):
+        (tmp_path / "release" / "youtube" / name).symlink_to(
+            tmp_path / ("nowhere" if name == "DATASHEET.md" else "outside")
+        )
+    assert refused(tmp_path) == [
+        f"undeclared file: youtube/{name}: is a link; a release needs real files"
+        for name in ("DATASHEET.md", "README.md", "extra.txt")
+    ]
+
+
+def test_archives_that_are_gone_or_cut_off(tmp_path: Path) -> None:
+    build(tmp_path, sources=("wiki",))
+    wiki = tmp_path / "release" / "wiki"
+    images, screenshots = (
+        wiki / "images-00000-of-00001.tar",
+        wiki / "screenshots-00000-of-00001.tar",
+    )
+    whole = images.read_bytes()
+    images.write_bytes(whole[:1024])
+    (line,) = refused(tmp_path)
+    assert re.fullmatch(
+        r"damaged: wiki/images-00000-of-00001\.tar: is cut off:"
+        r" \d+ of its files end beyond it; run `kb wiki export` again",
+        line,
+    )
+    images.write_bytes(whole)
+    release(a_run(tmp_path))
+    screenshots.unlink()
+    lines = refused(tmp_path)
+    assert (
+        f"checksum: wiki/{screenshots.name}: is in SHA256SUMS but missing; export it again" in lines
+    )
+    assert any(
+        line.startswith(
+            f"damaged: wiki/{screenshots.name}: is missing; index.ndjson names 12 files in it"
+        )
+        for line in lines
+    )
+
+
+@pytest.mark.parametrize("text", [None, "{", ""])
+def test_index_that_is_gone_or_damaged(tmp_path: Path, text: str | None) -> None:
+    build(tmp_path, sources=("wiki",))
+    index = tmp_path / "release" / "wiki" / "index.ndjson"
+    index.unlink() if text is None else index.write_text(text)
+    lines = refused(tmp_path)
+    assert lines
+    assert all(
+        line.startswith("damaged: wiki/") and line.endswith("run `kb wiki export` again")
+        for line in lines
+    )
+
+
+@pytest.mark.parametrize("data", [b"\xff\xfe garbage", b"words\n"])
+def test_damaged_checksums_are_a_line(tmp_path: Path, data: bytes) -> None:
+    build(tmp_path, sources=("pairs",))
+    (tmp_path / "release" / "pairs" / "SHA256SUMS").write_bytes(data)
+    (line,) = refused(tmp_path)
+    assert line.startswith("damaged: pairs/SHA256SUMS: can't be read")
+
+
+def test_data_changed_after_the_release(tmp_path: Path) -> None:
+    build(tmp_path, sources=("pairs",))
+    release(a_run(tmp_path))
+    shard = tmp_path / "release" / "pairs" / "pairs-00000-of-00001.parquet"
+    rewritten(
+        shard,
+        lambda rows: rows.set_column(
+            rows.column_names.index("keyword"), "keyword", pa.array(["x"] * rows.num_rows)
+        ),
+    )
+    line = "checksum: pairs/pairs-00000-of-00001.parquet: differs from SHA256SUMS; export it again"
+    assert line in refused(tmp_path)
