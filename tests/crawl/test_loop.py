@@ -3,55 +3,29 @@ failures, blocks.
 """
 
 import signal
-import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import (
-    Blocked,
     LimitReached,
     NothingRead,
     Retryable,
     Unreachable,
 )
-from kb.core.summary import Summary
 from kb.crawl.job import work
-from kb.crawl.loop import Loop
-from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Phase
-from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
 from tests import processes
+from tests.crawl.runs import crawl, summary, texts
 from tests.fourth.feed.connector import NOTES, PAGES, Feed
 from tests.fourth.service import Service, serving
 
 ROOT = Path(__file__).resolve().parents[2]
-
-
-def summary(session: CrawlSession, loop: Loop) -> Summary:
-    """The figures of a run."""
-    return Summary(
-        notes=loop.answered["notes"],
-        failed=session.frontier.counts("notes").get("error", 0),
-        left=session.frontier.waiting("notes", "pages"),
-    )
-
-
-def crawl(run: Run, service: Service) -> Summary:
-    """One run of the feed's crawl."""
-    return work(run, Feed(run, service.root), summary)
-
-
-def texts(root: Path) -> list[str]:
-    """The notes in the raw log, in the order in which they came."""
-    return [each.response["text"] for each in rawlog.read(root, "feed", "notes")]
 
 
 def test_everything_once_and_a_second_run_asks_nothing(run: Run, service: Service) -> None:
@@ -60,17 +34,6 @@ def test_everything_once_and_a_second_run_asks_nothing(run: Run, service: Servic
     asked = service.asked.total()
     assert crawl(run, service) == {"notes": 0, "failed": 0, "left": 0}
     assert service.asked.total() == asked == 14
-
-
-def test_limit_lists_no_more_than_it_needs_and_goes_on(run: Run, service: Service) -> None:
-    with pytest.raises(LimitReached) as stop:
-        crawl(replace(run, limit=4), service)
-    assert stop.value.summary == {"notes": 4, "failed": 0, "left": 3}
-    assert "/notes?page=3" not in service.asked
-    assert crawl(run, service)["notes"] == 6
-    assert set(service.asked.values()) == {1}
-    # A limit that everything fits into is no stop.
-    assert crawl(replace(run, limit=4), service)["left"] == 0
 
 
 def test_what_fails_is_tried_by_the_next_run_and_a_fact_is_not(run: Run, service: Service) -> None:
@@ -212,58 +175,6 @@ def test_a_batch_that_fails_is_halved_until_only_the_bad_items_are_left(
         assert work(run, feed, summary) == {"notes": 100, "failed": len(bad), "left": 0}
         assert len(texts(run.root)) == 100 - len(bad)
         assert feed.refused <= 4 * len(bad)
-
-
-def test_after_a_block_one_request_finds_out(run: Run, service: Service) -> None:
-    service.fault = lambda path: (403, {}) if path == "/notes/n001" else None
-    for _ in range(2):
-        with pytest.raises(Blocked):
-            crawl(run, service)
-    assert service.asked["/notes/n001"] == 2
-    # It came behind those that were known: what is always refused keeps no other from being read.
-    assert service.asked["/notes/n002"] == 1
-    service.fault = lambda path: None
-    assert crawl(run, service)["notes"] == 8
-
-
-def test_wait_sleeps_through_a_block(
-    run: Run, service: Service, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    slept: list[object] = []
-
-    def wake_up(moment: object) -> None:
-        slept.append(moment)
-        service.fault = lambda path: None
-
-    monkeypatch.setattr(clock, "sleep_until", wake_up)
-    service.fault = lambda path: (403, {}) if path == "/notes/n001" else None
-    assert crawl(replace(run, wait=True), service)["notes"] == 10
-    assert len(slept) == 1
-
-
-def test_a_service_waits_for_one_that_sleeps(
-    run: Run, service: Service, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its work comes from there: with --wait nothing is left behind when the block is over."""
-    blocked = "/notes?page=2"
-    service.fault = lambda path: (403, {}) if path == blocked else None
-
-    def wake_up(moment: object) -> None:
-        wait_until(lambda: "notes" not in "".join(each.name for each in threading.enumerate()))
-        service.fault = lambda path: None
-
-    monkeypatch.setattr(clock, "sleep_until", wake_up)
-    feed = Feed(run, service.root)
-    feed.phases = (PAGES, replace(NOTES, service="notes"))
-    done = work(replace(run, wait=True), feed, summary)
-    assert done == {"notes": 10, "failed": 0, "left": 0}
-
-
-def wait_until(what: Callable[[], bool], seconds: float = 1.0) -> None:
-    """Until it is so; no longer than some time, as it need not come true."""
-    end = time.monotonic() + seconds
-    while not what() and time.monotonic() < end:
-        time.sleep(0.01)
 
 
 SCRIPT = """
