@@ -70,9 +70,9 @@ class Topic:
 
     def fill(self, rows: pa.Table) -> pa.Table:
         """The rows with `topic_evidence`; null for those that are off topic."""
-        named = self._named(rows)
-        ours = pc.and_(named, self._ours(rows))
-        candidate = pc.and_(pc.invert(named), self._categorised(rows))
+        named, ours, categorised = self._labels(rows)
+        ours = pc.and_(named, ours)
+        candidate = pc.and_(pc.invert(named), categorised)
         hit = reduce(pc.or_, self._places(rows, candidate).values())
         evidence = pc.if_else(
             ours, "game_label", pc.if_else(hit, "keywords", pa.scalar(None, pa.string()))
@@ -85,7 +85,7 @@ class Topic:
         """
         outcome = one(rows, "transcript_outcome")
         failed = pc.fill_null(pc.equal(outcome, "failed"), False)
-        named, categorised = self._named(rows), self._categorised(rows)
+        named, _, categorised = self._labels(rows)
         waiting = pc.and_(
             pc.or_(pc.is_null(outcome), failed), pc.and_(categorised, pc.invert(named))
         )
@@ -134,7 +134,7 @@ class Topic:
         """
         label = pc.coalesce(one(rows, "game_label"), one(rows, "game_label_id"))
         category = text(one(rows, "category_id"))
-        named, categorised = self._named(rows), self._categorised(rows)
+        named, ours, categorised = self._labels(rows)
         # A candidate that is off has no keyword anywhere: it was looked for.
         candidate = pc.fill_null(pc.and_(pc.invert(named), categorised), False)
         places = self._places(rows, pc.and_(off, pc.invert(candidate)))
@@ -142,30 +142,29 @@ class Topic:
             *(pc.if_else(hit, f"keyword in {name}", None) for name, hit in places.items())
         )
         matched = [
-            pc.if_else(pc.and_(named, self._ours(rows)), _with("label", label), None),
+            pc.if_else(pc.and_(named, ours), _with("label", label), None),
             pc.if_else(categorised, _with("category", category), None),
             keyword,
         ]
         unmatched = [
-            pc.if_else(pc.and_(named, pc.invert(self._ours(rows))), _with("label", label), None),
+            pc.if_else(pc.and_(named, pc.invert(ours)), _with("label", label), None),
             pc.if_else(categorised, None, pc.fill_null(_with("category", category), "category")),
             pc.if_else(pc.is_valid(keyword), None, "keywords"),
         ]
         return _listed(matched), _listed(unmatched)
 
-    def _named(self, rows: pa.Table) -> pa.Array[Any]:
-        named: pa.Array[Any] = pc.and_(pc.is_valid(one(rows, "game_label_id")), bool(self.game_ids))
-        return named
-
-    def _ours(self, rows: pa.Table) -> pa.Array[Any]:
-        games = pa.array(self.game_ids, pa.string())
-        ours: pa.Array[Any] = pc.is_in(one(rows, "game_label_id"), games)
-        return ours
-
-    def _categorised(self, rows: pa.Table) -> pa.Array[Any]:
-        categories = pa.array(self.category_ids, pa.int64())
-        categorised: pa.Array[Any] = pc.is_in(one(rows, "category_id"), categories)
-        return categorised
+    def _labels(self, rows: pa.Table) -> tuple[Any, Any, Any]:
+        """Whether a label is known, whether it is the game's, and whether the category fits."""
+        label = one(rows, "game_label_id")
+        games, categories = (
+            pa.array(self.game_ids, pa.string()),
+            pa.array(self.category_ids, pa.int64()),
+        )
+        return (
+            pc.and_(pc.is_valid(label), bool(self.game_ids)),
+            pc.is_in(label, games),
+            pc.is_in(one(rows, "category_id"), categories),
+        )
 
     def _places(self, rows: pa.Table, candidate: pa.Array[Any]) -> dict[str, pa.Array[Any]]:
         """Text → the candidates where a keyword stands in it and in none before it."""
@@ -185,22 +184,19 @@ class Topic:
         return places
 
 
-def _with(what: str, values: pa.Array[Any]) -> pa.Array[Any]:
+def _with(what: str, values: pa.Array[Any]) -> Any:
     """`category 20`; null where the value is."""
-    joined: pa.Array[Any] = pc.binary_join_element_wise(what, values.cast(pa.string()), " ")
-    return joined
+    return pc.binary_join_element_wise(what, values.cast(pa.string()), " ")
 
 
-def _listed(parts: list[pa.Array[Any]]) -> pa.Array[Any]:
-    """The parts that are there, with commas; null where there are none."""
+def _listed(parts: list[pa.Array[Any]]) -> Any:
+    """The parts that are not null, separated by commas; null if there are none."""
     ended = [
         pc.fill_null(pc.binary_join_element_wise(part.cast(pa.string()), ", ", ""), "")
         for part in parts
     ]
     joined = pc.utf8_slice_codeunits(pc.binary_join_element_wise(*ended, ""), 0, -2)
-    nothing_said = pa.scalar(None, pa.string())
-    listed: pa.Array[Any] = pc.if_else(pc.equal(joined, ""), nothing_said, joined)
-    return listed
+    return pc.if_else(pc.equal(joined, ""), pa.scalar(None, pa.string()), joined)
 
 
 # A video without one of these counts as missing.

@@ -1,15 +1,15 @@
 """Errors of URLs and of the browser, by consequence.
 
 ItemFinal
-├── NoPicture           an image's address answers with a page, as challenges do
-└── HttpStatus          an address answers with 4xx
+├── NoPicture           an image's URL returns a page, as challenges do
+└── HttpStatus          a URL returns 4xx
     ├── NotNow              408, 425: about this one request
-    └── Refused             401, 403: us it refuses, or this page alone
+    └── PageRefused         401, 403: refuses us, or this page only
 Retryable
-├── Served              the server answered, though not with a whole page; the browser did well
-│   └── Challenge           another page came in its place, as challenges do
-├── NotShown            the browser shows nothing of a page and hides why
-│   └── Unserved            no page came, as the browser noted; it did well
+├── ServerFault         the server returned no complete page; the browser works
+│   └── Challenge           another page came instead, as challenges do
+├── NotShown            the browser shows no page and hides the reason
+│   └── Unserved            no page arrived, as the browser noted; the browser works
 └── PageTimeout         the page takes too long; its browser is ended
 """
 
@@ -31,11 +31,11 @@ class NoPicture(ItemFinal):
 
 
 class NotNow(HttpStatus):
-    """An answer about one request, which says nothing about the page."""
+    """A status about one request, which says nothing about the page."""
 
 
 class PageRefused(HttpStatus):
-    """The address is not for us; whether that is so for the whole wiki, its front page says."""
+    """The URL is refused; the front page shows whether the whole wiki is."""
 
 
 class ServerFault(Retryable):
@@ -53,11 +53,11 @@ class Challenge(ServerFault):
 
 
 class NotShown(Retryable):
-    """The browser shows a page of its own instead; a plain request finds out why."""
+    """The browser shows a page of its own instead; a plain request finds the reason."""
 
 
 class Unserved(NotShown):
-    """An error without a text came, or no answer; nothing is wrong with the browser that asked."""
+    """An error without a body arrived, or no answer; the browser itself works."""
 
 
 class PageTimeout(Retryable):

@@ -1,6 +1,6 @@
 """Fetches each kind of item from the wiki, as answers to be recorded."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor
 from functools import partial
 from itertools import takewhile
@@ -15,12 +15,10 @@ from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog
 from kb.store.state.frontier import Frontier, Item
 from kb.wiki import media_urls
-from kb.wiki.browser.pool import Pool
 from kb.wiki.capture import media_type
 from kb.wiki.connector import discover
 from kb.wiki.connector.client import BATCH, WikiApi
 from kb.wiki.connector.http_client import WikiHosts
-from kb.wiki.connector.render import render_page
 from kb.wiki.errors import NoPicture
 from kb.wiki.parse import answers
 
@@ -87,26 +85,6 @@ def _replaced(api: WikiApi, frontier: Frontier, root: Path) -> Iterator[Answer]:
             if info.get("sha1") not in (None, stored["sha1"]):
                 changed.append(stored["key"])
     frontier.mark("files", changed, "todo")
-
-
-def page(
-    api: WikiApi,
-    web: WikiHosts,
-    section: Wiki,
-    pool: Pool,
-    item: Item,
-    others: Callable[[], Iterable[str]],
-) -> Iterator[Answer]:
-    """One page in the browser, with the details of a revision that the wiki had not listed yet.
-
-    `others` as for `show_page`.
-    """
-    shown = render_page(web, section, pool, item, others)
-    revision = shown.get("revision_id")
-    if revision and revision != item.payload.revision_id:
-        yield api.revision(revision)
-    status = 200 if shown["outcome"] == "captured" else 0
-    yield Answer("renders", shown["url"], {"page_id": item.key}, shown, status)
 
 
 def files(

@@ -149,11 +149,14 @@ class WikiSource(Plain):
             pool = self._browsers()
             item, frontier = items[0], self.opened.frontier
             others = partial(discover.comparison_urls, frontier, item.key, f"{self.url}/")
-            for answer in fetch.page(api, self._web, self.section, pool, item, others):
-                yield answer
-                if answer.kind == "renders" and answer.response["outcome"] != "failed":
-                    with self._lock:
-                        self._shown += 1
+            shown = render.render_page(self._web, self.section, pool, item, others)
+            if shown.get("revision_id", item.payload.revision_id) != item.payload.revision_id:
+                yield api.revision(shown["revision_id"])  # one that the wiki had not listed yet
+            status = 200 if shown["outcome"] == "captured" else 0
+            yield Answer("renders", shown["url"], {"page_id": item.key}, shown, status)
+            if shown["outcome"] != "failed":
+                with self._lock:
+                    self._shown += 1
         else:
             yield from fetch.files(api, self._web, self.section, self._threads, items)
 
