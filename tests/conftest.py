@@ -101,14 +101,14 @@ def recorded() -> Path:
 
 
 @pytest.fixture(scope="session")
-def make_rows():  # type: ignore[no-untyped-def]
+def make_rows():
     """make_rows("youtube/videos", 5, view_count=[…]): a valid table of n rows;
     what is not given is made up, the same each time.
     """
     return _make_rows
 
 
-def _make_rows(name, n, released=False, **given):  # type: ignore[no-untyped-def]
+def _make_rows(name, n, released=False, **given):
     import pyarrow as pa
 
     from kb.schema import table

@@ -118,7 +118,7 @@ def test_an_older_root_is_bound_where_its_subreddit_agrees(tmp_path: Path) -> No
     with pytest.raises(OtherService, match="subreddit terraria"):
         domain_binding.note_if_stored(tmp_path, load_profile("minecraft"))
     domain_binding.note_if_stored(tmp_path, load_profile(stardew(tmp_path)))  # it has no [reddit]
-    assert domain_binding.remembered(tmp_path).name == "stardew"  # type: ignore[union-attr]
+    assert domain_binding.remembered(tmp_path).name == "stardew"
 
 
 def test_the_commands_of_a_root_use_its_profile_and_refuse_another(tmp_path: Path) -> None:

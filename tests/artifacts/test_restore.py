@@ -14,9 +14,9 @@ def test_the_table_that_decides_what_is_asked_for_is_replaced_last(tmp_path: Pat
     def merge(name: str, **finish: object) -> None:
         scratch = tmp_path / name
         scratch.mkdir()
-        folder.merge(scratch, 1, {}, **finish)  # type: ignore[arg-type]
+        folder.merge(scratch, 1, {}, **finish)
 
-    def obstruct(rows):  # type: ignore[no-untyped-def]
+    def obstruct(rows):
         (folder.path / ".transcripts.old" / "in-the-way").mkdir(parents=True)
         return rows
 

@@ -35,18 +35,18 @@ _SHORT = 20  # words of a comment
 
 
 @pytest.fixture(scope="module")
-def tools():  # type: ignore[no-untyped-def]
+def tools():
     profile = load_profile("minecraft")
     return make_tools(profile.section("pairs"), profile.seed, load(profile))
 
 
 @pytest.fixture(scope="module")
-def said(tools) -> tuple[pa.Table, pa.Array]:  # type: ignore[no-untyped-def]
+def said(tools) -> tuple[pa.Table, pa.Array]:
     rows, lengths = tables(_VIDEOS, 3000, [keyword.name for keyword in tools.keywords.every])
     return rows, lengths["duration_s"].combine_chunks()
 
 
-def test_links_are_made_at_the_speed_of_the_matcher(said, tools) -> None:  # type: ignore[no-untyped-def]
+def test_links_are_made_at_the_speed_of_the_matcher(said, tools) -> None:
     rows, lengths = said
     with_, text = finder(tools.keywords), Text(rows)
     words = text.word_count
@@ -92,7 +92,7 @@ print(links, next(int(line.split()[1]) for line in status if line.startswith("Vm
 """
 
 
-def test_memory_is_that_of_a_file_however_many_there_are(said, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_memory_is_that_of_a_file_however_many_there_are(said, tmp_path: Path) -> None:
     rows, _ = said
     peaks, links = [], []
     for files in (2, 8):

@@ -50,13 +50,13 @@ class Said(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def tools():  # type: ignore[no-untyped-def]
+def tools():
     profile = load_profile("minecraft")
     return make_tools(profile.section("pairs"), profile.seed, load(profile))
 
 
 @pytest.fixture(scope="module")
-def said(tools) -> Said:  # type: ignore[no-untyped-def]
+def said(tools) -> Said:
     rows, lengths = tables(330, 3000, [keyword.name for keyword in tools.keywords.every])
     plain = Folded(Text(rows).raw).bytes.split(b"\xff")
     texts = [one.decode() for one in plain]
@@ -82,7 +82,7 @@ def _show(title: str, rates: dict[str, float], base: str) -> None:
         print(f"  {name:42} {rate / 1e6:9.3f} M words/s  {rate / rates[base]:8.1f} ×")
 
 
-def test_pairs_matching_and_pipeline(said: Said, tools) -> None:  # type: ignore[no-untyped-def]
+def test_pairs_matching_and_pipeline(said: Said, tools) -> None:
     phrases = sorted(tools.keywords.phrases, key=len, reverse=True)
     rates: dict[str, float] = {}
     hits: dict[str, float] = {}
@@ -187,7 +187,7 @@ print(json.dumps({"seconds": time.perf_counter() - begin, "cpu": time.process_ti
 """
 
 
-def test_pairs_at_scale(tools, tmp_path: Path, make_rows) -> None:  # type: ignore[no-untyped-def]
+def test_pairs_at_scale(tools, tmp_path: Path, make_rows) -> None:
     rows, lengths = tables(
         DIFFERENT, WORDS // VIDEOS, [keyword.name for keyword in tools.keywords.every], share=0.03
     )
@@ -221,7 +221,7 @@ def test_pairs_at_scale(tools, tmp_path: Path, make_rows) -> None:  # type: igno
     )  # ten times the data in about the same memory
 
 
-def _write(root: Path, rows: pa.Table, lengths: pa.Table, videos: int, make_rows) -> None:  # type: ignore[no-untyped-def]
+def _write(root: Path, rows: pa.Table, lengths: pa.Table, videos: int, make_rows) -> None:
     """Files of 4,000 transcripts each: the different ones again and again under other ids."""
     size = 2 * DIFFERENT
     for number, first in enumerate(range(0, videos, size)):

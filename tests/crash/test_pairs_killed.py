@@ -28,12 +28,12 @@ def finish(root: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture(scope="module")
-def made():  # type: ignore[no-untyped-def]
+def made():
     return tables(120, 300, ["creeper", "oak log", "iron golem"], share=0.05)
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory, made, make_rows) -> dict[str, bytes]:  # type: ignore[no-untyped-def]
+def whole(tmp_path_factory, made, make_rows) -> dict[str, bytes]:
     root = tmp_path_factory.mktemp("whole") / "data"
     fill(root, *made, make_rows)
     return finish(root)
@@ -42,7 +42,7 @@ def whole(tmp_path_factory, made, make_rows) -> dict[str, bytes]:  # type: ignor
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_goes_on_after_a_kill(
     tmp_path: Path, made, whole, make_rows, number: signal.Signals
-) -> None:  # type: ignore[no-untyped-def]
+) -> None:
     root = tmp_path / "data"
     fill(root, *made, make_rows, files=15)
     process = processes.start(words(root), env=clean_environment(), cwd=tmp_path)

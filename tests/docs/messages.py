@@ -44,7 +44,7 @@ def text_of(node: ast.expr | None) -> str:
         return " ".join(node.value.split()) if isinstance(node.value, str) else ""
     if isinstance(node, ast.JoinedStr):
         return "".join(
-            f"{{{_name(part.value)}}}" if isinstance(part, ast.FormattedValue) else str(part.value)  # type: ignore[attr-defined]
+            f"{{{_name(part.value)}}}" if isinstance(part, ast.FormattedValue) else str(part.value)
             for part in node.values
         )
     if isinstance(node, ast.IfExp):

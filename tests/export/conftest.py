@@ -14,13 +14,13 @@ from kb.store.tables.shard_writer import write_table
 
 
 @pytest.fixture
-def run_at():  # type: ignore[no-untyped-def]
+def run_at():
     """run_at(root, rows_per_shard): a run of the shipped profile at that data root."""
     return _run_at
 
 
 @pytest.fixture
-def fill():  # type: ignore[no-untyped-def]
+def fill():
     """fill(root, table, rows, parts): the rows spread over so many clean part files."""
     return _fill
 

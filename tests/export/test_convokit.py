@@ -11,7 +11,7 @@ from kb.core.errors import DamagedData
 from kb.export import convokit
 
 
-def test_any_name_of_the_data_root_and_no_comments(tmp_path: Path, make_rows, run_at, fill) -> None:  # type: ignore[no-untyped-def]
+def test_any_name_of_the_data_root_and_no_comments(tmp_path: Path, make_rows, run_at, fill) -> None:
     root = tmp_path / "a#b?c%41[d]*'e{f,g}"
     fill(root, "reddit/posts", make_rows("reddit/posts", 5), 2)
     assert convokit.export(run_at(root))["posts"] == 5
@@ -22,7 +22,7 @@ def test_any_name_of_the_data_root_and_no_comments(tmp_path: Path, make_rows, ru
     assert list(tmp_path.iterdir()) == [root]
 
 
-def test_a_damaged_file_is_named(tmp_path: Path, make_rows, run_at, fill) -> None:  # type: ignore[no-untyped-def]
+def test_a_damaged_file_is_named(tmp_path: Path, make_rows, run_at, fill) -> None:
     fill(tmp_path, "reddit/posts", make_rows("reddit/posts", 5), 2)
     part = tmp_path / "clean" / "reddit" / "posts" / "part-00001.parquet"
     part.write_bytes(part.read_bytes()[:100])

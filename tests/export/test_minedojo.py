@@ -27,7 +27,7 @@ PUBLISHED = {
 }
 
 
-def test_youtube_full_json(tmp_path: Path, make_rows, run_at, fill) -> None:  # type: ignore[no-untyped-def]
+def test_youtube_full_json(tmp_path: Path, make_rows, run_at, fill) -> None:
     links = [f"https://www.youtube.com/watch?v={row}" for row in range(50)]
     rows = make_rows(
         "youtube/videos",
@@ -60,7 +60,7 @@ def test_youtube_full_json(tmp_path: Path, make_rows, run_at, fill) -> None:  # 
     assert not (tmp_path / "release").exists()
 
 
-def test_tutorials_are_those_whose_title_says_so(tmp_path: Path, make_rows, run_at, fill) -> None:  # type: ignore[no-untyped-def]
+def test_tutorials_are_those_whose_title_says_so(tmp_path: Path, make_rows, run_at, fill) -> None:
     """MineDojo's YouTubeDataset(full=False) reads youtube_tutorial.json, with the keys of the full
     file.
     """

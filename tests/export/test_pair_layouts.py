@@ -57,7 +57,7 @@ CLIP4MC = {
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory, make_rows) -> Run:  # type: ignore[no-untyped-def]
+def run(tmp_path_factory, make_rows) -> Run:
     root = tmp_path_factory.mktemp("layouts")
     fill(root, *tables(30, 300, ["creeper", "oak log", "iron golem"], share=0.05), make_rows)
     return Run(load_settings(dotenv=False), load_profile("minecraft"), root, workers=1)
@@ -67,7 +67,7 @@ def _export(run: Run, layout: str) -> Path:
     return Path(load(str(locate("pairs"))).pairs(run, layout)["export"])
 
 
-def _pairs(run: Run) -> list[dict]:  # type: ignore[type-arg]
+def _pairs(run: Run) -> list[dict]:
     return pq.read_table(run.root / "pairs").to_pylist()
 
 

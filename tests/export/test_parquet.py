@@ -22,7 +22,7 @@ def digests(folder: Path) -> dict[str, str]:
 
 def test_released_columns_only_and_never_transcripts(
     tmp_path: Path, make_rows, run_at, fill
-) -> None:  # type: ignore[no-untyped-def]
+) -> None:
     fill(tmp_path, "youtube/videos", make_rows("youtube/videos", 2500), 3)
     fill(tmp_path, "youtube/transcripts", make_rows("youtube/transcripts", 2500), 3)
     summary = parquet.export(run_at(tmp_path), "youtube")
@@ -37,7 +37,7 @@ def test_released_columns_only_and_never_transcripts(
     assert pc.all(pc.equal(read["video_id"], read["video_id"].combine_chunks().sort())).as_py()
 
 
-def test_reddit_release_has_no_content(tmp_path: Path, make_rows, run_at, fill) -> None:  # type: ignore[no-untyped-def]
+def test_reddit_release_has_no_content(tmp_path: Path, make_rows, run_at, fill) -> None:
     fill(tmp_path, "reddit/posts", make_rows("reddit/posts", 10), 1)
     parquet.export(run_at(tmp_path), "reddit")
     for path in (tmp_path / "release" / "reddit").iterdir():
@@ -50,7 +50,7 @@ def test_reddit_release_has_no_content(tmp_path: Path, make_rows, run_at, fill) 
 
 def test_the_same_bytes_whatever_the_parts_and_twice(
     tmp_path: Path, make_rows, run_at, fill
-) -> None:  # type: ignore[no-untyped-def]
+) -> None:
     rows = make_rows("youtube/videos", 3000)
     seen = []
     for name, parts in (("one", 1), ("many", 17)):
@@ -62,7 +62,7 @@ def test_the_same_bytes_whatever_the_parts_and_twice(
     assert len(seen[0]) == 3
 
 
-def test_an_older_release_goes_whole(tmp_path: Path, make_rows, run_at, fill) -> None:  # type: ignore[no-untyped-def]
+def test_an_older_release_goes_whole(tmp_path: Path, make_rows, run_at, fill) -> None:
     fill(tmp_path, "youtube/videos", make_rows("youtube/videos", 5), 1)
     old = tmp_path / "release" / "youtube"
     old.mkdir(parents=True)
@@ -79,7 +79,7 @@ def test_an_older_release_goes_whole(tmp_path: Path, make_rows, run_at, fill) ->
     ]
 
 
-def test_nothing_to_export(tmp_path: Path, run_at) -> None:  # type: ignore[no-untyped-def]
+def test_nothing_to_export(tmp_path: Path, run_at) -> None:
     with pytest.raises(FatalError, match="nothing to export") as caught:
         parquet.export(run_at(tmp_path), "youtube")
     assert caught.value.hint == "run `kb youtube filter` first"

@@ -9,7 +9,7 @@ from kb.core.errors import FatalError
 from kb.export.rows import check_rows, json_list, sorted_rows
 
 
-def test_rows_come_sorted_out_of_all_files(tmp_path: Path, make_rows, fill) -> None:  # type: ignore[no-untyped-def]
+def test_rows_come_sorted_out_of_all_files(tmp_path: Path, make_rows, fill) -> None:
     with pytest.raises(FatalError):
         check_rows(tmp_path, "youtube/videos")
     rows = make_rows("youtube/videos", 20)

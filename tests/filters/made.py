@@ -81,7 +81,7 @@ def transcript(key: str, outcome: str = "ok", **change: Any) -> tuple[str, dict[
 
 def run_at(root: Path, workers: int = 1, pipeline: Path | None = None, **youtube: Any) -> Run:
     profile = load_profile("minecraft")
-    changed = profile.youtube.model_copy(update=youtube)  # type: ignore[union-attr]
+    changed = profile.youtube.model_copy(update=youtube)
     toxicity = profile.toxicity.model_copy(update={"toxicity": "off"})
     return Run(
         settings=Settings(),

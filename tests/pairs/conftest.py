@@ -53,12 +53,12 @@ def minecraft() -> Tools:
 
 
 @pytest.fixture(scope="session")
-def with_section(tools: Tools):  # type: ignore[no-untyped-def]
+def with_section(tools: Tools):
     """with_section(min_gap_s=5): the tools with other rules."""
     return lambda **rules: tools._replace(section=Pairs(include=("x",), **rules))
 
 
-def transcripts(*videos: tuple[str, str, list]) -> pa.Table:  # type: ignore[type-arg]
+def transcripts(*videos: tuple[str, str, list]) -> pa.Table:
     """(id, kind, [(start, duration, text), …]) as rows of youtube/transcripts."""
     rows = [
         {
@@ -74,7 +74,7 @@ def transcripts(*videos: tuple[str, str, list]) -> pa.Table:  # type: ignore[typ
     return pa.Table.from_pylist(rows, table("youtube/transcripts").arrow())
 
 
-def rows_of(tools: Tools, rows: pa.Table, lengths: list | None = None) -> list[dict]:  # type: ignore[type-arg]
+def rows_of(tools: Tools, rows: pa.Table, lengths: list | None = None) -> list[dict]:
     """Pairs of a batch, sorted as they are written."""
     made, _ = pairs_of(Text(rows, pa.array(lengths, pa.float64()) if lengths else None), tools)
     return sorted(
@@ -83,12 +83,12 @@ def rows_of(tools: Tools, rows: pa.Table, lengths: list | None = None) -> list[d
 
 
 @pytest.fixture(scope="module")
-def data():  # type: ignore[no-untyped-def]
+def data():
     return tables(60, 400, PHRASES, share=0.06)
 
 
 @pytest.fixture
-def run(tmp_path: Path, data, make_rows) -> Run:  # type: ignore[no-untyped-def]
+def run(tmp_path: Path, data, make_rows) -> Run:
     root = tmp_path / "data"
     fill(root, *data, make_rows)
     return Run(load_settings(dotenv=False), load_profile("minecraft"), root, workers=1)

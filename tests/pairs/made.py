@@ -142,7 +142,7 @@ def tables(
     return transcripts, pa.table({"video_id": ids, "duration_s": pa.array(lengths, pa.float64())})
 
 
-def fill(root: Path, transcripts: pa.Table, lengths: pa.Table, make_rows, files: int = 2) -> None:  # type: ignore[no-untyped-def]
+def fill(root: Path, transcripts: pa.Table, lengths: pa.Table, make_rows, files: int = 2) -> None:
     """Write clean/youtube with these transcripts, spread over `files` files."""
     for number in range(files):
         mine = np.arange(number, transcripts.num_rows, files)

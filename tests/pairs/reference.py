@@ -13,12 +13,12 @@ class Hit(NamedTuple):
     end: int
 
 
-def joined(cues: list[dict]) -> str:  # type: ignore[type-arg]
+def joined(cues: list[dict]) -> str:
     """A transcript's text: its cues by start (what is no time counts as 0),
     one space between two.
     """
 
-    def start(cue: dict) -> float:  # type: ignore[type-arg]
+    def start(cue: dict) -> float:
         value = cue["start_s"]
         return round(max(value, 0) * 1000) if value is not None and abs(value) < 1e9 else 0
 
@@ -49,7 +49,7 @@ def find(text: str, phrases: list[str]) -> list[Hit]:
     """Every phrase (folded words) in the text: the leftmost, of those the longest,
     then on behind it.
     """
-    trie: dict = {}  # type: ignore[type-arg]
+    trie: dict = {}
     for phrase in phrases:
         node = trie
         for word in phrase.split(" "):

@@ -52,7 +52,7 @@ def test_transcripts_that_a_killed_filter_had_moved_away_come_back(run: Run) -> 
 
 def test_workers_cuts_and_file_layout_change_no_byte(
     run: Run, data, make_rows, monkeypatch
-) -> None:  # type: ignore[no-untyped-def]
+) -> None:
     pipeline.pairs(run, "parquet")
     first = _bytes(run.root / "pairs") | {"released": _bytes(run.root / "release" / "pairs")}
     other = replace(run, root=run.root.with_name("other"), workers=2)
@@ -79,7 +79,7 @@ def test_a_limit_stops_and_the_next_run_goes_on(run: Run) -> None:
     assert _bytes(run.root / "pairs") == stopped
 
 
-def test_made_pairs_are_not_made_again_until_something_changes(run: Run, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+def test_made_pairs_are_not_made_again_until_something_changes(run: Run, monkeypatch) -> None:
     made = pipeline.pairs(run, "parquet")
 
     def fail(*_: object) -> None:
@@ -95,7 +95,7 @@ def test_made_pairs_are_not_made_again_until_something_changes(run: Run, monkeyp
     assert fewer["pairs"] <= 120 < made["pairs"]
 
 
-def test_more_videos_change_no_pair(run: Run, make_rows) -> None:  # type: ignore[no-untyped-def]
+def test_more_videos_change_no_pair(run: Run, make_rows) -> None:
     pipeline.pairs(run, "parquet")
     before = pq.read_table(run.root / "pairs").to_pylist()
     more = replace(run, root=run.root.with_name("more"))
@@ -121,7 +121,7 @@ def test_more_videos_change_no_pair(run: Run, make_rows) -> None:  # type: ignor
     assert all(after[row["pair_id"]] == row for row in before)
 
 
-def test_transcripts_without_any_keyword_give_an_empty_index(run: Run, make_rows) -> None:  # type: ignore[no-untyped-def]
+def test_transcripts_without_any_keyword_give_an_empty_index(run: Run, make_rows) -> None:
     none = replace(run, root=run.root.with_name("none"))
     fill(none.root, *tables(4, 60, ["xyzzy"]), make_rows)
     assert pipeline.pairs(none, "parquet")["pairs"] == 0

@@ -107,7 +107,7 @@ def test_every_pair(keywords, with_section, tools, videos, rules):
             )
 
 
-def _stuck(tools, spoken, row, most):  # type: ignore[no-untyped-def]
+def _stuck(tools, spoken, row, most):
     """Whether one more character on either side would be too many tokens:
     the only reason for a short text.
     """
@@ -135,7 +135,7 @@ def test_a_pair_depends_on_its_own_video_alone(tools, videos, random):
     assert together == apart == mixed
 
 
-def test_another_seed_draws_other_pairs(tools) -> None:  # type: ignore[no-untyped-def]
+def test_another_seed_draws_other_pairs(tools) -> None:
     rows = transcripts(
         (
             "v",
@@ -156,7 +156,7 @@ def test_another_seed_draws_other_pairs(tools) -> None:  # type: ignore[no-untyp
     assert len({row["token_count"] for row in first}) > 5
 
 
-def test_times_inside_a_cue_follow_the_place_of_the_word(tools) -> None:  # type: ignore[no-untyped-def]
+def test_times_inside_a_cue_follow_the_place_of_the_word(tools) -> None:
     rows = transcripts(
         ("a", "manual", [(10, 4, "one two creeper four")]),
         ("b", "manual", [(20, 8, "an iron"), (28, 2, "golem there")]),
@@ -174,7 +174,7 @@ def test_times_inside_a_cue_follow_the_place_of_the_word(tools) -> None:  # type
     assert times == [("Creeper", 12.0, 13.0, 10.0, 14.0), ("Iron Golem", 24.0, 29.0, 20.0, 30.0)]
 
 
-def test_cues_of_automatic_tracks_end_where_the_next_begins(tools) -> None:  # type: ignore[no-untyped-def]
+def test_cues_of_automatic_tracks_end_where_the_next_begins(tools) -> None:
     cues = [(0.0, 5.0, "a creeper comes"), (2.0, 5.0, "very very slowly")]
     asr, manual = (
         rows_of(tools, transcripts(("v", kind, cues)), [60.0])[0] for kind in ("asr", "manual")
@@ -182,7 +182,7 @@ def test_cues_of_automatic_tracks_end_where_the_next_begins(tools) -> None:  # t
     assert (asr["segment_end_s"], manual["segment_end_s"]) == (2.0, 5.0)
 
 
-def test_everyday_words_need_an_unmistakable_one_nearby(tools) -> None:  # type: ignore[no-untyped-def]
+def test_everyday_words_need_an_unmistakable_one_nearby(tools) -> None:
     def found(said: str) -> set[str]:
         _, counts = pairs_of(Text(transcripts(("v", "asr", [(0, 9, said)]))), tools)
         every = [
@@ -201,7 +201,7 @@ def test_everyday_words_need_an_unmistakable_one_nearby(tools) -> None:  # type:
     assert found("creeper chest day") == {"Creeper"}
 
 
-def test_counts(tools) -> None:  # type: ignore[no-untyped-def]
+def test_counts(tools) -> None:
     rows = transcripts(
         ("v", "asr", [(0, 9, "creeper bed air chest day")]), ("w", "asr", [(0, 9, "my bed")])
     )
@@ -229,7 +229,7 @@ def test_counts(tools) -> None:  # type: ignore[no-untyped-def]
     }
 
 
-def test_matches_after_the_end_of_the_video_make_no_pair(tools) -> None:  # type: ignore[no-untyped-def]
+def test_matches_after_the_end_of_the_video_make_no_pair(tools) -> None:
     made, counts = pairs_of(
         Text(transcripts(("v", "asr", [(0, 5, "creeper"), (100, 5, "creeper")])), pa.array([60.0])),
         tools,
@@ -251,14 +251,14 @@ def test_matches_after_the_end_of_the_video_make_no_pair(tools) -> None:  # type
         [(0.0, 1.0, " \n\t "), (1.0, 1.0, "\u00a0")],
     ],
 )
-def test_strange_transcripts_have_defined_results(tools, cues) -> None:  # type: ignore[no-untyped-def]
+def test_strange_transcripts_have_defined_results(tools, cues) -> None:
     for lengths in ([None], [0.0], [4.0], [3600.0]):
         for row in rows_of(tools, transcripts(("v", "asr", cues)), lengths):
             assert row["text"]
             assert row["token_count"] >= 3
 
 
-def test_sounds_are_in_no_text_and_no_match(tools) -> None:  # type: ignore[no-untyped-def]
+def test_sounds_are_in_no_text_and_no_match(tools) -> None:
     words = " ".join(f"word{n}" for n in range(30))
     said = f"[Música] {words} [Applause] >> a creeper [Creeper hissing] {words} [ __ ]"
     (row,) = rows_of(tools, transcripts(("v", "asr", [(0, 60, said)])))
@@ -271,12 +271,12 @@ def test_sounds_are_in_no_text_and_no_match(tools) -> None:  # type: ignore[no-u
     assert row["token_count"] == Tokens().count(row["text"]) + ENDS
 
 
-def test_cues_out_of_order_are_read_in_the_order_of_their_time(tools) -> None:  # type: ignore[no-untyped-def]
+def test_cues_out_of_order_are_read_in_the_order_of_their_time(tools) -> None:
     rows = rows_of(tools, transcripts(("v", "asr", [(9.0, 1.0, "log"), (1.0, 1.0, "oak")])), [60.0])
     assert [(row["keyword"], row["text"]) for row in rows] == [("Oak Log", "oak log")]
 
 
-def test_a_stream_of_ten_hours(minecraft) -> None:  # type: ignore[no-untyped-def]
+def test_a_stream_of_ten_hours(minecraft) -> None:
     cues = [
         (at * 3.0, 5.0, "so the creeper blew up my oak log house again and") for at in range(12_000)
     ]
@@ -285,6 +285,6 @@ def test_a_stream_of_ten_hours(minecraft) -> None:  # type: ignore[no-untyped-de
     assert rows[-1]["clip_end_s"] <= 36_000
 
 
-def test_a_crowd_at_one_moment(tools) -> None:  # type: ignore[no-untyped-def]
+def test_a_crowd_at_one_moment(tools) -> None:
     cues = [(0.0, 0.0, "creeper oak log creeper iron golem")] * 5_000
     assert len(rows_of(tools, transcripts(("v", "asr", cues)), [600.0])) == 1

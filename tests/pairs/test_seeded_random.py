@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from kb.pairs import seeded_random
 
 
-def one_by_one(clips, gap, most):  # type: ignore[no-untyped-def]
+def one_by_one(clips, gap, most):
     """Clips in the order of their rank; each that keeps its distance from all taken before."""
     taken: list[int] = []
     for at in sorted(range(len(clips)), key=lambda at: (clips[at][3], at)):
@@ -29,7 +29,7 @@ _clips = st.lists(
 
 @settings(max_examples=100, deadline=None)
 @given(_clips, st.integers(-10, 10), st.integers(0, 3))
-def test_like_one_by_one(clips, gap, most):  # type: ignore[no-untyped-def]
+def test_like_one_by_one(clips, gap, most):
     clips = [(start, start + length, video, rank) for start, length, video, rank in clips]
     start, end, video, rank = (np.array([clip[at] for clip in clips], np.int64) for at in range(4))
     taken = seeded_random.choose(start, end, video, rank.astype(np.uint64), gap, most)

@@ -11,7 +11,7 @@ from tests.cli.conftest import kb  # noqa: F401  a fixture
 
 
 @pytest.fixture
-def root(tmp_path: Path, make_rows) -> Path:  # type: ignore[no-untyped-def]
+def root(tmp_path: Path, make_rows) -> Path:
     root = tmp_path / "it's [a] *root*"
     write_table(
         root / "clean/youtube/videos/part-00000.parquet",

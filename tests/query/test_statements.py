@@ -72,7 +72,7 @@ ESCAPES = [
 
 
 @pytest.mark.parametrize("sql", ESCAPES)
-def test_nothing_but_reading_the_tables(root: Path, tmp_path: Path, sql: str, make_rows) -> None:  # type: ignore[no-untyped-def]
+def test_nothing_but_reading_the_tables(root: Path, tmp_path: Path, sql: str, make_rows) -> None:
     write_table(tmp_path / "other.parquet", make_rows("shared/failed", 1), "shared/failed")
     for folder in ("raw/youtube", "clean/youtube/videos"):
         (root / folder / "note.txt").write_text("a secret")

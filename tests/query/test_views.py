@@ -32,7 +32,7 @@ def test_clean_and_release_and_bare_names(root: Path) -> None:
 def test_times_are_utc(root: Path) -> None:
     assert rows(root, "SELECT fetched_at::VARCHAR FROM release.youtube_videos LIMIT 1")[0][
         0
-    ].endswith("+00")  # type: ignore[attr-defined]
+    ].endswith("+00")
 
 
 def test_the_catalog(root: Path) -> None:
@@ -81,7 +81,7 @@ def test_show_tables_has_each_name_once(root: Path) -> None:
     assert rows(root, "SELECT column_name FROM (SUMMARIZE youtube_rejected)")
 
 
-def test_what_was_reconstructed(tmp_path: Path, make_rows) -> None:  # type: ignore[no-untyped-def]
+def test_what_was_reconstructed(tmp_path: Path, make_rows) -> None:
     out = Layout(tmp_path).reconstructed
     for name in ("posts", "comments"):
         made = make_rows(f"reddit/{name}", 2)
@@ -97,7 +97,7 @@ def test_what_was_reconstructed(tmp_path: Path, make_rows) -> None:  # type: ign
         ]
 
 
-def test_clean_and_released_rows_go_first(root: Path, make_rows) -> None:  # type: ignore[no-untyped-def]
+def test_clean_and_released_rows_go_first(root: Path, make_rows) -> None:
     out = Layout(root).reconstructed
     posts = make_rows("reddit/posts", 2)
     write_table(out / "posts/part-00000.parquet", posts, "reddit/posts")

@@ -29,7 +29,7 @@ def state_of(folder: Path) -> dict[str, tuple[int, int]]:
 
 
 @pytest.fixture
-def folder(tmp_path: Path, make_rows) -> Path:  # type: ignore[no-untyped-def]
+def folder(tmp_path: Path, make_rows) -> Path:
     """A release folder with three shards of posts, and comments."""
     folder = tmp_path / "it's a #1 [release]"
     for at in range(3):

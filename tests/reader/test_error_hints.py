@@ -19,5 +19,5 @@ def test_a_hint_becomes_a_note_once() -> None:
 def test_other_errors_and_results_are_unchanged() -> None:
     assert with_hints(len)([1, 2]) == 2
     with pytest.raises(TypeError) as caught:
-        with_hints(len)(3)  # type: ignore[arg-type]
+        with_hints(len)(3)
     assert not hasattr(caught.value, "__notes__")

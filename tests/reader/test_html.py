@@ -6,7 +6,7 @@ import kb
 from kb.store.tables.shard_writer import write_table
 
 
-def test_what_people_wrote_is_escaped(tmp_path: Path, make_rows) -> None:  # type: ignore[no-untyped-def]
+def test_what_people_wrote_is_escaped(tmp_path: Path, make_rows) -> None:
     evil = '<script>alert("1")</script>\x1b[31m'
     given = {"post_id": ["p1"], "title": [evil], "body": [evil]}
     posts = make_rows("reddit/posts", 1, **given)

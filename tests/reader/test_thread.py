@@ -72,7 +72,7 @@ def test_texts_come_from_clean_or_from_what_was_restored(
         kb.load(tmp_path).thread(post)
 
 
-def test_parents_that_lead_round_in_a_circle_are_orphans(tmp_path: Path, make_rows) -> None:  # type: ignore[no-untyped-def]
+def test_parents_that_lead_round_in_a_circle_are_orphans(tmp_path: Path, make_rows) -> None:
     posts = make_rows("reddit/posts", 1, post_id=["p"])
     write_table(tmp_path / "clean/reddit/posts/part-0.parquet", posts, "reddit/posts")
     given = {"comment_id": ["a", "b", "c"], "post_id": ["p"] * 3}
@@ -84,7 +84,7 @@ def test_parents_that_lead_round_in_a_circle_are_orphans(tmp_path: Path, make_ro
     assert len(thread.orphans) == 3
 
 
-def test_a_deep_thread_has_no_limit(tmp_path: Path, make_rows) -> None:  # type: ignore[no-untyped-def]
+def test_a_deep_thread_has_no_limit(tmp_path: Path, make_rows) -> None:
     posts = make_rows("reddit/posts", 1, post_id=["p"])
     write_table(tmp_path / "clean/reddit/posts/part-0.parquet", posts, "reddit/posts")
     parents = ["t3_p", *(f"t1_c{at:05d}" for at in range(2_999))]

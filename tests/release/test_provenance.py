@@ -69,7 +69,7 @@ def test_the_profile_in_a_folder_works_with_the_list_beside_it(tmp_path: Path) -
     used = load_profile(root / "release" / "pairs" / "profile.toml")
     assert keywords.load(used) == keywords.load(load_profile(path))
     assert used.model_dump(exclude={"pairs"}) == load_profile(path).model_dump(exclude={"pairs"})
-    assert used.section("pairs").near_words == 7  # type: ignore[union-attr]
+    assert used.section("pairs").near_words == 7
 
 
 def test_what_changed_since_the_release_before(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from tests.sandbox.domains import GAMES, MINECRAFT, PROFILES, of_case, written
 def world(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> World:
     path = written(request.param, tmp_path_factory.mktemp("domain"))
     made = World(domain=domain_of(load_profile(path)))
-    made.name = request.param  # type: ignore[attr-defined]
+    made.name = request.param
     return made
 
 
@@ -90,7 +90,7 @@ def test_videos_speak_of_the_keywords_and_pass_the_thresholds(world: World) -> N
 
 
 def test_every_search_finds_channels(world: World, tmp_path: Path) -> None:
-    profile = load_profile(written(world.name, tmp_path))  # type: ignore[attr-defined]
+    profile = load_profile(written(world.name, tmp_path))
     for words in profile.section("youtube").keywords:
         assert world.youtube.search(words), words
 

@@ -7,7 +7,7 @@ from kb.core.errors import SchemaMismatch
 from kb.schema import conform, table
 
 
-def test_conform_casts_orders_and_refuses(make_rows) -> None:  # type: ignore[no-untyped-def]
+def test_conform_casts_orders_and_refuses(make_rows) -> None:
     rows = make_rows("wiki/cells", 2)
     narrow = rows.set_column(
         rows.column_names.index("row_index"), "row_index", pa.array([0, 1], pa.int32())

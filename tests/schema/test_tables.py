@@ -163,7 +163,7 @@ def test_an_unknown_table_names_the_known() -> None:
     assert "youtube/videos" in caught.value.hint
 
 
-def test_writing_an_undeclared_column_fails(tmp_path: Path, make_rows) -> None:  # type: ignore[no-untyped-def]
+def test_writing_an_undeclared_column_fails(tmp_path: Path, make_rows) -> None:
     rows = make_rows("shared/failed", 3)
     with pytest.raises(SchemaMismatch, match="column 'extra' is not declared"):
         write_table(

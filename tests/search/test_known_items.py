@@ -101,7 +101,7 @@ def _videos(world: World) -> dict[int, str]:
             made[at : at + 1] = [(*one[:2], text) for one in made[at : at + 1]]
         return made
 
-    catalogue.cues = cues  # type: ignore[method-assign]
+    catalogue.cues = cues
     return {number: key for key, number in numbers.items()}
 
 

@@ -44,7 +44,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Job]:
         skip_or_fail("the extra `toxicity` is not installed")
     with Sandbox(World(), services=["youtube"]) as sandbox:
         job = Job(sandbox, tmp_path_factory.mktemp("whole"), toxicity=True)
-        job.crawl_summary = job.done("youtube", "crawl")  # type: ignore[attr-defined]
-        job.filter_summary = job.done("youtube", "filter")  # type: ignore[attr-defined]
-        job.export_summary = job.done("youtube", "export")  # type: ignore[attr-defined]
+        job.crawl_summary = job.done("youtube", "crawl")
+        job.filter_summary = job.done("youtube", "filter")
+        job.export_summary = job.done("youtube", "export")
         yield job

@@ -14,7 +14,7 @@ from tests.pairs.made import fill, tables
 
 
 @pytest.fixture(scope="module")
-def root(tmp_path_factory, make_rows) -> Path:  # type: ignore[no-untyped-def]
+def root(tmp_path_factory, make_rows) -> Path:
     root = tmp_path_factory.mktemp("cli") / "data"
     fill(root, *tables(40, 300, ["creeper", "oak log", "bed"], share=0.05), make_rows)
     return root

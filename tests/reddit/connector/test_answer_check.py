@@ -80,7 +80,7 @@ def test_what_is_asked_for_has_its_form(path: str, answer: Any) -> None:
                 [listing(post("a")), BUSY],
                 [listing(post("a")), listing(5)],
             ]
-        ),  # type: ignore[arg-type]
+        ),
         *(
             ("api/morechildren/", answer)
             for answer in [

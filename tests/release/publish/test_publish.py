@@ -43,7 +43,7 @@ def root(released: Path, tmp_path: Path) -> Path:
 
 
 def store(service: Sandbox) -> Deposits:
-    return service.servers["zenodo"].application.deposits  # type: ignore[attr-defined, no-any-return]
+    return service.servers["zenodo"].application.deposits
 
 
 def send(
@@ -241,7 +241,7 @@ def test_deposit_metadata_without_licence_is_refused_by_the_gate(
     assert (
         "licence: pairs/zenodo.json: names no licence; Zenodo would take CC0"
         in caught.value.problems
-    )  # type: ignore[attr-defined]
+    )
     assert service.ledger.requests() == []
 
 
@@ -251,7 +251,7 @@ def test_a_folder_that_changed_since_the_gate_is_refused(root: Path, service: Sa
         send(root, service)
     assert caught.value.problems == [
         "checksum: pairs/README.md: differs from SHA256SUMS; export it again"
-    ]  # type: ignore[attr-defined]
+    ]
 
 
 def test_token_goes_to_no_other_host(root: Path, service: Sandbox) -> None:
@@ -407,7 +407,7 @@ def test_release_of_the_tiny_model_goes_to_loopback_only(root: Path, service: Sa
         send(root, "https://sandbox.zenodo.org", only="youtube")
     assert caught.value.problems[0].startswith(
         "sandbox model: youtube: scored with the sandbox's tiny model"
-    )  # type: ignore[attr-defined]
+    )
     shutil.rmtree(folder)  # the mark stays with the folder, whatever happens to the scores
     with pytest.raises(ReleaseRefused):
         send(root, "https://sandbox.zenodo.org", only="youtube")
@@ -427,7 +427,7 @@ def test_too_many_files_for_a_record(root: Path, service: Sandbox) -> None:
     assert any(
         line.startswith("size: pairs: 113 files, a record takes 100")
         for line in caught.value.problems
-    )  # type: ignore[attr-defined]
+    )
 
 
 def test_second_publisher_is_told_of_the_first(root: Path, service: Sandbox) -> None:

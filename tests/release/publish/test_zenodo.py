@@ -22,7 +22,7 @@ def test_an_upload_ends_in_the_midst_of_a_file(tmp_path: Path, service: Sandbox)
         sparse.truncate(64 << 20)
     client = Zenodo(HttpSession(load_settings(dotenv=False)), service.servers["zenodo"].url, TOKEN)
     draft = client.create({"title": "x"})
-    service.faults.add("/api/files/", when=lambda environ: stop.request("SIGTERM") is not None)  # type: ignore[func-returns-value]
+    service.faults.add("/api/files/", when=lambda environ: stop.request("SIGTERM") is not None)
     try:
         with pytest.raises(Interrupted):
             client.upload(draft["links"]["bucket"], file, md5(file), lambda size: None)

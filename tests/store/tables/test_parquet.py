@@ -161,7 +161,7 @@ def test_a_damaged_file_is_one_line_and_how_to_make_it_again(
     assert read(root) is not None
 
 
-def test_rows_that_go_through_duckdb_are_verified_too(root: Path, make_rows) -> None:  # type: ignore[no-untyped-def]
+def test_rows_that_go_through_duckdb_are_verified_too(root: Path, make_rows) -> None:
     rows = make_rows("reddit/posts", 200, post_id=[f"p{number:03d}" for number in range(200)])
     path = root / "clean/reddit/posts/part-00000.parquet"
     write_table(path, rows, "reddit/posts")

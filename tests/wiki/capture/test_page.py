@@ -287,7 +287,7 @@ class Log:
 
 def test_the_last_response_of_each_url_counts() -> None:
     log = Log()
-    traffic = PageTraffic(log)  # type: ignore[arg-type]
+    traffic = PageTraffic(log)
     log.sent("1", PAGE, type="Document", frameId="main")
     log.received(PAGE, 200)
     log.sent("2", IMAGE)
@@ -306,7 +306,7 @@ def test_the_last_response_of_each_url_counts() -> None:
 
 def test_requests_that_fail_and_requests_that_the_browser_blocks() -> None:
     log = Log()
-    traffic = PageTraffic(log)  # type: ignore[arg-type]
+    traffic = PageTraffic(log)
     log.sent("1", PAGE, type="Document", frameId="main")
     log.received(PAGE, 200)
     log.failed("1")

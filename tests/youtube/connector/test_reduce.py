@@ -20,5 +20,5 @@ def test_what_an_earlier_version_dropped_is_asked_for(job: Job) -> None:
     frontier = Frontier(job.root / "state" / "youtube.sqlite", readonly=True)
     assert {kind: frontier.get(kind, key)[0] for kind, (key,) in lost.items()} == dict.fromkeys(
         lost, "done"
-    )  # type: ignore[index]
+    )
     frontier.close()

@@ -23,10 +23,10 @@ def test_what_new_writes_loads_to_the_defaults(tmp_path: Path) -> None:
     plain = Profile(
         name="rock-gardens",
         title="Rock Gardens",
-        youtube={"keywords": ["Rock Gardens"], "category_ids": [26]},  # type: ignore[arg-type]
-        wiki={"url": "https://gardens.wiki"},  # type: ignore[arg-type]
-        reddit={"subreddit": "rockgarden"},  # type: ignore[arg-type]
-        pairs={"keyword_files": ["keywords.tsv"]},  # type: ignore[arg-type]
+        youtube={"keywords": ["Rock Gardens"], "category_ids": [26]},
+        wiki={"url": "https://gardens.wiki"},
+        reddit={"subreddit": "rockgarden"},
+        pairs={"keyword_files": ["keywords.tsv"]},
     )
     assert made.model_dump() == plain.model_dump()
 
