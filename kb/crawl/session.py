@@ -153,8 +153,6 @@ def open_session(
         session.look_up_blocks({phase.service for phase in source.phases})
         asked = [phase.kind for phase in source.phases]
         session.recorder = stack.enter_context(
-            Recorder(
-                root, source.name, frontier, source.reduce, source.replay, asked=asked, tells=tells
-            )
+            Recorder(root, source.name, frontier, source.reduce, asked=asked, tells=tells)
         )
         yield session

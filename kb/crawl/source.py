@@ -1,13 +1,12 @@
 """The interface of a source: phases, answers, and the methods that a crawl calls."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import msgspec
 
 from kb.core.context import Run
-from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
 
@@ -136,13 +135,6 @@ class Source(Protocol):
         """Take an answer into the frontier; the same live and in a replay, so idempotent."""
         ...
 
-    def replay(self, frontier: Frontier, kind: str, lines: Iterable[bytes]) -> None:
-        """Take lines of one raw kind in, in their order: the same as `reduce` for each of them.
-
-        Raises DamagedData for a line that is no envelope.
-        """
-        ...
-
     def advice(self, phase: Phase, reason: str) -> str:
         """What to do when every item of a phase failed, most of them for this reason."""
         ...
@@ -173,11 +165,6 @@ class Plain:
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
         """Every source has its own."""
         raise NotImplementedError
-
-    def replay(self, frontier: Frontier, kind: str, lines: Iterable[bytes]) -> None:
-        """One by one."""
-        for line in lines:
-            self.reduce(frontier, kind, rawlog.decode(line))
 
     def advice(self, phase: Phase, reason: str) -> str:
         """Try again."""

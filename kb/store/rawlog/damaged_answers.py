@@ -19,10 +19,12 @@ import msgspec
 from kb.core.errors import DamagedData
 from kb.store.layout import Layout
 from kb.store.rawlog import quarantine, rawlog
+from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier
 from kb.store.tables import reading
 
-Replay = Callable[[Frontier, str, Iterable[bytes]], None]
+Apply = Callable[[Frontier, str, Envelope], None]
+"""Takes (frontier, kind, envelope) into the frontier; must be idempotent."""
 DUMPS = "dumps"  # the one raw kind that no crawl can ask for: its files have to be imported again
 _LOST, _SUSPECTS = "lost", "suspects"  # cursors of the frontier
 _PAIRS = list[tuple[str, str]]
@@ -122,7 +124,7 @@ def quarantine_segment(path: Path, kind: str, frontier: Frontier, committed: int
 
 
 def requeue_lost_items(
-    root: Path, source: str, frontier: Frontier, replay: Replay, asked: Collection[str]
+    root: Path, source: str, frontier: Frontier, apply: Apply, asked: Collection[str]
 ) -> None:
     """Find out what was in the stretches that are lost, and make it to do again.
 
@@ -139,8 +141,8 @@ def requeue_lost_items(
         with rebuilt.transaction():
             for kind in rawlog.kinds(root, source):
                 for path in rawlog.segments(root, source, kind):
-                    lines = (line for _, line in rawlog.Frames(path, mending=True))
-                    replay(rebuilt, kind, lines)
+                    for _, line in rawlog.Frames(path, mending=True):
+                        apply(rebuilt, kind, rawlog.decode(line))
         items = [
             (kind, key)
             for kind in asked

@@ -96,18 +96,6 @@ def decode(line: bytes) -> Envelope:
         raise DamagedData(f"a raw line is not an envelope: {error}") from None
 
 
-def decode_as(decoder: msgspec.json.Decoder[Any], line: bytes) -> Envelope:
-    """Decode a line with the decoder's type for the response, or in full if it does not fit.
-
-    Raises DamagedData for a line that is not an envelope.
-    """
-    try:
-        envelope: Envelope = decoder.decode(line)
-    except (msgspec.DecodeError, UnicodeDecodeError):
-        return decode(line)
-    return envelope
-
-
 class Frames:
     """The readable frames of a segment, in order, as (offset behind the frame, line).
 

@@ -9,7 +9,7 @@ and the raw data have lost is (kb.store.rawlog.damaged_answers).
 
 import os
 import threading
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any, Self
 
@@ -17,15 +17,12 @@ from kb.core import clock
 from kb.core.errors import DamagedData
 from kb.store.atomic import sync_folder
 from kb.store.rawlog import damaged_answers, rawlog
+from kb.store.rawlog.damaged_answers import Apply
 from kb.store.rawlog.rawlog import Envelope, Frames, Request, Segment, kinds, segments
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 
 _AGAIN = "run the same command again: it moves damaged data away and lists what that contained"
-Apply = Callable[[Frontier, str, Envelope], None]
-"""Takes (frontier, kind, envelope) into the frontier; must be idempotent."""
-Replay = damaged_answers.Replay
-"""Takes (frontier, kind, lines) in, to the same effect."""
 
 
 class Recorder:
@@ -42,13 +39,12 @@ class Recorder:
         source: str,
         frontier: Frontier,
         apply: Apply,
-        replay: Replay | None = None,
         *,
         asked: Collection[str] = (),
         tells: bool = True,
     ) -> None:
         self._root, self._source, self._frontier, self._apply = root, source, frontier, apply
-        self._asked, self._take_in = asked, replay or _one_by_one(apply)
+        self._asked = asked
         self._segments: dict[str, Segment] = {}
         self._lock = threading.Lock()
         tombstones.heal(root, source)
@@ -67,7 +63,7 @@ class Recorder:
         recover(self._root, self._source)
         self._replay()
         damaged_answers.requeue_lost_items(
-            self._root, self._source, self._frontier, self._take_in, self._asked
+            self._root, self._source, self._frontier, self._apply, self._asked
         )
 
     def record(
@@ -151,16 +147,9 @@ class Recorder:
             return
         frames = rawlog.Frames(path, start, checked=True)
         with self._frontier.transaction():
-            self._take_in(self._frontier, kind, (line for _, line in frames))
+            for _, line in frames:
+                self._apply(self._frontier, kind, rawlog.decode(line))
             self._frontier.set_offset(kind, name, frames.good)
-
-
-def _one_by_one(apply: Apply) -> Replay:
-    def take_in(frontier: Frontier, kind: str, lines: Iterable[bytes]) -> None:
-        for line in lines:
-            apply(frontier, kind, rawlog.decode(line))
-
-    return take_in
 
 
 def recover(root: Path, source: str) -> None:

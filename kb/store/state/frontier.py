@@ -100,20 +100,13 @@ class Frontier(State):
         return None if row is None else Item(kind, row[0], self._decode(kind, row[1]))
 
     def mark(self, kind: str, keys: Iterable[str], status: str, reason: str | None = None) -> None:
-        """Set the status of known keys."""
-        self.mark_each(kind, ((key, status, reason) for key in keys))
-
-    def mark_each(self, kind: str, marks: Iterable[tuple[str, str, str | None]]) -> None:
-        """Set (key, status, reason) of known keys, one after the other.
-
-        What failed goes to the end of the queue.
-        """
+        """Set the status of known keys, one after the other; failed ones go to the queue's end."""
         with self.transaction():
             self._db.executemany(
                 "UPDATE items SET status = ?1, reason = ?2, seq = CASE ?1 WHEN 'error'"
                 " THEN (SELECT max(seq) + 1 FROM items WHERE kind = ?3) ELSE seq END"
                 " WHERE kind = ?3 AND key = ?4",
-                ((status, reason, kind, key) for key, status, reason in marks),
+                ((status, reason, kind, key) for key in keys),
             )
 
     def done(self, kind: str, *keys: str) -> None:

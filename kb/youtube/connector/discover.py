@@ -1,28 +1,40 @@
-"""What a crawl begins with: keywords, another part's channels, what gets another chance."""
+"""What a crawl begins with: keywords, another part's channels, items to retry, videos to judge."""
 
 import logging
 from collections.abc import Callable, Collection
 from pathlib import Path
 
+import pyarrow as pa
+
 from kb.core import clock
 from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import FatalError
+from kb.store.rawlog import rawlog
 from kb.store.state.frontier import Frontier
+from kb.store.tables.latest import newest
 from kb.youtube.connector import errors
 from kb.youtube.connector.reduce import (
     BEYOND,
     CHANNELS,
+    RAW_INFO,
+    RAW_STATISTICS,
+    RAW_VIDEOS,
     SEARCHES,
     TRANSCRIPTS,
+    UNJUDGED,
     UPLOADS,
     VIDEOS,
+    Reducer,
     SearchItem,
     Uploads,
     search_key,
     uploads_list,
 )
+from kb.youtube.parse import answers as parse
 from kb.youtube.parse.answers import PO_TOKEN
+from kb.youtube.parse.join import COUNTED, with_statistics
+from kb.youtube.ytdlp import info
 
 _log = logging.getLogger("kb.youtube")
 
@@ -106,3 +118,35 @@ def _line(path: Path) -> str:
         elif section == "[youtube]" and text.split("=")[0].strip() == "keywords":
             return f", line {number}"
     return ""
+
+
+def judge_pending(reducer: Reducer, root: Path, frontier: Frontier) -> None:
+    """Queue transcripts of videos recorded by a command that fetches none, such as a refresh.
+
+    Raises DamagedData.
+    """
+    if not reducer.wants or not frontier.cursor(UNJUDGED, False):
+        return
+    counts = _newest_counts(root)
+    for path in rawlog.segments(root, "youtube", RAW_VIDEOS):
+        with frontier.transaction():
+            for _, line in rawlog.Frames(path, 0, checked=True):
+                for rows in parse.videos_of(rawlog.decode(line)):
+                    reducer.judge(frontier, with_statistics(rows, counts))
+    for path in rawlog.segments(root, "youtube", RAW_INFO):
+        for rows in info.rows(line for _, line in rawlog.Frames(path, 0, checked=True)):
+            reducer.judge(frontier, with_statistics(rows, counts))
+    frontier.set_cursor(UNJUDGED, None)
+
+
+def _newest_counts(root: Path) -> pa.Table:
+    """The latest counts of each video from batchGetStats."""
+    tables = [
+        rows
+        for path in rawlog.segments(root, "youtube", RAW_STATISTICS)
+        for rows in parse.statistics(line for _, line in rawlog.Frames(path, 0, checked=True))
+    ]
+    names = ["video_id", *COUNTED, "fetched_at"]
+    if not tables:
+        return pa.table({name: pa.nulls(0) for name in names})
+    return newest(pa.concat_tables(tables).select(names), ("video_id",), ("fetched_at",))

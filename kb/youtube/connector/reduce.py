@@ -256,15 +256,9 @@ class Reducer:
         frontier.add(TRANSCRIPTS, keys)
 
     def _transcript(self, frontier: Frontier, envelope: Envelope) -> None:
-        note_transcripts(frontier, [envelope])
-
-
-def note_transcripts(frontier: Frontier, envelopes: Sequence[Envelope]) -> None:
-    """Take outcomes of transcripts in, many at a time."""
-    marks = [_outcome(envelope.response) for envelope in envelopes]
-    frontier.add(TRANSCRIPTS, [key for key, *_ in marks])
-    frontier.mark_each(TRANSCRIPTS, marks)
-    for envelope, (key, _, reason) in zip(envelopes, marks, strict=True):
+        key, status, reason = _outcome(envelope.response)
+        frontier.add(TRANSCRIPTS, [key])
+        frontier.mark(TRANSCRIPTS, [key], status, reason)
         if reason == PO_TOKEN:
             frontier.payload(TRANSCRIPTS, key, Transcript((envelope.fetched_at or "")[:10]))
 

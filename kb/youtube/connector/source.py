@@ -14,7 +14,7 @@ used side by side.
 
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -33,9 +33,8 @@ from kb.crawl.session import CrawlSession
 from kb.crawl.source import Answer, Opened, Phase, Plain
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
-from kb.youtube.connector import rawlog_replay
 from kb.youtube.connector.client import GOOGLE
-from kb.youtube.connector.discover import extend, new_round, no_channel, reopen
+from kb.youtube.connector.discover import extend, judge_pending, new_round, no_channel, reopen
 from kb.youtube.connector.fetch import API, PACK, WEB, YouTubeFetcher
 from kb.youtube.connector.ids import Part, share, some_ids
 from kb.youtube.connector.quota import GENERAL, SEARCH, limit, today
@@ -170,7 +169,7 @@ class YouTubeSource(Plain):
     def discover(self, frontier: Frontier) -> None:
         """Known ids, or the profile's keywords, channels, and a new round."""
         reopen(frontier, self.profile)
-        rawlog_replay.judge(self._reduce, self.run.root, frontier)
+        judge_pending(self._reduce, self.run.root, frontier)
         if self._known is not None:
             purged = self.opened.purged
             frontier.add(
@@ -195,11 +194,6 @@ class YouTubeSource(Plain):
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
         """See kb.youtube.connector.reduce."""
         self._reduce(frontier, kind, envelope)
-
-    def replay(self, frontier: Frontier, kind: str, lines: Iterable[bytes]) -> None:
-        """As kb.youtube.connector.rawlog_replay."""
-        if not rawlog_replay.take_in(self._reduce, frontier, kind, lines):
-            super().replay(frontier, kind, lines)
 
     def close(self) -> None:
         """Close the connections."""

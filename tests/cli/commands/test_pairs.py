@@ -2,7 +2,9 @@
 
 import json
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
@@ -72,9 +74,12 @@ def test_nothing_to_read(tmp_path: Path) -> None:
 
 
 def test_an_index_without_transcripts_says_that_its_videos_come_first(
-    root: Path, tmp_path: Path
+    make_rows: Callable[..., Any], tmp_path: Path
 ) -> None:
-    index = root / "release" / "pairs" / "pairs-00000-of-00001.parquet"
+    released = tmp_path / "released"
+    fill(released, *tables(4, 300, ["creeper"], share=0.05), make_rows)
+    assert kb(released, "pairs").returncode == 0
+    index = released / "release" / "pairs" / "pairs-00000-of-00001.parquet"
     (tmp_path / "data" / "state").mkdir(parents=True)
     empty = kb(tmp_path / "data", "pairs", "--from-index", str(index))
     assert empty.returncode == 1
