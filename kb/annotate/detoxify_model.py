@@ -19,12 +19,19 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from kb.annotate import out_of_memory
 from kb.annotate.model_files import tokenizer_files
 from kb.annotate.verified_checkpoint import Checkpoint, need_extra
-from kb.core.errors import MissingModel
+from kb.core.errors import FatalError, MissingModel
 
 WINDOW = 512  # tokens that every published model reads at once
+# torch and ONNX Runtime raise generic errors with these texts.
+_TEXTS = (
+    "can't allocate memory",
+    "out of memory",
+    "bad_alloc",
+    "bad allocation",
+    "failed to alloc",
+)
 
 
 def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
@@ -54,7 +61,7 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
         except (MissingModel, MemoryError):
             raise
         except Exception as error:  # whatever unpickling a foreign file may raise
-            if out_of_memory.is_out_of_memory(error):
+            if is_out_of_memory(error):
                 raise
             raise MissingModel(
                 f"{checkpoint.path} is not a Detoxify checkpoint ({type(error).__name__})",
@@ -72,7 +79,7 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
                         huggingface_config_path=str(folder),
                     )
             except Exception as error:  # whatever a foreign configuration makes transformers raise
-                if out_of_memory.is_out_of_memory(error):
+                if is_out_of_memory(error):
                     raise
                 raise _misfit(checkpoint, _reason(error)) from error
         if len(model.tokenizer) > model.model.config.vocab_size:
@@ -193,3 +200,22 @@ def _quiet() -> Iterator[None]:
     finally:
         for name, value in before.items():
             os.environ.pop(name, None) if value is None else os.environ.__setitem__(name, value)
+
+
+@contextlib.contextmanager
+def explained_memory() -> Iterator[None]:
+    """Wrap code that loads or runs a model. Raises FatalError when memory runs out."""
+    try:
+        yield
+    except (MemoryError, RuntimeError, OSError) as error:
+        if is_out_of_memory(error):
+            raise FatalError(
+                "not enough memory for the toxicity model",
+                hint="close other programs or use fewer --workers; the same command resumes",
+            ) from error
+        raise
+
+
+def is_out_of_memory(error: BaseException) -> bool:
+    """Whether an error means that memory ran out."""
+    return isinstance(error, MemoryError) or any(text in str(error).lower() for text in _TEXTS)

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
-from kb.annotate import out_of_memory
 from kb.annotate.backends import REACH, choose_device, open_runner
+from kb.annotate.detoxify_model import explained_memory
 from kb.annotate.inference import Runner
 from kb.annotate.verified_checkpoint import Checkpoint
 from kb.core import clock, signals
@@ -35,7 +35,7 @@ def score_chunk(job: ScoringJob, texts: Sequence[str]) -> dict[str, Any]:
     Near the threshold a reduced score is made exact. Raises FatalError when memory is too short.
     """
     # A Dask worker with several threads takes several chunks: one at a time, with all threads.
-    with _ONE, out_of_memory.explained():
+    with _ONE, explained_memory():
         return _score_chunk(job._replace(threads=job.threads or _worker_threads()), texts)
 
 

@@ -1,10 +1,10 @@
-"""A worker finishes a short chunk when it is asked to stop."""
+"""A worker finishes a short chunk before it stops, and reports a lack of memory in one line."""
 
 import pytest
 
-from kb.annotate import worker
+from kb.annotate import detoxify_model, worker
 from kb.core import signals
-from kb.core.errors import Interrupted
+from kb.core.errors import FatalError, Interrupted, MissingModel
 
 
 def test_a_stop_waits_for_a_chunk_of_seconds_not_for_one_of_minutes(checkpoint, monkeypatch):
@@ -18,3 +18,28 @@ def test_a_stop_waits_for_a_chunk_of_seconds_not_for_one_of_minutes(checkpoint, 
             worker.score_chunk(job, texts)
     finally:
         signals.stop.clear()
+
+
+SAID = [
+    MemoryError(),
+    RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory: you tried to …"),
+    RuntimeError("std::bad_alloc"),
+]
+
+
+@pytest.mark.parametrize("error", SAID, ids=["Python", "torch", "ONNX Runtime"])
+def test_too_little_memory_is_no_wrong_model(
+    checkpoint, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def read(*arguments: object) -> None:
+        raise error
+
+    job = worker.ScoringJob(checkpoint, "bf16", "cpu", 1, None)
+    monkeypatch.setattr(detoxify_model, "_read", read)
+    worker._runner.cache_clear()
+    with pytest.raises(FatalError, match="not enough memory for the toxicity model") as told:
+        worker.score_chunk(job, ["a text"])
+    assert "--workers" in told.value.hint
+    monkeypatch.setattr(detoxify_model, "_read", lambda *arguments: {})
+    with pytest.raises(MissingModel):
+        worker.score_chunk(job, ["a text"])

@@ -13,7 +13,7 @@ from kb.core.errors import FatalError
 from kb.store.rawlog import rawlog
 from kb.store.state.frontier import Frontier
 from kb.store.tables.latest import newest
-from kb.youtube.connector import errors
+from kb.youtube.connector.client import FINAL
 from kb.youtube.connector.reduce import (
     BEYOND,
     CHANNELS,
@@ -57,11 +57,7 @@ def reopen(frontier: Frontier, profile: YouTubeSection) -> None:
         if reason != BEYOND or page.page <= most
     ]
     frontier.mark(SEARCHES, pages, "todo")
-    lists = [
-        key
-        for key, _, reason, _ in frontier.items(UPLOADS, "skipped")
-        if reason not in errors.FINAL
-    ]
+    lists = [key for key, _, reason, _ in frontier.items(UPLOADS, "skipped") if reason not in FINAL]
     frontier.mark(UPLOADS, lists, "todo")
     frontier.reopen(VIDEOS, "skipped")
 

@@ -8,7 +8,6 @@ used side by side.
     fetch         what to ask: api (Google's client on our transport), transcripts, player, quota
     reduce        what an answer means for the frontier
     parse         answers to columns; assemble: columns to the tables
-    errors        what the API's error answers mean
     plan, refresh, purge
 """
 

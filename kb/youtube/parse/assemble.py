@@ -14,7 +14,7 @@ from kb.store.layout import Layout
 from kb.store.state.frontier import Frontier
 from kb.store.tables.partition import RawKind
 from kb.youtube.parse import answers as parse
-from kb.youtube.parse.join import FROM_FILE, one_row_each
+from kb.youtube.parse.join import FROM_FILE, array_of, one_row_each
 from kb.youtube.parse.view_counting import view_rule
 from kb.youtube.ytdlp import info, tracks
 from kb.youtube.ytdlp.tracks import ENGLISH, TrackLanguage
@@ -81,33 +81,33 @@ def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
         if transcripts.num_rows
         else _nothing(transcripts, videos.num_rows)
     )
-    outcome = _column(side, "outcome")
+    outcome = array_of(side, "outcome")
     if FROM_FILE in videos.column_names:
         # Nobody will read the label of a video that only a file tells of: keywords decide.
-        alone = pc.and_(_column(videos, FROM_FILE), pc.is_null(outcome))
+        alone = pc.and_(array_of(videos, FROM_FILE), pc.is_null(outcome))
         outcome = pc.if_else(alone, tracks.NOT_IMPORTED, outcome)
         videos = videos.drop_columns([FROM_FILE])
     width, height, fps = _size(videos, side)
     had = pc.fill_null(pc.equal(outcome, "ok"), False)
     not_imported = pc.fill_null(pc.equal(outcome, tracks.NOT_IMPORTED), False)
     final = pc.and_not(parse.is_final(outcome), not_imported)
-    kind = pc.if_else(had, _column(side, "kind"), pc.if_else(final, "none", "unknown"))
+    kind = pc.if_else(had, array_of(side, "kind"), pc.if_else(final, "none", "unknown"))
     restricted = pc.or_(
-        pc.equal(pc.fill_null(_column(videos, "yt_rating"), ""), "ytAgeRestricted"),
+        pc.equal(pc.fill_null(array_of(videos, "yt_rating"), ""), "ytAgeRestricted"),
         pc.equal(pc.fill_null(outcome, ""), "age_restricted"),
     )
     own: dict[str, Any] = {
-        "link": pc.binary_join_element_wise(WATCH, _column(videos, "video_id"), ""),
+        "link": pc.binary_join_element_wise(WATCH, array_of(videos, "video_id"), ""),
         "width": width,
         "height": height,
         "fps": fps,
         "age_restricted": restricted,
-        "game_label_id": _column(side, "game_label_id"),
-        "game_label": _column(side, "game_label"),
+        "game_label_id": array_of(side, "game_label_id"),
+        "game_label": array_of(side, "game_label"),
         "transcript_outcome": outcome,
         "transcript_kind": kind,
-        "word_count": pc.if_else(had, _column(side, "word_count"), pa.scalar(None, pa.int64())),
-        "problems": _renamed(_column(videos, "problems")),
+        "word_count": pc.if_else(had, array_of(side, "word_count"), pa.scalar(None, pa.int64())),
+        "problems": _renamed(array_of(videos, "problems")),
     }
     for name, column in own.items():
         if name in videos.column_names:
@@ -121,12 +121,12 @@ def _size(videos: pa.Table, side: pa.Table) -> tuple[Any, Any, Any]:
     """Width and height in px, from one place, and the frame rate: of the watch page's largest
     stream, else of an imported file's, else the embed frame's, which has no rate.
     """
-    width, height = _column(videos, "embed_width"), _column(videos, "embed_height")
+    width, height = array_of(videos, "embed_width"), array_of(videos, "embed_height")
     fps: Any = pa.nulls(videos.num_rows, pa.int64())
     for rows, prefix in ((videos, "stream"), (side, "player")):
         if f"{prefix}_width" not in rows.column_names:
             continue
-        own = [_column(rows, f"{prefix}_{name}") for name in ("width", "height", "fps")]
+        own = [array_of(rows, f"{prefix}_{name}") for name in ("width", "height", "fps")]
         sized = pc.and_(pc.is_valid(own[0]), pc.is_valid(own[1]))
         width, height = pc.if_else(sized, own[0], width), pc.if_else(sized, own[1], height)
         fps = pc.coalesce(own[2], fps)
@@ -150,7 +150,7 @@ def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.
         pc.is_valid(rows["language"]),
     )
     broken = pc.and_(pc.equal(rows["outcome"], "ok"), pc.invert(complete))
-    counted = _words(_column(rows, "cues"), words)
+    counted = _words(array_of(rows, "cues"), words)
     empty = pc.and_(pc.equal(rows["outcome"], "ok"), pc.fill_null(pc.equal(counted, 0), False))
     outcome = pc.if_else(broken, "failed", pc.if_else(empty, "none", rows["outcome"]))
     rows = rows.set_column(
@@ -161,8 +161,8 @@ def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.
 
 def _tracks(transcripts: pa.Table) -> pa.Table:
     transcripts = transcripts.filter(pc.equal(transcripts["outcome"], "ok"))
-    automatic = pc.fill_null(pc.equal(_column(transcripts, "original_kind"), "asr"), False)
-    cues = _without_overlap(_column(transcripts, "cues"), automatic)
+    automatic = pc.fill_null(pc.equal(array_of(transcripts, "original_kind"), "asr"), False)
+    cues = _without_overlap(array_of(transcripts, "cues"), automatic)
     transcripts = transcripts.set_column(transcripts.column_names.index("cues"), "cues", cues)
     return transcripts.select(table("youtube/transcripts").names())
 
@@ -224,8 +224,3 @@ def _renamed(problems: pa.Array[Any]) -> pa.Array[Any]:
 
 def _nothing(like: pa.Table, rows: int) -> pa.Table:
     return pa.table({field.name: pa.nulls(rows, field.type) for field in like.schema})
-
-
-def _column(rows: pa.Table, name: str) -> Any:
-    column = rows.column(name)
-    return column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()

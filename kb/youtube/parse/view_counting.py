@@ -19,6 +19,7 @@ import pyarrow.compute as pc
 
 from kb.store.layout import parquet_files
 from kb.store.tables import parquet
+from kb.youtube.parse.join import array_of
 
 WATCH_TIME, PLAYBACK_START = "watch_time", "playback_start"
 _ALL_VIDEOS = datetime(2026, 8, 27, tzinfo=UTC)
@@ -34,7 +35,7 @@ def view_rule(rows: pa.Table) -> pa.Array[Any]:
 
     Reads `counted_at`, `published_at`, `width`, `height` (px), `duration_s`.
     """
-    read = _one(rows, "counted_at")
+    read = array_of(rows, "counted_at")
     since_start = pc.or_(
         pc.greater_equal(read, _moment(_ALL_VIDEOS)),
         pc.and_(_is_short(rows), pc.greater_equal(read, _moment(_SHORTS))),
@@ -45,10 +46,12 @@ def view_rule(rows: pa.Table) -> pa.Array[Any]:
 
 def _is_short(rows: pa.Table) -> pa.Array[Any]:
     """False where the size or the length is unknown."""
-    late = pc.fill_null(pc.greater_equal(_one(rows, "published_at"), _moment(_LONG_SHORTS)), False)
+    late = pc.fill_null(
+        pc.greater_equal(array_of(rows, "published_at"), _moment(_LONG_SHORTS)), False
+    )
     longest = pc.if_else(late, _LONG_SHORT_S, _SHORT_S)
-    upright = pc.less_equal(_one(rows, "width"), _one(rows, "height"))
-    brief = pc.less_equal(_one(rows, "duration_s"), longest)
+    upright = pc.less_equal(array_of(rows, "width"), array_of(rows, "height"))
+    brief = pc.less_equal(array_of(rows, "duration_s"), longest)
     short: pa.Array[Any] = pc.fill_null(pc.and_(upright, brief), False)
     return short
 
@@ -72,11 +75,6 @@ def kept_rules(clean: Path) -> dict[str, dict[str, int]]:
             f"{counts[PLAYBACK_START]:,}",
         )
     return {"view_rules": dict(sorted(counts.items()))}
-
-
-def _one(rows: pa.Table, name: str) -> Any:
-    column = rows.column(name)
-    return column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
 
 
 def _moment(moment: datetime) -> pa.Scalar[Any]:
