@@ -39,7 +39,7 @@ LONG = (
     "reddit/restore/test_reconstruct.py",
     "wiki/capture/test_page.py",
     "search/test_known_items.py",
-    "release/publish/test_publish.py",
+    "release/publish/test_upload.py",
     "contract/test_second_domain.py",
     "query/test_formats.py",
     "mcp/test_server.py",

@@ -32,8 +32,8 @@ from kb.pairs import keywords as lists
 from kb.pairs.keywords import Keywords
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
-from kb.store.tables import parquet
-from kb.store.tables.reading import reading
+from kb.store.tables import database, parquet
+from kb.store.tables.reading import reading, scan
 from kb.store.tables.shard_writer import ShardWriter, sorted_shards, write_table
 
 _LAYOUT = 1  # raised when the same input gives other rows
@@ -173,9 +173,9 @@ def _title_rows(work: Path, keywords: Keywords, own: Mapping[int, Own]) -> None:
 
 
 def _finish(
-    parted: PartedBuild, fresh: Build, keywords: Keywords, own: Mapping[int, Own], rows: int
+    parted: PartedBuild, fresh: Build, keywords: Keywords, own: Mapping[int, Own], size: int
 ) -> None:
-    """Write the tables, of at most so many rows a file, and the figures."""
+    """Write the tables, at most `size` rows a file, and the figures."""
     entities = pa.table(
         {
             "entity": pa.array([one.name for one in keywords.every], pa.string()),
@@ -192,30 +192,20 @@ def _finish(
     )
     write_table(fresh.folder / "entities-00000-of-00001.parquet", entities, "links/entities")
     made = sorted_shards(
-        parted.rows, fresh.folder, "links/links", rows_per_shard=rows, released=False
+        parted.rows, fresh.folder, "links/links", rows_per_shard=size, released=False
     )
-    counted, total = _counted([one.path for one in made])
+    with database.asking() as con:
+        counted = con.execute(
+            f"SELECT source, count(*), sum(count)::BIGINT FROM {scan(one.path for one in made)}"
+            " GROUP BY 1 ORDER BY 1"
+        ).fetchall()
     fresh.figures = {
         "entities": len(keywords.every),
         "with_page": len(own),
-        "links": sum(counted.values()),
-        "mentions": total,
-        "sources": counted,
+        "links": sum(rows for _, rows, _ in counted),
+        "mentions": sum(mentioned for _, _, mentioned in counted),
+        "sources": {source: rows for source, rows, _ in counted},
     }
-
-
-def _counted(files: list[Path]) -> tuple[dict[str, int], int]:
-    """Rows by source, and mentions of all."""
-    by_source: dict[str, int] = {}
-    total = 0
-    for path in files:
-        with parquet.open_file(path, pre_buffer=False) as file:
-            for batch in file.iter_batches(columns=["source", "count"]):
-                counted: list[dict[str, Any]] = pc.value_counts(batch.column(0)).to_pylist()
-                for one in counted:
-                    by_source[one["values"]] = by_source.get(one["values"], 0) + one["counts"]
-                total += pc.sum(batch.column(1)).as_py() or 0
-    return by_source, total
 
 
 def _summary(root: Path) -> Summary:

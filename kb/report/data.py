@@ -7,7 +7,6 @@ Only aggregates and a few sample rows are held in memory, whatever the size of t
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Self
 
 import pyarrow as pa
@@ -165,10 +164,6 @@ class ReportData:
         )
         return step, rows
 
-    def kept_scores(self, name: str, columns: Sequence[str], edges: Sequence[float]) -> list[int]:
-        """Kept rows by the largest of some scores; rows without any score are in no bin."""
-        return self.histogram(name, f"greatest({', '.join(columns)})", edges)
-
     def dropped_scores(self, name: str, edges: Sequence[float]) -> list[int]:
         """Rows that the toxicity stage dropped, by the score that it dropped them for."""
         where = f"stage = 'toxicity' AND starts_with(key, '{FULL_NAMES.get(name, '')}')"
@@ -199,7 +194,14 @@ class ReportData:
         source = name.partition("/")[0]
         prefix = FULL_NAMES.get(name, "")
         dropped, failed, pending = (
-            self._verdicts(source, kind, prefix) for kind in ("rejected", "failed", "pending")
+            dict(
+                self.rows(
+                    f"{source}/{kind}",
+                    f"SELECT {column}, count(*) FROM {{t}}"
+                    f" WHERE starts_with(key, '{prefix}') GROUP BY 1",
+                )
+            )
+            for kind, column in (("rejected", "stage"), ("failed", "reason"), ("pending", "reason"))
         )
         kept = self.count(name)
         if not (kept or dropped or failed or pending):
@@ -211,15 +213,6 @@ class ReportData:
         crawled = kept + sum(dropped.values()) + sum(failed.values()) + sum(pending.values())
         return Funnel(
             name, crawled, tuple(stages), sum(failed.values()), sum(pending.values()), kept
-        )
-
-    def _verdicts(self, source: str, kind: str, prefix: str) -> dict[str, int]:
-        column = "stage" if kind == "rejected" else "reason"
-        where = f"WHERE starts_with(key, '{prefix}')" if prefix else ""
-        return dict(
-            self.rows(
-                f"{source}/{kind}", f"SELECT {column}, count(*) FROM {{t}} {where} GROUP BY 1"
-            )
         )
 
     def ledgers(self) -> list[tuple[str, str, str, int, int]]:
@@ -277,7 +270,3 @@ class ReportData:
         return self.rows(
             name, f'SELECT {shown} FROM {{t}} ORDER BY md5("{key}"::VARCHAR), "{key}" LIMIT {n}'
         )
-
-    def path(self, relative: str) -> Path:
-        """A file that a clean table names."""
-        return self.root / relative

@@ -173,7 +173,8 @@ def toxicity(
     data: ReportData, profile: Profile, table: str, columns: tuple[str, ...]
 ) -> Figure | None:
     """Rows of a table by the largest score of their texts, on a logarithmic axis of counts."""
-    kept, dropped = data.kept_scores(table, columns, _SCORES), data.dropped_scores(table, _SCORES)
+    kept = data.histogram(table, f"greatest({', '.join(columns)})", _SCORES)
+    dropped = data.dropped_scores(table, _SCORES)
     if not sum(kept) + sum(dropped):
         return None
     source, _, rows = table.partition("/")

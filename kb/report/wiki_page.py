@@ -62,10 +62,6 @@ class DrawnBox:
     height: float
     lines: tuple[DrawnBox, ...] = ()
 
-    def grown(self, by: float) -> DrawnBox:
-        """The box with its sides moved outwards, so that a line on them hides nothing inside."""
-        return DrawnBox(self.x - by, self.y - by, self.width + 2 * by, self.height + 2 * by)
-
 
 def page(data: ReportData, profile: Profile) -> tuple[Figure, ...]:
     """Overview and detail of the page whose upper part shows most kinds of elements.
@@ -174,7 +170,7 @@ def _crop(data: ReportData, number: int | None, width: float, shown: float) -> D
 
 def _screenshot(data: ReportData, shot: str, width: float, shown: float) -> Any:
     """The upper part of the screenshot, or None when the file is not there. Raises DamagedData."""
-    path = data.path(shot)
+    path = data.root / shot
     if not path.is_file():
         return None
     from PIL import Image
@@ -230,11 +226,11 @@ def _outline(box: DrawnBox, kind: BoxStyle, scale: float, thin: float = 1.0) -> 
     """A line around a box that covers nothing of it: its inner edge is the box's edge."""
     from matplotlib.patches import Rectangle
 
-    outside = box.grown(kind.width * thin * _CSS / 72 / 2 / scale)
+    by = kind.width * thin * _CSS / 72 / 2 / scale
     return Rectangle(
-        (outside.x, outside.y),
-        outside.width,
-        outside.height,
+        (box.x - by, box.y - by),
+        box.width + 2 * by,
+        box.height + 2 * by,
         fill=False,
         edgecolor=kind.color,
         linestyle=kind.line,

@@ -1,6 +1,8 @@
 """Fixtures of this folder."""
 
+import shutil
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -12,3 +14,9 @@ def service(monkeypatch: pytest.MonkeyPatch) -> Iterator[Sandbox]:
     monkeypatch.setattr("kb.net.retry.FIRST_S", 0.001)  # retries without the wait between them
     with Sandbox(services=["zenodo"]) as sandbox:
         yield sandbox
+
+
+@pytest.fixture
+def root(released: Path, tmp_path: Path) -> Path:
+    """A release of its own, so that a test may change it."""
+    return Path(shutil.copytree(released, tmp_path / "data"))

@@ -1,0 +1,35 @@
+"""Publishes the pairs of a release to the sandbox's deposit service."""
+
+from pathlib import Path
+from typing import Any
+
+from kb.core.summary import Summary
+from kb.release.publish.publish import publish
+from kb.sandbox.server import Sandbox
+from kb.sandbox.zenodo.service import TOKEN, Deposits
+from tests.release.conftest import a_run
+
+
+def store(service: Sandbox) -> Deposits:
+    return service.servers["zenodo"].application.deposits
+
+
+def send(
+    root: Path,
+    service: Sandbox | str,
+    only: str = "pairs",
+    token: str = TOKEN,
+    to: str = "zenodo-sandbox",
+    **options: Any,
+) -> Summary:
+    endpoint = service if isinstance(service, str) else service.servers["zenodo"].url
+    run = a_run(root, kb_zenodo_endpoint=endpoint, zenodo_token=token)
+    return publish(run, to, only=[only] if only else None, **options)
+
+
+def puts(service: Sandbox) -> list[str]:
+    return [
+        seen.path.rpartition("/")[2]
+        for seen in service.ledger.requests("/api/files/")
+        if seen.method == "PUT"
+    ]
