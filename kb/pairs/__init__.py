@@ -6,7 +6,7 @@
     transcripts        reads clean transcripts in batches
     transcript_batch   a batch as one run of bytes, with the times of its cues
     matching           whole words, leftmost-longest, case and punctuation evened out
-    sampling           random numbers by seed and position; which clips are kept
+    seeded_random      random numbers by seed and position; which clips are kept
     clip_tokens        CLIP tokens of words
     text_window        the text around a match, to a drawn number of CLIP tokens
     extract            all of these on one batch of transcripts → rows of pairs/pairs

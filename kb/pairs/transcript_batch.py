@@ -3,8 +3,8 @@
 A transcript's text is its cues in order of their start, with one space between two. Positions in
 it are characters; inside a batch they are bytes. Times are whole milliseconds.
 
-Captions also name sounds and speakers: [Music], [Applause], notes, >> where another one speaks.
-That is nothing that is said, so spaces take its place, and positions stay those of the transcript.
+Captions also mark sounds and speakers: [Music], [Applause], notes, >> where the speaker changes.
+Nobody says these marks, so spaces replace them, and positions stay those of the transcript.
 """
 
 from __future__ import annotations

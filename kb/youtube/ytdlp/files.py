@@ -1,7 +1,7 @@
 """What a file of a yt-dlp folder is, by its name.
 
 yt-dlp names files by a template that users change. Its default is `TITLE [ID].EXT`; `ID.EXT` is the
-most frequent other one. SubtitleName have their language before the suffix.
+most frequent other one. Subtitle files have their language before the suffix.
 """
 
 import os
