@@ -6,7 +6,6 @@
 views        one DuckDB view per table
 statements   what a query may contain
 execute      one query; `limits` bounds it, `isolated` runs it in another process
-suggestions  the nearest names for an unknown table or column
 formats      rows as a table, CSV or JSON; `output` writes them
 """
 

@@ -18,6 +18,7 @@ import kb
 from kb import query
 from kb.core.errors import DamagedData
 from kb.core.progress import Silent
+from kb.reader.tables import UnknownTable
 from kb.store.tables.checksums import digest
 from kb.verify.root import verify
 from tests.crash import harm
@@ -200,6 +201,8 @@ class Spoiled:
                 ]
         except DamagedData as error:
             return "told" if _names(str(error), path) else str(error)
+        except UnknownTable:
+            return "told" if not path.exists() else f"{view} is unknown"
 
     def _repaired(self) -> str:
         """Whether all is as it was, or the root is told again not to be."""

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from kb.sandbox.youtube.player import SITE, player_answer
+from kb.sandbox.youtube.web import SITE, player_answer
 
 
 def consent_page() -> str:

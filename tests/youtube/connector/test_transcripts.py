@@ -78,9 +78,9 @@ def test_an_empty_body_of_such_a_track_says_the_same(
     job: Job, locked: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The library asks for a track whose address has the mark in another place."""
-    from kb.sandbox.youtube import player
+    from kb.sandbox.youtube import web
 
-    written = player._part
+    written = web._player_part
 
     def moved(name: str, values: Any) -> Any:
         if name == "track" and "exp=xpe" in values["address"]:
@@ -88,7 +88,7 @@ def test_an_empty_body_of_such_a_track_says_the_same(
             values["address"] = values["address"].replace("?", "?exp=xpe&", 1)
         return written(name, values)
 
-    monkeypatch.setattr(player, "_part", moved)
+    monkeypatch.setattr(web, "_player_part", moved)
     summary = job.done(*CRAWL)
     assert (summary["po_token"], summary["failed"]) == (len(locked), 0)
     asked = [s for s in job.sandbox.ledger.requests("/timedtext") if s.about in locked]

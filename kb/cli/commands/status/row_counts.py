@@ -35,7 +35,7 @@ def answers(root: Path, source: str) -> dict[str, Any]:
 
 def tables(root: Path, source: str) -> dict[str, int]:
     """Rows by table of clean/<source>, verdicts included, from the files' footers."""
-    folders = _folders(root, source)
+    folders = _tables_of(root, source)
     return _in_order({folder.name: rows(folder) for folder in folders})
 
 
@@ -76,7 +76,7 @@ def unknown_keys(root: Path, source: str) -> dict[str, int]:
     return keys if isinstance(keys, dict) else {}
 
 
-def _folders(root: Path, source: str) -> list[Path]:
+def _tables_of(root: Path, source: str) -> list[Path]:
     """The folders of clean tables, those of verdicts too."""
     return [path for path in sorted(Layout(root).clean(source).glob("*/")) if parquet_files(path)]
 
