@@ -13,6 +13,7 @@ from typing import Protocol
 from kb.core.errors import KbError
 from kb.core.progress import Progress
 from kb.store import lock
+from kb.store.artifact_registry import MANIFEST
 from kb.store.atomic import write_bytes
 from kb.store.layout import CAPTURED, Layout, parquet_files
 from kb.store.rawlog import sidefiles
@@ -138,9 +139,14 @@ def _tried(command: str, act: Act, note: Path | None = None) -> list[str]:
 def _quarantine(root: Path, findings: Findings) -> list[str]:
     """Lines of what was done."""
     actions = [_tombstones(root, one) for one in findings.of("tombstones", state="damaged")]
-    for one in findings.of("annotations", state="damaged"):
-        sidefiles.quarantine_file(one.path)
-        actions.append(f"{one.path} was set aside; the filter scores again what it held")
+    for one in findings.of("annotations"):
+        if one.state == "foreign":
+            continue
+        if one.state == "damaged":
+            sidefiles.quarantine_file(one.path)
+        (one.path.parent / MANIFEST).unlink(missing_ok=True)  # which lists the lost file
+        what = "was set aside" if one.state == "damaged" else "is missing"
+        actions.append(f"{one.path} {what}; the next filter scores its texts again")
     for one in findings.of("state", state="damaged"):
         if one.path.suffix == ".sqlite":
             for ending in ("-wal", "-shm"):

@@ -10,6 +10,7 @@ import pytest
 from kb.artifacts import manifest, resumable_build
 from kb.core.config.pipeline import load, locate
 from kb.core.progress import Silent
+from kb.store.tables.shard_writer import write_table
 from kb.verify.repair import Crawl, Make, Step, repaired
 from tests.filters.made import run_at
 from tests.verify.conftest import emptied
@@ -115,3 +116,17 @@ def test_a_damaged_state_is_set_aside(root: Path) -> None:
     assert any("is built again from the raw data" in line for line in repair(root))
     assert (root / "state/youtube.sqlite.damaged").read_bytes() == b"nothing" * 1000
     assert all(kind == "raw answers" for kind, *_ in found(root)) or found(root) == []
+
+
+@pytest.mark.parametrize("harm", [Path.unlink, emptied])
+def test_lost_scores_are_left_to_the_next_filter(
+    root: Path, make_rows, harm: Callable[[Path], object]
+) -> None:
+    path = root / "annotations/youtube/toxicity.parquet"
+    write_table(path, make_rows("shared/annotations", 3), "shared/annotations")
+    manifest.record(path.parent, "annotations/youtube")
+    assert found(root) == []
+    harm(path)
+    assert [kind for kind, _, _ in found(root)] == ["annotations"]
+    repair(root)
+    assert found(root) == []
