@@ -150,6 +150,8 @@ class Catalog:
             if view.full == wanted:
                 manifest.check_folder(view.files[0].parent)
                 return view.files
+        if wanted.partition(".")[0] in ("clean", "links"):
+            manifest.check_complete(self.workplace, name)  # every file of it may be lost
         return []
 
 

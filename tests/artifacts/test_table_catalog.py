@@ -6,8 +6,11 @@ from typing import Any
 import pytest
 
 from kb.artifacts import table_catalog
-from kb.core.errors import FatalError, SettingError, UsageError
+from kb.artifacts.table_catalog import Catalog
+from kb.core.errors import DamagedData, FatalError, SettingError, UsageError
+from kb.store.layout import Layout
 from kb.store.tables.shard_writer import write_table
+from tests.filters import full_root
 
 SHARD = "-00000-of-00001.parquet"
 
@@ -75,3 +78,12 @@ def test_two_releases_of_one_source_are_told_apart(tmp_path: Path, make_rows: An
         release(tmp_path / name, make_rows, "youtube/videos")
     with pytest.raises(UsageError, match=r"release\.youtube_videos is in .*first and in .*second"):
         table_catalog.read(tmp_path)
+
+
+def test_a_table_without_any_of_its_files_is_damage(tmp_path: Path) -> None:
+    full_root.make(tmp_path / "data")
+    lost = Layout(tmp_path / "data").rows("youtube/transcripts")
+    for path in lost:
+        path.unlink()
+    with pytest.raises(DamagedData, match="is missing"):
+        Catalog(tmp_path / "data").texts("youtube/transcripts")
