@@ -23,6 +23,7 @@ TRIES = 5
 FIRST_S, LONGEST_S = 0.5, 60.0
 PATIENCE_S = 300.0  # a longer Retry-After is no hiccup: the run stops and goes on another time
 ADVICE_S = 3600.0  # when to come back to a service that blocks us and names no time
+_YEAR = 366 * 24 * 3600.0  # seconds; a longer Retry-After is read as this
 
 
 def attempt(
@@ -111,20 +112,21 @@ def backoff(number: int, after: float | None = None) -> float:
 
 
 def retry_after(value: str | None, sent: str | None = None) -> float | None:
-    """Seconds of a Retry-After header, which is a number or a date; None when absent or unreadable.
+    """Seconds of a Retry-After header, a number or a date, at most a year; None when absent or
+    unreadable.
 
     `sent` is the answer's Date header: a date counts from there, whatever the clocks say.
     """
     if not value:
         return None
     try:
-        return max(0.0, float(value)) if math.isfinite(float(value)) else None
+        return min(max(0.0, float(value)), _YEAR) if math.isfinite(float(value)) else None
     except ValueError:
         pass
     moment = _moment(value)
     if moment is None:
         return None
-    return max(0.0, (moment - (_moment(sent) or clock.now())).total_seconds())
+    return min(max(0.0, (moment - (_moment(sent) or clock.now())).total_seconds()), _YEAR)
 
 
 def _moment(value: str | None) -> datetime | None:

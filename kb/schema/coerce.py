@@ -188,7 +188,7 @@ def _each(
     for row, value in enumerate(values):
         try:
             made.append(None if value is None else make(value))
-        except (ValueError, KeyError, TypeError, OverflowError):
+        except (ValueError, KeyError, TypeError, OverflowError, OSError):  # OSError: a far time
             made.append(None)
             bad.append((row, shown(value)))
     return pa.array(made, kind), bad

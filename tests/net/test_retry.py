@@ -112,3 +112,4 @@ def test_a_date_counts_from_the_answers_own_date(monkeypatch: Any) -> None:
     )
     assert retry.retry_after("2", "Fri, 20 Nov 2026 12:00:00 GMT") == 2.0
     assert retry.retry_after("inf") is None
+    assert retry.retry_after("1e15") == 366 * 24 * 3600

@@ -4,7 +4,7 @@ import json
 from datetime import UTC, datetime, timedelta, timezone
 from typing import Any
 
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from kb.schema import coerce, table
@@ -107,3 +107,11 @@ def test_any_value_in_any_place_costs_that_value_only(data: st.DataObject) -> No
         9,
         [],
     )
+
+
+@given(st.lists(anything | st.floats(0, 1e20) | st.integers(0, 10**20)))
+@example([10**17])
+def test_no_number_of_seconds_raises(values: list[Any]) -> None:
+    column, bad = coerce.unix_times(values)
+    lost = [row for row, got in enumerate(column.to_pylist()) if got is None]
+    assert [row for row, _ in bad] == [row for row in lost if values[row] is not None]
