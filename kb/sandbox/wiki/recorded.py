@@ -44,9 +44,11 @@ class RecordedWiki:
 
     def file(self, path: str) -> bytes | None:
         """A picture, a style sheet, a script, or robots.txt."""
-        file = safe_join(str(DATA), path.lstrip("/"))
-        shown = path.startswith(("/images/", "/static/", "/robots.txt"))
-        return Path(file).read_bytes() if shown and file and Path(file).is_file() else None
+        folder, _, name = path.removeprefix("/").partition("/")
+        if path == "/robots.txt":
+            return (DATA / "robots.txt").read_bytes()
+        file = safe_join(str(DATA / folder), name) if folder in ("images", "static") else None
+        return Path(file).read_bytes() if file and Path(file).is_file() else None
 
     def load(self, name: str) -> Any:
         """A recorded answer of the API."""
