@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import LONG
+
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -27,3 +29,7 @@ def test_every_type_is_right() -> None:
         [sys.executable, "-m", "mypy"], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_every_file_in_the_order_of_long_files_exists() -> None:
+    assert [name for name in LONG if not (ROOT / "tests" / name).is_file()] == []
