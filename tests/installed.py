@@ -86,7 +86,11 @@ def outside() -> dict[str, str]:
 
 # What a user's own settings may be, and what the demo must leave alone: two credentials, hosts and
 # a model that are not there.
-OWN_DOTENV = "YOUTUBE_API_KEY=a-real-key\nKB_YOUTUBE_ENDPOINT=https://192.0.2.1\nKB_WIKI_URL=https://192.0.2.1\n"
+OWN_DOTENV = """\
+YOUTUBE_API_KEY=a-real-key
+KB_YOUTUBE_ENDPOINT=https://192.0.2.1
+KB_WIKI_URL=https://192.0.2.1
+"""
 OWN_ENVIRONMENT = {
     "REDDIT_CLIENT_SECRET": "a-real-secret",
     "KB_REDDIT_ENDPOINT": "http://192.0.2.1",

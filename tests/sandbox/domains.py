@@ -79,7 +79,8 @@ PROFILES = {"bread": BREAD, "astronomy": STARS, "valley": FARM}
 # Words of Minecraft and of its recorded wiki, and of games at all. `player.` and `player_` are
 # parts of names of fields.
 MINECRAFT = re.compile(
-    r"(?i)minecraft|creeper|zombie|pickaxe|redstone|enderman|brinewick|saltstone|harbour|harborlight"
+    r"(?i)minecraft|creeper|zombie|pickaxe|redstone|enderman"
+    r"|brinewick|saltstone|harbour|harborlight"
 )
 GAMES = re.compile(r"(?i)\bgam(?:e|es|ing|ers?)\b(?!_)|\bplayers?\b(?![._])|\bmobs?\b")
 
