@@ -27,11 +27,11 @@ from kb.sandbox.world import World
 from tests.cli.conftest import clean_environment
 from tests.conftest import needs
 from tests.sandbox.domains import GAMES, MINECRAFT, written
+from tests.small_worlds import DEMO
 
 needs("torch")
 
 
-SMALL = {"n_channels": 9, "n_videos": 60, "n_posts": 24, "width": 30, "depth": 8}
 LITTLE = ("wiki crawl", "wiki filter", "wiki export", "reddit crawl", "reddit import")
 REST = ("refresh reddit", "reddit filter", "reddit export", "reddit reconstruct", "report")
 
@@ -43,7 +43,7 @@ def played(place: Path, profile: str, without: tuple[str, ...]) -> Path:
             patch.delenv(name)
         patch.setenv("KB_NOW", "2026-11-20T12:00:00Z")
         before = set(os.environ)
-        play(Options(data=place, profile=profile, quiet=True, workers=1), without, **SMALL)
+        play(Options(data=place, profile=profile, quiet=True, workers=1), without, **DEMO)
         for name in set(os.environ) - before:
             os.environ.pop(name)  # what `patch` removes, it would bring back
     return place / "demo"

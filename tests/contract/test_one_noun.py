@@ -9,18 +9,13 @@ import pytest
 
 from kb.core.summary import Summary, vocabulary
 from kb.sandbox.server import Sandbox
-from kb.sandbox.world import World
 from kb.wiki.browser import chromium
 from tests.conftest import skip_or_fail
+from tests.small_worlds import ITEMS, small_world
 from tests.youtube.job import Job
 
 ANSWERS = ("crawled", "kept", "rejected", "failed", "pending", "missing")
 ONE = {("wiki", "crawl"): ("--workers", "1")}  # a browser
-MAIN = {"youtube": "videos", "wiki": "pages", "reddit": "posts"}
-
-
-def world() -> World:
-    return World(n_channels=9, n_videos=60, n_posts=24, width=120, depth=24)
 
 
 class Done:
@@ -30,7 +25,7 @@ class Done:
         self.job = Job(sandbox, place)
         self.steps = {
             (source, step): Summary(self.job.done(source, step, *ONE.get((source, step), ())))
-            for source in MAIN
+            for source in ITEMS
             for step in ("crawl", "filter", "export")
         }
         self.status = self.job.done("status")
@@ -50,11 +45,11 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Done]:
         chromium.find()
     except Exception as error:  # noqa: BLE001
         skip_or_fail(str(error))
-    with Sandbox(world()) as sandbox:
+    with Sandbox(small_world()) as sandbox:
         yield Done(sandbox, tmp_path_factory.mktemp("nouns"))
 
 
-@pytest.mark.parametrize("source", MAIN)
+@pytest.mark.parametrize("source", ITEMS)
 def test_the_four_answers_are_the_same_in_filter_and_status(done: Done, source: str) -> None:
     filtered, status = done.steps[source, "filter"], done.status["sources"][source]
     assert filtered["tally"] == status["tally"] != {}
@@ -68,14 +63,14 @@ def test_the_four_answers_are_the_same_in_filter_and_status(done: Done, source: 
         assert said in done.block(source)
 
 
-@pytest.mark.parametrize("source", MAIN)
+@pytest.mark.parametrize("source", ITEMS)
 def test_what_a_crawl_counts_is_what_its_filter_gets(done: Done, source: str) -> None:
     crawled, status = done.steps[source, "crawl"], done.status["sources"][source]
-    numbers = done.steps[source, "filter"]["tally"][MAIN[source]]
-    assert crawled["counted"] == status["counted"] == MAIN[source]
+    numbers = done.steps[source, "filter"]["tally"][ITEMS[source]]
+    assert crawled["counted"] == status["counted"] == ITEMS[source]
     assert crawled["crawled"] == numbers["crawled"] == status["crawled_so_far"] > 10
     assert crawled["missing"] == numbers["missing"]
-    assert f"{crawled['crawled']:,} {MAIN[source]} crawled" in done.line(source, "crawl")
+    assert f"{crawled['crawled']:,} {ITEMS[source]} crawled" in done.line(source, "crawl")
     assert (crawled["left"], status["left"]) == (0, 0)
     assert (crawled["requests"], crawled.get("units", 0)) == (status["requests"], status["units"])
 
@@ -86,7 +81,7 @@ def test_comments_that_were_read_and_those_that_reddit_did_not_return(done: Done
     assert read == numbers["crawled"] - numbers["missing"] > 100
 
 
-@pytest.mark.parametrize("source", MAIN)
+@pytest.mark.parametrize("source", ITEMS)
 def test_what_is_exported_is_what_was_kept(done: Done, source: str) -> None:
     exported, filtered = done.steps[source, "export"], done.steps[source, "filter"]
     released = done.status["sources"][source]["released"]

@@ -12,6 +12,7 @@ from kb.sandbox.domain import domain_of
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.sandbox.youtube.cases import CASES
+from tests.sandbox.answers import ask
 from tests.sandbox.domains import GAMES, MINECRAFT, PROFILES, of_case, written
 
 
@@ -47,10 +48,6 @@ def served(world: World) -> Iterator[str]:
         for name in ("common.css", "common.js", "site.css"):
             yield requests.get(f"{root}/static/{name}", timeout=9).text
     world.wiki_state = "first"
-
-
-def ask(root: str, **params: str) -> dict:
-    return requests.get(f"{root}/w/api.php", {"action": "query", **params}, timeout=9).json()
 
 
 def test_nothing_of_minecraft_is_served(world: World) -> None:

@@ -8,7 +8,7 @@ import pytest
 from kb.cli.commands import demo
 from kb.cli.commands.demo import play
 from kb.cli.framework.options import Options
-from tests.contract.test_any_domain import SMALL
+from tests.small_worlds import DEMO
 
 
 @pytest.mark.parametrize(("asked", "workers"), [(None, 1), (3, 3)])
@@ -21,7 +21,7 @@ def test_a_demo_is_done_by_one_process_unless_more_are_asked_for(
     monkeypatch.setattr(demo, "_model", lambda options: {})
     before = dict(os.environ)
     try:
-        play(Options(data=tmp_path, quiet=True, workers=asked), **SMALL)
+        play(Options(data=tmp_path, quiet=True, workers=asked), **DEMO)
     finally:
         os.environ.clear()
         os.environ.update(before)

@@ -8,8 +8,8 @@ from kb.core.config.profile import load_profile
 from kb.sandbox.domain import domain_of
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from tests.sandbox.answers import ask
 from tests.sandbox.domains import written
-from tests.sandbox.test_domain import ask
 
 
 def test_wiki_pages_are_about_the_keywords_in_the_profiles_markup(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import requests
 
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from tests.sandbox.test_domain import ask
+from tests.sandbox.answers import ask
 
 
 def test_the_list_of_pages_goes_on_where_it_ended() -> None:

@@ -8,38 +8,13 @@ import pytest
 
 from kb.sandbox.server import Sandbox
 from kb.sandbox.youtube import resources as errors
+from tests.sandbox.answers import form, lacking
 from tests.sandbox.domains import of_case
 
 PARTS = {
     "playlistItems": "snippet",
     "videos": "snippet,contentDetails,status,statistics",
 }
-
-
-def form(value: Any) -> Any:
-    """Keys and types of a JSON value; of a list its first element's."""
-    if isinstance(value, dict):
-        return {name: form(inner) for name, inner in value.items()}
-    if isinstance(value, list):
-        return [form(value[0])] if value else []
-    return type(value).__name__
-
-
-def lacking(real: Any, made: Any, path: str = "") -> list[str]:
-    """Where the sandbox's answer lacks a field of the recorded one, or has it in another type."""
-    if isinstance(real, dict) and isinstance(made, dict):
-        return [
-            found
-            for name in real
-            for found in (
-                [f"{path}.{name} is absent"]
-                if name not in made
-                else lacking(real[name], made[name], f"{path}.{name}")
-            )
-        ]
-    if isinstance(real, list) and isinstance(made, list):
-        return lacking(real[0], made[0], path + "[]") if real and made else []
-    return [] if type(real) is type(made) else [f"{path}: {real!r} and {made!r}"]
 
 
 GONE = {

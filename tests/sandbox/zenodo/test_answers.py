@@ -6,8 +6,7 @@ from typing import Any
 import pytest
 
 from kb.sandbox.zenodo.answers import ZenodoError, checked_metadata
-
-GOOD = {"title": "T", "upload_type": "dataset", "description": "D", "creators": [{"name": "N"}]}
+from tests.sandbox.answers import GOOD
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import requests
 
 from kb.sandbox.server import Sandbox
 from kb.sandbox.zenodo.service import TOKEN
-from tests.sandbox.zenodo.test_answers import GOOD
+from tests.sandbox.answers import GOOD
 
 
 def test_a_deposit_from_draft_to_record() -> None:

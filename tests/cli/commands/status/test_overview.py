@@ -8,7 +8,7 @@ from kb.sandbox.server import Sandbox
 from kb.store.lock import writer
 from kb.store.state.frontier import Frontier
 from tests.cli.commands.status.conftest import fill, status
-from tests.contract.test_one_noun import MAIN, world
+from tests.small_worlds import ITEMS, small_world
 from tests.youtube.job import Job
 
 
@@ -68,7 +68,7 @@ def test_any_name_of_the_data_root(kb: Any, tmp_path: Path) -> None:
 
 
 def test_a_stopped_crawl_says_what_is_left_as_status_does(tmp_path: Path) -> None:
-    with Sandbox(world()) as sandbox:
+    with Sandbox(small_world()) as sandbox:
         job = Job(sandbox, tmp_path)
         for source, limit in (("youtube", "50"), ("reddit", "7")):
             stopped: dict[str, Any] = job.done(source, "crawl", "--limit", limit, code=3)
@@ -76,12 +76,12 @@ def test_a_stopped_crawl_says_what_is_left_as_status_does(tmp_path: Path) -> Non
             assert stopped["crawled"] == about["crawled_so_far"] == int(limit)
             assert stopped["left_by"] == about["left_by"] != {}
             assert stopped["left"] == about["left"] == sum(about["left_by"].values())
-            assert stopped["pending"] == about["left_by"][MAIN[source]]
+            assert stopped["pending"] == about["left_by"][ITEMS[source]]
             left = f"left: {vocabulary.nouns(stopped['left_by'])}"
             assert left in Summary(stopped).line()
             text = job.kb("status").stdout
             assert left in text
-            assert f"{limit} {MAIN[source]} crawled but not filtered yet" in text
+            assert f"{limit} {ITEMS[source]} crawled but not filtered yet" in text
             assert f"next: kb {source} crawl\n" in text
             rest = job.done(source, "crawl")
             assert rest["crawled_in_all"] == rest["crawled"] + int(limit)
