@@ -13,6 +13,8 @@ needs to count:
 Of equal forms a keyword's own name wins over forms that follow by rule, then the earlier line.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any

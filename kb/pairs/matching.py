@@ -5,6 +5,8 @@ characters (soft hyphen, joiners, variation selectors) vanish. Scripts that don'
 long words; a keyword is found in them only where something separates it.
 """
 
+from __future__ import annotations
+
 import unicodedata
 from collections.abc import Sequence
 from functools import lru_cache

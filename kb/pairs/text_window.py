@@ -6,6 +6,8 @@ where its transcript has them and never more than `high`: it ends inside a word 
 alone is longer than that (text without spaces, addresses).
 """
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 from kb.core.installation import np
