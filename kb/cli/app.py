@@ -14,7 +14,7 @@ from kb import __version__
 from kb.cli.framework.usage_errors import refuse_unknown
 from kb.core.sources import SPECS
 
-DEFAULT = "kb.cli.commands.sources.default_commands"  # of sources without commands of their own
+DEFAULT = "kb.cli.framework.source_commands"  # of sources without commands of their own
 
 _COMMANDS = "kb.cli.commands."
 # name -> (module, one line for `kb --help`). The module has a typer app of one or several commands,

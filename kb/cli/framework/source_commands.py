@@ -1,4 +1,6 @@
-"""The commands `filter` and `export`, which every source has."""
+"""The commands that every source has: `filter`, `export`, and a plain `crawl` for a source without
+commands of its own.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kb.cli.framework.command import command
+from kb.cli.framework.command import command, group
 from kb.cli.framework.options import CLUSTER, pipeline
 from kb.core.sources import SPECS
 from kb.core.summary import Summary
@@ -78,3 +80,27 @@ def add_export(
             *(f"kb {source} export --format {name}" for name in others[-1:]),
         ],
     )(export)
+
+
+def app_of(name: str) -> typer.Typer:
+    """The commands of a source that declares none: crawl, filter and export."""
+    spec = SPECS[name]
+    app = group(spec.help)
+
+    def crawl(run: Run) -> Summary:
+        from kb.crawl.job import crawl_source
+
+        return crawl_source(run, spec)
+
+    crawl.__doc__ = f"Crawl what is left: {', '.join(spec.nouns.values())}, as raw answers."
+    command(
+        app,
+        uses=("workers", "wait"),
+        limit=f"Stop after N more {spec.counted} (exit code 3); the next run resumes.",
+        json="crawled, failed, pending, requests",
+        checks=True,
+        examples=[f"kb {name} crawl", f"kb {name} crawl --limit 100"],
+    )(crawl)
+    add_filter(app, name)
+    add_export(app, name)
+    return app

@@ -1,9 +1,11 @@
-"""Tests of `filter` and `export`, which every source has."""
+"""Tests of the commands that every source has."""
 
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from kb.cli.framework.source_commands import app_of
 from kb.core.sources import SOURCES, SPECS
 from tests.inprocess import Here
 
@@ -26,3 +28,14 @@ def test_without_data_nothing_is_written(
     root.mkdir()
     assert here(source, step, "--data", str(root)).code in (1, 2)
     assert not [path for path in root.rglob("*") if path.is_file() and path.suffix == ".parquet"]
+
+
+def test_a_source_without_own_commands_has_the_nouns_of_its_spec() -> None:
+    app = app_of("reddit")
+    listed = CliRunner().invoke(app, ["--help"])
+    assert listed.exit_code == 0
+    for name in ("crawl", "filter", "export"):
+        assert name in listed.stdout
+    crawl = CliRunner().invoke(app, ["crawl", "--help"]).stdout
+    assert "--limit" in crawl
+    assert "posts" in crawl
