@@ -5,20 +5,26 @@ stops a running crawl.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pyarrow.parquet as pq
+
 from kb.artifacts import manifest, texts
-from kb.artifacts.table_catalog import Catalog
-from kb.cli.commands.status import row_counts
+from kb.artifacts.table_catalog import Catalog, view_name
 from kb.cli.framework.messages import complete
+from kb.core import clock
 from kb.core.source_spec import SourceSpec
 from kb.core.sources import SOURCES, SPECS, made_of
+from kb.core.summary import vocabulary
+from kb.schema.tables import tables as declared
 from kb.store import lock
 from kb.store.layout import TOP, Layout, parquet_files
 from kb.store.state.frontier import Frontier
 from kb.store.tables import reading
+from kb.store.tables.row_counts import rows, span, tally
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -72,9 +78,7 @@ def _of_all(run: Run, sources: dict[str, dict[str, Any]], links: dict[str, Any])
     return [name for name, made in is_made.items() if not made]
 
 
-if TYPE_CHECKING:
-    from kb.core.context import Run
-
+_ANSWERS = ("crawled", "kept", "rejected", "failed", "pending", "missing")
 _LEFT = ("todo", "in_progress")  # failed items are counted separately, as in a crawl's summary
 
 
@@ -97,7 +101,7 @@ def overview(run: Run) -> dict[str, Any]:
         "disk_bytes_total": sum(disk.values()),
         "download": catalog.is_download,
         "pairs": {
-            schema: row_counts.rows_of(catalog, schema, "pairs").get("pairs", 0)
+            schema: _schema_rows(catalog, schema, "pairs").get("pairs", 0)
             for schema in ("clean", "restored", "release")
         },
         "next": next_steps(run, sources, links) if collected else [],
@@ -107,10 +111,8 @@ def overview(run: Run) -> dict[str, Any]:
 def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     """Progress, quota, age and rows of a source; empty without data of it."""
     spec, state = SPECS[source], Layout(run.root).state(source)
-    tables = row_counts.tables(run.root, source)
-    released, restored = (
-        row_counts.rows_of(catalog, one, source) for one in ("release", "restored")
-    )
+    tables = _clean_rows(run.root, source)
+    released, restored = (_schema_rows(catalog, one, source) for one in ("release", "restored"))
     if not (state.is_file() or tables or released or restored):
         return {}
     about: dict[str, Any] = {
@@ -127,10 +129,10 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
         about |= _frontier(run, spec, state)
     about["left"] = sum(counts["left"] for counts in about["phases"].values())
     about["rows"] = tables
-    about |= row_counts.answers(run.root, source)
+    about |= _verdicts(run.root, source)
     about |= {"released": released, "restored": restored}
-    about |= row_counts.age(run, source, catalog)
-    about["unknown_keys"] = row_counts.unknown_keys(run.root, source)
+    about |= _age(run, source, catalog)
+    about["unknown_keys"] = _unknown_keys(run.root, source)
     incomplete = getattr(spec.load(spec.status), "incomplete", None) if spec.status else None
     about |= incomplete(run.root) if incomplete is not None else {}
     return about
@@ -168,11 +170,67 @@ def _crawled(spec: SourceSpec, frontier: Frontier) -> int:
 
 def _links(catalog: Catalog) -> dict[str, Any]:
     """Rows of the entity tables, and the sources that have changed since; empty without tables."""
-    counts = row_counts.rows_of(catalog, "links", "links")
+    counts = _schema_rows(catalog, "links", "links")
     if not counts:
         return {}
     older = [] if catalog.is_download else texts.changed(catalog.path, "links")
     return {"entities": 0, "links": 0, **counts, "older_than": older}
+
+
+def _verdicts(root: Path, source: str) -> dict[str, Any]:
+    """The four verdicts of the last filter, in total and by table; empty before the first."""
+    by_table = tally(Layout(root).clean(source), SPECS[source].tables)
+    if not by_table:
+        return {"tally": {}}
+    total = {name: sum(each[name] for each in by_table.values()) for name in _ANSWERS}
+    return {**total, "tally": by_table}
+
+
+def _clean_rows(root: Path, source: str) -> dict[str, int]:
+    """Rows by table of clean/<source>, verdicts included, from the files' footers."""
+    folders = sorted(Layout(root).clean(source).glob("*/"))
+    return _in_order({one.name: rows(one) for one in folders if parquet_files(one)})
+
+
+def _schema_rows(catalog: Catalog, schema: str, source: str) -> dict[str, int]:
+    """Rows by table of a source in one schema of the catalog, such as release or restored."""
+    named = {f"{schema}.{view_name(one)}": one for one in declared().values()}
+    counts: dict[str, int] = {}
+    for view in catalog.views:
+        one = named.get(view.full)
+        if one is not None and one.source == source and one.short != "missing":
+            with reading.reading(view.files):
+                counts[one.short] = sum(pq.read_metadata(file).num_rows for file in view.files)
+    return _in_order(counts)
+
+
+def _age(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
+    """Age of the kept, restored or released rows, and how many are too old for the profile."""
+    max_age = getattr(getattr(run.profile, source), "max_age_days", None)
+    limit = clock.now() - timedelta(days=max_age or 0)
+    schema = catalog.schema_of(source)
+    shown = {f"{schema}.{source}_{short}" for short in SPECS[source].tables}
+    files = [file for view in catalog.views if view.full in shown for file in view.files]
+    with reading.reading(files):
+        oldest, newest, old = span(files, "fetched_at", limit)
+    return {
+        "oldest": f"{oldest:%Y-%m-%dT%H:%M:%SZ}" if oldest else None,
+        "newest": f"{newest:%Y-%m-%dT%H:%M:%SZ}" if newest else None,
+        "max_age_days": max_age,
+        "too_old": old if max_age else 0,
+    }
+
+
+def _unknown_keys(root: Path, source: str) -> dict[str, int]:
+    """Keys of answers that schemas/ does not declare, with how often they were seen by the last
+    filter.
+    """
+    keys = reading.filtered(root, source).get("unknown_keys", {})
+    return keys if isinstance(keys, dict) else {}
+
+
+def _in_order(counts: Mapping[str, int]) -> dict[str, int]:
+    return dict(sorted(counts.items(), key=lambda item: vocabulary.place(item[0])))
 
 
 def _writer(root: Path, source: str) -> int | None:

@@ -86,3 +86,14 @@ def test_a_stopped_crawl_says_what_is_left_as_status_does(tmp_path: Path) -> Non
             rest = job.done(source, "crawl")
             assert rest["crawled_in_all"] == rest["crawled"] + int(limit)
             assert f"{rest['crawled_in_all']:,} in all" in Summary(rest).line()
+
+
+def test_damaged_rows_are_named(kb: Any, root: Path) -> None:
+    fill(root)
+    file = root / "clean" / "youtube" / "videos" / "part-0.parquet"
+    file.write_bytes(file.read_bytes()[:100])
+    answer = kb("status")
+    assert answer.returncode == 1
+    assert f"{file} can't be read" in answer.stderr
+    assert "run `kb youtube filter` again" in answer.stderr
+    assert answer.stderr.count("\n") == 1
