@@ -24,7 +24,7 @@ import inspect
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from functools import partial
 from typing import Any, get_type_hints
 
 import typer
@@ -39,18 +39,6 @@ from kb.core.errors import SettingError
 
 # Types in signatures whose modules are imported only when a command runs.
 _LATE = {"Run": object, "Summary": object, "Options": Options}
-
-
-@dataclass(frozen=True)
-class Behavior:
-    """How a command is called; see `command`."""
-
-    raw: bool = False
-    resumable: bool = True
-    needs_data: bool = False
-    needs: str = "profile"
-    planned: tuple[str, ...] = ()
-    checks: bool = False
 
 
 def group(about: str) -> typer.Typer:
@@ -111,15 +99,17 @@ def command(
             for name in SHARED
             if name in used or (name in COMMON and name not in without)
         }
-        behavior = Behavior(
+        call = partial(
+            _call,
+            function,
             raw=raw,
             resumable=resumable,
             needs_data=needs_data,
             needs="profile" if "data" in shared else "nothing",
-            planned=tuple(planned),
+            planned=planned,
             checks=checks,
         )
-        wrapped = _wrap(function, shared, behavior, main=main)
+        wrapped = _wrap(function, shared, call, main=main)
         epilog = "\n".join(examples)
         if main:
             app.callback(invoke_without_command=True, cls=Group, epilog=epilog)(wrapped)
@@ -133,7 +123,7 @@ def command(
 def _wrap(
     function: Callable[..., Any],
     shared: Mapping[str, inspect.Parameter],
-    behavior: Behavior,
+    call: Callable[[Options, dict[str, Any]], int],
     *,
     main: bool,
 ) -> Callable[..., Any]:
@@ -156,7 +146,7 @@ def _wrap(
             _refuse_group_options(context)
             return 0
         options = Options(**{name: values.pop(name) for name in shared})
-        return _call(function, options, values, behavior)
+        return call(options, values)
 
     run.__doc__ = function.__doc__
     run.__name__ = function.__name__
@@ -169,26 +159,30 @@ def _call(
     function: Callable[..., Any],
     options: Options,
     values: dict[str, Any],
-    behavior: Behavior,
+    *,
+    raw: bool = False,
+    resumable: bool = True,
+    needs_data: bool = False,
+    needs: str = "profile",
+    planned: Sequence[str] = (),
+    checks: bool = False,
 ) -> int:
     startup.collect_seldom()  # before the imports
     from kb.cli.framework import logs
 
     messages.set_options(options.data, options.profile)
     try:
-        with _signals(behavior.resumable):
+        with _signals(resumable):
             logs.configure(quiet=options.quiet, debug=options.debug)
             if values.get("plan"):
-                _check_plan_options(function, options, values, behavior.planned)
+                _check_plan_options(function, options, values, planned)
             first: Any = options
-            if not behavior.raw:
-                first = options.make_run(
-                    needs=behavior.needs, checks=behavior.checks, exists=behavior.needs_data
-                )
+            if not raw:
+                first = options.make_run(needs=needs, checks=checks, exists=needs_data)
             try:
                 summary = function(first, **values)
             finally:
-                if not behavior.raw:
+                if not raw:
                     first.progress.close()  # the terminal, before anything else is printed
             if summary is not None:
                 messages.show_summary(summary, options.json)

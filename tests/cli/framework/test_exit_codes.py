@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from kb.cli.framework.command import Behavior, _call
+from kb.cli.framework.command import _call
 from kb.cli.framework.options import Options
 from kb.core import errors
 from tests.cli.conftest import clean_environment
@@ -28,7 +28,7 @@ def end(capsys: pytest.CaptureFixture[str]) -> Any:
         def command(given: Options) -> None:
             raise error
 
-        code = _call(command, Options(**options), {}, Behavior(raw=True))
+        code = _call(command, Options(**options), {}, raw=True)
         return (code, *capsys.readouterr())
 
     return run
