@@ -86,28 +86,15 @@ def _more(total: int) -> str:
     return f"... {total:,} rows in total; --format csv prints all of them\n"
 
 
-def as_csv(answer: pa.RecordBatchReader) -> Iterator[str]:
-    """A header and one line per row; lists and structs as JSON."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(answer.schema.names)
-    for row in rows(answer):
-        writer.writerow(map(_plain, row))
-        if buffer.tell() > 1 << 16:
-            yield buffer.getvalue()
-            buffer.seek(0)
-            buffer.truncate()
-    yield buffer.getvalue()
+def as_csv(answer: pa.RecordBatchReader, limit: int | None = None) -> Iterator[str]:
+    """The header, then one row at a time; lists and structs as JSON.
 
-
-def csv_lines(answer: pa.RecordBatchReader, limit: int) -> Iterator[str]:
-    """The header, then one row at a time; a value of more than `limit` characters is cut, with a
-    note.
+    With `limit`, a value of more characters is cut, with a note.
     """
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     for row in itertools.chain([answer.schema.names], rows(answer)):
-        writer.writerow([_cut(value, limit) for value in row])
+        writer.writerow(map(_plain, row) if limit is None else [_cut(one, limit) for one in row])
         yield buffer.getvalue()
         buffer.seek(0)
         buffer.truncate()

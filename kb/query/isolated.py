@@ -17,7 +17,7 @@ import kb
 from kb.artifacts.table_catalog import View
 from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.query.execute import select
-from kb.query.formats import csv_lines
+from kb.query.formats import as_csv
 from kb.query.limits import Limits, limited, restrict_process, timed_out
 from kb.query.views import connect
 
@@ -111,7 +111,7 @@ def _reply(query: IsolatedQuery, limits: Limits) -> QueryReply:
     try:
         with contextlib.closing(connect(None, query.views, limits)) as con, limited(con, limits):
             reader = select(con, query.sql, views=query.views, text=True)
-            lines = csv_lines(reader, query.cell)
+            lines = as_csv(reader, query.cell)
             return QueryReply(*_first(lines, query.rows + 1, query.characters))
     except KbError as error:
         kind = next(one.__name__ for one in type(error).__mro__ if one.__module__.startswith("kb."))
