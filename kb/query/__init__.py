@@ -10,7 +10,16 @@ formats      rows as a table, CSV or JSON; `output` writes them
 """
 
 from kb.artifacts.table_catalog import View
-from kb.query.execute import select
+from kb.query.execute import did_you_mean, select, similar
 from kb.query.views import ViewInfo, catalog, connect, find_views
 
-__all__ = ["View", "ViewInfo", "catalog", "connect", "find_views", "select"]
+__all__ = [
+    "View",
+    "ViewInfo",
+    "catalog",
+    "connect",
+    "did_you_mean",
+    "find_views",
+    "select",
+    "similar",
+]

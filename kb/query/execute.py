@@ -35,7 +35,7 @@ def unknown_name(
         return _table(con, _qualified(missing[1], sql), text.splitlines()[0], root)
     if missing := _COLUMN.search(text):
         near = similar(missing[1], _columns(con, sql))
-        return UsageError(f"{one_line(error)}.{_did_you_mean(near)}", hint=_LISTS)
+        return UsageError(f"{one_line(error)}.{did_you_mean(near)}", hint=_LISTS)
     return None
 
 
@@ -71,7 +71,7 @@ def _table(con: duckdb.DuckDBPyConnection, name: str, message: str, root: Path |
     if not views:
         return empty((root or Path("data")).absolute())
     return UsageError(
-        f"{message}!{_did_you_mean(near)}", hint=(not near and _made_by(short, schema)) or _LISTS
+        f"{message}!{did_you_mean(near)}", hint=(not near and _made_by(short, schema)) or _LISTS
     )
 
 
@@ -94,7 +94,8 @@ def _made_by(short: str, schema: str) -> str:
     return f"`kb {source} crawl`, then `kb {source} filter` make it"
 
 
-def _did_you_mean(near: list[str]) -> str:
+def did_you_mean(near: Sequence[str]) -> str:
+    """ " Did you mean a or b?", to follow a message; "" without names."""
     return f" Did you mean {' or '.join(near)}?" if near else ""
 
 

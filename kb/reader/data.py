@@ -4,7 +4,6 @@ clips: pairs with their videos and texts.
 
 from __future__ import annotations
 
-import difflib
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -40,12 +39,10 @@ def find(opened: OpenTables, keyword: str) -> QueryResult:
         return clips
     listed = opened.rows(f"SELECT DISTINCT keyword FROM {pairs.full}")["keyword"].to_pylist()
     known = cast("list[str]", listed)
-    by_lower = {one.lower(): one for one in known}
-    if keyword.lower() in by_lower:  # all of its clips have been removed
+    if keyword.lower() in map(str.lower, known):  # all of its clips have been removed
         return clips
-    near = [by_lower[one] for one in difflib.get_close_matches(keyword.lower(), by_lower, 3)]
     raise UsageError(
-        f"no clips of {keyword!r}." + (f" Did you mean {' or '.join(near)}?" if near else ""),
+        f"no clips of {keyword!r}.{query.did_you_mean(query.similar(keyword, known))}",
         hint='data.sql("SELECT DISTINCT keyword FROM pairs") lists the keywords',
     )
 

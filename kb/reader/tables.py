@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
+from kb import query
 from kb.artifacts.release_folder import read_tombstones
 from kb.artifacts.table_catalog import View, bare
 from kb.core.errors import MissingExtra, UsageError
@@ -244,9 +245,9 @@ class Tables(Mapping[str, TableView]):
         full = self._short.get(name, name)
         if full in self._full:
             return self._full[full]
-        near = difflib.get_close_matches(name, [*self._short, *self._full], 3)
+        near = query.similar(name, [*self._short, *self._full])
         raise UnknownTable(
-            f"unknown table {name!r}." + (f" Did you mean {' or '.join(near)}?" if near else ""),
+            f"unknown table {name!r}.{query.did_you_mean(near)}",
             hint="data.tables lists them",
         )
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import base64
-import difflib
 import io
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, cast
 
+from kb import query
 from kb.artifacts.table_catalog import View
 from kb.core.errors import KbError, UsageError
 from kb.reader import html, screenshots
@@ -168,9 +168,8 @@ def find(opened: OpenTables, wanted: int | str) -> Page:
                 return Page(opened, view, rows[0])
     listed = opened.rows(f"SELECT title FROM {ranked[0].full}")["title"].to_pylist()
     titles = cast("list[str]", listed)
-    near = difflib.get_close_matches(str(wanted), titles, 3)
     raise UsageError(
-        f"unknown page {wanted!r}." + (f" Did you mean {' or '.join(near)}?" if near else ""),
+        f"unknown page {wanted!r}.{query.did_you_mean(query.similar(str(wanted), titles))}",
         hint='data["wiki_pages"] lists ids and titles',
     )
 
