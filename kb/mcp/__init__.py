@@ -1,9 +1,8 @@
 """`kb mcp`: search and tables for agents, over the Model Context Protocol on stdin and stdout.
 
-server            the four tools, and the server's life
+server            the four tools; `query` runs SQL in a process of its own (kb.query.isolated)
 search_tool       `search`: ranked answers
 read_tool         `read`: what surrounds one of them; `youtube`, `wiki` and `reddit` find its parts
-query_tool        `query`: SQL in a process of its own (kb.query.isolated)
 about_tool        `about`: contents, age and licences
 references        references to places, such as "wiki:14#Taming", and links
 untrusted_text    retrieved text between unforgeable markers, and answers of limited size
