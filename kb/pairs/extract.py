@@ -230,6 +230,7 @@ def _table(
     kinds = pa.array([keyword.kind for keyword in keywords.every])
     keyword, video = pa.array(hits.keyword), pa.array(hits.video)
     words, end = _texts(text, grown)
+    timed = text.timed(hits.start) & text.timed(hits.end - 1)
     return pa.table(
         {
             "pair_id": seeded_random.hexadecimal(rng.bits("id")),
@@ -251,6 +252,7 @@ def _table(
             "clip_start_s": pa.array(times["clip"][0] / 1000),
             "clip_end_s": pa.array(times["clip"][1] / 1000),
             "transcript_kind": text.kinds.take(video),
+            "timing": pa.array(np.where(timed, "word", "cue")),
         }
     )
 

@@ -164,15 +164,23 @@ def _read(index: Path) -> pa.Table:
             f"--from-index: there is no index at {index}",
             hint="give a released pairs-*.parquet or its folder",
         )
-    names = table("pairs/pairs").names(released=True)
+    schema = table("pairs/pairs").arrow(released=True)
     try:
         schemas = [pq.read_schema(file) for file in files]
-        lacking = [name for name in names if any(name not in schema.names for schema in schemas)]
+        lacking = [
+            field.name
+            for field in schema
+            if not field.nullable and any(field.name not in one.names for one in schemas)
+        ]
         if lacking:
             raise SettingError(
                 f"--from-index: {index} is not an index of pairs: it has no column {lacking[0]!r}"
             )
-        rows = pa.concat_tables(parquet.read_table(file, columns=names) for file in files)
+        read = [
+            parquet.read_table(file, columns=[name for name in schema.names if name in one.names])
+            for file, one in zip(files, schemas, strict=True)
+        ]
+        rows = pa.concat_tables([schema.empty_table(), *read], promote_options="permissive")
     except (pa.ArrowInvalid, OSError) as error:
         raise DamagedData(
             f"the index {index} can't be read: {str(error).splitlines()[0]}"

@@ -30,6 +30,7 @@ _WIDE_SPACE = (
 _SOUND = rb"\[[^\[\]\xff]{0,64}\]|>{2,}|\xe2\x99[\xa9-\xac]"  # ♩ ♪ ♫ ♬
 _SPACE = re.compile(_WIDE_SPACE)
 _NOT_SPOKEN = re.compile(_SOUND + b"|" + _WIDE_SPACE)
+_LONGEST_WORD = 1_000  # ms; how long a word lasts after which nothing is said for a while
 _FAR = 1e9  # seconds; times beyond it are no times
 
 
@@ -63,10 +64,12 @@ class Text:
         texts = pc.fill_null(pc.struct_field(cells, "text"), "").cast(pa.large_binary())
         start, last = _seconds(cells, "start_s"), _seconds(cells, "duration_s")
         video = np.repeat(np.arange(videos), counts)
+        said = _word_starts(cells)
         if len(start) > 1 and ((start[1:] < start[:-1]) & (video[1:] == video[:-1])).any():
             order = np.lexsort((np.arange(len(start)), start, video))
             texts, start, last = texts.take(pa.array(order)), start[order], last[order]
-        self.cue_video = video
+            said = said.take(pa.array(order)) if said is not None else None
+        self.cue_video, self._said = video, said
         self._times(start, last, lengths)
         self._places(texts, counts, _WALL if parted else b" ")
         self.raw = _blanked(_SPACE if parted else _NOT_SPOKEN, self.given)
@@ -173,10 +176,48 @@ class Text:
         """The number of the word that holds each byte."""
         return self.before(places + 1) - 1
 
-    def time_of(self, places: np.ndarray, *, after: bool = False) -> np.ndarray:
-        """When the words that hold these bytes begin (or end, with `after`), in ms:
-        a cue's time is shared out evenly among its words.
+    def timed(self, places: np.ndarray) -> np.ndarray:
+        """Whether the words that hold these bytes have times of their own."""
+        words, (begin, _) = self._word_times
+        timed: np.ndarray = begin[np.searchsorted(words, places, "right") - 1] >= 0
+        return timed
+
+    @cached_property
+    def _word_times(self) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+        """First byte of each word as captions write it, marks of sounds and speakers too; when it
+        begins and ends (ms), -1 where its cue has no word times.
+
+        A word ends when the next one of its cue begins, the last one with the cue, and none takes
+        longer than a second. Like cues, words stay inside their cue.
         """
+        space = np.frombuffer(_blanked(_SPACE, self.given), np.uint8) == 0x20
+        words = np.flatnonzero(space[:-1] & ~space[1:]) + 1
+        begin, end = np.full((2, len(words)), -1)
+        if self._said is not None:
+            first = np.searchsorted(words, self.cue_at)
+            behind = np.searchsorted(words, self.cue_at + self.cue_size)
+            given = pc.fill_null(pc.list_value_length(self._said), -1)
+            cues = np.flatnonzero((behind > first) & (np.asarray(given) == behind - first))
+            starts = _ms(pc.list_flatten(self._said.take(pa.array(cues))))
+            sizes = (behind - first)[cues]
+            last = np.cumsum(sizes) - 1
+            place = np.arange(len(starts)) + np.repeat(first[cues] - last - 1 + sizes, sizes)
+            ends = np.append(starts[1:], 0)
+            ends[last] = self.cue_end[cues]
+            low, high = (np.repeat(one[cues], sizes) for one in (self.cue_start, self.cue_end))
+            begin[place] = np.clip(starts, low, high)
+            end[place] = np.clip(np.minimum(ends, starts + _LONGEST_WORD), low, high)
+        return words, (begin, end)
+
+    def time_of(self, places: np.ndarray, *, after: bool = False) -> np.ndarray:
+        """When the words that hold these bytes begin (or end, with `after`), in ms: by the times of
+        words where the cue has them, else its time is shared out evenly among its words.
+        """
+        words, both = self._word_times
+        known: np.ndarray = both[after][np.searchsorted(words, places, "right") - 1]
+        return np.where(known >= 0, known, self._shared_out(places, after=after))
+
+    def _shared_out(self, places: np.ndarray, *, after: bool) -> np.ndarray:
         cue = self.cue_of(places)
         begin = self.cue_at[cue]
         bounds = np.concatenate((places + 1, begin, begin + self.cue_size[cue]))
@@ -214,11 +255,24 @@ def _column(rows: pa.Table, name: str) -> pa.Array[Any]:
     return cast("pa.Array[Any]", column.chunk(0))  # the stubs say ChunkedArray
 
 
+def _word_starts(cells: pa.Array[Any]) -> pa.Array[Any] | None:
+    """Lists of the starts of words (s) of each cue; None where transcripts have none, as those of
+    older data.
+    """
+    if cells.type.get_field_index("word_start_s") < 0:
+        return None
+    starts = cast("pa.Array[Any]", pc.struct_field(cells, "word_start_s"))
+    return starts if starts.null_count < len(starts) else None
+
+
 def _seconds(cells: pa.Array[Any], name: str) -> np.ndarray:
     """A field of cues in ms; what is no time (null, NaN, infinite) counts as 0."""
-    values = (
-        pc.struct_field(cells, name).cast("float64").fill_null(0).to_numpy(zero_copy_only=False)
-    )
+    return _ms(pc.struct_field(cells, name))
+
+
+def _ms(seconds: Any) -> np.ndarray:
+    """Seconds as whole ms."""
+    values = seconds.cast("float64").fill_null(0).to_numpy(zero_copy_only=False)
     values = np.where(np.isfinite(values) & (np.abs(values) < _FAR), values, 0)
     ms: np.ndarray = np.rint(np.maximum(values, 0) * 1000).astype(np.int64)
     return ms

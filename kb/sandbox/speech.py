@@ -127,6 +127,15 @@ class Sentence(NamedTuple):
     text: str
 
 
+class SpokenCue(NamedTuple):
+    """A line of a caption track, times in s. `word_starts`: of each word, when it is automatic."""
+
+    start: float
+    duration: float
+    text: str
+    word_starts: tuple[float, ...] = ()
+
+
 class Speech:
     """The texts of one domain.
 
@@ -237,16 +246,16 @@ class Speech:
 
     def cues(
         self, rng: random.Random, cast: Cast, seconds: float, language: str, *, automatic: bool
-    ) -> list[tuple[float, float, str]]:
-        """A caption track of the talk: (start s, duration s, text).
+    ) -> list[SpokenCue]:
+        """A caption track of the talk.
 
         A manual one has sentences with capitals and stops, an automatic one lower case without
         punctuation, five to seven words a cue, each shown until the next but one begins.
         """
-        made: list[tuple[float, float, str]] = []
+        made: list[SpokenCue] = []
         for start, length, sentence in self.talk(rng, cast, seconds, language):
             if sentence == MUSIC:
-                made.append((start, length, sentence))
+                made.append(SpokenCue(start, length, sentence, (start,) if automatic else ()))
                 continue
             words = (_spoken(sentence) if automatic else f"{sentence_case(sentence)}.").split()
             size = rng.randint(5, 7) if automatic else 14
@@ -256,7 +265,9 @@ class Speech:
                 until = starts[at + size] if at + size < len(words) else length
                 begins, ends = round(start + starts[at], 2), round(start + until, 2)
                 shown = round((ends - begins) * (ROLLING if automatic else 1.0), 2)
-                made.append((begins, shown, " ".join(piece)))
+                said = tuple(round(start + one, 3) for one in starts[at : at + size])
+                times = (begins, *said[1:]) if automatic else ()
+                made.append(SpokenCue(begins, shown, " ".join(piece), times))
         return made
 
 

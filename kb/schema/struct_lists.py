@@ -1,5 +1,7 @@
 """Lists of fixed rows in JSON ([[start, duration, text], …]) → lists of structs.
 
+Fields are numbers and texts; the last ones may be lists of numbers, which a row may leave out.
+
 Parsing leaves such lists as the text that they are in the answer, so that a row which an older
 answer or a stage takes out is never decoded, and one that stays is moved as one piece of bytes.
 What is read here is decoded list by list into a type of its own: a list is small enough for the
@@ -56,7 +58,8 @@ def _as_text(value: bytes) -> str:
 def records(column: pa.Array[Any], kind: Type) -> tuple[pa.Array[Any], Bad]:
     """The lists in a column of JSON texts, null where `null` stands, and what could not be read.
 
-    `kind` is a list of structs of numbers and texts. Raises DamagedData for what is no JSON.
+    `kind` is a list of structs of numbers, texts and lists of numbers. A list of numbers that can't
+    be read is empty, and its row stays. Raises DamagedData for what is no JSON.
     """
     decode = _decoder(kind)
     made = _Columns(kind)
@@ -117,7 +120,12 @@ def _decoder(kind: Type) -> Callable[[bytes], Any]:
 @cache
 def _row(kind: Type) -> type[msgspec.Struct]:
     assert kind.item is not None
-    fields = [(name, str if inner.text == "string" else float) for name, inner in kind.item.fields]
+    fields: list[Any] = [
+        (name, list[float] | None, None)
+        if inner.item is not None
+        else (name, str if inner.text == "string" else float)
+        for name, inner in kind.item.fields
+    ]
     return msgspec.defstruct("Row", fields, array_like=True, forbid_unknown_fields=True, gc=False)
 
 
@@ -127,15 +135,29 @@ def _careful(text: bytes, kind: Type) -> tuple[list[Any] | None, list[str]]:
     if value is None:
         return None, []
     assert kind.item is not None
-    makers = [a_text if inner.text == "string" else a_number for _, inner in kind.item.fields]
-    row = _row(kind)
+    makers: list[Callable[[Any], Any]] = [
+        _numbers if inner.item is not None else a_text if inner.text == "string" else a_number
+        for _, inner in kind.item.fields
+    ]
+    row, least = _row(kind), sum(make is not _numbers for make in makers)
     try:
+        cells = [a_list(record) for record in a_list(value)]
+        if not all(least <= len(record) <= len(makers) for record in cells):
+            raise ValueError("a row of another length")
         return [
-            row(*(make(cell) for make, cell in zip(makers, a_list(record), strict=True)))
-            for record in a_list(value)
+            row(*(make(cell) for make, cell in zip(makers, record, strict=False)))
+            for record in cells
         ], []
     except (ValueError, TypeError, OverflowError):
         return None, [shown(value)]
+
+
+def _numbers(value: Any) -> list[float] | None:
+    """A list of numbers; an empty one for anything else."""
+    try:
+        return None if value is None else [a_number(cell) for cell in a_list(value)]
+    except (ValueError, TypeError, OverflowError):
+        return []
 
 
 def _loaded(text: bytes) -> Any:

@@ -59,14 +59,17 @@ def with_section(tools: Tools):
 
 
 def transcripts(*videos: tuple[str, str, list]) -> pa.Table:
-    """(id, kind, [(start, duration, text), …]) as rows of youtube/transcripts."""
+    """(id, kind, [(start, duration, text) or (…, word starts), …]) as rows of
+    youtube/transcripts.
+    """
     rows = [
         {
             "video_id": name,
             "kind": kind,
             "language": "en",
             "cues": [
-                {"start_s": start, "duration_s": last, "text": text} for start, last, text in cues
+                dict(zip(("start_s", "duration_s", "text", "word_start_s"), cue, strict=False))
+                for cue in cues
             ],
         }
         for name, kind, cues in videos

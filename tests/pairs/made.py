@@ -136,6 +136,7 @@ def tables(
             "kind": kinds,
             "language": ["en"] * videos,
             "cues": pa.array(cues, schema.field("cues").type),
+            "word_times": pa.nulls(videos, pa.string()),
         },
         schema=schema,
     )

@@ -49,3 +49,44 @@ def test_transcripts_are_kept_apart() -> None:
     whole = Text(transcripts(("v", "asr", [(0, 1, "a\u3000b")]), ("w", "asr", [(0, 1, "é\u0085")])))
     assert whole.raw == b" a   b \xff \xc3\xa9   "
     assert whole.word_count == 3
+
+
+WORDS = st.sampled_from(["a", "[Music]", ">>b", "\u3000c", "é"])
+
+
+@given(st.lists(st.lists(WORDS, max_size=6), max_size=5))
+def test_words_have_the_times_of_their_track(cues: list[list[str]]) -> None:
+    """A cue of 3 s every 4 s, a word every 0.5 s; the last one ends after a second at most."""
+    made = [
+        (
+            4.0 * number,
+            3.0,
+            " ".join(words),
+            None if number % 3 == 2 else [4.0 * number + 0.5 * n for n in range(len(words))],
+        )
+        for number, words in enumerate(cues)
+    ]
+    whole = Text(transcripts(("v", "asr", made)))
+    expected, after, own = [], [], []
+    for number, (_, _, text, starts) in enumerate(made):
+        spoken = text.split()
+        for place, word in enumerate(spoken):
+            if word == "[Music]":
+                continue
+            timed = starts is not None
+            own.append(timed)
+            start = 4_000 * number + 500 * place
+            last = place == len(spoken) - 1
+            expected.append(start if timed else None)
+            end = min(start + 1_000, 4_000 * number + 3_000) if last else start + 500
+            after.append(end if timed else None)
+    begin, end = whole.time_of(whole.words), whole.time_of(whole.words, after=True)
+    assert whole.timed(whole.words).tolist() == own
+    assert [t if k else None for t, k in zip(begin.tolist(), own, strict=True)] == expected
+    assert [t if k else None for t, k in zip(end.tolist(), own, strict=True)] == after
+
+
+def test_times_that_do_not_fit_their_words_are_not_used() -> None:
+    whole = Text(transcripts(("v", "asr", [(1.0, 2.0, "a b", [1.0])])))
+    assert not whole.timed(whole.words).any()
+    assert whole.time_of(whole.words).tolist() == [1_000, 2_000]

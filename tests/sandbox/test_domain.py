@@ -31,7 +31,7 @@ def served(world: World) -> Iterator[str]:
     for video in world.youtube.videos.values():
         yield f"{video.title} {video.description} {video.tags} {video.label}"
         for track in video.tracks:
-            for _, _, said in world.youtube.cues(video, track):
+            for _, _, said, *_ in world.youtube.cues(video, track):
                 yield said
     yield json.dumps([world.reddit.posts, world.reddit.comments, world.reddit.archive])
     with Sandbox(world, services=["wiki"]) as services:

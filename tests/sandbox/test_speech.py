@@ -46,9 +46,9 @@ def test_transcripts_are_as_long_as_their_videos(world: World) -> None:
     for video in world.youtube.videos.values():
         for track in video.tracks:
             cues = world.youtube.cues(video, track)
-            words = sum(len(text.split()) for _, _, text in cues)
-            assert all(start >= 0 for start, _, _ in cues)
-            assert max(start for start, _, _ in cues) < video.seconds
+            words = sum(len(text.split()) for _, _, text, _ in cues)
+            assert all(start >= 0 for start, *_ in cues)
+            assert max(start for start, *_ in cues) < video.seconds
             if 60 <= video.seconds < 2_400 and track.language.startswith("en"):
                 assert cues[-1][0] > video.seconds - 15
                 assert 110 < 60 * words / video.seconds < 210, (video.id, video.seconds)
@@ -56,8 +56,8 @@ def test_transcripts_are_as_long_as_their_videos(world: World) -> None:
 
 def test_the_tracks_of_a_video_say_the_same_each_in_its_form(world: World) -> None:
     video = next(one for one in world.youtube.videos.values() if one.case.name == "asr")
-    automatic = [text for *_, text in world.youtube.cues(video, Track("en", "asr"))]
-    manual = [text for *_, text in world.youtube.cues(video, Track("en"))]
+    automatic = [text for _, _, text, _ in world.youtube.cues(video, Track("en", "asr"))]
+    manual = [text for _, _, text, _ in world.youtube.cues(video, Track("en"))]
     said = " ".join(text for text in manual if text != MUSIC)
     heard = " ".join(text for text in automatic if text != MUSIC)
     assert heard == heard.lower()
@@ -84,7 +84,7 @@ def test_sentences_have_no_slot_left_and_agree(world: World) -> None:
         text
         for video in list(world.youtube.videos.values())[:40]
         for track in video.tracks[:1]
-        for *_, text in world.youtube.cues(video, track)
+        for _, _, text, _ in world.youtube.cues(video, track)
     ]
     texts += [post["title"] + " " + post["selftext"] for post in world.reddit.posts.values()]
     said = " ".join(texts).lower()

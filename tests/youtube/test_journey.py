@@ -97,8 +97,11 @@ def test_word_counts_and_cues_are_those_that_were_said(whole: Job) -> None:
         for video in of_case(world, name):
             said = world.cues(video, video.tracks[track], language)
             cues = rows[video.id]["cues"]
-            assert [cue["text"] for cue in cues] == [text for _, _, text in said]
-            assert counts[video.id] == sum(len(text.split()) for _, _, text in said)
+            assert [cue["text"] for cue in cues] == [text for _, _, text, _ in said]
+            starts = [list(one.word_starts) or None for one in said]
+            assert [cue["word_start_s"] for cue in cues] == starts
+            assert rows[video.id]["word_times"] == ("complete" if any(starts) else None)
+            assert counts[video.id] == sum(len(text.split()) for _, _, text, _ in said)
             assert all(
                 first["start_s"] + first["duration_s"] <= second["start_s"] + 0.001
                 for first, second in itertools.pairwise(cues)

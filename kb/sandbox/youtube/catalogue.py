@@ -11,7 +11,7 @@ from typing import Any
 from kb.core import clock
 from kb.sandbox.domain import Domain
 from kb.sandbox.invented_ids import channel_id, video_id
-from kb.sandbox.speech import Cast
+from kb.sandbox.speech import Cast, SpokenCue
 from kb.sandbox.youtube.cases import Case, Track
 
 PAGE = 50
@@ -140,10 +140,8 @@ class Catalogue:
         clock.rng(self.seed, "search", query.lower()).shuffle(hits)
         return hits
 
-    def cues(
-        self, video: Video, track: Track, translated_to: str | None = None
-    ) -> list[tuple[float, float, str]]:
-        """What a caption track says: (start s, duration s, text)."""
+    def cues(self, video: Video, track: Track, translated_to: str | None = None) -> list[SpokenCue]:
+        """What a caption track says."""
         # The tracks of a video say the same, each in its form.
         rng = clock.rng(self.seed, "talk", video.id)
         language = (translated_to or track.language).split("-")[0]

@@ -7,6 +7,7 @@ ones (160 KB compressed), same places.
 
 import html
 import json
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 from urllib.parse import urlencode
@@ -14,6 +15,7 @@ from urllib.parse import urlencode
 from werkzeug.wrappers import Request, Response
 
 from kb.sandbox.json_templates import written
+from kb.sandbox.speech import SpokenCue
 from kb.sandbox.world import World
 from kb.sandbox.youtube.cases import Track
 from kb.sandbox.youtube.catalogue import Video
@@ -191,7 +193,8 @@ class YouTubeWeb:
                 "", 200, mimetype="text/html"
             )  # what the real service answers to an unknown or altered address, or without a token
         cues = self.world.youtube.cues(video, track, request.args.get("tlang"))
-        return Response(timed_text(cues), content_type="text/xml; charset=UTF-8")
+        form = srv3 if request.args.get("fmt") == "srv3" else timed_text
+        return Response(form(cues), content_type="text/xml; charset=UTF-8")
 
 
 def _refusal(message: str) -> Response:
@@ -199,16 +202,44 @@ def _refusal(message: str) -> Response:
     return Response(json.dumps({"error": error}), 400, mimetype="application/json")
 
 
-def timed_text(cues: list[tuple[float, float, str]]) -> str:
+def timed_text(cues: Sequence[SpokenCue]) -> str:
     """Cues as XML in the plain form; text is escaped twice, as YouTube's is."""
     lines = "".join(
-        (
-            f'<text start="{start:g}"'
-            f' dur="{length:g}">{html.escape(html.escape(text), quote=False)}</text>'
-        )
-        for start, length, text in cues
+        f'<text start="{cue.start:.10g}" dur="{cue.duration:.10g}">'
+        f"{html.escape(html.escape(cue.text), quote=False)}</text>"
+        for cue in cues
     )
     return f'<?xml version="1.0" encoding="utf-8" ?><transcript>{lines}</transcript>'
+
+
+def srv3(cues: Sequence[SpokenCue]) -> str:
+    """Cues as XML in the form with the times of words (ms), and with the empty lines of the
+    rolling display between automatic ones.
+    """
+    lines = []
+    for number, cue in enumerate(cues):
+        start, length = round(cue.start * 1000), round(cue.duration * 1000)
+        if number and cue.word_starts:
+            lines.append(f'<p t="{start - 10}" d="{length}" w="1" a="1">\n</p>')
+        words = cue.text.split() if len(cue.word_starts) > 1 else ()
+        said = "".join(
+            f'<s{_offset(at, start)} ac="0">{" " if place else ""}{html.escape(word)}</s>'
+            for place, (word, at) in enumerate(zip(words, cue.word_starts, strict=False))
+        )
+        window = ' w="1"' if cue.word_starts else ""
+        text = said or html.escape(cue.text, quote=False)
+        lines.append(f'<p t="{start}" d="{length}"{window}>{text}</p>')
+    body = "\n".join(lines)
+    return (
+        '<?xml version="1.0" encoding="utf-8" ?><timedtext format="3">\n<body>\n'
+        f"{body}\n</body></timedtext>\n"
+    )
+
+
+def _offset(at: float, start: int) -> str:
+    """When a word begins after its line does (ms); the first one's is left out."""
+    offset = round(at * 1000) - start
+    return f' t="{offset}"' if offset else ""
 
 
 PAGE_KEY = "sandbox_page_key"  # every page shows it; the player wants it back

@@ -3,7 +3,8 @@ comes with it.
 
 Three requests a video (watch page, player, timed text) and no further one, unless a track is empty.
 Preference: manual track of the language, automatic one, manual of another language translated,
-automatic translated.
+automatic translated. The library reads YouTube's plain form, which has no word times; automatic
+tracks are read in the form srv3, which has them, and in the plain form where that fails.
 """
 
 import math
@@ -24,9 +25,11 @@ from kb.net.rate import Pace
 from kb.net.retry import PATIENCE_S, attempt, blocked
 from kb.net.session import Door, HttpSession, failure, refusal
 from kb.youtube.connector import player
+from kb.youtube.ytdlp import subtitles
 
 SITE = "https://www.youtube.com/"
 REDIRECTS = 5  # in a row
+WORD_TIMES = "fmt=srv3"  # what the site adds to a track's address, and the library takes away
 
 
 class Fetcher:
@@ -152,8 +155,10 @@ class Fetcher:
                 shown = track.translate(language) if translate else track
             except (lib.NotTranslatable, lib.TranslationLanguageNotAvailable):
                 continue
-            cues = [[cue.start, cue.duration, cue.text] for cue in shown.fetch()]
-            if not any(text.split() for *_, text in cues):
+            cues = (self._with_word_times(track) if shown is track else None) or [
+                [cue.start, cue.duration, cue.text] for cue in shown.fetch()
+            ]
+            if not any(cue[2].split() for cue in cues):
                 continue
             original = "asr" if track.is_generated else "manual"
             return {
@@ -163,6 +168,21 @@ class Fetcher:
                 "cues": cues,
             }
         raise lib.NoTranscriptFound(tracks.video_id, [language], tracks)
+
+    def _with_word_times(self, track: Any) -> list[list[Any]] | None:
+        """The cues of an automatic track with the starts of their words; None where the site does
+        not give that form.
+        """
+        address = track._url  # the library has no public name for it
+        if not track.is_generated or _asks_for_token(address):
+            return None
+        response = self._session.get(f"{address}&{WORD_TIMES}")
+        if not response.ok:
+            return None
+        try:
+            return subtitles.as_lists(subtitles.read("srv3", response.text).cues)
+        except ValueError:
+            return None
 
     def _by_preference(self, tracks: Any) -> Iterator[tuple[Any, bool]]:
         language = self._profile.language
@@ -199,7 +219,7 @@ class Fetcher:
             else response.url
         )
         _no_wall(urlsplit(shown))
-        path, query = urlsplit(response.url).path, urlsplit(response.url).query
+        path = urlsplit(response.url).path
         if path == "/watch":
             self._page = response.text
         elif path == "/youtubei/v1/player":
@@ -209,7 +229,12 @@ class Fetcher:
                 self._answer = None
         elif path == "/api/timedtext":
             # The body of such a track is empty for whoever sends no token.
-            self._needs_token = "xpe" in parse_qs(query).get("exp", ()) and not response.content
+            self._needs_token = _asks_for_token(response.url) and not response.content
+
+
+def _asks_for_token(address: str) -> bool:
+    """Whether a track can be had only with a proof-of-origin token."""
+    return "xpe" in parse_qs(urlsplit(address).query).get("exp", ())
 
 
 def _no_wall(target: SplitResult) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -16,6 +16,7 @@ from kb.store.tables.partition import RawKind
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.join import FROM_FILE, array_of, one_row_each
 from kb.youtube.parse.view_counting import view_rule
+from kb.youtube.parse.word_times import checked
 from kb.youtube.ytdlp import info, tracks
 from kb.youtube.ytdlp.tracks import ENGLISH, TrackLanguage
 
@@ -52,10 +53,10 @@ def assemble(
     )
     transcripts = _usable(outcomes, words)
     if videos is None:
-        return {"youtube/transcripts": _tracks(transcripts)}
+        return {"youtube/transcripts": _tracks(transcripts, words)}
     return {
         "youtube/videos": _joined(videos, transcripts),
-        "youtube/transcripts": _tracks(transcripts),
+        "youtube/transcripts": _tracks(transcripts, words),
     }
 
 
@@ -159,22 +160,36 @@ def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.
     return rows.append_column("word_count", counted)
 
 
-def _tracks(transcripts: pa.Table) -> pa.Table:
-    transcripts = transcripts.filter(pc.equal(transcripts["outcome"], "ok"))
-    automatic = pc.fill_null(pc.equal(array_of(transcripts, "original_kind"), "asr"), False)
-    cues = _without_overlap(array_of(transcripts, "cues"), automatic)
-    transcripts = transcripts.set_column(transcripts.column_names.index("cues"), "cues", cues)
-    return transcripts.select(table("youtube/transcripts").names())
-
-
-def _without_overlap(cues: pa.Array[Any], automatic: pa.Array[Any]) -> pa.Array[Any]:
-    """Lists of cues; in automatic ones a cue ends where the next one starts, as it is shown on
-    while that is spoken.
+def _tracks(transcripts: pa.Table, words: Callable[[Any], pa.Array[Any]]) -> pa.Table:
+    """Tracks that were had. Cues of automatic ones end where the next one starts, and their word
+    times are checked.
     """
+    transcripts = transcripts.filter(pc.equal(transcripts["outcome"], "ok"))
+    cues = array_of(transcripts, "cues")
     flat = pc.list_flatten(cues)
-    if len(flat) < 2:
-        return cues
+    original = pc.fill_null(pc.equal(array_of(transcripts, "original_kind"), "asr"), False)
+    automatic = pc.fill_null(pc.equal(array_of(transcripts, "kind"), "asr"), False)
+    one_each = pa.ListArray.from_arrays(pa.array(range(len(flat) + 1), pa.int32()), flat.field(2))
+    starts, verdict = checked(cues, automatic, words(one_each))
+    fields = [flat.field("start_s"), _lengths(cues, flat, original), flat.field("text"), starts]
+    names = ["start_s", "duration_s", "text", "word_start_s"]
+    sizes = pc.fill_null(pc.list_value_length(cues), 0).cast(pa.int32())
+    offsets = pa.concat_arrays([pa.array([0], pa.int32()), pc.cumulative_sum(sizes)])
+    own = {
+        "cues": pa.ListArray.from_arrays(offsets, pa.StructArray.from_arrays(fields, names=names)),
+        "word_times": pc.if_else(automatic, verdict, pa.scalar(None, pa.string())),
+    }
+    columns = {name: array_of(transcripts, name) for name in transcripts.column_names} | own
+    return pa.table({name: columns[name] for name in table("youtube/transcripts").names()})
+
+
+def _lengths(cues: pa.Array[Any], flat: Any, automatic: pa.Array[Any]) -> pa.Array[Any]:
+    """The length of each cue (s); in automatic tracks a cue ends where the next one starts, as it
+    is shown on while that is spoken.
+    """
     start, length = flat.field("start_s"), flat.field("duration_s")
+    if len(flat) < 2:
+        return cast("pa.Array[Any]", length)
     track = pc.list_parent_indices(cues)
     gap = pc.round(pc.subtract(start.slice(1), start.slice(0, len(start) - 1)), 3)
     within = pc.and_(
@@ -185,14 +200,7 @@ def _without_overlap(cues: pa.Array[Any], automatic: pa.Array[Any]) -> pa.Array[
         pc.min_element_wise(gap, length.slice(0, len(length) - 1)),
         length.slice(0, len(length) - 1),
     )
-    length = pa.concat_arrays([before_last, length.slice(len(length) - 1)])
-    fitted = pa.StructArray.from_arrays(
-        [start, length, flat.field("text")], names=["start_s", "duration_s", "text"]
-    )
-    sizes = pc.fill_null(pc.list_value_length(cues), 0).cast(pa.int32())
-    return pa.ListArray.from_arrays(
-        pa.concat_arrays([pa.array([0], pa.int32()), pc.cumulative_sum(sizes)]), fitted
-    )
+    return pa.concat_arrays([before_last, length.slice(len(length) - 1)])
 
 
 def _words(cues: pa.Array[Any], words: Callable[[Any], pa.Array[Any]]) -> pa.Array[Any]:

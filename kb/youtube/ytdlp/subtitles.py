@@ -1,7 +1,8 @@
 """Subtitle files of YouTube's three timed forms → cues, as the plain form has them that a crawl
 reads: one cue a line, in the track's order.
 
-    srv3    <p t d> with <s t> for each word; `a="1"` only breaks the line of the rolling display
+    srv3    <p t d> with <s t> for each word; `a="1"` only breaks the line of the rolling display;
+            where YouTube answers with its plain form (<text start dur>), that is read
     json3   the same as events with `segs`; `aAppend` for `a`
     vtt     what the rolling display shows: a cue repeats the line before it, and cues of 10 ms hold
             only the repetition; <00:00:18.239><c> no</c> before each word
@@ -11,7 +12,6 @@ the next one is there; automatic cues are cut there anyway (kb.youtube.parse.ass
 """
 
 import html
-import json
 import re
 from collections.abc import Iterator
 from itertools import pairwise
@@ -81,6 +81,8 @@ def _srv3(text: str) -> tuple[list[_Line], bool]:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         raise ValueError(f"not XML: {error}") from None
+    if root.tag == "transcript":
+        return [_plain_line(line) for line in root.iter("text")], False
     if root.tag != "timedtext":
         raise ValueError(f"<{root.tag}> in place of <timedtext>")
     lines, timed = [], False
@@ -97,6 +99,12 @@ def _srv3(text: str) -> tuple[list[_Line], bool]:
             parts = [part for part in parts if part[1].strip() or "\n" not in part[1]]
         lines.append(_Line(start, start + int(line.get("d", "0")), parts))
     return lines, timed
+
+
+def _plain_line(line: ElementTree.Element) -> _Line:
+    start = round(float(line.get("start", "")) * 1000)
+    length = round(float(line.get("dur", "0")) * 1000)
+    return _Line(start, start + length, [(start, html.unescape(line.text or ""))])
 
 
 # -- json3 -----------------------------------------------------------------------------------------
@@ -240,6 +248,8 @@ def _in_one(rows: list[_Row]) -> Parts:
     return parts
 
 
-def as_json(cues: list[Cue]) -> str:
-    """The cues as the raw answer of a crawl has them: [[start_s, duration_s, text], …]."""
-    return json.dumps([cue[:3] for cue in cues], ensure_ascii=False)
+def as_lists(cues: list[Cue]) -> list[list[Any]]:
+    """The cues as the raw answer of a crawl has them: [start_s, duration_s, text] each, and the
+    starts of its words (s) in a track that has them.
+    """
+    return [list(cue if cue.word_start_s is not None else cue[:3]) for cue in cues]

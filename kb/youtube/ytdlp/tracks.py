@@ -5,6 +5,7 @@ the video's info.json; then the times of words, which automatic tracks alone hav
 them that no info.json lists counts as manual.
 """
 
+import json
 import re
 from collections.abc import Iterable, Iterator
 from functools import cache
@@ -96,7 +97,7 @@ def rows(lines: Iterable[bytes], most: int = 512) -> Iterator[pa.Table]:
             track = subtitles.read(answer["format"], answer["text"])
         except ValueError:  # text that a purge or an older version left; the import counted others
             continue
-        cues = subtitles.as_json(track.cues)
+        cues = json.dumps(subtitles.as_lists(track.cues), ensure_ascii=False)
         made.append((answer["video_id"], answer["language"], answer["format"], track.timed, cues))
         times.append(envelope.fetched_at)
         if len(made) >= most:

@@ -1,4 +1,4 @@
-"""Captions that can be had only with a PO token: one try a day, an outcome of its own."""
+"""Automatic captions in the form that has word times, and captions that ask for a PO token."""
 
 import json
 from dataclasses import replace
@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from kb.sandbox.youtube import web
 from kb.sandbox.youtube.cases import Track
 from tests.sandbox.domains import of_case
 from tests.youtube.connector.test_fetch import CRAWL, finish
@@ -78,8 +79,6 @@ def test_an_empty_body_of_such_a_track_says_the_same(
     job: Job, locked: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The library asks for a track whose address has the mark in another place."""
-    from kb.sandbox.youtube import web
-
     written = web._player_part
 
     def moved(name: str, values: Any) -> Any:
@@ -107,3 +106,55 @@ def test_empty_captions_of_many_videos_keep_no_other_from_being_read(job: Job) -
     job.sandbox.faults.clear()
     finish(job)
     assert json.loads(job.kb("status", "--json").stdout)["sources"]["youtube"]["po_token"] == 0
+
+
+def automatic(job: Job) -> str:
+    """The id of a video with an automatic track only."""
+    return of_case(job.sandbox.world.youtube, "asr")[0].id
+
+
+def fetch(job: Job, video_id: str) -> tuple[list[Any], int]:
+    """The raw cues of a video's transcript, and the requests that it took."""
+    ids = job.place / "ids.txt"
+    ids.write_text(video_id)
+    job.done(*CRAWL, "--ids", str(ids))
+    (answer,) = (one["response"] for one in job.raw("transcripts"))
+    assert (answer["outcome"], answer["kind"]) == ("ok", "asr")
+    return answer["cues"], len(job.sandbox.ledger.requests("/watch|/player|/timedtext"))
+
+
+def test_automatic_captions_are_read_with_word_times_at_no_further_request(job: Job) -> None:
+    world = job.sandbox.world.youtube
+    video = world.videos[automatic(job)]
+    cues, requests = fetch(job, video.id)
+    assert requests == 3
+    assert [tuple(cue) for cue in cues] == [
+        (*cue[:3], list(cue.word_starts)) for cue in world.cues(video, video.tracks[0])
+    ]
+
+
+@pytest.mark.parametrize(
+    ("fault", "requests"),
+    [
+        ({"status": 404, "body": "<html>no such form</html>"}, 4),
+        ({"status": 200, "body": '<timedtext format="3"><body><p t="1'}, 4),
+        ({"status": 200, "body": ""}, 4),
+        (None, 3),  # YouTube answers in the plain form
+    ],
+)
+def test_without_that_form_the_plain_one_is_read(
+    job: Job, fault: dict[str, Any] | None, requests: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world = job.sandbox.world.youtube
+    video = world.videos[automatic(job)]
+    if fault is None:
+        monkeypatch.setattr(web, "srv3", web.timed_text)
+    else:
+        job.sandbox.faults.add("/timedtext.*fmt=srv3", times=None, **fault)
+    cues, asked = fetch(job, video.id)
+    assert cues == [list(cue[:3]) for cue in world.cues(video, video.tracks[0])]
+    assert asked == requests
+    job.done("youtube", "filter")
+    rows = job.rows("SELECT word_times, cues FROM clean.youtube_transcripts")
+    assert [row["word_times"] for row in rows] == ["absent"]
+    assert all(cue["word_start_s"] is None for cue in rows[0]["cues"])

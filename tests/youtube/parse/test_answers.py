@@ -225,8 +225,8 @@ def test_transcripts_of_every_outcome() -> None:
     ].to_pylist() == ["a"]
     a, b, c, d = parse.with_cues(table).to_pylist()
     assert a["cues"] == [
-        {"start_s": 0.0, "duration_s": 1.5, "text": "hi"},
-        {"start_s": 1.0, "duration_s": 2.0, "text": "a\ufffdb"},
+        {"start_s": 0.0, "duration_s": 1.5, "text": "hi", "word_start_s": None},
+        {"start_s": 1.0, "duration_s": 2.0, "text": "a\ufffdb", "word_start_s": None},
     ]
     assert (a["player_fps"], a["game_label_id"], a["player_width"], a["problems"]) == (
         60,
