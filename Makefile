@@ -63,8 +63,8 @@ status: setup             ## progress, quota, age of the data, what is left
 	@$(KB) status $(ARGS)
 test: setup               ## every test
 	@"$(HERE).ci/test" $(ARGS)
-test-fast: setup          ## the tests without the slow kinds (Dask, wheel, crash, a real MediaWiki)
-	@"$(HERE).ci/test" -m "not bench and not dask and not wheel and not crash and not mediawiki" $(ARGS)
+test-fast: setup          ## the tests that take less than four minutes together
+	@"$(HERE).ci/test" -m "not bench and not dask and not wheel and not crash and not mediawiki and not slow" $(ARGS)
 chaos: setup              ## kill every command before each file operation, damage every file: KB_CHAOS_KILLS, SEED, ONLY
 	@cd "$(HERE)" && .venv/bin/python -m tests.crash.chaos
 lint: setup               ## ruff: the linter's rules and the formatter's layout

@@ -21,10 +21,10 @@ ROOT = Path(__file__).resolve().parent.parent
 pytest_plugins = ["tests.installed", "tests.inprocess"]
 
 
-SLOW = ("wheel", "dask", "crash", "mediawiki")  # marks; pyproject.toml says what they mean
+SLOW = ("wheel", "dask", "crash", "mediawiki", "slow")  # marks; pyproject.toml says what they mean
 
 
-# Files that take longest, the longest first.
+# Files that take longest, the longest first; their tests have the mark `slow`.
 LONG = (
     "crash/test_chaos.py",
     "wiki/connector/test_source.py",
@@ -32,7 +32,6 @@ LONG = (
     "docs/test_readme.py",
     "wiki/test_mediawiki.py",
     "youtube/connector/test_fetch.py",
-    "test_style.py",
     "contract/test_any_domain.py",
     "reddit/restore/test_reconstruct.py",
     "wiki/capture/test_page.py",
@@ -49,14 +48,49 @@ LONG = (
     "wiki/browser/test_browser.py",
     "engine/test_same_bytes_wiki.py",
     "engine/test_dask_lost.py",
-    "search/test_answers.py",
+    "reddit/connector/test_source.py",
+    "sandbox/test_domain.py",
+    "crawl/test_permanent_failures.py",
+    "sandbox/youtube/test_web.py",
+    "annotate/test_tiny.py",
+    "reddit/restore/test_tables.py",
+    "reddit/connector/test_reduce.py",
+    "annotate/test_backends.py",
+    "sandbox/youtube/test_service.py",
+    "reddit/connector/test_discover.py",
+    "report/test_build.py",
+    "youtube/connector/test_client.py",
+    "reddit/test_status.py",
+    "sandbox/test_world.py",
+    "wiki/connector/test_render.py",
+    "engine/test_annotate.py",
+    "crawl/test_loop.py",
+    "reddit/connector/test_client.py",
+    "report/test_browser.py",
+    "reddit/connector/test_answer_check.py",
+    "reddit/test_purge.py",
+    "fourth/test_fourth_source.py",
+    "release/gate/test_personal.py",
+    "youtube/test_journey.py",
+    "reddit/connector/test_refresh.py",
+    "cli/test_app.py",
+    "links/test_build.py",
+    "reddit/parse/test_anonymize.py",
+    "release/test_build.py",
+    "reddit/connector/test_fetch.py",
+    "youtube/connector/test_refresh.py",
 )
 
 
-@pytest.hookimpl(trylast=True)
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Long files and slow kinds first: a worker that took one last would leave the others idle."""
+    """Mark the tests of long files, before `-m` chooses; put these and the slow kinds first, as a
+    worker that took one last would leave the others idle.
+    """
     long = {ROOT / "tests" / name: place for place, name in enumerate(LONG)}
+    for item in items:
+        if item.path in long:
+            item.add_marker("slow")
     slow = {item.path for item in items if any(item.get_closest_marker(name) for name in SLOW)}
     items.sort(key=lambda item: (long.get(item.path, len(LONG)), item.path not in slow))
 

@@ -53,7 +53,8 @@ def test_every_answer(root: Path) -> None:
     )
     tracks = rows(root, "transcripts")
     assert set(tracks) == {"kept", "bare"}
-    assert tracks["kept"]["cues"][1] == {"start_s": 1.0, "duration_s": 2.0, "text": "three"}
+    cue = {"start_s": 1.0, "duration_s": 2.0, "text": "three", "word_start_s": None}
+    assert tracks["kept"]["cues"][1] == cue
     rejected = {
         key: (row["stage"], row["reason"], row["value"], row["threshold"])
         for key, row in rows(root, "rejected").items()

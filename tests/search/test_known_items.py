@@ -20,6 +20,7 @@ from kb.core.sources import SOURCES
 from kb.filters.filter_run import run_clean
 from kb.sandbox.reddit.subreddit import Subreddit
 from kb.sandbox.server import Sandbox
+from kb.sandbox.speech import SpokenCue
 from kb.sandbox.wiki.recorded import RecordedWiki
 from kb.sandbox.world import World
 from kb.search.answers import search
@@ -95,10 +96,10 @@ def _videos(world: World) -> dict[int, str]:
     plain, catalogue = world.youtube.cues, world.youtube
     numbers = {key: number for number, key in enumerate(catalogue.videos)}
 
-    def cues(video: Any, *rest: Any) -> list[tuple[float, float, str]]:
+    def cues(video: Any, *rest: Any) -> list[SpokenCue]:
         made = plain(video, *rest)
         for at, text in ((1, near(numbers[video.id])), (len(made) // 2, told(numbers[video.id]))):
-            made[at : at + 1] = [(*one[:2], text) for one in made[at : at + 1]]
+            made[at : at + 1] = [SpokenCue(*one[:2], text) for one in made[at : at + 1]]
         return made
 
     catalogue.cues = cues
