@@ -36,5 +36,9 @@ def test_clips_join_pairs_videos_and_texts(release: Path, root: Path) -> None:
     assert all("creeper" in row["text"].lower() for row in whole)
     alone = kb.load(release / "pairs").clips("Creeper").to_pylist()
     assert {row["title"] for row in alone} == {None}
+    by_word = kb.load(root).clips("creeper", "timing = 'word' AND clip_start_s > 20").to_pylist()
+    assert by_word == [r for r in whole if r["timing"] == "word" and r["clip_start_s"] > 20] != []
+    with pytest.raises(UsageError, match="timin"):
+        kb.load(release).clips("creeper", "timin = 'word'")
     with pytest.raises(UsageError, match="Did you mean Creeper"):
         kb.load(release).clips("crepeer")
