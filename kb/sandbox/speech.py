@@ -13,7 +13,6 @@ import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import accumulate
 from pathlib import Path
 from typing import NamedTuple
 
@@ -80,7 +79,6 @@ class Noun:
         return self.name if form == "a" or self.number == "mass" else f"the {self.name}"
 
 
-ROLLING = 1.9  # how long an automatic cue is shown, in times of what is said in it
 MUSIC = "[Music]"
 _TRIES = 50
 _BEGINNING = re.compile(r"(?:^|(?<=[.?!] ))[a-zà-ÿ]")
@@ -120,20 +118,14 @@ class Cast(NamedTuple):
 
 
 class Sentence(NamedTuple):
-    """Something said in a video. `seconds`: how long it takes."""
+    """Something said in a video. `seconds`: how long it takes; `planted`: what it is when it is no
+    part of the talk itself (kb/sandbox/youtube/planted.py).
+    """
 
     start: float
     seconds: float
     text: str
-
-
-class SpokenCue(NamedTuple):
-    """A line of a caption track, times in s. `word_starts`: of each word, when it is automatic."""
-
-    start: float
-    duration: float
-    text: str
-    word_starts: tuple[float, ...] = ()
+    planted: str = ""
 
 
 class Speech:
@@ -213,9 +205,9 @@ class Speech:
         pause = 0.6 * max(1.0, seconds / 2_400) ** 1.5
         clock = rng.uniform(0.1, 2.0)
         closing = self._closing(rng, cast, language)
-        ends = seconds - 0.3 - pace * _letters(closing)
+        ends = seconds - 0.3 - pace * letters(closing)
         for text in self._sentences(rng, cast, language):
-            length = pace * _letters(text)
+            length = pace * letters(text)
             if clock + length > ends:
                 break
             sentences.append(Sentence(round(clock, 2), round(length, 2), text))
@@ -224,7 +216,7 @@ class Speech:
                 sentences.append(Sentence(round(clock, 2), 2.5, MUSIC))
                 clock += 3
         if ends > 0.1:
-            sentences.append(Sentence(round(ends, 2), round(pace * _letters(closing), 2), closing))
+            sentences.append(Sentence(round(ends, 2), round(pace * letters(closing), 2), closing))
         return sentences
 
     def _closing(self, rng: random.Random, cast: Cast, language: str) -> str:
@@ -244,32 +236,6 @@ class Speech:
             for _ in range(rng.randint(2, 6)):
                 yield self.line("say", rng, cast)
 
-    def cues(
-        self, rng: random.Random, cast: Cast, seconds: float, language: str, *, automatic: bool
-    ) -> list[SpokenCue]:
-        """A caption track of the talk.
-
-        A manual one has sentences with capitals and stops, an automatic one lower case without
-        punctuation, five to seven words a cue, each shown until the next but one begins.
-        """
-        made: list[SpokenCue] = []
-        for start, length, sentence in self.talk(rng, cast, seconds, language):
-            if sentence == MUSIC:
-                made.append(SpokenCue(start, length, sentence, (start,) if automatic else ()))
-                continue
-            words = (_spoken(sentence) if automatic else f"{sentence_case(sentence)}.").split()
-            size = rng.randint(5, 7) if automatic else 14
-            starts = word_starts(words, length)
-            for at in range(0, len(words), size):
-                piece = words[at : at + size]
-                until = starts[at + size] if at + size < len(words) else length
-                begins, ends = round(start + starts[at], 2), round(start + until, 2)
-                shown = round((ends - begins) * (ROLLING if automatic else 1.0), 2)
-                said = tuple(round(start + one, 3) for one in starts[at : at + size])
-                times = (begins, *said[1:]) if automatic else ()
-                made.append(SpokenCue(begins, shown, " ".join(piece), times))
-        return made
-
 
 _pattern = cache(whole_words)
 
@@ -279,24 +245,14 @@ def names_topic(topic: Sequence[str], text: str) -> bool:
     return bool(pc.match_substring_regex(text, _pattern(tuple(topic))).as_py())
 
 
-def word_starts(words: Sequence[str], seconds: float) -> list[float]:
-    """When each word of a piece begins that takes so long: a long word takes longer."""
-    ends = list(accumulate(len(word) + 2 for word in words))
-    return [seconds * end / ends[-1] for end in (0, *ends[:-1])]
-
-
 def sentence_case(text: str) -> str:
     """With a capital at the beginning of each sentence."""
     return _BEGINNING.sub(lambda begin: begin[0].upper(), text)
 
 
-def _letters(text: str) -> int:
-    """Letters, and two for the end of each word."""
+def letters(text: str) -> int:
+    """How long a text takes to say: its letters, and two for the end of each word."""
     return len(text) + text.count(" ") + 2
-
-
-def _spoken(text: str) -> str:
-    return re.sub(r"[^\w\s'%-]", "", text).lower()
 
 
 def _title_case(text: str) -> str:

@@ -7,6 +7,7 @@ here from the nouns of a domain, the default profile's where none is given.
 from collections import Counter
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
+from typing import Any
 
 from kb.core import clock
 from kb.sandbox.domain import Domain, usual
@@ -56,6 +57,11 @@ class World:
     def youtube(self) -> Catalogue:
         """Channels and videos."""
         return Catalogue(self.seed, self.n_channels, self.n_videos, self.domain)
+
+    @property
+    def truth(self) -> dict[str, Any]:
+        """What is planted in the videos, as plain values (kb/sandbox/youtube/planted.py)."""
+        return self.youtube.truth
 
     @cached_property
     def reddit(self) -> Subreddit:

@@ -10,7 +10,7 @@ from kb.net import retry
 from kb.sandbox.reddit.subreddit import Subreddit
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from kb.sandbox.youtube.catalogue import Track
+from kb.sandbox.youtube.cases import Track
 from tests.reddit.work import NOW, Work
 from tests.youtube.job import Job
 

@@ -62,6 +62,8 @@ def test_the_tracks_of_a_video_say_the_same_each_in_its_form(world: World) -> No
     heard = " ".join(text for text in automatic if text != MUSIC)
     assert heard == heard.lower()
     assert not re.search(r"[.,?!;:]", heard)
+    misheard = {one["video_id"] for one in world.truth["hearing"]["errors"]}
+    assert video.id not in misheard
     assert heard == re.sub(r"[.,?!;:]", "", said).lower()
     assert re.match(r"[A-Z].*[.?!]$", said)
     assert video.cast.subject.name in heard

@@ -20,9 +20,9 @@ from kb.core.sources import SOURCES
 from kb.filters.filter_run import run_clean
 from kb.sandbox.reddit.subreddit import Subreddit
 from kb.sandbox.server import Sandbox
-from kb.sandbox.speech import SpokenCue
 from kb.sandbox.wiki.recorded import RecordedWiki
 from kb.sandbox.world import World
+from kb.sandbox.youtube.captions import SpokenCue
 from kb.search.answers import search
 from kb.search.build import index
 from kb.search.ranking import Only

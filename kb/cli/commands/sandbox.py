@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shlex
 import shutil
@@ -60,6 +61,15 @@ def sandbox(
         int, typer.Option("--channels", min=1, help="Number of YouTube channels.")
     ] = 12,
     videos: Annotated[int, typer.Option("--videos", min=0, help="Number of YouTube videos.")] = 300,
+    truth: Annotated[
+        Path | None,
+        typer.Option(
+            "--truth",
+            metavar="FILE",
+            help="Write what is planted in the videos to FILE (JSON): misheard keywords, shifted"
+            " tracks, copies, recurring texts, other languages.",
+        ),
+    ] = None,
     model: Annotated[
         bool,
         typer.Option("--model/--no-model", help="Make the tiny toxicity model unless it exists."),
@@ -77,6 +87,8 @@ def sandbox(
 
     domain = _domain(options)
     world = World(seed, n_channels=channels, n_videos=videos, n_named=PAGES, domain=domain)
+    if truth is not None:
+        _write(truth, json.dumps(world.truth, indent=1) + "\n")
     with Sandbox(world) as services:
         given = {
             "KB_DATA": options.data and str(options.data.absolute()),
@@ -84,8 +96,8 @@ def sandbox(
         }
         settings = services.settings() | _model(wanted=model)
         settings |= {name: value for name, value in given.items() if value}
-        if env is not None:
-            _write(env, settings)
+        if env is not None:  # for readers of `.env` and for `set -a; . FILE`
+            _write(env, "".join(f"{k}={shlex.quote(v)}\n" for k, v in settings.items()))
         if run:
             raise typer.Exit(_run(run, settings))
         if env is None:
@@ -130,14 +142,11 @@ def _anywhere(profile: str) -> str:
     return str(path.absolute()) if path.is_file() else profile
 
 
-def _write(path: Path, settings: dict[str, str]) -> None:
-    """Write a file for `.env` readers and for `set -a; . FILE`, atomically."""
+def _write(path: Path, text: str) -> None:
+    """Write a file atomically."""
     from kb.store.atomic import write_text
 
-    write_text(
-        path.expanduser().absolute(),
-        "".join(f"{name}={shlex.quote(value)}\n" for name, value in settings.items()),
-    )
+    write_text(path.expanduser().absolute(), text)
 
 
 def _run(words: list[str], settings: dict[str, str]) -> int:

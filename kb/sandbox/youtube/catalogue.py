@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from typing import Any
@@ -11,83 +10,15 @@ from typing import Any
 from kb.core import clock
 from kb.sandbox.domain import Domain
 from kb.sandbox.invented_ids import channel_id, video_id
-from kb.sandbox.speech import Cast, SpokenCue
-from kb.sandbox.youtube.cases import Case, Track
+from kb.sandbox.speech import Sentence
+from kb.sandbox.youtube import captions
+from kb.sandbox.youtube.captions import SpokenCue
+from kb.sandbox.youtube.cases import Track
+from kb.sandbox.youtube.hearing import Mishearing
+from kb.sandbox.youtube.planted import Planted, shifted, truth_of
+from kb.sandbox.youtube.uploads import Channel, Video
 
 PAGE = 50
-
-
-@dataclass
-class Video:
-    """A video. Counts and durations are the API's text; None means that the answer leaves the field
-    out.
-    """
-
-    id: str
-    channel: Channel
-    case: Case
-    number: int
-    cast: Cast  # what it is about
-    title: str
-    description: str
-    published_at: str
-    view_count: str | None
-    like_count: str | None
-    comment_count: str | None
-    tags: list[str]
-    category_id: str
-    language: str  # the domain's, into which every track is translated
-    label: tuple[str, str] | None  # browse id and name of what YouTube says that it is about
-    seconds: int = 600
-    duration: str | None = ""  # "" : made from `seconds`
-    width: int = 1920
-    height: int = 1080
-    fps: int = 30
-    sized: bool = True  # whether the API knows the embed's size
-    license: str = "youtube"
-    rating: str | None = None
-    live: str = "none"
-    in_api: bool = True
-    player: str = "ok"  # ok, age, gone
-    game: str | None = "topic"
-    tracks: list[Track] = field(default_factory=list)
-    short: bool = False
-
-    @property
-    def iso_duration(self) -> str | None:
-        """The duration as the API writes it."""
-        if self.duration != "":
-            return self.duration
-        minutes, seconds = divmod(self.seconds, 60)
-        hours, minutes = divmod(minutes, 60)
-        return (
-            "PT"
-            + (f"{hours}H" if hours else "")
-            + (f"{minutes}M" if minutes else "")
-            + (f"{seconds}S" if seconds or not minutes else "")
-        )
-
-
-@dataclass
-class Channel:
-    """A channel and its uploads, newest first. `listed` False: its uploads playlist answers 404."""
-
-    id: str
-    title: str
-    description: str
-    words: str
-    published_at: str
-    listed: bool = True
-    without_shorts: bool = True  # whether a UULF… playlist exists
-    videos: list[Video] = field(default_factory=list)
-    entries: list[Video] = field(
-        default_factory=list
-    )  # as the playlist lists them: one may come twice
-
-    @property
-    def uploads(self) -> str:
-        """The id of the uploads playlist."""
-        return "UU" + self.id[2:]
 
 
 class Catalogue:
@@ -114,6 +45,7 @@ class Catalogue:
                 first.entries.insert(PAGE, first.entries[PAGE - 1])
             self.channels[4].listed = False
             self.channels[5].without_shorts = False
+        self.planted = Planted(seed, self.channels, domain.speech, domain.rules.language)
 
     @cached_property
     def by_playlist(self) -> dict[str, tuple[Channel, list[Video]]]:
@@ -140,15 +72,40 @@ class Catalogue:
         clock.rng(self.seed, "search", query.lower()).shuffle(hits)
         return hits
 
+    def talk(self, video: Video, language: str) -> list[Sentence]:
+        """What is said in a video; in the domain's language with what is planted in it."""
+        own = language == self.planted.language
+        original = self.planted.copies.get(video.id, video.id) if own else video.id
+        rng = clock.rng(self.seed, "talk", original)
+        talk = self.domain.speech.talk(rng, video.cast, video.seconds, language)
+        return self.planted.talk(video, talk) if own else talk
+
     def cues(self, video: Video, track: Track, translated_to: str | None = None) -> list[SpokenCue]:
-        """What a caption track says."""
-        # The tracks of a video say the same, each in its form.
-        rng = clock.rng(self.seed, "talk", video.id)
+        """What a caption track says: of one video they say the same, each in its form and with its
+        errors.
+        """
         language = (translated_to or track.language).split("-")[0]
-        automatic = track.kind == "asr"
-        return self.domain.speech.cues(
-            rng, video.cast, video.seconds, language, automatic=automatic
-        )
+        talk = self.talk(video, language)
+        own = translated_to is None and language == self.planted.language
+        if track.kind == "asr":
+            words = [captions.spoken_words(sentence) for sentence in talk]
+            if own:
+                words, _ = self.planted.heard(video, talk, words)
+            return captions.automatic(clock.rng(self.seed, "cues", video.id), talk, words)
+        cues = captions.manual(talk)
+        return shifted(cues, self.planted.shift(video, cues)) if own else cues
+
+    @cached_property
+    def truth(self) -> dict[str, Any]:
+        """What is planted in the videos (kb/sandbox/youtube/planted.py)."""
+        return truth_of(self.planted, map(self._planted_in, self.videos.values()))
+
+    def _planted_in(self, video: Video) -> tuple[Video, list[Sentence], list[Mishearing], float]:
+        talk = self.talk(video, self.planted.language)
+        words = [captions.spoken_words(sentence) for sentence in talk]
+        automatic = "asr" in self.planted.own_kinds(video)
+        errors = self.planted.heard(video, talk, words)[1] if automatic else []
+        return video, talk, errors, self.planted.shift(video, captions.manual(talk))
 
     def _sizes(self, n_channels: int, n_videos: int) -> list[int]:
         if n_channels < 8:

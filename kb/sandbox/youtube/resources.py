@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from kb.sandbox.json_templates import written
-from kb.sandbox.youtube.catalogue import Channel, Video
+from kb.sandbox.youtube.uploads import Channel, Video
 
 _resource = partial(written, "youtube/resources.json")
 

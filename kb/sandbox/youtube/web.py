@@ -15,10 +15,10 @@ from urllib.parse import urlencode
 from werkzeug.wrappers import Request, Response
 
 from kb.sandbox.json_templates import written
-from kb.sandbox.speech import SpokenCue
 from kb.sandbox.world import World
+from kb.sandbox.youtube.captions import SpokenCue
 from kb.sandbox.youtube.cases import Track
-from kb.sandbox.youtube.catalogue import Video
+from kb.sandbox.youtube.uploads import Video
 
 SITE = "https://www.youtube.com"
 NAMES = {

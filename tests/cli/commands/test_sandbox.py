@@ -1,5 +1,6 @@
 """`kb sandbox` as a process: settings on stdout, a command with them, an end by SIGTERM."""
 
+import json
 import os
 import signal
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 import requests
 from dotenv import dotenv_values
 
+from kb.sandbox.world import World
 from tests import processes
 from tests.conftest import ROOT
 from tests.sandbox.domains import written
@@ -114,3 +116,9 @@ def test_sigterm_reaches_the_command(tmp_path: Path) -> None:
         pass
     child.send_signal(signal.SIGTERM)
     assert child.wait(60) == 3
+
+
+def test_the_truth_of_the_world_is_written_as_json(tmp_path: Path) -> None:
+    done = sandbox("--truth", "truth.json", "--seed", "3", "--", "true", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads((tmp_path / "truth.json").read_text()) == World(3).truth

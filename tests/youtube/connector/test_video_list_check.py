@@ -15,7 +15,7 @@ from kb.core.context import Run
 from kb.core.errors import LimitReached, MissingCredential
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from kb.sandbox.youtube.catalogue import Video
+from kb.sandbox.youtube.uploads import Video
 from kb.schema.decode import holdable
 from kb.youtube.connector import video_list_check as room
 from tests.youtube.job import Job
