@@ -6,10 +6,10 @@ random to 16–77 CLIP tokens; a random moment within the match's cues is the ce
 8–16 s. The profile decides what the paper leaves open: whole words, rules for everyday words, and
 which of a video's overlapping clips are kept.
 
-    build      transcripts → pairs/*.parquet
+    build      transcripts → pairs/pairs-*.parquet
     release    pairs/ → release/pairs/, without text
     layouts    pairs/ → export/<format>/
-    refill     a released index and one's own transcripts → pairs/*.parquet
+    refill     a released index and one's own transcripts → pairs/pairs-*.parquet
 """
 
 from pathlib import Path

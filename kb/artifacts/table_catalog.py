@@ -28,7 +28,7 @@ from kb.core.installation import cache_root
 from kb.core.sources import PUBLISHED, SOURCES, SPECS
 from kb.schema.tables import Table, table, tables
 from kb.store.artifact_registry import rebuild_hint
-from kb.store.layout import TOP, Layout, parquet_files
+from kb.store.layout import TOP, Layout, parquet_files, rows_pattern
 from kb.store.tables.row_counts import VERDICTS
 
 SCHEMAS = ("clean", "release", "restored", "links")  # a bare name is the first of these that has it
@@ -250,10 +250,10 @@ def bare(views: Iterable[View]) -> dict[str, View]:
 
 
 def view_name(declared: Table) -> str:
-    """The view's name of a declared table: "youtube_videos"; "pairs", "entities" and "links" bear
-    their own names.
+    """The view's name of a declared table: "youtube_videos", "pairs_quality"; "pairs", "entities"
+    and "links" bear their own names.
     """
-    own = declared.source in PUBLISHED and declared.source not in SOURCES
+    own = declared.short == declared.source or declared.name == "links/entities"
     return declared.short if own else f"{declared.source}_{declared.short}"
 
 
@@ -265,7 +265,8 @@ def _clean(root: Path) -> Iterator[View]:
     for declared in tables().values():
         if declared.source in PUBLISHED and declared.source != "links":
             name, place = view_name(declared), at.table(declared.name)
-            yield from _view("clean", name, place, "*.parquet", declared.doc, root)
+            pattern = rows_pattern(declared.name)
+            yield from _view("clean", name, place, pattern, declared.doc, root)
     for source in PUBLISHED:
         for verdict in VERDICTS:
             place, doc = at.clean(source, verdict), table(f"shared/{verdict}").doc

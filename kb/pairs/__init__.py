@@ -10,7 +10,7 @@
     clip_tokens        CLIP tokens of words
     text_window        the text around a match, to a drawn number of CLIP tokens
     extract            all of these on one batch of transcripts → rows of pairs/pairs
-    build              every batch of clean/youtube/transcripts → pairs/*.parquet
+    build              every batch of clean/youtube/transcripts → pairs/pairs-*.parquet
     restore            a released index and one's own transcripts → pairs with text
     keyword_hits       hits per keyword with examples, for a person to judge the list
     keyword_proposal   rows of a list, proposed from a wiki's page titles

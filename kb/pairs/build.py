@@ -1,4 +1,4 @@
-"""Every transcript of clean/youtube → pairs/*.parquet.
+"""Every transcript of clean/youtube → pairs/pairs-*.parquet.
 
 A part is some thousand transcripts of a file. The parts are merged into globally sorted files, so
 that these do not depend on how the work was cut, on workers or on the engine.
@@ -20,11 +20,12 @@ from kb.core.summary import Summary
 from kb.pairs import keywords as lists
 from kb.pairs import transcripts
 from kb.pairs.extract import PairCounts, Tools, make_tools, pairs_of
+from kb.pairs.quality import build as quality
 from kb.store.layout import Layout
 from kb.store.lock import writer
 from kb.store.tables.shard_writer import sorted_shards
 
-_LAYOUT = 3  # raised when the same input gives other rows
+_LAYOUT = 4  # raised when the same input gives other rows
 _ROWS = 4096  # transcripts of a part: some seconds of work
 _TOTALS = (
     "videos",
@@ -49,6 +50,7 @@ def build(run: Run) -> Summary:
         "section": section.model_dump(mode="json"),
         "seed": run.seed,
         "keywords": lists.plain(keywords),
+        "language": run.profile.youtube.language if run.profile.youtube else "",
     }
     with writer(run.root, "pairs"):
         parted = PartedBuild(run, "pairs", manifest.inputs(run.root, "pairs"), plan)
@@ -66,6 +68,7 @@ def build(run: Run) -> Summary:
                 rows_per_shard=run.profile.release.rows_per_shard,
                 released=False,
             )
+            quality.finish(parted.folder, fresh.folder, run.profile.release.rows_per_shard)
             fresh.figures = _figures(parted, keywords)
     summary = _summary(run.root)
     if not done:
@@ -111,11 +114,14 @@ def _parts(run: Run, made: Iterable[Path]) -> tuple[list[Part], bool]:
 
 def make_part(folder: str, name: str, path: str, first: int, after: int) -> dict[str, int]:
     """The pairs of some transcripts of a file."""
-    tools, counts, rows = _tools(folder), PairCounts(), []
-    for batch in transcripts.texts(Path(path), first, after):
-        made, more = pairs_of(batch, tools)
-        counts.add(more)
-        rows.append(made)
+    tools, counts, rows, figures = _tools(folder), PairCounts(), [], []
+    language = read_plan(folder)["language"]
+    for text in transcripts.texts(Path(path), first, after):
+        batch = pairs_of(text, tools)
+        counts.add(batch.counts)
+        rows.append(batch.rows)
+        figures.append(quality.of_batch(text, batch, language))
+    quality.write_part(folder, name, figures)
     hits = {what: numbers.tolist() for what, numbers in counts.hits.items()}
     write_part(folder, name, rows, "pairs/pairs", {"totals": counts.totals, "hits": hits})
     return {"words": counts.totals["words"], "pairs": counts.totals["pairs"]}

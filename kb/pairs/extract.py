@@ -37,7 +37,7 @@ class Tools(NamedTuple):
 
 def make_tools(section: Pairs, seed: int, keywords: Keywords) -> Tools:
     """Automaton and tokenizer for a profile. Raises MissingExtra."""
-    for package in ("numpy", "instant_clip_tokenizer"):
+    for package in ("numpy", "instant_clip_tokenizer", "lingua", "rensa"):
         if find_spec(package) is None:
             raise MissingExtra(
                 f"pairs need the package {package.replace('_', '-')}",
@@ -121,8 +121,21 @@ def matches(text: Text, tools: Finds, counts: PairCounts) -> Matches:
     return every.take(near)
 
 
-def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, PairCounts]:
-    """The rows of a batch (in no order that matters) and its counts."""
+class PairBatch(NamedTuple):
+    """The rows of a batch, in no order that matters, and its counts. Of each row: the number of its
+    video, the bytes of the phrase and of the text, and how many keywords are in the text.
+    """
+
+    rows: pa.Table
+    counts: PairCounts
+    video: np.ndarray
+    match: tuple[np.ndarray, np.ndarray]
+    text: tuple[np.ndarray, np.ndarray]
+    keywords: np.ndarray
+
+
+def pairs_of(text: Text, tools: Tools) -> PairBatch:
+    """The pairs of a batch of transcripts."""
     section, counts = tools.section, PairCounts()
     counts.totals.update(videos=len(text), words=text.word_count)
     hits = matches(text, tools, counts)
@@ -150,7 +163,8 @@ def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, PairCounts]:
             clip_start, clip_end, hits.video, rng.bits("rank"), gap, section.max_pairs_per_video
         )
     )
-    hits, position, rng = hits.take(taken), position[taken], rng.take(taken)
+    every, hits = hits.start, hits.take(taken)
+    position, rng = position[taken], rng.take(taken)
     grown = Grown(*(column[taken] for column in grown)) if grown else _grow(text, tools, hits, rng)
     times = {
         "segment": (segment[0][taken], segment[1][taken]),
@@ -159,7 +173,12 @@ def pairs_of(text: Text, tools: Tools) -> tuple[pa.Table, PairCounts]:
         "clip": (clip_start[taken], clip_end[taken]),
     }
     counts.tell(tools.keywords, "pairs", hits.keyword)
-    return _table(text, tools.keywords, hits, grown, position, rng, times, center[taken]), counts
+    words, end = _texts(text, grown)
+    columns = _columns(text, tools.keywords, hits, (grown.start, end), position, rng, times)
+    own = {"text": words, "token_count": grown.tokens, "center_s": center[taken] / 1000}
+    within = np.searchsorted(every, end) - np.searchsorted(every, grown.start)
+    bounds = (hits.start, hits.end), (grown.start, end)
+    return PairBatch(pa.table(columns | own), counts, hits.video, *bounds, within)
 
 
 class _Draws(NamedTuple):
@@ -216,45 +235,37 @@ def _times(text: Text, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray,
     return begin, np.maximum(begin, text.time_of(last, after=True))
 
 
-def _table(
+def _columns(
     text: Text,
     keywords: Keywords,
     hits: Matches,
-    grown: Grown,
+    grown: tuple[np.ndarray, np.ndarray],
     position: np.ndarray,
     rng: _Draws,
     times: dict[str, tuple[np.ndarray, np.ndarray]],
-    center: np.ndarray,
-) -> pa.Table:
+) -> dict[str, Any]:
+    """Columns of the pairs; `grown`: the first byte of each text and the one after its last."""
     names = pa.array([keyword.name for keyword in keywords.every])
     kinds = pa.array([keyword.kind for keyword in keywords.every])
     keyword, video = pa.array(hits.keyword), pa.array(hits.video)
-    words, end = _texts(text, grown)
     timed = text.timed(hits.start) & text.timed(hits.end - 1)
-    return pa.table(
-        {
-            "pair_id": seeded_random.hexadecimal(rng.bits("id")),
-            "video_id": text.ids.take(video),
-            "keyword": names.take(keyword),
-            "keyword_kind": kinds.take(keyword),
-            "text": words,
-            "token_count": pa.array(grown.tokens),
-            "match_start_char": pa.array(position),
-            "match_end_char": pa.array(text.characters(hits.end, hits.video)),
-            "text_start_char": pa.array(text.characters(grown.start, hits.video)),
-            "text_end_char": pa.array(text.characters(end, hits.video)),
-            **{
-                f"{what}_{side}_s": pa.array(ms / 1000)
-                for what, both in times.items()
-                for side, ms in zip(("start", "end"), both, strict=True)
-            },
-            "center_s": pa.array(center / 1000),
-            "clip_start_s": pa.array(times["clip"][0] / 1000),
-            "clip_end_s": pa.array(times["clip"][1] / 1000),
-            "transcript_kind": text.kinds.take(video),
-            "timing": pa.array(np.where(timed, "word", "cue")),
-        }
-    )
+    return {
+        "pair_id": seeded_random.hexadecimal(rng.bits("id")),
+        "video_id": text.ids.take(video),
+        "keyword": names.take(keyword),
+        "keyword_kind": kinds.take(keyword),
+        "match_start_char": pa.array(position),
+        "match_end_char": pa.array(text.characters(hits.end, hits.video)),
+        "text_start_char": pa.array(text.characters(grown[0], hits.video)),
+        "text_end_char": pa.array(text.characters(grown[1], hits.video)),
+        **{
+            f"{what}_{side}_s": pa.array(ms / 1000)
+            for what, both in times.items()
+            for side, ms in zip(("start", "end"), both, strict=True)
+        },
+        "transcript_kind": text.kinds.take(video),
+        "timing": pa.array(np.where(timed, "word", "cue")),
+    }
 
 
 def _texts(text: Text, grown: Grown) -> tuple[pa.Array[Any], np.ndarray]:

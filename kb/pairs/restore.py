@@ -48,7 +48,9 @@ def refill(run: Run, index: Path) -> Summary:
     files = transcripts.parts(run.root, index=index)
     rows = _read(index)
     with domain_binding.writing(run, "pairs"):
-        return fill(run, rows, files, "pairs")
+        beside = index if index.is_dir() else index.parent
+        quality = sorted(beside.glob("quality-*.parquet"))
+        return fill(run, rows, files, "pairs", quality)
 
 
 @dataclass(frozen=True)
@@ -115,8 +117,16 @@ class TextRestore:
         return pa.concat_tables(lists) if lists else None
 
 
-def fill(run: Run, rows: pa.Table, files: Sequence[Path], name: str) -> Summary:
-    """Rows of an index with the texts of these transcripts, as the artifact `name`."""
+def fill(
+    run: Run,
+    rows: pa.Table,
+    files: Sequence[Path],
+    name: str,
+    quality: Sequence[Path] = (),
+) -> Summary:
+    """Rows of an index with the texts of these transcripts, as the artifact `name`. `quality`: the
+    released files of pairs/quality, which are taken as they are.
+    """
     counter = make_tools(run.profile.section(Pairs), run.seed, Keywords((), (), ())).tokens
     places: dict[str, list[int]] = {}
     videos = cast("list[str]", rows["video_id"].to_pylist())
@@ -145,7 +155,7 @@ def fill(run: Run, rows: pa.Table, files: Sequence[Path], name: str) -> Summary:
                         else:
                             differing += 1
                 task.advance(len(batch), filled=filled)
-        _write(run, rows, texts, name)
+        _write(run, rows.append_column("text", pa.array(texts, pa.string())), name, quality)
     return Summary(
         command="pairs",
         source="pairs",
@@ -203,16 +213,13 @@ def _readings(captions: str) -> list[str]:
     return [" ".join(text.split()) for text in dict.fromkeys((spoken, captions))]
 
 
-def _write(run: Run, rows: pa.Table, texts: list[str | None], name: str) -> None:
+def _write(run: Run, rows: pa.Table, name: str, quality: Sequence[Path]) -> None:
+    size = run.profile.release.rows_per_shard
     with manifest.replacing(run.root, name, inputs={}) as fresh:
         part = fresh.folder / ".filled.parquet"
-        write_table(part, rows.append_column("text", pa.array(texts, pa.string())), "pairs/pairs")
-        sorted_shards(
-            [part],
-            fresh.folder,
-            "pairs/pairs",
-            rows_per_shard=run.profile.release.rows_per_shard,
-            released=False,
-        )
+        write_table(part, rows, "pairs/pairs")
+        for table_, parts in (("pairs/pairs", [part]), ("pairs/quality", quality)):
+            if parts:
+                sorted_shards(parts, fresh.folder, table_, rows_per_shard=size, released=False)
         part.unlink()
         fresh.figures = {"complete": False}  # the next `kb pairs` makes its own

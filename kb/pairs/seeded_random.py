@@ -36,8 +36,8 @@ def video_keys(seed: int, ids: Iterable[str]) -> np.ndarray:
 def bits(keys: np.ndarray, positions: np.ndarray, purpose: str) -> np.ndarray:
     """64 bits for each match: `keys` of its video, `positions` in its transcript."""
     with np.errstate(over="ignore"):
-        start = _mix(keys + np.uint64(PURPOSES[purpose]) * np.uint64(0xD1342543DE82EF95))
-        return _mix(start + (positions.astype(np.uint64) + np.uint64(1)) * np.uint64(_GOLDEN))
+        start = mixed(keys + np.uint64(PURPOSES[purpose]) * np.uint64(0xD1342543DE82EF95))
+        return mixed(start + (positions.astype(np.uint64) + np.uint64(1)) * np.uint64(_GOLDEN))
 
 
 def integers(drawn: np.ndarray, low: np.ndarray | int, high: np.ndarray | int) -> np.ndarray:
@@ -56,7 +56,7 @@ def hexadecimal(drawn: np.ndarray) -> pa.Array[Any]:
     return pa.StringArray.from_buffers(len(drawn), pa.py_buffer(offsets.data), pa.py_buffer(text))
 
 
-def _mix(value: np.ndarray) -> np.ndarray:
+def mixed(value: np.ndarray) -> np.ndarray:
     value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     mixed: np.ndarray = value ^ (value >> np.uint64(31))

@@ -48,15 +48,19 @@ class Text:
         self,
         transcripts: pa.Table,
         lengths: pa.Array[Any] | None = None,
+        channels: pa.ChunkedArray[Any] | None = None,
         *,
         parted: bool = False,
     ) -> None:
-        """`transcripts` has the columns of youtube/transcripts; `lengths` the videos' seconds,
-        null when unknown. `parted`: these are no captions but texts, and no phrase reaches from
-        one into the next.
+        """`transcripts` has the columns of youtube/transcripts; `lengths` the videos' seconds and
+        `channels` the ids of their channels, null when unknown. `parted`: these are no captions but
+        texts, and no phrase reaches from one into the next.
         """
         transcripts = transcripts.combine_chunks()
         self.ids, self.kinds = _column(transcripts, "video_id"), _column(transcripts, "kind")
+        self.channels: list[str | None] = (
+            cast("list[str | None]", channels.to_pylist()) if channels else [None] * len(self.ids)
+        )
         cues = _column(transcripts, "cues")
         videos = len(cues)
         counts = np.asarray(pc.fill_null(pc.list_value_length(cues), 0)).astype(np.int64)

@@ -52,8 +52,10 @@ def rows(path: Path) -> int:
 
 
 def texts(path: Path, first: int = 0, after: int | None = None) -> Iterator[Text]:
-    """Transcripts `first` up to `after` of a file, in batches, with the lengths of their videos."""
-    lengths = _Lengths(path)
+    """Transcripts `first` up to `after` of a file, in batches, with lengths and channels of their
+    videos.
+    """
+    videos = _Videos(path)
     with reading([path]), parquet.open_file(path, pre_buffer=False, buffer_size=1 << 20) as file:
         after = file.metadata.num_rows if after is None else after
         at, groups = 0, []
@@ -77,7 +79,8 @@ def texts(path: Path, first: int = 0, after: int | None = None) -> Iterator[Text
             place += batch.num_rows
             if low < high:
                 for piece in _pieces(pa.Table.from_batches([batch.slice(low, high - low)])):
-                    yield Text(piece, lengths.of(piece.column("video_id")))
+                    of = videos.of(piece.column("video_id"))
+                    yield Text(piece, of["duration_s"].combine_chunks(), of["channel_id"])
             if place >= after:
                 return
 
@@ -93,8 +96,8 @@ def _pieces(rows: pa.Table) -> Iterator[pa.Table]:
         yield rows
 
 
-class _Lengths:
-    """Seconds of videos by id.
+class _Videos:
+    """Lengths (s) and channels of videos by id.
 
     The videos of a file of transcripts are mostly in the file of the same name.
     """
@@ -105,27 +108,21 @@ class _Lengths:
         self._known: pa.Table | None = None
         self._all = False
 
-    def of(self, ids: pa.ChunkedArray[Any]) -> pa.Array[Any]:
-        """Lengths in the order of `ids`; null where no video says one."""
+    def of(self, ids: pa.ChunkedArray[Any]) -> pa.Table:
+        """`duration_s` and `channel_id` in the order of `ids`; null where no video says one."""
         if self._known is None:
             self._known = _read([self._same] if self._same.exists() else [])
         where = pc.index_in(ids, self._known["video_id"])
         if where.null_count and not self._all:
             self._known, self._all = _read(parquet_files(self._folder)), True
             where = pc.index_in(ids, self._known["video_id"])
-        lengths = self._known["duration_s"].take(
-            where.combine_chunks() if hasattr(where, "combine_chunks") else where
-        )
-        return lengths.combine_chunks()
+        return self._known.take(where)
 
 
 def _read(files: list[Path]) -> pa.Table:
+    names: dict[str, pa.DataType] = {"video_id": pa.string(), "channel_id": pa.string()}
+    kinds = pa.schema({**names, "duration_s": pa.float64()})
     with reading(files):
-        tables = [parquet.read_table(file, columns=["video_id", "duration_s"]) for file in files]
-    return (
-        pa.concat_tables(tables)
-        if tables
-        else pa.table(
-            {"video_id": pa.array([], pa.string()), "duration_s": pa.array([], pa.float64())}
-        )
-    )
+        tables = [parquet.read_table(file, columns=kinds.names) for file in files]
+    made = pa.concat_tables([kinds.empty_table(), *tables], promote_options="permissive")
+    return made.combine_chunks()

@@ -37,6 +37,7 @@ TOP = (
 CAPTURED = next(name for name, spec in SPECS.items() if spec.files)
 """The source with captured files beside its raw answers."""
 
+_PAIRS = ("pairs/pairs", "pairs/quality")
 _LINKS = ("links/entities", "links/links")
 
 
@@ -49,8 +50,10 @@ def parquet_files(folder: Path, pattern: str = "*.parquet") -> list[Path]:
 
 
 def rows_pattern(name: str) -> str:
-    """How the files of a declared table are named in its folder; `links/` holds two tables."""
-    return f"{name.partition('/')[2]}-*.parquet" if name in _LINKS else "*.parquet"
+    """How the files of a declared table are named in its folder; `links/` and `pairs/` hold two."""
+    if name == "pairs/pairs":
+        return "p*.parquet"  # pairs-…; part-… in roots of an older version
+    return f"{name.partition('/')[2]}-*.parquet" if name in (*_PAIRS, *_LINKS) else "*.parquet"
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +178,7 @@ class Layout:
 
     def table(self, name: str) -> Path:
         """The folder of a declared table's rows: "youtube/videos", "pairs/pairs"."""
-        if name == "pairs/pairs":
+        if name in _PAIRS:
             return self.pairs
         return self.links if name in _LINKS else self.clean(*name.split("/"))
 

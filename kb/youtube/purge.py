@@ -53,6 +53,8 @@ RULES = PurgeRules(
     rows=(
         *(location_of(f"youtube/{name}", "video_id") for name in ("videos", "transcripts")),
         location_of("pairs/pairs", "video_id"),
+        # A pair whose first copy goes has no figures until the next `kb pairs`.
+        *(location_of("pairs/quality", name) for name in ("video_id", "duplicate_video_id")),
         *shared_locations("youtube"),
         *(
             RowLocation(str(BELOW.restored("youtube", name)), f"youtube/{name}", "video_id")

@@ -18,7 +18,7 @@ from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError
 from kb.export import pair_layouts
-from tests.pairs.made import fill, tables
+from tests.pairs.made import fill, shards, tables
 
 # MineDojo's published pairs: {keyword: [[video_id, start, end], …]}
 MINEDOJO = {
@@ -68,7 +68,7 @@ def _export(run: Run, layout: str) -> Path:
 
 
 def _pairs(run: Run) -> list[dict]:
-    return pq.read_table(run.root / "pairs").to_pylist()
+    return pq.read_table(shards(run.root / "pairs")).to_pylist()
 
 
 def test_minedojo(run: Run) -> None:
@@ -122,7 +122,7 @@ def test_about_one_video_in_twenty_is_for_testing() -> None:
 def test_clip4mc_needs_texts(run: Run, tmp_path: Path) -> None:
     other = replace(run, root=tmp_path)
     (tmp_path / "pairs").mkdir()
-    rows = pq.read_table(run.root / "pairs")
+    rows = pq.read_table(shards(run.root / "pairs"))
     empty = rows.set_column(
         rows.column_names.index("text"), "text", pa.nulls(rows.num_rows, pa.string())
     )
@@ -138,7 +138,7 @@ def test_a_damaged_index_is_named(run: Run, tmp_path: Path, layout: str) -> None
     _export(run, "minedojo")
     other = replace(run, root=tmp_path / "a#b?c[d]*'e")
     shutil.copytree(run.root, other.root)
-    (part,) = (other.root / "pairs").glob("*.parquet")
+    (part,) = shards(other.root / "pairs")
     part.write_bytes(part.read_bytes()[:100])
     with pytest.raises(DamagedData, match=f"{part.name} can't be read") as caught:
         _export(other, layout)

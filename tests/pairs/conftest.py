@@ -79,7 +79,7 @@ def transcripts(*videos: tuple[str, str, list]) -> pa.Table:
 
 def rows_of(tools: Tools, rows: pa.Table, lengths: list | None = None) -> list[dict]:
     """Pairs of a batch, sorted as they are written."""
-    made, _ = pairs_of(Text(rows, pa.array(lengths, pa.float64()) if lengths else None), tools)
+    made = pairs_of(Text(rows, pa.array(lengths, pa.float64()) if lengths else None), tools).rows
     return sorted(
         made.to_pylist(), key=lambda row: (row["video_id"], row["clip_start_s"], row["pair_id"])
     )

@@ -143,6 +143,11 @@ def tables(
     return transcripts, pa.table({"video_id": ids, "duration_s": pa.array(lengths, pa.float64())})
 
 
+def shards(folder: Path) -> list[Path]:
+    """The files of pairs/pairs in a folder that has pairs/quality too."""
+    return sorted(folder.glob("pairs-*.parquet"))
+
+
 def fill(root: Path, transcripts: pa.Table, lengths: pa.Table, make_rows, files: int = 2) -> None:
     """Write clean/youtube with these transcripts, spread over `files` files."""
     for number in range(files):

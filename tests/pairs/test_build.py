@@ -12,7 +12,7 @@ from kb.core.context import Run
 from kb.core.errors import LimitReached
 from kb.pairs import build as building
 from kb.store.layout import Layout
-from tests.pairs.made import PHRASES, fill, tables
+from tests.pairs.made import PHRASES, fill, shards, tables
 
 pipeline = load(str(locate("pairs")))
 
@@ -23,7 +23,7 @@ def _bytes(folder: Path) -> dict[str, bytes]:
 
 def test_the_whole_job(run: Run) -> None:
     summary = pipeline.pairs(run, "parquet")
-    rows = pq.read_table(run.root / "pairs")
+    rows = pq.read_table(shards(run.root / "pairs"))
     assert summary["videos"] == 60
     assert summary["pairs"] == rows.num_rows > 100
     assert (
@@ -33,7 +33,7 @@ def test_the_whole_job(run: Run) -> None:
         )["pair_id"].to_pylist()
     )
     assert len(set(rows["pair_id"].to_pylist())) == rows.num_rows
-    released = pq.read_table(run.root / "release" / "pairs")
+    released = pq.read_table(shards(run.root / "release" / "pairs"))
     assert "text" not in released.column_names
     assert released.equals(rows.drop_columns("text").cast(released.schema), check_metadata=False)
     made = manifest.read(run.root, "pairs")
@@ -97,7 +97,7 @@ def test_made_pairs_are_not_made_again_until_something_changes(run: Run, monkeyp
 
 def test_more_videos_change_no_pair(run: Run, make_rows) -> None:
     pipeline.pairs(run, "parquet")
-    before = pq.read_table(run.root / "pairs").to_pylist()
+    before = pq.read_table(shards(run.root / "pairs")).to_pylist()
     more = replace(run, root=run.root.with_name("more"))
     for seed, place in ((0, more.root), (500, more.root.with_name("rest"))):
         fill(
@@ -116,7 +116,7 @@ def test_more_videos_change_no_pair(run: Run, make_rows) -> None:
             more.root / f"clean/youtube/{table}/part-00009.parquet"
         )
     pipeline.pairs(more, "parquet")
-    after = {row["pair_id"]: row for row in pq.read_table(more.root / "pairs").to_pylist()}
+    after = {row["pair_id"]: row for row in pq.read_table(shards(more.root / "pairs")).to_pylist()}
     assert len(after) > len(before)
     assert all(after[row["pair_id"]] == row for row in before)
 
@@ -125,4 +125,4 @@ def test_transcripts_without_any_keyword_give_an_empty_index(run: Run, make_rows
     none = replace(run, root=run.root.with_name("none"))
     fill(none.root, *tables(4, 60, ["xyzzy"]), make_rows)
     assert pipeline.pairs(none, "parquet")["pairs"] == 0
-    assert pq.read_table(none.root / "pairs").num_rows == 0
+    assert pq.read_table(shards(none.root / "pairs")).num_rows == 0

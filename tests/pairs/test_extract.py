@@ -59,7 +59,7 @@ def test_every_pair(keywords, with_section, tools, videos, rules):
         *((f"v{number}", kind, cues) for number, (kind, cues, _) in enumerate(videos))
     )
     text = Text(rows, pa.array([length for _, _, length in videos], pa.float64()))
-    made, counts = pairs_of(text, tools_)
+    made, counts, *_ = pairs_of(text, tools_)
     conform("pairs/pairs", made)
     whole = {row["video_id"]: joined(row["cues"]) for row in rows.to_pylist()}
     length = dict(zip(text.ids.to_pylist(), (text.length / 1000).tolist(), strict=True))
@@ -184,7 +184,7 @@ def test_cues_of_automatic_tracks_end_where_the_next_begins(tools) -> None:
 
 def test_everyday_words_need_an_unmistakable_one_nearby(tools) -> None:
     def found(said: str) -> set[str]:
-        _, counts = pairs_of(Text(transcripts(("v", "asr", [(0, 9, said)]))), tools)
+        counts = pairs_of(Text(transcripts(("v", "asr", [(0, 9, said)]))), tools).counts
         every = [
             (keyword.name, counts.of(number)) for number, keyword in enumerate(tools.keywords.every)
         ]
@@ -205,7 +205,7 @@ def test_counts(tools) -> None:
     rows = transcripts(
         ("v", "asr", [(0, 9, "creeper bed air chest day")]), ("w", "asr", [(0, 9, "my bed")])
     )
-    _, counts = pairs_of(Text(rows), tools)
+    counts = pairs_of(Text(rows), tools).counts
     totals = {
         name: counts.totals[name]
         for name in (
@@ -230,7 +230,7 @@ def test_counts(tools) -> None:
 
 
 def test_matches_after_the_end_of_the_video_make_no_pair(tools) -> None:
-    made, counts = pairs_of(
+    made, counts, *_ = pairs_of(
         Text(transcripts(("v", "asr", [(0, 5, "creeper"), (100, 5, "creeper")])), pa.array([60.0])),
         tools,
     )

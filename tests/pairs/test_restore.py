@@ -11,6 +11,7 @@ from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.pairs.clip_tokens import ENDS, Tokens
+from tests.pairs.made import shards
 
 pipeline = load(str(locate("pairs")))
 
@@ -36,7 +37,7 @@ def test_texts_of_an_earlier_version_come_back_with_their_sounds(run: Run) -> No
         row["video_id"]: " ".join(cue["text"] for cue in row["cues"])
         for row in pq.read_table(run.root / "clean/youtube/transcripts").to_pylist()
     }
-    rows = pq.read_table(run.root / "pairs").to_pylist()
+    rows = pq.read_table(shards(run.root / "pairs")).to_pylist()
     assert not any("[Música]" in row["text"] or ">>" in row["text"] for row in rows)
     earlier = {
         row["pair_id"]: said[row["video_id"]][row["text_start_char"] : row["text_end_char"]]
@@ -48,7 +49,7 @@ def test_texts_of_an_earlier_version_come_back_with_their_sounds(run: Run) -> No
     with manifest.editing(run.root, "release/pairs"):
         pq.write_table(released.set_column(at, "token_count", pa.array(tokens)), index)
     assert pipeline.refill(run, index)["filled"] == len(rows)
-    after = pq.read_table(run.root / "pairs").to_pylist()
+    after = pq.read_table(shards(run.root / "pairs")).to_pylist()
     assert {row["pair_id"]: row["text"] for row in after} == earlier
     assert any("[Música]" in text for text in earlier.values())
 
@@ -57,7 +58,7 @@ def test_texts_that_can_not_be_had_stay_null_and_are_counted(run: Run) -> None:
     pipeline.pairs(run, "parquet")
     (run.root / "clean/youtube/transcripts/part-00001.parquet").unlink()
     summary = pipeline.refill(run, run.root / "release" / "pairs")
-    assert summary["missing"] == pq.read_table(run.root / "pairs")["text"].null_count > 0
+    assert summary["missing"] == pq.read_table(shards(run.root / "pairs"))["text"].null_count > 0
     assert summary["filled"] + summary["missing"] == summary["pairs"]
     with pytest.raises(SettingError, match="no column 'pair_id'"):
         pipeline.refill(run, run.root / "clean/youtube/videos/part-00000.parquet")

@@ -96,11 +96,9 @@ class Work:
         return texts(self.root)
 
 
-def rows(folder: Path) -> list[dict[str, Any]]:
+def rows(folder: Path, pattern: str = "*.parquet") -> list[dict[str, Any]]:
     """All rows of a folder of Parquet files."""
-    return [
-        row for path in sorted(folder.glob("*.parquet")) for row in pq.read_table(path).to_pylist()
-    ]
+    return [row for path in sorted(folder.glob(pattern)) for row in pq.read_table(path).to_pylist()]
 
 
 def texts(folder: Path) -> dict[str, str]:

@@ -251,8 +251,25 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
             "clip_start_s": 10.5 - (8 + spread("clip", i) % 80 / 10) / 2,
             "clip_end_s": 10.5 + (8 + spread("clip", i) % 80 / 10) / 2,
             "transcript_kind": "asr",
+            "timing": ("word", "cue")[i % 2],
         }
         for i in range(2 * n)
+    ]
+    made["pairs/quality"] = [
+        {
+            "pair_id": row["pair_id"],
+            "video_id": row["video_id"],
+            "duplicate_of": None,
+            "duplicate_video_id": None,
+            "cluster_size": 1,
+            "recurring_share": spread("rs", i) % 11 / 10,
+            "language": "en",
+            "language_confidence": None,
+            "has_verb": i % 3 > 0,
+            "keyword_count": 1 + i % 4,
+            "words_per_second": 2.5,
+        }
+        for i, row in enumerate(made["pairs/pairs"])
     ]
     made["links/entities"] = [
         {
@@ -310,6 +327,7 @@ REJECTED = {
     ],
 }
 NAMES = {
+    "pairs/quality": "quality-00000-of-00001.parquet",
     "links/entities": "entities-00000-of-00001.parquet",
     "links/links": "links-00000-of-00001.parquet",
 }

@@ -91,7 +91,9 @@ def test_what_changed_since_the_release_before(tmp_path: Path) -> None:
     assert made("1.0.0", 40)[1] is None
     card, changes = made("1.1.0", 70)
     assert changes["version"] == "1.0.0"
-    assert changes["tables"] == [{"table": "pairs", "added": 60, "gone": 0}]
+    assert changes["tables"] == [
+        {"table": name, "added": 60, "gone": 0} for name in ("pairs", "quality")
+    ]
     assert "Since version 1.0.0" in card
     assert "| pairs | 60 | 0 |" in card
     assert made("1.1.0", 70) == (card, changes)  # made again, nothing else is said

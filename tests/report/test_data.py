@@ -27,7 +27,7 @@ def test_a_damaged_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(DamagedData, match=r"reddit\.sqlite can't be read"):
         report(a_run(tmp_path))
     path.unlink()
-    name = cut(next((tmp_path / "pairs").glob("*.parquet")))
+    name = cut(next((tmp_path / "pairs").glob("p*.parquet")))
     with pytest.raises(DamagedData, match=f"pairs/{name} can't be read") as caught:
         report(a_run(tmp_path))
     assert caught.value.hint == "run `kb pairs --again`"

@@ -112,7 +112,7 @@ def test_everything_comes_back_killed_three_times_on_the_way(
     reader = Reader(made, job.root)
     is_whole(made, reader, "youtube", "reddit")
     mine, theirs = (
-        sorted((row["pair_id"], row["text"]) for row in rows(place))
+        sorted((row["pair_id"], row["text"]) for row in rows(place, "pairs-*.parquet"))
         for place in (job.root / "restored" / "pairs", made.root / "pairs")
     )
     assert mine == theirs
@@ -312,7 +312,7 @@ def test_the_plan_says_what_of_whom_and_with_which_key(
     assert told[0] == ("videos of YouTube's Data API, YOUTUBE_API_KEY", kept["videos"], 1)
     assert told[1][:2] == ("transcripts of youtube.com, no key", kept["videos"])
     assert told[2][0] == "posts and comments of Reddit, REDDIT_CLIENT_ID (not set)"
-    assert told[3][1] == len(rows(made.root / "pairs"))
+    assert told[3][1] == len(rows(made.root / "pairs", "pairs-*.parquet"))
     by_dump = reader.plan(release, dumps=month, only="reddit")["phases"]
     assert [one["phase"] for one in by_dump] == ["posts and comments of dumps, no key"]
     assert len(made.sandbox.ledger) == since
@@ -321,7 +321,7 @@ def test_the_plan_says_what_of_whom_and_with_which_key(
 
 def test_one_part_alone(made: Made, reader: Reader, release: Path) -> None:
     done = reader.restore(release, only="pairs", without=KEYS[1:])
-    assert done["filled"] == done["pairs"] == len(rows(made.root / "pairs"))
+    assert done["filled"] == done["pairs"] == len(rows(made.root / "pairs", "pairs-*.parquet"))
     assert not (reader.root / "restored" / "reddit").exists()
     assert (reader.root / "restored" / "profile.toml").is_file()
     answers = kb.load(reader.root).search("the", source="youtube").to_pylist()

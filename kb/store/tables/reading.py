@@ -80,8 +80,8 @@ def _declared(path: Path) -> str:
             return f"{source}/{name}" if f"{source}/{name}" in tables() else f"shared/{name}"
         case (_, _, "releases" | "restored", *_):
             return ""
-        case (_, "pairs", *_):
-            return "pairs/pairs"
+        case (name, "pairs", *_):
+            return "pairs/quality" if name.startswith("quality-") else "pairs/pairs"
         case (name, "links", *_):
             return f"links/{name.partition('-')[0]}"
         case (_, _, "annotations", *_):

@@ -12,7 +12,7 @@ import pytest
 from kb.youtube.connector.ids import read_ids
 from tests import processes
 from tests.cli.conftest import clean_environment
-from tests.pairs.made import fill, tables
+from tests.pairs.made import fill, shards, tables
 
 
 @pytest.fixture(scope="module")
@@ -31,15 +31,15 @@ def test_pairs_from_the_shell(root: Path) -> None:
     stopped = kb(root, "pairs", "--limit", "15", "--json")
     assert stopped.returncode == 3, stopped.stderr
     assert json.loads(stopped.stdout.splitlines()[-1])["videos"] == 15
-    assert pq.read_table(root / "release" / "pairs").num_rows > 0
+    assert pq.read_table(shards(root / "release" / "pairs")).num_rows > 0
     done = kb(root, "pairs", "--json", "--workers", "2")
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout.splitlines()[-1])
     assert summary["videos"] == 40
     assert (
         summary["pairs"]
-        == pq.read_table(root / "pairs").num_rows
-        == pq.read_table(root / "release" / "pairs").num_rows
+        == pq.read_table(shards(root / "pairs")).num_rows
+        == pq.read_table(shards(root / "release" / "pairs")).num_rows
     )
     whole = (root / "pairs" / "pairs-00000-of-00001.parquet").read_bytes()
     filled = kb(
