@@ -102,10 +102,13 @@ class Catalogue:
 
     def _planted_in(self, video: Video) -> tuple[Video, list[Sentence], list[Mishearing], float]:
         talk = self.talk(video, self.planted.language)
-        words = [captions.spoken_words(sentence) for sentence in talk]
-        automatic = "asr" in self.planted.own_kinds(video)
-        errors = self.planted.heard(video, talk, words)[1] if automatic else []
-        return video, talk, errors, self.planted.shift(video, captions.manual(talk))
+        kinds, errors, shift = self.planted.own_kinds(video), list[Mishearing](), 0.0
+        if "asr" in kinds:
+            words = [captions.spoken_words(sentence) for sentence in talk]
+            _, errors = self.planted.heard(video, talk, words)
+        if len(kinds) == 2:
+            shift = self.planted.shift(video, captions.manual(talk))
+        return video, talk, errors, shift
 
     def _sizes(self, n_channels: int, n_videos: int) -> list[int]:
         if n_channels < 8:
