@@ -41,6 +41,8 @@ LONG = (
     "query/test_formats.py",
     "mcp/test_server.py",
     "contract/test_one_noun.py",
+    "pairs/quality/test_planted.py",
+    "pairs/quality/test_planted_tracks.py",
     "annotate/test_verified_checkpoint.py",
     "restore/test_restore.py",
     "wiki/connector/test_reduce.py",

@@ -68,7 +68,7 @@ def build(run: Run) -> Summary:
                 rows_per_shard=run.profile.release.rows_per_shard,
                 released=False,
             )
-            quality.finish(parted.folder, fresh.folder, run.profile.release.rows_per_shard)
+            quality.finish(parted.rows, fresh.folder, run.profile.release.rows_per_shard)
             fresh.figures = _figures(parted, keywords)
     summary = _summary(run.root)
     if not done:

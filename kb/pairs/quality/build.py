@@ -21,7 +21,6 @@ from kb.pairs.quality import near_duplicates, recurring_text, text_figures
 from kb.pairs.quality.hashed_words import hashed_words
 from kb.pairs.transcript_batch import Text
 from kb.store.atomic import writing
-from kb.store.layout import parquet_files
 from kb.store.tables.shard_writer import sorted_shards, write_table
 
 _TABLE = "pairs/quality"
@@ -95,13 +94,18 @@ def write_part(folder: str, name: str, batches: Sequence[BatchQuality]) -> None:
         np.save(file, np.sort(np.concatenate([one.keys for one in batches])))
 
 
-def finish(parts: Path, out: Path, rows_per_shard: int) -> None:
-    """Write pairs/quality of all parts into `out`. Raises DiskFull."""
-    place = parts / "quality"
-    recurs = recurring_text.recurring(sorted(place.glob("*.keys.npy")))
-    duplicates = _duplicates(place)
-    for path in sorted(place.glob("*.pairs.arrow")):
-        rows = _read(path)
+def finish(parts: Sequence[Path], out: Path, rows_per_shard: int) -> None:
+    """Write pairs/quality of the finished parts (their files of pairs) into `out`.
+
+    What a part left that was killed before its last file is not read: another one may have its
+    videos. Raises DiskFull.
+    """
+    named = [path.parent / "quality" / path.stem for path in parts]
+    recurs = recurring_text.recurring([Path(f"{one}.keys.npy") for one in named])
+    duplicates = _duplicates(named)
+    made_of_parts: list[Path] = []
+    for one in named:
+        rows = _read(Path(f"{one}.pairs.arrow"))
         share = pa.array(np.round(recurring_text.shares(_one(rows["runs"]), recurs), 4))
         at = pc.index_in(rows["pair_id"], value_set=_one(duplicates["pair_id"]))
         copies = duplicates.take(at)
@@ -112,26 +116,27 @@ def finish(parts: Path, out: Path, rows_per_shard: int) -> None:
             "cluster_size": pc.fill_null(copies["cluster_size"], 1),
         }
         made = pa.table({name: rows[name] for name in rows.column_names} | own)
-        name = path.name.removesuffix(".pairs.arrow")
+        made_of_parts.append(Path(f"{one}.parquet"))
         write_table(
-            place / f"{name}.parquet",
+            made_of_parts[-1],
             made.drop_columns(["runs", "has_channel", "match_start_s"]),
             _TABLE,
             sync=False,
         )
-    sorted_shards(parquet_files(place), out, _TABLE, rows_per_shard=rows_per_shard, released=False)
+    sorted_shards(made_of_parts, out, _TABLE, rows_per_shard=rows_per_shard, released=False)
 
 
-def _duplicates(place: Path) -> pa.Table:
+def _duplicates(parts: Sequence[Path]) -> pa.Table:
     """The pairs of videos that say nearly what another one says: `pair_id`, `duplicate_of`,
     `duplicate_video_id`, `cluster_size`.
     """
     paired: list[pa.Table] = []
-    for path in sorted(place.glob("*.pairs.arrow")):
-        paired.append(_read(path).select(["pair_id", "video_id", "match_start_s"]))
+    for one in parts:
+        rows = _read(Path(f"{one}.pairs.arrow"))
+        paired.append(rows.select(["pair_id", "video_id", "match_start_s"]))
     ids = [one["video_id"] for one in paired]
     with_pairs = pc.unique(pa.chunked_array([c for one in ids for c in one.chunks], pa.string()))
-    videos = pa.concat_tables(_read(path) for path in sorted(place.glob("*.videos.arrow")))
+    videos = pa.concat_tables(_read(Path(f"{one}.videos.arrow")) for one in parts)
     videos = videos.filter(pc.is_in(videos["video_id"], value_set=with_pairs))
     videos = videos.sort_by("video_id").combine_chunks()
     bands = np.asarray(_one(videos["bands"]).flatten()).reshape(-1, near_duplicates.BANDS)

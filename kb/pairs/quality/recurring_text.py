@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, cast
 
@@ -42,12 +43,17 @@ def _salt(channel: str | None) -> int:
 
 
 def once_a_video(keys: np.ndarray, video: np.ndarray) -> np.ndarray:
-    """The keys of a batch, each once for each video that has it, sorted. `video`: of each key."""
-    order = np.lexsort((keys, video))
-    keys, video = keys[order], video[order]
+    """The keys of a batch, each once for each video that has it, in no order that matters.
+    `video`: of each key, ascending.
+    """
+    keys = keys.copy()
+    bounds = np.flatnonzero(np.diff(video, prepend=-1, append=-1)).tolist()
+    for low, high in pairwise(bounds):
+        keys[low:high].sort()
     new = np.ones(len(keys), bool)
     new[1:] = (keys[1:] != keys[:-1]) | (video[1:] != video[:-1])
-    return np.sort(keys[new & (keys != 0)])
+    once: np.ndarray = keys[new & (keys != 0)]
+    return once
 
 
 def recurring(files: Sequence[Path]) -> np.ndarray:

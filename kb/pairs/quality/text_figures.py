@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from lingua import LanguageDetector
 
 NEAR = 5  # words before and after the keyword in which a verb is looked for
-_ENOUGH = 0.2  # share of function words that decides the language
+_ENOUGH = 0.1  # share of function words that decides the language
 _FOLDER = Path(__file__).with_name("data")
 # What is spoken most in videos; each language more costs time and memory for every text.
 _LANGUAGES = (
