@@ -56,8 +56,13 @@ def _hashes(words: str) -> np.ndarray:
 
 def counted(words: HashedWords, known: np.ndarray) -> np.ndarray:
     """How many of the known words come before each word, and before the end (int64)."""
-    place = np.minimum(np.searchsorted(known, words.hash), len(known) - 1)
-    return np.concatenate(([0], np.cumsum(known[place] == words.hash)))
+    likely = np.zeros(1 << 16, bool)  # by the last bits, as a search for every word takes longer
+    likely[known & np.uint64(0xFFFF)] = True
+    hits = np.flatnonzero(likely[words.hash & np.uint64(0xFFFF)])
+    place = np.minimum(np.searchsorted(known, words.hash[hits]), len(known) - 1)
+    each = np.zeros(len(words.hash) + 1, np.int64)
+    each[hits + 1] = known[place] == words.hash[hits]
+    return np.cumsum(each)
 
 
 def has_verb(
