@@ -49,7 +49,8 @@ def hashed_words(text: Text) -> HashedWords:
         joined = first * np.uint64(_FIRST) ^ last * np.uint64(_LAST)
         hashes = mixed(joined + length.astype(np.uint64) * np.uint64(_LENGTH))
     at = starts - 8
-    return HashedWords(at, hashes, text.video_of(at))
+    counts = np.diff(np.searchsorted(at, text.video_at), append=len(at))
+    return HashedWords(at, hashes, np.repeat(np.arange(len(text)), counts))
 
 
 def hash_of(word: str) -> int:
