@@ -52,6 +52,7 @@ class ReleaseSpec:
     rules       keys of the profile that decide which rows are released
     section     the section of these keys; the source's own by default
     gaps        functions that describe what the tables lack
+    quality     the function that describes how good the rows are, with figures
     ids_only    text columns hold ids and short names only
     archives    kinds of tar archives beside the tables
     paths       (table, column) pairs that name a file in an archive
@@ -69,6 +70,7 @@ class ReleaseSpec:
     rules: tuple[str, ...] = ()
     section: str = ""
     gaps: tuple[str, ...] = ()
+    quality: str = ""
     ids_only: bool = False
     archives: tuple[str, ...] = ()
     paths: tuple[tuple[str, str], ...] = ()

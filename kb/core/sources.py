@@ -40,6 +40,7 @@ RELEASES: dict[str, ReleaseSpec] = {
             *("min_clip_s", "max_clip_s", "min_gap_s", "max_pairs_per_video"),
         ),
         pictured="keyword",
+        quality="kb.release.metadata.pair_quality:pair_quality",
         extra="pairs",
     ),
     "links": ReleaseSpec(

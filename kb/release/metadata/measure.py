@@ -17,6 +17,7 @@ from kb.artifacts import manifest
 from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.core.context import Run
 from kb.core.licences import KNOWN
+from kb.core.source_spec import load_name
 from kb.core.sources import RELEASES, made_of
 from kb.release.gate.personal import personal_counts
 from kb.release.metadata.gaps import gaps
@@ -75,7 +76,7 @@ class Facts:
     """All of a folder. `rejected` is (stage, reason) → rows; `spans` are dates of the material
     itself.
 
-    `gaps` are sentences on what these very rows lack.
+    `gaps` are sentences on what these very rows lack, `quality` on how good they are.
     """
 
     source: str
@@ -93,6 +94,7 @@ class Facts:
     tombstones: int
     personal: dict[tuple[str, str], tuple[int, int, int]] = field(default_factory=dict)
     gaps: tuple[str, ...] = ()
+    quality: tuple[str, ...] = ()
 
     @property
     def rows(self) -> int:
@@ -130,6 +132,7 @@ def _facts(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> Facts:
     read = _span(con, _times(folder, "fetched_at")) or _span(
         con, _read_times(run.root, made_of(folder.source))
     )
+    quality = RELEASES[folder.source].quality
     made = _span(con, _times(folder, "published_at", "created_utc", "revision_timestamp"))
     return Facts(
         source=folder.source,
@@ -149,6 +152,7 @@ def _facts(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> Facts:
         tombstones=sum(len(tombstones.keys(run.root, one)) for one in made_of(folder.source)),
         personal=personal_counts(folder),
         gaps=gaps(con, folder),
+        quality=load_name(quality)(con, folder) if quality else (),
     )
 
 
