@@ -122,12 +122,14 @@ def matches(text: Text, tools: Finds, counts: PairCounts) -> Matches:
 
 
 class PairBatch(NamedTuple):
-    """The rows of a batch, in no order that matters, and its counts. Of each row: the number of its
-    video, the bytes of the phrase and of the text, and how many keywords are in the text.
+    """The rows of a batch, in no order that matters, its counts, and all matches, chosen or not. Of
+    each row: the number of its video, the bytes of the phrase and of the text, and how many
+    keywords are in the text.
     """
 
     rows: pa.Table
     counts: PairCounts
+    matches: Matches
     video: np.ndarray
     match: tuple[np.ndarray, np.ndarray]
     text: tuple[np.ndarray, np.ndarray]
@@ -163,7 +165,7 @@ def pairs_of(text: Text, tools: Tools) -> PairBatch:
             clip_start, clip_end, hits.video, rng.bits("rank"), gap, section.max_pairs_per_video
         )
     )
-    every, hits = hits.start, hits.take(taken)
+    every, hits = hits, hits.take(taken)
     position, rng = position[taken], rng.take(taken)
     grown = Grown(*(column[taken] for column in grown)) if grown else _grow(text, tools, hits, rng)
     times = {
@@ -176,9 +178,9 @@ def pairs_of(text: Text, tools: Tools) -> PairBatch:
     words, end = _texts(text, grown)
     columns = _columns(text, tools.keywords, hits, (grown.start, end), position, rng, times)
     own = {"text": words, "token_count": grown.tokens, "center_s": center[taken] / 1000}
-    within = np.searchsorted(every, end) - np.searchsorted(every, grown.start)
+    within = np.searchsorted(every.start, end) - np.searchsorted(every.start, grown.start)
     bounds = (hits.start, hits.end), (grown.start, end)
-    return PairBatch(pa.table(columns | own), counts, hits.video, *bounds, within)
+    return PairBatch(pa.table(columns | own), counts, every, hits.video, *bounds, within)
 
 
 class _Draws(NamedTuple):

@@ -36,7 +36,7 @@ class BatchQuality(NamedTuple):
 
 def of_batch(text: Text, batch: PairBatch, language: str) -> BatchQuality:
     """The figures of a batch's pairs. `language`: the profile's."""
-    words = hashed_words(text)
+    words = hashed_words(text, batch.matches)
     keys = recurring_text.keys_of(words, text.channels)
     bands = near_duplicates.bands_of(words, len(text))
     within, match = words.between(*batch.text), words.between(*batch.match)
