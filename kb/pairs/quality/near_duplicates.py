@@ -1,4 +1,4 @@
-"""Videos that say nearly the same, by MinHash of runs of five words.
+"""Videos that say nearly the same around keywords, by MinHash of runs of five words.
 
 Fourteen bands of eight hashes, as datatrove has them: of two transcripts with four fifths of their
 runs in common 92 of 100 are found, with nine tenths all, with a half 5 of 100 (Leskovec, Rajaraman,
