@@ -1,7 +1,8 @@
 """What a channel says again and again: intros, outros, texts of sponsors.
 
-A run of eight words recurs when at least three videos of the channel have it near a keyword. Runs are counted as
-64-bit keys of channel and words, in pieces of all keys, so that memory is bounded by a piece.
+A run of eight words recurs when at least three videos of the channel have it near a keyword. Runs
+are counted as 64-bit keys of channel and words, in pieces of all keys, so that memory is bounded by
+a piece.
 """
 
 from __future__ import annotations
