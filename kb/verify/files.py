@@ -25,6 +25,7 @@ NEIGHBOURS = {"demo", "dumps", "profiles", "demo-finished", ".gitignore", ".gitk
 _OF_STATE = (
     *(".lock", ".key", ".key.sha256", ".exported", ".repair", ".txt"),
     *(".sqlite-wal", ".sqlite-shm", ".bak"),
+    *(".arrow", ".npy"),  # of artifacts on their way
 )
 _NEVER_EMPTY = (".json", ".jsonl", ".html", ".parquet", ".png", ".svg")
 

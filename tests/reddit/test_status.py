@@ -192,7 +192,7 @@ def test_threads_of_a_real_size_can_be_walked_knowingly(whole: Work) -> None:
         " (starts_with(parent_id, 't3_')"
         " OR EXISTS (FROM read_parquet($1) p WHERE 't1_' || p.comment_id = c.parent_id))",
         [comments],
-    ).fetchone()
-    assert wrong == (0,)
+    ).fetchall()
+    assert wrong == [(0,)]
     cut = sum(not row["parent_in_release"] for row in whole.table("clean", "reddit", "comments"))
     assert cut, "the sandbox deletes and removes some"

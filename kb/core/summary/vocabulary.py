@@ -52,6 +52,7 @@ WORDS: dict[str, Word] = {
     "left": Word("Items left for the next run, in all phases."),
     "left_by": Word("The same by phase."),
     "view_rules": Word("Kept videos by how their views were counted (view_rule)."),
+    "word_times": Word("Kept automatic transcripts by whether they have word times, or why not."),
     "subtitles": Word("Subtitle files that were imported.", "{n} subtitle files"),
     "playlists": Word("Playlists and channels that were imported.", "{n} playlists"),
     "youtube import.files": Word("Files that were imported in this run."),
