@@ -136,7 +136,8 @@ def entry_of(file: Path) -> FileEntry:
 
 @contextlib.contextmanager
 def editing(root: Path, *names: str) -> Iterator[None]:
-    """Change files of artifacts in place, as a purge does; the manifests then say what they are.
+    """Change, add or remove files of artifacts in place, as a purge does; the manifests then say
+    what they are.
 
     Cut off, they promise nothing about the content of any file, and the next `editing` reads all of
     them. Call it under the artifacts' locks.
@@ -157,6 +158,9 @@ def editing(root: Path, *names: str) -> Iterator[None]:
                 entries[one] = entry_of(folder / one)
             elif one in now or one not in stamps:  # what was lost before stays known as missing
                 entries[one] = entry
+        for one in now.keys() - manifest.files.keys():
+            if stamps.get(one) != now[one]:
+                entries[one] = entry_of(folder / one)
         _write_entries(root, manifest, entries)
 
 

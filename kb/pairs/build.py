@@ -20,6 +20,7 @@ from kb.core.summary import Summary
 from kb.pairs import keywords as lists
 from kb.pairs import transcripts
 from kb.pairs.extract import PairCounts, Tools, make_tools, pairs_of
+from kb.pairs.measures import measures_file
 from kb.pairs.quality import build as quality
 from kb.store.layout import Layout
 from kb.store.lock import writer
@@ -69,6 +70,7 @@ def build(run: Run) -> Summary:
                 released=False,
             )
             quality.finish(parted.rows, fresh.folder, run.profile.release.rows_per_shard)
+            _keep_measures(run, fresh)
             fresh.figures = _figures(parted, keywords)
     summary = _summary(run.root)
     if not done:
@@ -76,6 +78,20 @@ def build(run: Run) -> Summary:
         error.summary = summary
         raise error
     return summary
+
+
+def _keep_measures(run: Run, fresh: manifest.Build) -> None:
+    """Samples of the pairs still hold when these are made again by the same rules."""
+    old = manifest.read(run.root, "pairs")
+    if old is None or not measures_file.read_measures(Layout(run.root).pairs):
+        return
+    if old.rules == fresh.rules:
+        measures_file.keep_measures(Layout(run.root).pairs, fresh.folder)
+    else:
+        run.progress.say(
+            "the rules of pairs have changed, so pairs/measures.json is removed; run"
+            " `kb pairs measure` again, which fetches no track twice"
+        )
 
 
 def check(run: Run) -> lists.Keywords:
