@@ -7,6 +7,7 @@ random to 16–77 CLIP tokens; a random moment within the match's cues is the ce
 which of a video's overlapping clips are kept.
 
     build      transcripts → pairs/pairs-*.parquet
+    measure    second tracks of a sample of videos → pairs/measures.json
     release    pairs/ → release/pairs/, without text
     layouts    pairs/ → export/<format>/
     refill     a released index and one's own transcripts → pairs/pairs-*.parquet
@@ -14,13 +15,25 @@ which of a video's overlapping clips are kept.
 
 from pathlib import Path
 
+from kb.annotate.word_count import word_count_of_lists
 from kb.artifacts import domain_binding
+from kb.artifacts.measures import check_pairs, write_measure
+from kb.core.config.profile.pairs import Pairs
 from kb.core.context import Run
 from kb.core.errors import LimitReached
 from kb.core.summary import Summary
 from kb.export import layouts
 from kb.pairs.build import build, check
+from kb.pairs.extract import Tools, make_tools
+from kb.pairs.measures import speech_recognition
+from kb.pairs.measures.speech_recognition import Sample
 from kb.store.layout import Layout
+from kb.youtube.connector.second_tracks import (
+    fetch_second_tracks,
+    plan_second_tracks,
+    with_both,
+)
+from kb.youtube.parse.second_tracks import second_tracks
 
 
 def pairs(run: Run, layout: str) -> Summary:
@@ -33,6 +46,38 @@ def pairs(run: Run, layout: str) -> Summary:
             _write(run, layout)  # what is done so far is complete in itself
             raise
         return Summary(made, **_write(run, layout))
+
+
+def measure(run: Run, size: int) -> Summary:
+    """Fetch the second tracks of a sample of videos, and write what they say of the pairs.
+
+    Raises FatalError without pairs, Stopped with `summary` when tracks are left to fetch.
+    """
+    sample, tools = _sample(run, size)
+    fetched = fetch_second_tracks(run, sample.ids)
+    tracks = second_tracks(run.root, sample.ids, word_count_of_lists)
+    section = speech_recognition.measured(run.root, tracks, tools, sample, run.seed)
+    path = write_measure(run.root, speech_recognition.NAME, section)
+    return Summary(
+        fetched,
+        videos_with_both_tracks=sample.out_of,
+        videos_compared=section["videos_compared"],
+        speech_recognition=section,
+        path=str(path),
+    )
+
+
+def plan_measure(run: Run, size: int) -> Summary:
+    """What `measure` would fetch. Sends and writes nothing."""
+    sample, _ = _sample(run, size)
+    return Summary(plan_second_tracks(run, sample.ids), videos_with_both_tracks=sample.out_of)
+
+
+def _sample(run: Run, size: int) -> tuple[Sample, Tools]:
+    section, keywords = run.profile.section(Pairs), check(run)
+    check_pairs(run.root)
+    sample = speech_recognition.sampled(run.root, with_both(run), size, run.seed)
+    return sample, make_tools(section, run.seed, keywords)
 
 
 def refill(run: Run, index: Path) -> Summary:

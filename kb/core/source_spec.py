@@ -158,6 +158,7 @@ class SourceSpec:
     pages           the table whose rows are the pages of entities
     passages        the passages that `kb search` indexes, as a function of profile and data root
     indexed         the tables that passages are made of
+    samples         raw kinds that no filter reads: samples that measures compare
     made            what else is made from its rows: "pairs"
     files           folders below raw/<name> with captured files
     agent           what `kb mcp` reads
@@ -189,6 +190,7 @@ class SourceSpec:
     pages: str = ""
     passages: str = ""
     indexed: tuple[str, ...] = ()
+    samples: tuple[str, ...] = ()
     made: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
     agent: AgentSpec | None = None

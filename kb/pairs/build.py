@@ -10,7 +10,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from kb.artifacts import manifest
+from kb.artifacts import manifest, measures
 from kb.artifacts.resumable_build import Part, PartedBuild, read_plan, write_part
 from kb.core.config.profile.pairs import Pairs
 from kb.core.context import Run
@@ -20,7 +20,6 @@ from kb.core.summary import Summary
 from kb.pairs import keywords as lists
 from kb.pairs import transcripts
 from kb.pairs.extract import PairCounts, Tools, make_tools, pairs_of
-from kb.pairs.measures import measures_file
 from kb.pairs.quality import build as quality
 from kb.store.layout import Layout
 from kb.store.lock import writer
@@ -83,10 +82,10 @@ def build(run: Run) -> Summary:
 def _keep_measures(run: Run, fresh: manifest.Build) -> None:
     """Samples of the pairs still hold when these are made again by the same rules."""
     old = manifest.read(run.root, "pairs")
-    if old is None or not measures_file.read_measures(Layout(run.root).pairs):
+    if old is None or not measures.read_measures(Layout(run.root).pairs):
         return
     if old.rules == fresh.rules:
-        measures_file.keep_measures(Layout(run.root).pairs, fresh.folder)
+        measures.keep_measures(Layout(run.root).pairs, fresh.folder)
     else:
         run.progress.say(
             "the rules of pairs have changed, so pairs/measures.json is removed; run"

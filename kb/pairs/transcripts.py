@@ -85,6 +85,19 @@ def texts(path: Path, first: int = 0, after: int | None = None) -> Iterator[Text
                 return
 
 
+def of_videos(root: Path, ids: pa.Array[Any]) -> pa.Table:
+    """The kept transcripts of these videos, in no order that matters. Raises DamagedData."""
+    found: list[pa.Table] = []
+    for path in parts(root):
+        with reading([path]), parquet.open_file(path) as file:
+            for group in range(file.num_row_groups):
+                rows = file.read_row_group(group, columns=["video_id"])
+                wanted = pc.is_in(rows["video_id"].cast(pa.string()), value_set=ids)
+                if pc.any(wanted).as_py():
+                    found.append(file.read_row_group(group, columns=_COLUMNS).filter(wanted))
+    return pa.concat_tables(found, promote_options="permissive")
+
+
 def _pieces(rows: pa.Table) -> Iterator[pa.Table]:
     """A table cut where it holds too many cues for one go (very long streams)."""
     cues = pc.sum(pc.list_value_length(rows.column("cues"))).as_py() or 0

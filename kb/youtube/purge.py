@@ -10,10 +10,12 @@ from kb.store.layout import BELOW
 from kb.store.rawlog import rawlog
 from kb.youtube.connector.ids import read_ids
 from kb.youtube.connector.reduce import (
+    RAW_SECOND_TRACKS,
     RAW_STATISTICS,
     RAW_TRANSCRIPTS,
     RAW_VIDEOS,
     REFRESH,
+    SECOND_TRACKS,
     STATISTICS,
     TRANSCRIPTS,
     VIDEOS,
@@ -63,7 +65,7 @@ RULES = PurgeRules(
         RowLocation(str(BELOW.restored("youtube")), "shared/missing", "key"),
         RowLocation(str(BELOW.restored("pairs")), "pairs/pairs", "video_id"),
     ),
-    items=(VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS),
-    exact=(RAW_VIDEOS, RAW_TRANSCRIPTS, RAW_STATISTICS),
+    items=(VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS, SECOND_TRACKS),
+    exact=(RAW_VIDEOS, RAW_TRANSCRIPTS, RAW_STATISTICS, RAW_SECOND_TRACKS),
     find=find,
 )

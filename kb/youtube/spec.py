@@ -21,6 +21,7 @@ SPEC = SourceSpec(
         "transcripts": "transcripts",  # videos whose transcript is fetched
         "statistics": "statistics to refresh",  # videos whose counts are read again
         "refresh": "videos to refresh",  # videos that are read again in full
+        "second_tracks": "second tracks",  # automatic tracks that a sample compares
     },
     noted=("channels",),
     counted="videos",
@@ -39,6 +40,7 @@ SPEC = SourceSpec(
     ),
     passages="kb.search.youtube_passages:passages",
     indexed=("videos", "transcripts"),
+    samples=("second_tracks",),
     made=("pairs",),
     restored=("videos", "transcripts"),
     release=ReleaseSpec(

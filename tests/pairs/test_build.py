@@ -7,7 +7,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.artifacts import manifest
+from kb.artifacts.measures import read_measures, write_measure
 from kb.core.config.pipeline import load, locate
+from kb.core.config.profile.pairs import Pairs
 from kb.core.context import Run
 from kb.core.errors import LimitReached
 from kb.pairs import build as building
@@ -126,3 +128,14 @@ def test_transcripts_without_any_keyword_give_an_empty_index(run: Run, make_rows
     fill(none.root, *tables(4, 60, ["xyzzy"]), make_rows)
     assert pipeline.pairs(none, "parquet")["pairs"] == 0
     assert pq.read_table(shards(none.root / "pairs")).num_rows == 0
+
+
+def test_measures_stay_while_the_rules_of_the_pairs_do(run: Run) -> None:
+    pipeline.pairs(run, "parquet")
+    write_measure(run.root, "one", {"n": 1})
+    pipeline.pairs(replace(run, again=True), "parquet")
+    assert read_measures(run.root / "pairs") == {"one": {"n": 1}}
+    section = run.profile.section(Pairs).model_copy(update={"min_gap_s": 1.5})
+    other = run.profile.model_copy(update={"pairs": section})
+    pipeline.pairs(replace(run, profile=other), "parquet")
+    assert read_measures(run.root / "pairs") == {}

@@ -163,6 +163,14 @@ WORDS: dict[str, Word] = {
         "Texts near the threshold that were scored again in fp32.", "{n} scored again in full"
     ),
     "fetched": Word("Files that were fetched.", "{n} files fetched", always=True),
+    "pairs measure.fetched": Word(
+        "Tracks that were fetched in this run.", "{n} tracks fetched", always=True
+    ),
+    "videos_with_both_tracks": Word(
+        "Kept videos that have a manual and an automatic track.", "{n} videos with both tracks"
+    ),
+    "videos_compared": Word("Videos whose tracks were compared.", "{n} videos compared"),
+    "speech_recognition": Word("The same section of pairs/measures.json: shares and intervals."),
     "present": Word("Files that were present already.", "{n} files there before"),
     "files": Word("Files.", "{n} files"),
     "tars": Word("Tar files with screenshots and images.", "{n} tars"),

@@ -1,1 +1,1 @@
-"""What samples say of how good the pairs are: pairs/measures.json, a section for each measure."""
+"""What samples of the pairs' videos say of how good the pairs are."""

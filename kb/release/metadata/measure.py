@@ -152,7 +152,7 @@ def _facts(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> Facts:
         tombstones=sum(len(tombstones.keys(run.root, one)) for one in made_of(folder.source)),
         personal=personal_counts(folder),
         gaps=gaps(con, folder),
-        quality=load_name(quality)(con, folder) if quality else (),
+        quality=load_name(quality)(con, run.root, folder) if quality else (),
     )
 
 

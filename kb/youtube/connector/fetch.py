@@ -17,11 +17,13 @@ from kb.youtube.connector.quota import WEB as SITE_BUCKET
 from kb.youtube.connector.reduce import (
     RAW_LIST,
     RAW_SEARCH,
+    RAW_SECOND_TRACKS,
     RAW_STATISTICS,
     RAW_TRANSCRIPTS,
     RAW_VIDEOS,
     REFRESH,
     SEARCHES,
+    SECOND_TRACKS,
     STATISTICS,
     TRANSCRIPTS,
     UPLOADS,
@@ -51,13 +53,14 @@ class YouTubeFetcher:
         self._api: YouTubeApi | None = None
         self._idle: list[Fetcher] = []
         self._lock = threading.Lock()
-        self._ways = {
+        self._ways: dict[str, Callable[[list[Item]], Iterator[Answer]]] = {
             SEARCHES: self._search,
             UPLOADS: self._list,
             VIDEOS: self._videos,
             REFRESH: self._videos,
             STATISTICS: self._statistics,
-            TRANSCRIPTS: self._transcript,
+            TRANSCRIPTS: partial(self._transcript, RAW_TRANSCRIPTS),
+            SECOND_TRACKS: partial(self._transcript, RAW_SECOND_TRACKS),
         }
 
     def __call__(self, kind: str, items: list[Item]) -> Iterator[Answer]:
@@ -120,11 +123,11 @@ class YouTubeFetcher:
         # What was left out is counted when videos.list has answered for it.
         self._count(crawled=len(items) - len(parse.missing(params, answer)))
 
-    def _transcript(self, items: list[Item]) -> Iterator[Answer]:
+    def _transcript(self, kind: str, items: list[Item]) -> Iterator[Answer]:
         (item,) = items
-        fetcher = self._fetcher()
+        fetcher, second = self._fetcher(), kind == RAW_SECOND_TRACKS
         try:
-            answer = fetcher.fetch(item.key, probe=self._opened.probing(WEB))
+            answer = fetcher.fetch(item.key, probe=self._opened.probing(WEB), second=second)
         except Retryable as error:
             if error.unreachable:
                 raise  # no answer, so nothing to record
@@ -134,14 +137,15 @@ class YouTubeFetcher:
                 self._idle.append(fetcher)
         outcome = answer["outcome"]
         yield Answer(
-            RAW_TRANSCRIPTS,
+            kind,
             "transcript",
             {"video_id": item.key, "language": self._profile.language},
             answer,
             failed=str(answer["reason"]) if outcome == "failed" else None,
             complete=outcome == "ok",
         )
-        self._count(transcripts=int(outcome == "ok"), transcripts_asked=int(outcome != "failed"))
+        asked = "second_tracks_asked" if second else "transcripts_asked"
+        self._count(**{kind: int(outcome == "ok"), asked: int(outcome != "failed")})
 
     def _fetcher(self) -> Fetcher:
         """One that no other thread has."""

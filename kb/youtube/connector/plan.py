@@ -100,13 +100,17 @@ def plan(run: Run, ids: Path | None = None, part: Part = None) -> Summary:
 
 def phases_of_known(run: Run, videos: int) -> list[PlanPhase]:
     """So many videos by their ids, and a transcript of each."""
-    calls, asked = math.ceil(videos / PACK), videos * REQUESTS_A_TRANSCRIPT
-    gb = {RAW_VIDEOS: calls * BYTES[RAW_VIDEOS] / 1e9}
-    gb[RAW_TRANSCRIPTS] = videos * BYTES[RAW_TRANSCRIPTS] / 1e9
+    calls = math.ceil(videos / PACK)
     return [
-        PlanPhase("videos", videos, calls, calls, gb=gb[RAW_VIDEOS]),
-        PlanPhase("transcripts", videos, asked, 0, _hours(run, videos), gb[RAW_TRANSCRIPTS]),
+        PlanPhase("videos", videos, calls, calls, gb=calls * BYTES[RAW_VIDEOS] / 1e9),
+        phase_of_tracks(run, "transcripts", videos),
     ]
+
+
+def phase_of_tracks(run: Run, name: str, tracks: int) -> PlanPhase:
+    """So many caption tracks of the web site."""
+    asked, gb = tracks * REQUESTS_A_TRANSCRIPT, tracks * BYTES[RAW_TRANSCRIPTS] / 1e9
+    return PlanPhase(name, tracks, asked, 0, _hours(run, tracks), gb)
 
 
 def _hours(run: Run, transcripts: int) -> float:

@@ -8,10 +8,12 @@ videos        key video id: metadata → transcripts, for those that pass the ch
 transcripts   key video id
 statistics    key video id: counts to be read again → refresh, for those that are left out
 refresh       key video id: metadata to be read again
+second_tracks key video id: the automatic track of a video whose transcript is a manual one
 """
 
 import logging
 from collections.abc import Callable, Collection, Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -24,7 +26,7 @@ from kb.youtube.parse import answers as parse
 from kb.youtube.parse.answers import PO_TOKEN
 from kb.youtube.ytdlp.tracks import TrackLanguage
 
-SEARCHES, CHANNELS, UPLOADS, VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS = (
+SEARCHES, CHANNELS, UPLOADS, VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS, SECOND_TRACKS = (
     "searches",
     "channels",
     "uploads",
@@ -32,6 +34,7 @@ SEARCHES, CHANNELS, UPLOADS, VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS = (
     "transcripts",
     "refresh",
     "statistics",
+    "second_tracks",
 )
 # raw kinds
 RAW_SEARCH, RAW_LIST, RAW_VIDEOS, RAW_TRANSCRIPTS, RAW_STATISTICS = (
@@ -41,6 +44,7 @@ RAW_SEARCH, RAW_LIST, RAW_VIDEOS, RAW_TRANSCRIPTS, RAW_STATISTICS = (
     "transcripts",
     "statistics",
 )
+RAW_SECOND_TRACKS = "second_tracks"
 RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES = "ytdlp_info", "ytdlp_playlists", "ytdlp_subtitles"
 FINAL = {"ok", "none", "disabled", "unavailable", "age_restricted"}
 UNJUDGED = "videos not judged"  # cursor: taken in by what asks for no transcript
@@ -113,11 +117,12 @@ class Reducer:
     ) -> None:
         self._profile, self._wanted, self._mine, self._gone = profile, wanted, mine, gone
         self._language = TrackLanguage(profile.language, profile.translate)
-        self._ways = {
+        self._ways: dict[str, Callable[[Frontier, Envelope], None]] = {
             RAW_SEARCH: self._search,
             RAW_LIST: self._list,
             RAW_VIDEOS: self._videos,
-            RAW_TRANSCRIPTS: self._transcript,
+            RAW_TRANSCRIPTS: partial(self._transcript, TRANSCRIPTS),
+            RAW_SECOND_TRACKS: partial(self._transcript, SECOND_TRACKS),
             RAW_STATISTICS: self._statistics,
             RAW_INFO: self._info,
             RAW_SUBTITLES: self._subtitles,
@@ -255,11 +260,11 @@ class Reducer:
         keys = [key for key in self._wanted(videos) if key not in self._gone]
         frontier.add(TRANSCRIPTS, keys)
 
-    def _transcript(self, frontier: Frontier, envelope: Envelope) -> None:
+    def _transcript(self, kind: str, frontier: Frontier, envelope: Envelope) -> None:
         key, status, reason = _outcome(envelope.response)
-        frontier.add(TRANSCRIPTS, [key])
-        frontier.mark(TRANSCRIPTS, [key], status, reason)
-        if reason == PO_TOKEN:
+        frontier.add(kind, [key])
+        frontier.mark(kind, [key], status, reason)
+        if reason == PO_TOKEN and kind == TRANSCRIPTS:
             frontier.payload(TRANSCRIPTS, key, Transcript((envelope.fetched_at or "")[:10]))
 
 

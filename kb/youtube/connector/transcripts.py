@@ -66,17 +66,18 @@ class Fetcher:
         """Close the connections."""
         self._session.close()
 
-    def fetch(self, video_id: str, *, probe: bool = False) -> dict[str, Any]:
+    def fetch(self, video_id: str, *, probe: bool = False, second: bool = False) -> dict[str, Any]:
         """The `response` of a transcripts envelope; `outcome` says what became of it.
 
-        `probe`: the site turned us away before, so the first 429 says that it still does. Raises
-        Blocked, which is no fact about the video, and Retryable after the last try.
+        `probe`: the site turned us away before, so the first 429 says that it still does.
+        `second`: the automatic track, of a video that has a manual one. Raises Blocked, which is
+        no fact about the video, and Retryable after the last try.
         """
         self._pace.wait()
 
         def once() -> dict[str, Any]:
             try:
-                return self._once(video_id)
+                return self._once(video_id, second)
             except Retryable as error:
                 if probe and error.throttled:
                     raise blocked(
@@ -88,7 +89,7 @@ class Fetcher:
             once, tries=self._profile.max_tries, patience=self._patience, sleep=self._sleep
         )
 
-    def _once(self, video_id: str) -> dict[str, Any]:
+    def _once(self, video_id: str, second: bool) -> dict[str, Any]:
         self._page, self._answer, self._needs_token = "", None, False
         answer: dict[str, Any] = {
             "video_id": video_id,
@@ -100,7 +101,7 @@ class Fetcher:
             "cues": None,
         }
         try:
-            answer |= self._read(self._api.list(video_id))
+            answer |= self._read(self._api.list(video_id), second)
         except (lib.RequestBlocked, lib.IpBlocked) as error:
             raise blocked(f"YouTube blocks this address ({type(error).__name__})") from None
         except lib.FailedToCreateConsentCookie:
@@ -139,18 +140,22 @@ class Fetcher:
             raise Retryable(
                 f"unreadable ({type(error).__name__})"
             ) from None  # an answer of another form than the library expects
+        if second:  # these facts came with the first track
+            return answer
         try:
             answer["player"] = player.facts(self._answer, self._page, self._profile.game_ids)
         except RecursionError:
             raise Retryable("unreadable (RecursionError)") from None
         return answer
 
-    def _read(self, tracks: Any) -> dict[str, Any]:
+    def _read(self, tracks: Any, second: bool) -> dict[str, Any]:
         """The best track with a word in it; NoTranscriptFound when none is in the language or can
-        be translated.
+        be translated. With `second` only automatic tracks of the language count.
         """
         language = self._profile.language
         for track, translate in self._by_preference(tracks):
+            if second and (translate or not track.is_generated):
+                continue
             try:
                 shown = track.translate(language) if translate else track
             except (lib.NotTranslatable, lib.TranslationLanguageNotAvailable):

@@ -2,15 +2,17 @@
 words, misheard keywords, tracks that are off.
 """
 
-import math
-from difflib import SequenceMatcher
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
 import pytest
 
+from kb.core.summary.intervals import wilson_interval
+from kb.pairs.keyword_list import Keyword
+from kb.pairs.keywords import Keywords
 from kb.pairs.matching import Matcher, phrase
+from kb.pairs.measures.speech_recognition import Compared, compare
 from kb.pairs.transcript_batch import Text
 from kb.sandbox.world import World
 from kb.sandbox.youtube import web
@@ -21,15 +23,20 @@ from kb.youtube.ytdlp.subtitles import Cue, read
 SEEDS = range(20)
 
 
+class Finds(NamedTuple):
+    """Finds a world's nouns."""
+
+    keywords: Keywords
+    matcher: Matcher
+
+
 class BothTracks(NamedTuple):
-    """Keywords of a world's videos with both tracks: how many each has, how many they share in
-    order, and by how much the measured offset misses the planted one (s, of each video).
+    """Keywords of a world's videos with both tracks, and by how much the measured offset misses
+    the planted one (s, of each video).
     """
 
     world: World
-    automatic: int
-    manual: int
-    shared: int
+    compared: Compared
     misses: list[float]
 
 
@@ -44,35 +51,31 @@ def tracks(worlds: list[World]) -> list[BothTracks]:
 
 
 def _compared(world: World) -> BothTracks:
-    nouns = world.domain.speech.nouns
-    matcher = Matcher([phrase(noun.name) for noun in nouns])
+    names = [noun.name for noun in world.domain.speech.nouns]
+    phrases = tuple(map(phrase, names))
+    every = tuple(Keyword(name, "noun") for name in names)
+    finds = Finds(Keywords(every, phrases, tuple(range(len(names)))), Matcher(phrases))
+    planted = world.youtube.planted
+    both = [one for one in world.youtube.videos.values() if planted.own_kinds(one) == {"", "asr"}]
+    compared = compare(*(_text(world, both, kind) for kind in ("asr", "")), finds)
     shifts = {one["video_id"]: one["shift_s"] for one in world.truth["shifted"]}
-    totals, misses = np.zeros(3, int), []
-    for video in world.youtube.videos.values():
-        if world.youtube.planted.own_kinds(video) == {"", "asr"}:
-            (heard, at), (written, later) = (_keywords(world, video, matcher, k) for k in _KINDS)
-            blocks = SequenceMatcher(None, heard, written, autojunk=False).get_matching_blocks()
-            pairs = [(one.a + n, one.b + n) for one in blocks for n in range(one.size)]
-            totals += (len(heard), len(written), len(pairs))
-            offset = np.median([later[b] - at[a] for a, b in pairs])
-            misses.append(float(offset) - shifts.get(video.id, 0.0))
-    return BothTracks(world, *totals.tolist(), misses)
+    later = [compared.later_s[compared.video == number] for number in range(len(both))]
+    misses = [
+        float(-np.median(one)) - shifts.get(video.id, 0.0)
+        for video, one in zip(both, later, strict=True)
+    ]
+    return BothTracks(world, compared, misses)
 
 
-_KINDS = ("asr", "")
+def _text(world: World, videos: list[Video], kind: str) -> Text:
+    cues = [[cue._asdict() for cue in _cues(world, video, kind)] for video in videos]
+    ids = [video.id for video in videos]
+    kinds = [kind or "manual"] * len(ids)
+    return Text(pa.table({"video_id": ids, "kind": kinds, "cues": pa.array(cues)}))
 
 
 def _cues(world: World, video: Video, kind: str) -> list[Cue]:
     return read("srv3", web.srv3(world.youtube.cues(video, Track("en", kind)))).cues
-
-
-def _keywords(world: World, video: Video, matcher: Matcher, kind: str) -> tuple[list[Any], Any]:
-    """The numbers of a track's keywords in order, and when each begins (s)."""
-    cues = pa.array([[cue._asdict() for cue in _cues(world, video, kind)]])
-    rows = {"video_id": [video.id], "kind": [kind or "manual"], "cues": cues}
-    text = Text(pa.table(rows))
-    found = matcher.find(text.raw)
-    return found.phrase.tolist(), text.time_of(found.start) / 1000
 
 
 def test_every_word_has_its_time_to_the_millisecond(worlds: list[World]) -> None:
@@ -93,18 +96,12 @@ def test_the_planted_error_is_inside_the_interval_of_what_is_measured(
     inside = []
     for one in tracks:
         lost, swapped = one.world.truth["hearing"]["rates"].values()
-        right = 1 - lost - swapped
-        inside.append(_wilson_has(right / (1 - lost), one.shared, one.automatic))
-        inside.append(_wilson_has(right, one.shared, one.manual))
+        right, found = 1 - lost - swapped, one.compared
+        for share, keywords in ((right / (1 - lost), found.automatic), (right, found.manual)):
+            low, high = wilson_interval(len(found.both), len(keywords))
+            inside.append(low <= share <= high)
     assert sum(inside[::2]) >= 0.9 * len(SEEDS)
     assert sum(inside[1::2]) >= 0.9 * len(SEEDS)
-
-
-def _wilson_has(share: float, hits: int, n: int, z: float = 1.96) -> bool:
-    """Whether the 95 % interval of a measured share has the planted one (Wilson 1927)."""
-    middle = (hits + z * z / 2) / (n + z * z)
-    half = z * math.sqrt(hits * (n - hits) / n + z * z / 4) / (n + z * z)
-    return abs(share - middle) <= half
 
 
 def test_the_planted_offset_is_measured(tracks: list[BothTracks]) -> None:
