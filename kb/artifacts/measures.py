@@ -1,23 +1,31 @@
 """Reads and writes pairs/measures.json: one section for each measure, each with its sample size.
 
-The sections hold figures alone, no ids and no text. They stay when pairs are made again by the
-same rules, and go when the rules (keywords, section, seed) have changed.
+The sections hold figures alone, no ids and no text. "pairs" is of all pairs and written by
+`kb pairs`. The others are of samples: they stay when pairs are made again by the same rules, and
+go when the rules (keywords, section, seed) have changed.
 """
 
-import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
+from duckdb import DuckDBPyConnection
 
 from kb.artifacts import manifest
 from kb.core.errors import FatalError
+from kb.core.summary.intervals import share_of
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout
 from kb.store.lock import writer
 from kb.store.state import json_files
+from kb.store.tables import database
+from kb.store.tables.reading import scan
 
 FILE = "measures.json"
+PAIRS = "pairs"  # the section of all pairs
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+HALF = 0.5  # share of recurring words from which a text is mostly that
 
 
 def read_measures(folder: Path) -> dict[str, Any]:
@@ -39,10 +47,15 @@ def write_measure(root: Path, name: str, section: dict[str, Any]) -> Path:
     with writer(root, "pairs"):
         check_pairs(root)
         sections = read_measures(folder) | {name: section}
-        ordered = {one: sections[one] for one in sorted(sections)}
         with manifest.editing(root, "pairs"):
-            encoded = msgspec.json.format(msgspec.json.encode(ordered), indent=1)
-            write_bytes(folder / FILE, encoded + b"\n")
+            return write_measures(folder, sections)
+
+
+def write_measures(folder: Path, sections: dict[str, Any]) -> Path:
+    """Write all sections into a folder of pairs. Returns the file. Raises DiskFull."""
+    ordered = {one: sections[one] for one in sorted(sections)}
+    encoded = msgspec.json.format(msgspec.json.encode(ordered), indent=1)
+    write_bytes(folder / FILE, encoded + b"\n")
     return folder / FILE
 
 
@@ -52,7 +65,49 @@ def check_pairs(root: Path) -> None:
         raise FatalError("there are no pairs", hint="run `kb pairs` first")
 
 
-def keep_measures(old: Path, new: Path) -> None:
-    """Copy the measures into the folder that takes the place of `old`."""
-    if (old / FILE).is_file():
-        shutil.copyfile(old / FILE, new / FILE)
+def count_pairs(root: Path, folder: Path, samples: dict[str, Any]) -> None:
+    """Write the measures of a folder of pairs: figures of all of them, and those of samples.
+
+    Raises DiskFull.
+    """
+    files = (sorted(folder.glob(f"{name}-*.parquet")) for name in ("pairs", "quality"))
+    with database.connect(root, threads=1) as con:
+        figures = pair_figures(con, *files)
+    write_measures(folder, samples | {PAIRS: figures})
+
+
+def pair_figures(
+    con: DuckDBPyConnection, pairs: Sequence[Path], quality: Sequence[Path]
+) -> dict[str, Any]:
+    """What the two tables say of all pairs: the section "pairs". Shares have the form of
+    `kb.core.summary.intervals.share_of`.
+    """
+    both = f"{scan(pairs)} JOIN {scan(quality)} USING (pair_id)"
+    ends = ", ".join(f"round(quantile_cont(interpolation_error_s, {q}), 3)" for q in QUANTILES)
+    n, words, copies, known, recurring, mean, verbs, asked, timed, *quantiles = (
+        con.execute(f"""
+        SELECT count(*), count(*) FILTER (timing = 'word'), count(duplicate_of),
+            count(recurring_share), count(*) FILTER (recurring_share > {HALF}),
+            round(avg(recurring_share), 4), count(*) FILTER (has_verb), count(has_verb),
+            count(interpolation_error_s), {ends}
+        FROM {both}""").fetchone()
+        or ()
+    )
+    languages = con.execute(
+        f"SELECT language::VARCHAR, count(*) AS n FROM {both} GROUP BY 1 ORDER BY n DESC, 1"
+    ).fetchall()
+    return {
+        "pairs": n,
+        "word_times": share_of(words, n),
+        "interpolation_error_s": quantiles_of(timed, quantiles),
+        "near_duplicates": share_of(copies, n),
+        "recurring_text": {**share_of(recurring, known), "mean_share": mean},
+        "verbs": share_of(verbs, asked),
+        "languages": {code or "unknown": share_of(found, n) for code, found in languages},
+    }
+
+
+def quantiles_of(n: int, values: Sequence[float | None]) -> dict[str, Any]:
+    """Values at `QUANTILES` as measures give them: `n`, "p05" … "p95", without values for none."""
+    named = zip(QUANTILES, values, strict=True) if n else ()
+    return {"n": n, **{f"p{round(100 * q):02}": value for q, value in named}}

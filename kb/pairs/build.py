@@ -25,7 +25,7 @@ from kb.store.layout import Layout
 from kb.store.lock import writer
 from kb.store.tables.shard_writer import sorted_shards
 
-_LAYOUT = 4  # raised when the same input gives other rows
+_LAYOUT = 5  # raised when the same input gives other rows
 _ROWS = 4096  # transcripts of a part: some seconds of work
 _TOTALS = (
     "videos",
@@ -69,7 +69,7 @@ def build(run: Run) -> Summary:
                 released=False,
             )
             quality.finish(parted.rows, fresh.folder, run.profile.release.rows_per_shard)
-            _keep_measures(run, fresh)
+            _write_measures(run, fresh)
             fresh.figures = _figures(parted, keywords)
     summary = _summary(run.root)
     if not done:
@@ -79,18 +79,18 @@ def build(run: Run) -> Summary:
     return summary
 
 
-def _keep_measures(run: Run, fresh: manifest.Build) -> None:
-    """Samples of the pairs still hold when these are made again by the same rules."""
+def _write_measures(run: Run, fresh: manifest.Build) -> None:
+    """Figures of all pairs; those of samples still hold where the rules are the same."""
     old = manifest.read(run.root, "pairs")
-    if old is None or not measures.read_measures(Layout(run.root).pairs):
-        return
-    if old.rules == fresh.rules:
-        measures.keep_measures(Layout(run.root).pairs, fresh.folder)
-    else:
-        run.progress.say(
-            "the rules of pairs have changed, so pairs/measures.json is removed; run"
-            " `kb pairs measure` again, which fetches no track twice"
-        )
+    kept = measures.read_measures(Layout(run.root).pairs) if old is not None else {}
+    if old is not None and old.rules != fresh.rules:
+        if kept.keys() - {measures.PAIRS}:
+            run.progress.say(
+                "the rules of pairs have changed, so pairs/measures.json no longer has the figures"
+                " of samples; run `kb pairs measure` again, which fetches no track twice"
+            )
+        kept = {}
+    measures.count_pairs(run.root, fresh.folder, kept)
 
 
 def check(run: Run) -> lists.Keywords:

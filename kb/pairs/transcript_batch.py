@@ -219,9 +219,10 @@ class Text:
         """
         words, both = self._word_times
         known: np.ndarray = both[after][np.searchsorted(words, places, "right") - 1]
-        return np.where(known >= 0, known, self._shared_out(places, after=after))
+        return np.where(known >= 0, known, self.shared_out(places, after=after))
 
-    def _shared_out(self, places: np.ndarray, *, after: bool) -> np.ndarray:
+    def shared_out(self, places: np.ndarray, *, after: bool = False) -> np.ndarray:
+        """The same by the times of cues alone."""
         cue = self.cue_of(places)
         begin = self.cue_at[cue]
         bounds = np.concatenate((places + 1, begin, begin + self.cue_size[cue]))

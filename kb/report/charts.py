@@ -18,9 +18,11 @@ def bars(
     unit: str,
     notes: Sequence[str] | None = None,
     colors: Sequence[str] | str = BLUE,
+    axes: Any = None,
 ) -> Any:
     """Horizontal bars, the first on top, each with its number written behind it."""
-    sheet, axes = canvas(0.9 + 0.32 * max(2, len(labels)))
+    height = 0.9 + 0.32 * max(2, len(labels))
+    sheet, axes = canvas(height) if axes is None else (axes.figure, axes)
     places = range(len(labels))
     axes.barh(places, values, color=colors, height=0.72)
     axes.set_yticks(places, labels)

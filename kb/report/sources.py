@@ -4,7 +4,7 @@ import itertools
 from functools import partial
 
 from kb.core.config.profile import Profile
-from kb.report.charts import even, histogram
+from kb.report.charts import bars, even, histogram
 from kb.report.data import ReportData
 from kb.report.figure_style import (
     BLUE,
@@ -232,4 +232,47 @@ def lengths(data: ReportData, profile: Profile) -> Figure | None:
     )
 
 
-PAIRS = (keywords, lengths)
+_QUALITY = "pairs/quality"
+# What is counted of the pairs, as SQL over pairs/quality; {main} is their most frequent language.
+_COUNTED = {
+    "time of the word known": "interpolation_error_s IS NOT NULL",
+    "near-duplicate": "duplicate_of IS NOT NULL",
+    "mostly recurring text": "recurring_share > 0.5",
+    "other language": "language IS DISTINCT FROM {main}",
+    "verb near the keyword": "has_verb",
+}
+
+
+def quality(data: ReportData, profile: Profile) -> Figure | None:
+    """How far off times by cues are, and what else is counted of the pairs."""
+    main = data.top(_QUALITY, "language", 1)
+    if not main:
+        return None
+    tests = [test.format(main=f"'{main[0][0]}'") for test in _COUNTED.values()]
+    counts = ", ".join(f"count(*) FILTER ({test})" for test in tests)
+    ends = ", ".join(f"quantile_cont(interpolation_error_s, {q})" for q in (0.01, 0.25, 0.75, 0.99))
+    ((total, *rest),) = data.rows(_QUALITY, f"SELECT count(*), {counts}, {ends} FROM {{t}}")
+    numbers, (low, early, late, high) = rest[: len(tests)], rest[len(tests) :]
+    rows = list(zip(_COUNTED, numbers, strict=True))
+    notes = [f"{number(n)}  ({n / total:.0%})" for n in numbers]
+    caption, sheet = f"Of {total:,} pairs, by pairs/quality.", None
+    if low is not None:
+        sheet, axes = canvas(5, 1, 2)
+        edges = even(low, max(high, low + 0.1))
+        errors = data.histogram(_QUALITY, "interpolation_error_s", edges)
+        x = "cue time minus word time (seconds)"
+        histogram(edges, errors, x=x, y="pairs", color=SKY, axes=axes[0])
+        bars(list(_COUNTED), numbers, unit="pairs", notes=notes, colors=GREEN, axes=axes[1])
+        caption += (
+            " Above: how much later a match would begin if only the time of its cue were known;"
+            f" half of them between {early:.2f} and {late:.2f} seconds."
+        )
+    else:
+        sheet = bars(list(_COUNTED), numbers, unit="pairs", notes=notes, colors=GREEN)
+    listed = ", ".join(f"{name} {n:,}" for name, n in rows)
+    alt = f"Bars of what is counted of {total:,} pairs: {listed}."
+    title = "What is known of their quality"
+    return Figure("pairs-quality", title, caption, alt, saved(sheet), ("figure", "pairs"), rows)
+
+
+PAIRS = (keywords, lengths, quality)

@@ -3,10 +3,11 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from kb.artifacts.measures import count_pairs, read_measures
 from kb.artifacts.purge import Purge, PurgeRules
 from kb.artifacts.purge_rows import RowLocation, location_of, shared_locations
 from kb.crawl.id_list import IdList
-from kb.store.layout import BELOW
+from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog
 from kb.youtube.connector.ids import read_ids
 from kb.youtube.connector.reduce import (
@@ -49,6 +50,13 @@ def vanished(root: Path) -> set[str]:
     return {key for key, (_, missing) in newest.items() if missing}
 
 
+def repair(purge: Purge) -> None:
+    """Count the pairs again that are left."""
+    folder = Layout(purge.root).pairs
+    if samples := read_measures(folder):
+        count_pairs(purge.root, folder, samples)
+
+
 RULES = PurgeRules(
     "youtube",
     read_list,
@@ -68,4 +76,5 @@ RULES = PurgeRules(
     items=(VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS, SECOND_TRACKS),
     exact=(RAW_VIDEOS, RAW_TRANSCRIPTS, RAW_STATISTICS, RAW_SECOND_TRACKS),
     find=find,
+    repair=repair,
 )

@@ -26,6 +26,24 @@ def test_a_figure_counts_every_row(root: Path, figure: object, table: str) -> No
     assert sum(n for _, n in made.rows) == rows > 0
 
 
+def test_the_quality_of_pairs_is_what_the_table_says(root: Path) -> None:
+    with ReportData(a_run(root)) as data:
+        figure = sources.quality(data, load_profile("minecraft"))
+        files = data.files("pairs/quality")
+    counts = dict(figure.rows)
+    with duckdb.connect() as con:
+        ((verbs, timed, low, high),) = con.execute(
+            "SELECT count(*) FILTER (has_verb), count(interpolation_error_s),"
+            " quantile_cont(interpolation_error_s, 0.25),"
+            " quantile_cont(interpolation_error_s, 0.75)"
+            " FROM read_parquet(?)",
+            [files],
+        ).fetchall()
+    assert counts["verb near the keyword"] == verbs > 0
+    assert counts["time of the word known"] == timed > 0
+    assert f"half of them between {low:.2f} and {high:.2f} seconds" in figure.caption
+
+
 def test_durations_end_at_the_percentile_of_the_profile(root: Path) -> None:
     with ReportData(a_run(root)) as data:
         figure = sources.durations(data, load_profile("minecraft"))

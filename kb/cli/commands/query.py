@@ -63,6 +63,7 @@ def _without_comments(argument: str) -> str:
         'kb query "SELECT title, view_count FROM youtube_videos ORDER BY view_count DESC LIMIT 5"',
         'kb query "SELECT stage, count(*) FROM clean.youtube_rejected GROUP BY stage" --format csv',
         'kb query "FROM release.reddit_posts" --out posts.parquet',
+        'kb query "SELECT language, count(*) FROM pairs_quality WHERE has_verb GROUP BY language"',
         "kb query --file question.sql --out answer.csv",
     ],
 )

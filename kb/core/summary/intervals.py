@@ -1,6 +1,7 @@
 """Confidence intervals of shares."""
 
 import math
+from typing import Any
 
 _Z = 1.959964  # of the normal distribution, for 95 %
 
@@ -15,3 +16,12 @@ def wilson_interval(hits: float, n: float) -> tuple[float, float]:
     middle = (hits + _Z * _Z / 2) / (n + _Z * _Z)
     half = _Z * math.sqrt(max(hits * (n - hits), 0) / n + _Z * _Z / 4) / (n + _Z * _Z)
     return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def share_of(hits: int, n: int) -> dict[str, Any]:
+    """A share as measures give it: `hits`, `n`, `share` (None where `n` is 0), and the ends `low`
+    and `high` of its interval.
+    """
+    low, high = (round(end, 4) for end in wilson_interval(hits, n))
+    share = round(hits / n, 4) if n else None
+    return {"hits": hits, "n": n, "share": share, "low": low, "high": high}

@@ -16,8 +16,9 @@ from typing import Any, NamedTuple, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.artifacts.measures import QUANTILES, quantiles_of
 from kb.core.installation import np
-from kb.core.summary.intervals import wilson_interval
+from kb.core.summary.intervals import share_of
 from kb.pairs import seeded_random, transcripts
 from kb.pairs.extract import Finds, Matches, PairCounts, matches
 from kb.pairs.keywords import Keywords
@@ -26,8 +27,6 @@ from kb.store.tables import parquet
 
 NAME = "speech_recognition"  # section of pairs/measures.json
 NEAR_S = 10.0  # how far apart the times of one spoken word may be
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-_DIGITS = 4
 
 
 class Sample(NamedTuple):
@@ -122,8 +121,8 @@ class Totals:
                 "in_automatic": n,
                 "in_manual": written,
                 "in_both": shared,
-                "manual_given_automatic": _share(shared, n),
-                "automatic_given_manual": _share(shared, written),
+                "manual_given_automatic": share_of(shared, n),
+                "automatic_given_manual": share_of(shared, written),
             }
 
         kinds = sorted(set(self._kinds[np.concatenate((automatic, manual))].tolist()))
@@ -141,16 +140,9 @@ class Totals:
         }
 
 
-def _share(hits: int, n: int) -> dict[str, Any]:
-    low, high = wilson_interval(hits, n)
-    share = round(hits / n, _DIGITS) if n else None
-    return {"share": share, "low": round(low, _DIGITS), "high": round(high, _DIGITS)}
-
-
 def _quantiles(seconds: np.ndarray) -> dict[str, Any]:
-    values = np.quantile(seconds, QUANTILES).round(3).tolist() if len(seconds) else []
-    named = {f"p{round(100 * q):02}": value for q, value in zip(QUANTILES, values, strict=False)}
-    return {"n": len(seconds), **named}
+    values = np.quantile(seconds, QUANTILES).round(3).tolist() if len(seconds) else ()
+    return quantiles_of(len(seconds), values)
 
 
 def measured(

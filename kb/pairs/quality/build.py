@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -60,6 +60,7 @@ def of_batch(text: Text, batch: PairBatch, language: str) -> BatchQuality:
             "language_confidence": confidence,
             "has_verb": pa.array(verbs) if verbs is not None else pa.nulls(len(codes), pa.bool_()),
             "keyword_count": pa.array(batch.keywords),
+            "interpolation_error_s": _interpolation_error(text, batch),
             "words_per_second": pc.if_else(
                 pc.greater(seconds, 0), pc.divide(counts.cast(pa.float64()), seconds), None
             ),
@@ -74,6 +75,15 @@ def of_batch(text: Text, batch: PairBatch, language: str) -> BatchQuality:
         }
     )
     return BatchQuality(pairs, videos, recurring_text.once_a_video(keys, words.video[: len(keys)]))
+
+
+def _interpolation_error(text: Text, batch: PairBatch) -> pa.Array[Any]:
+    """How much later each match would begin (s) if the words of its cue shared its time evenly;
+    null where its own time is known no better.
+    """
+    at = batch.match[0]
+    later = (text.shared_out(at) - text.time_of(at)) / 1000
+    return cast("pa.Array[Any]", pa.array(later, mask=~text.timed(at)))
 
 
 def write_part(folder: str, name: str, batches: Sequence[BatchQuality]) -> None:

@@ -81,7 +81,8 @@ def test_the_section_counts_what_the_intervals_are_of(
     measured: tuple[Job, dict[str, Any]],
 ) -> None:
     job, said = measured
-    section = json.loads((job.root / "pairs" / "measures.json").read_text())["speech_recognition"]
+    text = (job.root / "pairs" / "measures.json").read_text()
+    section = json.loads(text)["speech_recognition"]
     assert section == said["done"]["speech_recognition"]
     every, kinds = section["keywords"], section["keywords_by_kind"]
     for name in ("in_automatic", "in_manual", "in_both"):
@@ -118,6 +119,9 @@ def test_a_removed_video_leaves_the_second_tracks_as_well(
     again = job.done("pairs", "measure")
     assert again["videos_with_both_tracks"] == said["plan"]["videos_with_both_tracks"] - 1
     assert not again["requests"]
+    (left,) = job.rows("SELECT count(*) AS pairs FROM pairs")
+    measures = json.loads((job.root / "pairs" / "measures.json").read_text())
+    assert measures["pairs"]["pairs"] == measures["pairs"]["word_times"]["n"] == left["pairs"]
 
 
 def test_a_larger_sample_begins_with_the_smaller_one(

@@ -16,8 +16,8 @@ SECTION = {
     "keywords": {
         "in_automatic": 7000,
         "in_manual": 7500,
-        "manual_given_automatic": {"share": 0.95, "low": 0.9446, "high": 0.9549},
-        "automatic_given_manual": {"share": 0.8867, "low": 0.8793, "high": 0.8937},
+        "manual_given_automatic": {"n": 7000, "share": 0.95, "low": 0.9446, "high": 0.9549},
+        "automatic_given_manual": {"n": 7500, "share": 0.8867, "low": 0.8793, "high": 0.8937},
     },
     "automatic_later_s": {"n": 6650, "p25": -0.21, "p50": 0.1, "p75": 0.43},
 }
