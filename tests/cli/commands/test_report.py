@@ -19,5 +19,5 @@ def test_command_prints_its_page(tmp_path: Path, capsys: pytest.CaptureFixture[s
         main(["report", "--data", str(tmp_path), "--json", "--quiet"])
     assert not left.value.code
     summary = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert summary["figures"] == 2
+    assert summary["figures"] == 3
     assert Path(summary["page"]).is_file()

@@ -52,6 +52,7 @@ APPLIES = {
     **{f"{source} export": {"engine", "scheduler", "pipeline"} for source in SOURCES},
     **{f"purge {source}": CLUSTER for source in SOURCES},
     "pairs": {*CLUSTER, "limit", "again", "pipeline"},
+    "pairs measure": {"wait", "pipeline"},
     "links": {*CLUSTER, "again", "pipeline"},
     "release": {"pipeline"},
     "release publish": {"wait", "pipeline"},
