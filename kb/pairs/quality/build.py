@@ -82,7 +82,8 @@ def _interpolation_error(text: Text, batch: PairBatch) -> pa.Array[Any]:
     null where its own time is known no better.
     """
     at = batch.match[0]
-    later = (text.shared_out(at) - text.time_of(at)) / 1000
+    mine = np.rint(np.asarray(batch.rows["match_start_s"]) * 1000)
+    later = (text.shared_out(at) - mine) / 1000
     return cast("pa.Array[Any]", pa.array(later, mask=~text.timed(at)))
 
 

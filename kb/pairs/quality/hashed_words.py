@@ -95,6 +95,18 @@ def hash_of(word: str) -> int:
         return int(mixed(np.array([(one ^ other) + length], np.uint64))[0])
 
 
+def is_among(hashes: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Which hashes are among the known ones, which are sorted and at least one (bool)."""
+    bits = np.uint64((1 << max(16, len(known).bit_length() + 3)) - 1)
+    likely = np.zeros(int(bits) + 1, bool)  # by the last bits, as a search for each takes longer
+    likely[known & bits] = True
+    maybe = np.flatnonzero(likely[hashes & bits])
+    place = np.minimum(np.searchsorted(known, hashes[maybe]), len(known) - 1)
+    found = np.zeros(len(hashes), bool)
+    found[maybe] = known[place] == hashes[maybe]
+    return found
+
+
 def runs(words: HashedWords, size: int) -> tuple[np.ndarray, np.ndarray]:
     """A hash of each run of `size` words, and whether the run stays in one stretch. There is a run
     for each word that at least `size` - 1 others follow in the batch.

@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.installation import np
-from kb.pairs.quality.hashed_words import HashedWords, runs
+from kb.pairs.quality.hashed_words import HashedWords, is_among, runs
 from kb.pairs.seeded_random import mixed
 
 RUN, VIDEOS = 8, 3
@@ -71,10 +71,11 @@ def recurring(files: Sequence[Path]) -> np.ndarray:
             low = at[piece - 1] if piece else 0
             high = at[piece] if piece < _PIECES - 1 else len(one)
             parts.append(one[low:high])
-        keys = np.sort(np.concatenate(parts)) if parts else np.zeros(0, np.uint64)
+        keys = np.concatenate(parts) if parts else np.zeros(0, np.uint64)
+        keys.sort(kind="stable")  # merges what is sorted already
         # In sorted keys one that stands two places further on is there three times.
         again = keys[: len(keys) - VIDEOS + 1][keys[: len(keys) - VIDEOS + 1] == keys[VIDEOS - 1 :]]
-        found.append(np.unique(again))
+        found.append(again[np.diff(again, prepend=np.uint64(0)) != 0])  # no key is 0
     return np.concatenate(found)
 
 
@@ -101,8 +102,7 @@ def shares(keys: pa.Array[Any], recurs: np.ndarray) -> np.ndarray:
     sizes = np.asarray(pc.list_value_length(keys))
     if not len(recurs) or not len(values):
         return np.zeros(len(sizes))
-    place = np.minimum(np.searchsorted(recurs, values), len(recurs) - 1)
-    total = np.concatenate(([0], np.cumsum(recurs[place] == values), np.full(RUN, -1)))
+    total = np.concatenate(([0], np.cumsum(is_among(values, recurs)), np.full(RUN, -1)))
     total[total < 0] = total[len(values)]
     in_run = total[RUN : RUN + len(values)] > total[: len(values)]
     offsets = np.concatenate(([0], np.cumsum(sizes)))

@@ -10,7 +10,7 @@ import msgspec
 import pyarrow as pa
 
 from kb.core.installation import np
-from kb.pairs.quality.hashed_words import HashedWords, hash_of
+from kb.pairs.quality.hashed_words import HashedWords, hash_of, is_among
 
 if TYPE_CHECKING:
     from lingua import LanguageDetector
@@ -56,13 +56,7 @@ def _hashes(words: str) -> np.ndarray:
 
 def counted(words: HashedWords, known: np.ndarray) -> np.ndarray:
     """How many of the known words come before each word, and before the end (int64)."""
-    likely = np.zeros(1 << 16, bool)  # by the last bits, as a search for every word takes longer
-    likely[known & np.uint64(0xFFFF)] = True
-    hits = np.flatnonzero(likely[words.hash & np.uint64(0xFFFF)])
-    place = np.minimum(np.searchsorted(known, words.hash[hits]), len(known) - 1)
-    each = np.zeros(len(words.hash) + 1, np.int64)
-    each[hits + 1] = known[place] == words.hash[hits]
-    return np.cumsum(each)
+    return np.concatenate(([0], np.cumsum(is_among(words.hash, known))))
 
 
 def has_verb(
