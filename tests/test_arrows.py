@@ -33,10 +33,11 @@ ALLOWED: dict[str, set[str]] = {
     **{room: GROUND | {"core"} | ({"crawl"} if room in SOURCES else set()) for room in ROOMS},
     **dict.fromkeys(ASKING, DATA),
     "links": {"pairs", *DATA},  # over the pairs' matcher
+    "labels": {"pairs", *DATA},  # over the pairs' transcripts
     "reader": ASKING | DATA,
     "mcp": {"reader"} | ASKING | DATA,
     "sandbox": ROOMS | GROUND | {"core"},
-    "cli": ROOMS | ASKING | GROUND | {"core", "crawl", "links", "sandbox", "mcp"},
+    "cli": ROOMS | ASKING | GROUND | {"core", "crawl", "labels", "links", "sandbox", "mcp"},
     "pipelines": ROOMS | ASKING | GROUND | {"core", "crawl", "links", "sandbox"},
 }
 

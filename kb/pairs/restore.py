@@ -201,7 +201,7 @@ def _read(index: Path) -> pa.Table:
 def _wanted(batch: Text, places: dict[str, list[int]]) -> list[tuple[str, str]]:
     """Ids and whole texts of the transcripts that the index names, sounds among them."""
     return [
-        (video, batch.given[batch.video_at[row] : batch.video_end[row]].decode("utf-8", "replace"))
+        (video, batch.transcript(row))
         for row, video in enumerate(batch.ids.to_pylist())
         if video in places
     ]

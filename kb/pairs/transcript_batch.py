@@ -133,6 +133,11 @@ class Text:
     def __len__(self) -> int:
         return len(self.ids)
 
+    def transcript(self, video: int) -> str:
+        """The whole text of a transcript, sounds among it."""
+        text = self.given[self.video_at[video] : self.video_end[video]]
+        return text.decode("utf-8", "replace")
+
     def cue_of(self, places: np.ndarray) -> np.ndarray:
         """The cue that holds each byte."""
         cues: np.ndarray = np.searchsorted(self.cue_at, places, "right") - 1

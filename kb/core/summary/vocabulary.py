@@ -171,6 +171,12 @@ WORDS: dict[str, Word] = {
     ),
     "videos_compared": Word("Videos whose tracks were compared.", "{n} videos compared"),
     "speech_recognition": Word("The same section of pairs/measures.json: shares and intervals."),
+    "items": Word("Items to judge.", "{n} items", always=True),
+    "strata": Word("Strata of the sample.", "from {n} strata"),
+    "out_of": Word("Rows that the sample stands for.", "out of {n}"),
+    "label export.hours": Word(
+        "Time that one person takes to judge all of them.", "about {n} hours of work"
+    ),
     "present": Word("Files that were present already.", "{n} files there before"),
     "files": Word("Files.", "{n} files"),
     "tars": Word("Tar files with screenshots and images.", "{n} tars"),

@@ -53,6 +53,7 @@ APPLIES = {
     **{f"purge {source}": CLUSTER for source in SOURCES},
     "pairs": {*CLUSTER, "limit", "again", "pipeline"},
     "pairs measure": {"wait", "pipeline"},
+    "label export": set(),
     "links": {*CLUSTER, "again", "pipeline"},
     "release": {"pipeline"},
     "release publish": {"wait", "pipeline"},

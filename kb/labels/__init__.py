@@ -1,0 +1,1 @@
+"""A sample that people judge in Label Studio, and their answers as a table and as figures."""

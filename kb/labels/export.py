@@ -1,0 +1,153 @@
+"""A sample of pairs as a project for Label Studio: config.xml, tasks.json, README.md.
+
+The sample is stratified. Within a stratum rows are ordered by a hash of seed and id, and strata get
+places in proportion to the square root of their size (Bankier's power allocation, 1988), at least
+one each, so that rare kinds have figures of their own. Each row's weight is how many rows of the
+table it stands for. A larger sample of the same seed begins with the smaller one.
+"""
+
+import math
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pyarrow as pa
+
+from kb.artifacts import manifest, table_catalog
+from kb.core.context import Run
+from kb.core.errors import FatalError, UsageError
+from kb.core.summary import Summary
+from kb.core.templates import environment
+from kb.labels.questions import Labeling, Question
+from kb.pairs import transcripts
+from kb.pairs.transcript_batch import Text
+from kb.store.atomic import replacing_folder
+from kb.store.layout import Layout
+from kb.store.tables import database, parquet
+from kb.store.tables.reading import reading, scan
+
+CONFIG, TASKS, README = "config.xml", "tasks.json", "README.md"
+_TEMPLATES = Path(__file__).with_name("templates")
+TRANSCRIPTS = f"{transcripts.VIDEOS}/transcripts"
+_AROUND = 200  # characters of the transcript before and after the text
+
+
+def export(run: Run, labeling: Labeling, sample: int, seed: int, out: Path) -> Summary:
+    """Write the project to `out`. The same tables and seed give the same bytes.
+
+    Raises UsageError for a folder that is no such project, FatalError where there is nothing to
+    judge, DamagedData, DiskFull.
+    """
+    place = out.expanduser().absolute()
+    if place.exists() and not (place / CONFIG).is_file():
+        raise UsageError(f"--out {out} exists and is not such a project", hint="name a new folder")
+    files = table_catalog.read(run.root).files(labeling.table)
+    has_text = bool(files) and "text" in parquet.open_file(files[0]).schema_arrow.names
+    rows = _drawn(run.root, files, labeling, sample, seed, has_text) if files else []
+    if not rows:
+        raise FatalError(
+            f"there are no {labeling.kind}s to judge",
+            hint=f"run `{labeling.command}` first",
+        )
+    around = _surroundings(run.root, files, rows) if has_text else {}
+    questions = [one for one in labeling.questions if has_text or not one.of_text]
+    tasks = [{"data": _data(row, labeling, around)} for row in rows]
+    seconds = sum(row["end_s"] - row["start_s"] + labeling.seconds for row in rows)
+    _write(place, labeling, questions, tasks, round(seconds / 3600, 1))
+    return Summary(
+        command="label export",
+        items=len(rows),
+        strata=len({row["stratum"] for row in rows}),
+        out_of=round(sum(row["weight"] for row in rows)),
+        hours=round(seconds / 3600, 1),
+        path=str(place),
+    )
+
+
+def _drawn(
+    root: Path, files: list[Path], labeling: Labeling, sample: int, seed: int, has_text: bool
+) -> list[dict[str, Any]]:
+    """Rows of the sample, each with `item_id`, `stratum`, `weight`, `start_s` and `end_s`."""
+    stratum = " || ' ' || ".join(f"coalesce({one}::VARCHAR, 'unknown')" for one in labeling.strata)
+    where = f"{labeling.where} AND text IS NOT NULL" if has_text else labeling.where
+    parquet.check(*files)
+    with reading(files), database.connect(root) as con:
+        found = con.sql(
+            f"""
+            WITH ranked AS (
+                SELECT {labeling.key} AS item_id, {stratum} AS stratum,
+                    md5($seed || ' ' || item_id) AS draw,
+                    row_number() OVER (PARTITION BY stratum ORDER BY draw, item_id) AS place,
+                    count(*) OVER (PARTITION BY stratum) AS size
+                FROM {scan(files)} WHERE {where}),
+            drawn AS (
+                SELECT *, row_number() OVER (ORDER BY (place - 1) / sqrt(size), draw, item_id) AS n
+                FROM ranked QUALIFY n <= $sample)
+            SELECT item_id, stratum, size / count(*) OVER (PARTITION BY stratum) AS weight,
+                {labeling.start} AS start_s, {labeling.end} AS end_s, rows.*
+            FROM drawn JOIN {scan(files)} AS rows ON item_id = {labeling.key} ORDER BY n""",
+            params={"seed": str(seed), "sample": sample},
+        ).to_arrow_table()
+    rows: list[dict[str, Any]] = found.to_pylist()
+    return rows
+
+
+def _surroundings(
+    root: Path, files: list[Path], rows: list[dict[str, Any]]
+) -> dict[str, tuple[str, str]]:
+    """What is said before and after the texts of pairs, by item; {} without transcripts."""
+    if files[0].parent != Layout(root).pairs or not manifest.rows(root, TRANSCRIPTS):
+        return {}
+    ids = pa.array(sorted({row["video_id"] for row in rows}))
+    batch = Text(transcripts.of_videos(root, ids))
+    said = {video: batch.transcript(n) for n, video in enumerate(batch.ids.to_pylist())}
+    around = {}
+    for row in rows:
+        text, start = said.get(row["video_id"], ""), row["text_start_char"]
+        before = text[max(start - _AROUND, 0) : start].partition(" ")[2]  # whole words
+        after = text[row["text_end_char"] :][:_AROUND].rpartition(" ")[0]
+        around[row["item_id"]] = before.strip(), after.strip()
+    return around
+
+
+def _data(
+    row: dict[str, Any], labeling: Labeling, around: dict[str, tuple[str, str]]
+) -> dict[str, Any]:
+    """What Label Studio shows of an item, and what it gives back with the answers."""
+    start, end = math.floor(row["start_s"]), math.ceil(row["end_s"])
+    before, after = around.get(row["item_id"], ("", ""))
+    player = f"https://www.youtube.com/embed/{row['video_id']}?start={start}&end={end}&rel=0"
+    text = row.get("text") or ""
+    said = f"<p>{escape(before)} <b>{escape(text)}</b> {escape(after)}</p>" if text else ""
+    return {
+        "item_id": row["item_id"],
+        "kind": labeling.kind,
+        "video_id": row["video_id"],
+        "keyword": row["keyword"],
+        "stratum": row["stratum"],
+        "weight": round(row["weight"], 4),
+        "clip": (
+            f'<iframe width="640" height="360" src="{escape(player)}"'
+            ' referrerpolicy="strict-origin-when-cross-origin" allowfullscreen></iframe>'
+        ),
+        "about": f"<p>Keyword: <b>{escape(row['keyword'])}</b> ({escape(row['keyword_kind'])}),"
+        f" clip from {start} to {end} s</p>{said}",
+    }
+
+
+def _write(
+    place: Path,
+    labeling: Labeling,
+    questions: list[Question],
+    tasks: list[dict[str, Any]],
+    hours: float,
+) -> None:
+    texts = environment(_TEMPLATES, {}, autoescape=False)
+    values = {"labeling": labeling, "questions": questions, "tasks": len(tasks), "hours": hours}
+    with replacing_folder(place) as folder:
+        for name in (CONFIG, README):
+            page = texts.get_template(f"{name}.jinja").render(values)
+            (folder / name).write_text(page, encoding="utf-8")
+        encoded = msgspec.json.format(msgspec.json.encode(tasks), indent=1)
+        (folder / TASKS).write_bytes(encoded + b"\n")

@@ -1,0 +1,109 @@
+"""`kb label export`: a project that Label Studio takes, and a sample that stands for the whole."""
+
+import json
+import re
+import xml.etree.ElementTree as ET
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from kb.core.context import Run
+from kb.labels.export import CONFIG, README, TASKS, export
+from kb.labels.questions import PAIRS
+from kb.query import connect, select
+from tests.inprocess import Here
+
+
+def _tasks(folder: Path) -> list[dict[str, Any]]:
+    return [one["data"] for one in json.loads((folder / TASKS).read_text())]
+
+
+def test_the_project_agrees_with_itself(judged: Run, tmp_path: Path) -> None:
+    """Every variable of the configuration is in every task, and every question is about an object
+    of the page. label-studio-sdk's LabelInterface would say the same, but it needs 30 packages that
+    contradict the lock (an OpenCV that wants an older NumPy, for one), so it is used where it is.
+    """
+    export(judged, PAIRS, 30, 0, tmp_path / "out")
+    config = (tmp_path / "out" / CONFIG).read_text()
+    page = ET.fromstring(config)
+    shown = {one.get("name") for one in page.iter("HyperText")}
+    asked = {one.get("name"): one for one in page.iter("Choices")}
+    assert set(asked) == {one.name for one in PAIRS.questions}
+    assert {one.get("toName") for one in asked.values()} <= shown
+    for question in PAIRS.questions:
+        names = [one.get("alias") for one in asked[question.name]]
+        assert names == [name for name, _ in question.options]
+    for task in _tasks(tmp_path / "out"):
+        assert set(re.findall(r'value="\$(\w+)"', config)) <= task.keys()
+    readme = (tmp_path / "out" / README).read_text()
+    assert all(one.text in readme and one.help in readme for one in PAIRS.questions)
+    try:
+        from label_studio_sdk.label_interface import LabelInterface
+    except ImportError:
+        return
+    LabelInterface(config).validate()
+
+
+def test_the_sample_stands_for_all_pairs(judged: Run, tmp_path: Path) -> None:
+    summary = export(judged, PAIRS, 40, 0, tmp_path / "out")
+    tasks = _tasks(tmp_path / "out")
+    with connect(judged.root) as db:
+        sql = "SELECT keyword_kind || ' ' || timing AS stratum, count(*) AS n FROM pairs GROUP BY 1"
+        sizes = {one["stratum"]: one["n"] for one in select(db, sql).read_all().to_pylist()}
+        rows = {one["pair_id"]: one for one in select(db, "FROM pairs").read_all().to_pylist()}
+    weights = Counter[str]()
+    for task in tasks:
+        weights[task["stratum"]] += task["weight"]
+        row = rows[task["item_id"]]
+        begin, end = map(int, re.findall(r"(?:start|end)=(\d+)", task["clip"]))
+        assert f"https://www.youtube.com/embed/{row['video_id']}?" in task["clip"]
+        assert begin <= row["clip_start_s"] < begin + 1
+        assert end - 1 < row["clip_end_s"] <= end
+    assert len(sizes) > 1
+    assert weights == {name: pytest.approx(n, abs=0.01) for name, n in sizes.items()}
+    assert summary["out_of"] == len(rows)
+    assert len({one["item_id"] for one in tasks}) == summary["items"] == 40
+
+
+def test_texts_stand_in_their_surroundings_and_are_escaped(judged: Run, tmp_path: Path) -> None:
+    export(judged, PAIRS, 400, 0, tmp_path / "out")
+    pages = [one["about"] for one in _tasks(tmp_path / "out")]
+    assert any(re.search(r"<p>\w.* <b>.+</b> \w.*</p>", page) for page in pages)
+    for page in pages:
+        assert set(re.findall(r"</?[^>]*>", page)) <= {"<p>", "</p>", "<b>", "</b>"}
+
+
+def test_a_larger_sample_begins_with_the_smaller_one(judged: Run, tmp_path: Path) -> None:
+    for name, size, seed in (("a", 20, 0), ("b", 40, 0), ("c", 20, 1), ("d", 20, 0)):
+        export(judged, PAIRS, size, seed, tmp_path / name)
+    ids = {name: [one["item_id"] for one in _tasks(tmp_path / name)] for name in "abcd"}
+    assert ids["b"][:20] == ids["a"]
+    assert set(ids["c"]) != set(ids["a"])
+    for name in (CONFIG, TASKS, README):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "d" / name).read_bytes()
+
+
+def test_a_downloaded_release_has_no_text_to_ask_about(
+    judged: Run, tmp_path: Path, here: Here
+) -> None:
+    download = judged.root / "release" / "pairs"
+    before = sorted(download.iterdir())
+    words = ("label", "export", "pairs", "--sample", "9", "--out", str(tmp_path / "out"))
+    assert here(*words, "--data", str(download)).code == 0
+    assert sorted(download.iterdir()) == before
+    assert 'name="described"' not in (tmp_path / "out" / CONFIG).read_text()
+    assert len(_tasks(tmp_path / "out")) == 9
+
+
+def test_other_folders_are_not_replaced(judged: Run, tmp_path: Path, here: Here) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "README.md").write_text("mine")
+    words = ("label", "export", "pairs", "--data", str(judged.root))
+    done = here(*words, "--out", str(tmp_path / "mine"))
+    assert done.code == 2
+    assert "is not such a project" in done.said
+    assert (tmp_path / "mine" / "README.md").read_text() == "mine"
+    assert here(*words, "--out", str(tmp_path / "mine" / "new")).code == 0
+    assert here(*words, "--out", str(tmp_path / "mine" / "new"), "--seed", "1").code == 0
