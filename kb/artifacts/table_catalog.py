@@ -99,7 +99,7 @@ class Catalog:
                 hint = release_folder.DOWNLOAD if self.is_download else rebuild_hint(path)
                 raise DamagedData(f"{path} is missing", hint=hint)
         if is_root(self.path):
-            for name in (*(f"clean/{source}" for source in SOURCES), "pairs"):
+            for name in (*(f"clean/{source}" for source in SOURCES), "pairs", "labels"):
                 manifest.check_complete(self.path, name)
 
     @cached_property
@@ -263,7 +263,7 @@ def _clean(root: Path) -> Iterator[View]:
         return
     at = Layout(root)
     for declared in tables().values():
-        if declared.source in PUBLISHED and declared.source != "links":
+        if declared.source in (*PUBLISHED, "labels") and declared.source != "links":
             name, place = view_name(declared), at.table(declared.name)
             pattern = rows_pattern(declared.name)
             yield from _view("clean", name, place, pattern, declared.doc, root)

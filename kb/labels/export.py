@@ -69,14 +69,13 @@ def _drawn(
     root: Path, files: list[Path], labeling: Labeling, sample: int, seed: int, has_text: bool
 ) -> list[dict[str, Any]]:
     """Rows of the sample, each with `item_id`, `stratum`, `weight`, `start_s` and `end_s`."""
-    stratum = " || ' ' || ".join(f"coalesce({one}::VARCHAR, 'unknown')" for one in labeling.strata)
     where = f"{labeling.where} AND text IS NOT NULL" if has_text else labeling.where
     parquet.check(*files)
     with reading(files), database.connect(root) as con:
         found = con.sql(
             f"""
             WITH ranked AS (
-                SELECT {labeling.key} AS item_id, {stratum} AS stratum,
+                SELECT {labeling.key} AS item_id, {labeling.stratum} AS stratum,
                     md5($seed || ' ' || item_id) AS draw,
                     row_number() OVER (PARTITION BY stratum ORDER BY draw, item_id) AS place,
                     count(*) OVER (PARTITION BY stratum) AS size

@@ -6,25 +6,28 @@
 from dataclasses import dataclass
 
 YES, UNSURE = "yes", "unsure"
+NEAR_S = 5  # by how much a time may be off and still be right
 
 
 @dataclass(frozen=True)
 class Question:
-    """A question and its options: name → what the page shows. Without options the answer is free:
-    seconds where `is_number`, else a text. `help` says how to decide.
+    """A question and its options: name → what the page shows. `help` says how to decide.
+
+    Without options the answer is free: seconds where `is_number`, else a text. Seconds are right
+    when they are near the item's own, its column `compared`.
     """
 
     name: str
     text: str
     help: str
     options: tuple[tuple[str, str], ...] = ()
-    is_number: bool = False
+    compared: str = ""
     of_text: bool = False  # needs the spoken text, which releases lack
 
     @property
-    def required(self) -> bool:
-        """Whether the page asks for an answer before it goes on."""
-        return bool(self.options)
+    def is_number(self) -> bool:
+        """Whether the answer is a number of seconds."""
+        return bool(self.compared)
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,11 @@ class Labeling:
     seconds: int
     questions: tuple[Question, ...]
     where: str = "true"
+
+    @property
+    def stratum(self) -> str:
+        """SQL of a row's stratum."""
+        return " || ' ' || ".join(f"coalesce({one}::VARCHAR, 'unknown')" for one in self.strata)
 
 
 _UNSURE = (UNSURE, "Can't tell")
@@ -90,3 +98,5 @@ PAIRS = Labeling(
         ),
     ),
 )
+
+KINDS = {one.kind: one for one in (PAIRS,)}

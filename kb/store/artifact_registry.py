@@ -58,6 +58,8 @@ class Artifact:
             return f"run `{self.command} --again`"
         if self.name.startswith("restored"):
             return "remove its folder, then run `kb restore` with the release's folder again"
+        if self.name == "labels":
+            return "restore it from a copy, or remove it and give `kb label import` every export"
         if self.name.startswith("annotations/"):
             return f"remove it, then run `{self.command}`, which scores its texts again"
         return f"run `{self.command}` again"
@@ -79,6 +81,7 @@ def _declared() -> Iterator[Artifact]:
         inputs = tuple(f"clean/{one}" for one in made_of(name))
         linked = tuple(f"{one}/{text.table}" for one in SOURCES for text in SPECS[one].texts)
         yield Artifact(name, inputs, f"kb {name}", name, own, linked if name == "links" else ())
+    yield Artifact("labels", (), "kb label import", "labels", ("labels/labels",))
     yield Artifact("restored", (), "kb restore", "restored")  # its lists of missing ids
     yield Artifact("restored/pairs", (), "kb restore", "restored", ("pairs/pairs",))
     for name in PUBLISHED:

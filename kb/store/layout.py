@@ -6,6 +6,7 @@ state/                     <source>.sqlite, locks, and what a data root remember
 annotations/<source>/      scores of texts
 clean/<source>/<table>/    rows that were kept; rejected, failed and pending beside them
 pairs/                     video-text pairs
+labels/                    what people answered about pairs and tasks
 links/                     entities and where each source speaks of them
 release/<source>/          what can be published
 export/<format>/           other projects' layouts
@@ -25,6 +26,7 @@ TOP = (
     "annotations",
     "clean",
     "pairs",
+    "labels",
     "links",
     "release",
     "export",
@@ -167,6 +169,11 @@ class Layout:
         return self.state_folder("pairs")
 
     @property
+    def labels(self) -> Path:
+        """What people answered about pairs and tasks."""
+        return self.root / "labels"
+
+    @property
     def links(self) -> Path:
         """Entities and where each source speaks of them."""
         return self.root / "links"
@@ -178,6 +185,8 @@ class Layout:
 
     def table(self, name: str) -> Path:
         """The folder of a declared table's rows: "youtube/videos", "pairs/pairs"."""
+        if name == "labels/labels":
+            return self.labels
         if name in _PAIRS:
             return self.pairs
         return self.links if name in _LINKS else self.clean(*name.split("/"))

@@ -28,7 +28,7 @@ from kb.store.layout import Layout
 RELEASES = tuple(f"release-{name}" for name in PUBLISHED)
 INDEXES = tuple(f"index-{name}" for name in SOURCES)
 RESTORED = ("restored", "reconstructed")
-ORDER = (*PUBLISHED, *RELEASES, *INDEXES, *RESTORED, "report", "deposits")
+ORDER = (*PUBLISHED, "labels", *RELEASES, *INDEXES, *RESTORED, "report", "deposits")
 
 _ATTEMPTS = 10
 _LOOK = 0.01  # seconds between two attempts: longer than anybody looks
@@ -46,10 +46,11 @@ def of_clean(source: str) -> tuple[str, ...]:
 
 
 def of_purge(source: str) -> tuple[str, ...]:
-    """The locks of a purge: everything that is made of the source, what was brought back of it, and
-    the releases of pairs and links, whose descriptions are written again.
+    """The locks of a purge: everything that is made of the source, labels, what was brought back of
+    it, and the releases of pairs and links, whose descriptions are written again.
     """
-    return (*of_clean(source), "release-pairs", "release-links", *RESTORED, "report")
+    releases = ("release-pairs", "release-links")
+    return (*of_clean(source), "labels", *releases, *RESTORED, "report")
 
 
 @contextlib.contextmanager

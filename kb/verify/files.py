@@ -87,7 +87,16 @@ class FileVerifier:
         elif match := artifact_of(path):
             self._artifact(path, match[1])
         elif path.name not in NEIGHBOURS:
-            kinds = ("clean", "pairs", "links", "index", "annotations", "export", "restored")
+            kinds = (
+                "clean",
+                "pairs",
+                "labels",
+                "links",
+                "index",
+                "annotations",
+                "export",
+                "restored",
+            )
             findings.advance(path.stat().st_size)
             self._foreign(parts[0] if parts[0] in kinds else "other", path)
 

@@ -18,6 +18,7 @@ KINDS = (
     "annotations",
     "clean",
     "pairs",
+    "labels",
     "links",
     "index",
     "release",

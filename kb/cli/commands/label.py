@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from kb.cli.framework.command import command, group
+from kb.cli.framework.messages import show_row
 from kb.core.summary import Summary
+from kb.core.summary.intervals import interval_text
 
 if TYPE_CHECKING:
     from kb.core.context import Run
 
 app = group("Let people judge a sample in Label Studio.")
-
-
-@app.callback()
-def label() -> None:
-    """Let people judge a sample in Label Studio."""
 
 
 class Judged(StrEnum):
@@ -63,3 +60,49 @@ def export(
 
     labeling = {Judged.pairs: questions.PAIRS}[what]
     return export(run, labeling, sample, seed, out or Path(f"label-{what}"))
+
+
+@command(
+    app,
+    "import",
+    json="answers, added, labels, skipped, undefined, contradictory, purged_items, unknown_items,"
+    " figures",
+    needs_data=True,
+    resumable=False,
+    examples=[
+        "kb label import project-1.json               one project, of one person or several",
+        "kb label import *.json                       several exports, also overlapping ones",
+    ],
+)
+def import_(
+    run: Run,
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE", help="Label Studio's exports, as JSON.")
+    ],
+) -> Summary:
+    """Read Label Studio's exports into labels/, and print what they say of all pairs.
+
+    All files are read before anything is written. Of several answers of one person to the same
+    question the newest counts. Answers about items that were purged, or that no table has any
+    more, are refused. pairs/measures.json gets the figures, and the card of the pairs shows them.
+    People are numbers in the tables.
+
+    Columns: kind of item; question; judged items; share of yes among all items (each judged one
+    weighted by what it stands for), with its 95 % interval; Cohen's kappa of two people, Fleiss'
+    of more, with the number of items that both or several judged.
+    """
+    from kb.labels.imports import import_exports
+
+    summary = import_exports(run, files)
+    show_row(("kind", "question", "n", "yes", "kappa"))
+    for kind, section in summary["figures"].items():
+        for name, one in section["questions"].items():
+            shown = one.get("n", one["answers"])
+            show_row((kind, name, shown, interval_text(one), _kappa(one.get("agreement"))))
+    return summary
+
+
+def _kappa(agreement: dict[str, Any] | None) -> str:
+    if agreement is None or agreement["kappa"] is None:
+        return "-"
+    return "{kappa:.2f} ({method}, {items} items)".format_map(agreement)

@@ -13,6 +13,7 @@ from kb.cli.framework.messages import show_row
 from kb.cli.framework.options import CLUSTER, Plan, pipeline
 from kb.core.errors import SettingError
 from kb.core.summary import Summary
+from kb.core.summary.intervals import interval_text
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -126,15 +127,8 @@ def measure(
     for kind, one in {**section["keywords_by_kind"], "all": section["keywords"]}.items():
         counts = (one["in_automatic"], one["in_manual"], one["in_both"])
         shares = (one["manual_given_automatic"], one["automatic_given_manual"])
-        show_row((kind, *counts, *map(_interval, shares)))
+        show_row((kind, *counts, *map(interval_text, shares)))
     return summary
-
-
-def _interval(share: dict[str, float | None]) -> str:
-    """A share with its 95 % interval: "0.962 (0.945 to 0.974)"; "-" where there is none."""
-    if share["share"] is None:
-        return "-"
-    return "{share:.3f} ({low:.3f} to {high:.3f})".format_map(share)
 
 
 @command(

@@ -1,6 +1,7 @@
 """Confidence intervals of shares."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 _Z = 1.959964  # of the normal distribution, for 95 %
@@ -16,6 +17,13 @@ def wilson_interval(hits: float, n: float) -> tuple[float, float]:
     middle = (hits + _Z * _Z / 2) / (n + _Z * _Z)
     half = _Z * math.sqrt(max(hits * (n - hits), 0) / n + _Z * _Z / 4) / (n + _Z * _Z)
     return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def interval_text(share: Mapping[str, Any]) -> str:
+    """A share with its interval: "0.962 (0.945 to 0.974)"; "-" where there is none."""
+    if share.get("share") is None:
+        return "-"
+    return "{share:.3f} ({low:.3f} to {high:.3f})".format_map(share)
 
 
 def share_of(hits: int, n: int) -> dict[str, Any]:

@@ -177,6 +177,24 @@ WORDS: dict[str, Word] = {
     "label export.hours": Word(
         "Time that one person takes to judge all of them.", "about {n} hours of work"
     ),
+    "label import.answers": Word("Answers in the files.", "{n} answers read", always=True),
+    "added": Word("Answers that were not there before.", "{n} new"),
+    "labels": Word("Answers in labels/ now.", "{n} labels in all"),
+    "skipped": Word("Judgements that people skipped or left empty.", "{n} skipped"),
+    "undefined": Word(
+        "Answers to other questions, with other options, or that end before they begin.",
+        "{n} answers that no question has",
+    ),
+    "contradictory": Word(
+        "Questions that one person answered differently at different times; the newest answer"
+        " counts.",
+        "{n} answered twice, not alike",
+    ),
+    "purged_items": Word("Items that were purged; their answers are refused.", "{n} purged items"),
+    "unknown_items": Word(
+        "Items that no table has any more; their answers are refused.", "{n} unknown items"
+    ),
+    "label import.figures": Word("The section labels of pairs/measures.json."),
     "present": Word("Files that were present already.", "{n} files there before"),
     "files": Word("Files.", "{n} files"),
     "tars": Word("Tar files with screenshots and images.", "{n} tars"),

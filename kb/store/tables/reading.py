@@ -82,6 +82,8 @@ def _declared(path: Path) -> str:
             return ""
         case (name, "pairs", *_):
             return "pairs/quality" if name.startswith("quality-") else "pairs/pairs"
+        case (_, "labels", *_):
+            return "labels/labels"
         case (name, "links", *_):
             return f"links/{name.partition('-')[0]}"
         case (_, _, "annotations", *_):

@@ -1,0 +1,153 @@
+"""`kb label import`: what people answered becomes rows and figures, once, and nobody's name."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from kb.artifacts.measures import read_measures
+from kb.core.context import Run
+from kb.core.progress import Silent
+from kb.labels.export import export
+from kb.labels.questions import PAIRS
+from kb.query import connect, select
+from kb.verify.root import verify
+from tests.inprocess import Here
+from tests.labels.answers import exported, items, judgement
+
+ANN = {"id": 7, "email": "ann@example.org", "first_name": "Ann", "last_name": "Example"}
+
+
+@pytest.fixture
+def root(judged: Run, tmp_path: Path) -> Path:
+    """A copy of the data root, and a project of 40 pairs beside it."""
+    shutil.copytree(judged.root, tmp_path / "data")
+    export(judged, PAIRS, 40, 0, tmp_path / "project")
+    return tmp_path / "data"
+
+
+def _labels(root: Path) -> list[dict[str, Any]]:
+    with connect(root) as db:
+        return select(db, "FROM labels").read_all().to_pylist()
+
+
+def _bytes(root: Path) -> dict[str, bytes]:
+    return {one.name: one.read_bytes() for one in (root / "labels").glob("*.parquet")}
+
+
+def test_answers_become_rows_and_weighted_shares(root: Path, here: Here) -> None:
+    """One stratum is judged good and the others bad: the share is that stratum's part of all."""
+    tasks = items(root.parent / "project")
+    good = tasks[0]["stratum"]
+    answers = [
+        (one, [judgement(n, visible="yes" if one["stratum"] == good else "no") for n in (1, 2)])
+        for one in tasks
+    ]
+    file = exported(root.parent / "e.json", answers)
+    done = here("label", "import", str(file), "--data", str(root), "--json")
+    assert done.code == 0, done.err
+    summary = json.loads(done.out.splitlines()[-1])
+    assert (summary["answers"], summary["labels"]) == (80, 80)
+    one = read_measures(root / "pairs")["labels"]["pair"]["questions"]["visible"]
+    weights = dict.fromkeys((good, ""), 0.0)
+    for task in tasks:
+        weights[good if task["stratum"] == good else ""] += task["weight"]
+    assert one["share"] == pytest.approx(weights[good] / sum(weights.values()), abs=1e-3)
+    assert one["low"] < one["share"] < one["high"]
+    assert (one["n"], one["covered"]) == (40, 1)
+    assert one["agreement"]["kappa"] == 1
+    assert f"pair\tvisible\t40\t{one['share']:.3f} (" in done.out
+    assert not verify(root, Silent()).entries
+
+
+def test_repeated_imports_and_other_orders_give_the_same_bytes(root: Path, here: Here) -> None:
+    one, two, three, *_ = items(root.parent / "project")
+    first = [(one, [judgement(1, visible="no", on_time="late")]), (two, [judgement(1, 5)])]
+    later = [(one, [judgement(1, 9, visible="yes"), judgement(2, visible="no")])]
+    other = [(three, [judgement(1, skipped=True, visible="yes")])]
+    files = [
+        str(exported(root.parent / f"{n}.json", tasks))
+        for n, tasks in enumerate((first, later, other))
+    ]
+    made = []
+    for order in (files, files[:1], files[::-1]):
+        done = here("label", "import", *order, "--data", str(root), "--json")
+        assert done.code == 0, done.err
+        made.append((_bytes(root), json.loads(done.out.splitlines()[-1])))
+    assert made[0][0] == made[1][0] == made[2][0]
+    assert [summary["added"] for _, summary in made] == [2, 0, 0]
+    said = made[0][1]
+    assert (said["skipped"], said["contradictory"]) == (2, 1)
+    rows = [(one["annotator"], one["question"], one["answer"]) for one in _labels(root)]
+    assert rows == [(1, "visible", "yes"), (2, "visible", "no")]  # a new judgement replaces the old
+
+
+def test_names_of_people_stay_out(root: Path, here: Here) -> None:
+    one, two, *_ = items(root.parent / "project")
+    person = [(one, [judgement(ANN, visible="yes")]), (two, [judgement(None, visible="no")])]
+    file = exported(root.parent / "e.json", person)
+    assert here("label", "import", str(file), "--data", str(root)).code == 0
+    assert {one["annotator"] for one in _labels(root)} == {7, 0}
+    for path in (*(root / "labels").iterdir(), root / "pairs" / "measures.json"):
+        assert b"Ann" not in path.read_bytes()
+        assert b"example.org" not in path.read_bytes()
+
+
+def test_purged_and_unknown_items_are_refused(root: Path, here: Here) -> None:
+    gone, *others = items(root.parent / "project")
+    one, two, *_ = [other for other in others if other["video_id"] != gone["video_id"]]
+    tasks = [(data, [judgement(1, visible="yes")]) for data in (one, gone, two | {"item_id": "0"})]
+    file = exported(root.parent / "e.json", tasks)
+    assert here("label", "import", str(file), "--data", str(root)).code == 0
+    assert {row["item_id"] for row in _labels(root)} == {one["item_id"], gone["item_id"]}
+    (root.parent / "gone.txt").write_text(gone["video_id"])
+    purge = ("purge", "youtube", "--ids", str(root.parent / "gone.txt"), "--data", str(root))
+    assert "labels" in here(*purge, "--plan").out
+    assert here(*purge).code == 0
+    assert [row["item_id"] for row in _labels(root)] == [one["item_id"]]
+    assert not verify(root, Silent()).entries
+    done = here("label", "import", str(file), "--data", str(root), "--json")
+    summary = json.loads(done.out.splitlines()[-1])
+    assert (summary["purged_items"], summary["unknown_items"]) == (1, 1)
+    assert [row["item_id"] for row in _labels(root)] == [one["item_id"]]
+
+
+def test_answers_that_no_question_has_are_counted(root: Path, here: Here) -> None:
+    one, two, *_ = items(root.parent / "project")
+    given = [
+        (one, [judgement(1, visible="perhaps", mood="yes", on_time="The clip is too late")]),
+        (two, [judgement(1, visible="unsure", described="partly")]),
+    ]
+    file = exported(root.parent / "e.json", given)
+    done = here("label", "import", str(file), "--data", str(root), "--json")
+    assert json.loads(done.out.splitlines()[-1])["undefined"] == 2
+    questions = read_measures(root / "pairs")["labels"]["pair"]["questions"]
+    assert questions["on_time"]["answers"] == {"late": 1}
+    assert (questions["visible"]["n"], questions["visible"]["share"]) == (0, None)
+    assert (questions["described"]["n"], questions["described"]["share"]) == (1, 0)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{}",
+        '[{"item_id": "a", "kind": "pair", "visible": "yes"}]',  # JSON-MIN
+        '[{"data": {"text": "another project"}, "annotations": []}]',
+        '[{"data": {"item_id": "a", "kind": "pair", "video_id": "b"}, "annotations": [{}]}]',
+    ],
+)
+def test_a_file_that_is_no_export_loses_nothing(root: Path, here: Here, text: str) -> None:
+    one, *_ = items(root.parent / "project")
+    good = exported(root.parent / "e.json", [(one, [judgement(1, visible="yes")])])
+    assert here("label", "import", str(good), "--data", str(root)).code == 0
+    before = _bytes(root), read_measures(root / "pairs")
+    newer = exported(root.parent / "n.json", [(one, [judgement(1, 1, visible="no")])])
+    (root.parent / "bad.json").write_text(text)
+    done = here("label", "import", str(newer), str(root.parent / "bad.json"), "--data", str(root))
+    assert done.code == 2
+    assert "bad.json is not an export" in done.said
+    assert done.err.count("\n") == 1
+    assert (_bytes(root), read_measures(root / "pairs")) == before
