@@ -30,7 +30,10 @@ def figures(con: DuckDBPyConnection, labeling: Labeling) -> dict[str, Any]:
     ((items, people),) = con.execute(
         "SELECT count(DISTINCT item_id), count(DISTINCT annotator) FROM ratings"
     ).fetchall()
-    questions = {one.name: _figures_of(con, one, labeling.kind) for one in labeling.questions}
+    questions = {
+        one.name: {"question": one.text, **_figures_of(con, one, labeling.kind)}
+        for one in labeling.questions
+    }
     return {"items": items, "annotators": people, "questions": questions}
 
 

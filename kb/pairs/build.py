@@ -87,7 +87,8 @@ def _write_measures(run: Run, fresh: manifest.Build) -> None:
         if kept.keys() - {measures.PAIRS}:
             run.progress.say(
                 "the rules of pairs have changed, so pairs/measures.json no longer has the figures"
-                " of samples; run `kb pairs measure` again, which fetches no track twice"
+                " of samples; run `kb pairs measure` again, which fetches no track twice, and"
+                " `kb label import FILE` with the same files"
             )
         kept = {}
     measures.count_pairs(run.root, fresh.folder, kept)

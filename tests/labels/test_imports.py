@@ -5,14 +5,17 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import duckdb
 import pytest
 
+from kb.artifacts import release_folder
 from kb.artifacts.measures import read_measures
 from kb.core.context import Run
 from kb.core.progress import Silent
 from kb.labels.export import export
 from kb.labels.questions import PAIRS
 from kb.query import connect, select
+from kb.release.metadata.pair_quality import pair_quality
 from kb.verify.root import verify
 from tests.inprocess import Here
 from tests.labels.answers import exported, items, judgement
@@ -33,12 +36,19 @@ def _labels(root: Path) -> list[dict[str, Any]]:
         return select(db, "FROM labels").read_all().to_pylist()
 
 
+def _card(root: Path) -> str:
+    folder = release_folder.read(root / "release" / "pairs", "pairs")
+    with duckdb.connect() as con:
+        return " ".join(pair_quality(con, root, folder))
+
+
 def _bytes(root: Path) -> dict[str, bytes]:
     return {one.name: one.read_bytes() for one in (root / "labels").glob("*.parquet")}
 
 
 def test_answers_become_rows_and_weighted_shares(root: Path, here: Here) -> None:
     """One stratum is judged good and the others bad: the share is that stratum's part of all."""
+    assert "No pair was judged by people yet" in _card(root)
     tasks = items(root.parent / "project")
     good = tasks[0]["stratum"]
     answers = [
@@ -58,6 +68,12 @@ def test_answers_become_rows_and_weighted_shares(root: Path, here: Here) -> None
     assert one["low"] < one["share"] < one["high"]
     assert (one["n"], one["covered"]) == (40, 1)
     assert one["agreement"]["kappa"] == 1
+    said = _card(root)
+    assert (
+        f"visible in the clip? Yes for {one['share']:.1%} (95 % interval {one['low']:.1%}" in said
+    )
+    assert "n = 40); Cohen's kappa 1.00 over 40 pairs." in said
+    assert "Is the time right?" not in said  # nobody answered
     assert f"pair\tvisible\t40\t{one['share']:.3f} (" in done.out
     assert not verify(root, Silent()).entries
 

@@ -25,6 +25,7 @@ def pair_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> 
         return ()
     samples = read_measures(Layout(root).pairs)
     heard = samples.get("speech_recognition")
+    judged = samples.get("labels", {}).get("pair")
     return (
         _times(figures["word_times"], figures["interpolation_error_s"]),
         (
@@ -36,10 +37,7 @@ def pair_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> 
         _languages(figures["languages"]),
         *_verbs(figures["verbs"]),
         _speech_recognition(heard) if heard else _NOT_MEASURED,
-        (
-            "These figures come from the texts alone. Nobody looked at the videos, so they do not"
-            " say whether the clip shows what the text names."
-        ),
+        *(_labels(judged) if judged else (_NOT_JUDGED,)),
     )
 
 
@@ -107,6 +105,32 @@ def _speech_recognition(section: dict[str, Any]) -> str:
             f" {later['p25']:.2f} and {later['p75']:.2f} s later than in the manual one."
         )
     return sentence
+
+
+_NOT_JUDGED = (
+    "These figures come from the texts alone. No pair was judged by people yet, so nothing says"
+    " whether the clips show what the texts name."
+)
+
+
+def _labels(section: dict[str, Any]) -> Iterator[str]:
+    """What people who watched a sample said, a sentence for each question with an answer."""
+    people = section["annotators"]
+    who = f"{people} people" if people > 1 else "one person"
+    yield (
+        f"Judged by people: {who} watched {section['items']:,} clips of a stratified sample, whose"
+        " weights make the shares those of all pairs. All figures above come from the texts alone."
+    )
+    for one in section["questions"].values():
+        if one["n"]:
+            yield f"{one['question']} Yes for {_interval(one)}{_kappa(one['agreement'])}."
+
+
+def _kappa(agreement: dict[str, Any] | None) -> str:
+    if agreement is None or agreement["kappa"] is None:
+        return ""
+    name = {"cohen": "Cohen's", "fleiss": "Fleiss'"}[agreement["method"]]
+    return f"; {name} kappa {agreement['kappa']:.2f} over {agreement['items']:,} pairs"
 
 
 def _interval(share: dict[str, Any]) -> str:
