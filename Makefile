@@ -9,7 +9,7 @@ KB := exec "$(HERE).ci/kb"
 .DEFAULT_GOAL := help
 .PHONY: help setup demo youtube-crawl youtube-filter youtube-export wiki-crawl wiki-filter wiki-export \
 	reddit-crawl reddit-import reddit-filter reddit-export reddit-reconstruct restore \
-	models annotate pairs label links release report index status test test-fast chaos lint types bench lock reference
+	models annotate pairs label links release report index status test test-fast test-label chaos lint types bench lock reference
 
 # What is no target: said in one line, before anything is set up.
 .DEFAULT:
@@ -67,6 +67,8 @@ test: setup               ## every test
 	@"$(HERE).ci/test" $(ARGS)
 test-fast: setup          ## the tests that take less than four minutes together
 	@"$(HERE).ci/test" -m "not bench and not dask and not wheel and not crash and not mediawiki and not slow" $(ARGS)
+test-label: setup         ## labels through the real Label Studio, installed in an environment of its own (1 GB)
+	@"$(HERE).ci/test-label" $(ARGS)
 chaos: setup              ## kill every command before each file operation, damage every file: KB_CHAOS_KILLS, SEED, ONLY
 	@cd "$(HERE)" && .venv/bin/python -m tests.crash.chaos
 lint: setup               ## ruff: the linter's rules and the formatter's layout

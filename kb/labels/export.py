@@ -127,7 +127,7 @@ def _data(
         "stratum": row["stratum"],
         "weight": round(row["weight"], 4),
         "clip": (
-            f'<iframe width="640" height="360" src="{escape(player)}"'
+            f'<iframe width="560" height="315" src="{escape(player)}"'
             ' referrerpolicy="strict-origin-when-cross-origin" allowfullscreen></iframe>'
         ),
         "about": f"<p>Keyword: <b>{escape(row['keyword'])}</b> ({escape(row['keyword_kind'])}),"

@@ -22,8 +22,8 @@ def _tasks(folder: Path) -> list[dict[str, Any]]:
 
 def test_the_project_agrees_with_itself(judged: Run, tmp_path: Path) -> None:
     """Every variable of the configuration is in every task, and every question is about an object
-    of the page. label-studio-sdk's LabelInterface would say the same, but it needs 30 packages that
-    contradict the lock (an OpenCV that wants an older NumPy, for one), so it is used where it is.
+    of the page. label-studio-sdk would say the same, but its packages contradict those of the lock;
+    `make test-label` asks the real Label Studio.
     """
     export(judged, PAIRS, 30, 0, tmp_path / "out")
     config = (tmp_path / "out" / CONFIG).read_text()
@@ -39,11 +39,6 @@ def test_the_project_agrees_with_itself(judged: Run, tmp_path: Path) -> None:
         assert set(re.findall(r'value="\$(\w+)"', config)) <= task.keys()
     readme = (tmp_path / "out" / README).read_text()
     assert all(one.text in readme and one.help in readme for one in PAIRS.questions)
-    try:
-        from label_studio_sdk.label_interface import LabelInterface
-    except ImportError:
-        return
-    LabelInterface(config).validate()
 
 
 def test_the_sample_stands_for_all_pairs(judged: Run, tmp_path: Path) -> None:
