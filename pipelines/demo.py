@@ -18,6 +18,7 @@ STEPS = [
     "reddit export",
     "reddit reconstruct",
     "pairs",
+    "tasks",
     "links",
     "release",
     "report",

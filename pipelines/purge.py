@@ -5,7 +5,7 @@ again.
 
     raw        tombstones, raw answers, frontier: the source's own
     index      removed; the next search builds it again
-    rows       of tables, of rejected, failed and pending; pairs, links
+    rows       of tables, of rejected, failed and pending; pairs, tasks, links
     scores     annotations of texts that no row has any more
     exports    release/, export/, links/ and report/ as far as they are there
 """
@@ -78,6 +78,7 @@ def _write_again(run: Run, source: str) -> None:
     if source == "youtube":
         shutil.rmtree(Layout(run.root).pairing, ignore_errors=True)
         layouts.export_again(run, "pairs")
+        load(str(locate("tasks"))).rebuild(run)
     load(str(locate("links"))).rebuild(run)
-    describe(run, [source, "pairs", "links"])
+    describe(run, [source, "pairs", "tasks", "links"])
     report_again(run)

@@ -20,6 +20,7 @@ ROOT = Path(__file__).resolve().parent.parent
 ROOMS = {*SOURCES, "annotate", "filters", "pairs", "export", "release", "report", "verify"}
 GROUND = {"net", "store", "schema", "artifacts"}
 DATA = {"artifacts", "store", "schema", "core"}
+MADE = {"labels", "links", "tasks"}
 ASKING = {"query", "search"}  # over the ground alone; only commands and pipelines ask it
 
 # room -> the rooms that it may import (itself always)
@@ -34,11 +35,12 @@ ALLOWED: dict[str, set[str]] = {
     **dict.fromkeys(ASKING, DATA),
     "links": {"pairs", *DATA},  # over the pairs' matcher
     "labels": {"pairs", *DATA},  # over the pairs' transcripts
+    "tasks": {"pairs", *DATA},
     "reader": ASKING | DATA,
     "mcp": {"reader"} | ASKING | DATA,
     "sandbox": ROOMS | GROUND | {"core"},
-    "cli": ROOMS | ASKING | GROUND | {"core", "crawl", "labels", "links", "sandbox", "mcp"},
-    "pipelines": ROOMS | ASKING | GROUND | {"core", "crawl", "links", "sandbox"},
+    "cli": ROOMS | ASKING | GROUND | {"core", "crawl", *MADE, "sandbox", "mcp"},
+    "pipelines": ROOMS | ASKING | GROUND | {"core", "crawl", *MADE, "sandbox"},
 }
 
 # Standard library and light packages only: what `kb --help` may load.

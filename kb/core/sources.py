@@ -21,11 +21,12 @@ def _spec(package: str) -> SourceSpec:
 
 SPECS = {spec.name: spec for spec in map(_spec, REGISTRY)}
 SOURCES = tuple(SPECS)
-PUBLISHED = (*SOURCES, "pairs", "links")
+PUBLISHED = (*SOURCES, "pairs", "tasks", "links")
 
 # What is made from the rows of other sources, and of which.
 MADE_OF = {
     "pairs": tuple(name for name, spec in SPECS.items() if "pairs" in spec.made),
+    "tasks": tuple(name for name, spec in SPECS.items() if "pairs" in spec.made),
     "links": SOURCES,
 }
 
@@ -43,6 +44,13 @@ RELEASES: dict[str, ReleaseSpec] = {
         quality="kb.release.metadata.pair_quality:pair_quality",
         extra="pairs",
     ),
+    "tasks": ReleaseSpec(
+        main="tasks",
+        query="SELECT prompt, start_s, end_s FROM tasks WHERE start_source <> 'none'"
+        " ORDER BY prompt, video_id LIMIT 10",
+        rules=("verbs", "lead_ins", "talk", "never", "max_words", "max_gap_s"),
+        pictured="start_source",
+    ),
     "links": ReleaseSpec(
         main="links",
         query="SELECT entity, source, sum(count) AS mentions FROM links GROUP BY ALL"
@@ -54,8 +62,12 @@ RELEASES: dict[str, ReleaseSpec] = {
     ),
 }
 
-# Files and folders below export/ that are made from pairs; those of a source are in its spec.
-EXPORTS = {"pairs": ("clip4mc", "video2dataset", "minedojo/pairs.json")}
+# Files and folders below export/ that are made from pairs and tasks; those of a source are in its
+# spec.
+EXPORTS = {
+    "pairs": ("clip4mc", "video2dataset", "minedojo/pairs.json"),
+    "tasks": ("minedojo/creative_tasks.yaml",),
+}
 
 
 def made_of(name: str) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
-"""Lists the export formats of each source and of pairs, with the function that writes each."""
+"""Lists the export formats of what is published, with the function that writes each."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,20 +13,22 @@ from kb.store.layout import Layout
 
 Writer = Callable[[Run], Any]
 
-# The layouts of pairs besides "parquet", which is release/pairs; those of a source are in its spec.
-PAIRS: dict[str, Writer] = {
-    "minedojo": minedojo.pairs,
-    "clip4mc": pair_layouts.clip4mc,
-    "video2dataset": pair_layouts.video2dataset,
+# The layouts besides "parquet", which is release/<name>; those of a source are in its spec.
+MADE: Mapping[str, Mapping[str, Writer]] = {
+    "pairs": {
+        "minedojo": minedojo.pairs,
+        "clip4mc": pair_layouts.clip4mc,
+        "video2dataset": pair_layouts.video2dataset,
+    },
+    "tasks": {"minedojo": minedojo.tasks},
 }
 
 
-def writers(name: str) -> dict[str, Writer]:
+def writers(name: str) -> Mapping[str, Writer]:
     """The layouts of what is published under that name."""
     spec = SPECS.get(name)
     own = {layout: spec.load(code) for layout, code in spec.formats.items()} if spec else {}
-    others = PAIRS if name == "pairs" else own
-    return {"parquet": partial(parquet.export, source=name)} | others
+    return {"parquet": partial(parquet.export, source=name), **MADE.get(name, own)}
 
 
 def export(run: Run, name: str, layout: str = "parquet") -> Summary:
@@ -49,4 +51,6 @@ def export_again(run: Run, name: str) -> None:
 def _places(at: Layout, name: str, layout: str) -> Iterator[Path]:
     if layout == "parquet":
         return at.release().glob(name)
-    return at.export(layout).glob(f"{name}*" if layout == "minedojo" else "*")
+    if layout == "minedojo":
+        return at.export(layout).glob(f"*{name}*")
+    return at.export(layout).glob("*")

@@ -1,4 +1,4 @@
-"""`--format minedojo`: YouTube, Reddit and pairs in the layout of the published MineDojo data.
+"""`--format minedojo`: YouTube, Reddit, pairs and tasks as in the published MineDojo data.
 
 `export/minedojo/youtube_full.json` is a JSON list of `id, title, link, view_count, like_count,
 duration` (seconds) `, fps`; `youtube_tutorial.json`, which its loader reads for `full=False`, has
@@ -8,6 +8,10 @@ of these the videos whose title says that it teaches.
 the content back by id. The loader knows text, image, video and link and takes a post's content by
 its type; so a poll is a text (as in the paper: its content is the post's own text), and a gallery
 an image (its content is the gallery's address).
+
+`creative_tasks.yaml` is a mapping of `creative:<n>` to `collection, guidance, prompt` and `source`
+with `youtube_id, start, end` in whole seconds, 0 and the video's length where the time is not
+known. Guidance is null, as in the published tasks from YouTube.
 
 `pairs.json` is `{keyword: [[video_id, start, end], …]}` (seconds), without text, a keyword a line.
 
@@ -19,11 +23,14 @@ import json
 import re
 from pathlib import Path
 
+from kb.artifacts import manifest
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export.rows import check_rows, json_list, sorted_rows
 from kb.store.atomic import writing
 from kb.store.layout import Layout
+from kb.store.tables import database
+from kb.store.tables.reading import scan
 
 # MineDojo's name ← ours, in the published order
 YOUTUBE = {
@@ -94,4 +101,27 @@ def pairs(run: Run) -> Path:
     with writing(path) as temporary:
         body = ",\n".join(lines)
         temporary.write_text(f"{{\n{body}\n}}\n" if lines else "{\n}\n", encoding="ascii")
+    return path
+
+
+def tasks(run: Run) -> Path:
+    """Writes the tasks, which MineDojo reads with OmegaConf. Raises FatalError, DiskFull."""
+    check_rows(run.root, "tasks/tasks")
+    path = Layout(run.root).export("minedojo", "creative_tasks.yaml")
+    files = manifest.rows(run.root, "tasks/tasks"), manifest.rows(run.root, "youtube/videos")
+    tasks, videos = map(scan, files)
+    query = f"""SELECT prompt, video_id, coalesce(floor(start_s), 0)::INT,
+        coalesce(ceil(end_s), duration_s, 0)::INT
+        FROM {tasks} AS task LEFT JOIN {videos} AS video USING (video_id)
+        ORDER BY video_id, task_id"""
+    with writing(path) as temporary, temporary.open("w", encoding="ascii") as file:
+        with database.over([*files[0], *files[1]], run.root) as con:
+            rows = con.execute(query).fetchall()
+        for number, (prompt, video_id, start, end) in enumerate(rows):
+            # Strings of JSON are strings of YAML, whatever stands in them.
+            file.write(
+                f"creative:{number}:\n  collection: youtube\n  guidance: null\n"
+                f"  prompt: {json.dumps(prompt)}\n  source:\n    end: {end}\n    start: {start}\n"
+                f"    youtube_id: {json.dumps(video_id)}\n\n"
+            )
     return path

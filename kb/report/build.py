@@ -110,6 +110,13 @@ SECTIONS: dict[str, ReportSpec] = {
             )
         },
     ),
+    "tasks": ReportSpec(
+        title="Tasks",
+        tables=("tasks/tasks", "tasks/titles"),
+        hint="run `kb tasks` after `kb youtube filter`",
+        figures="kb.report.sources:TASKS",
+        samples={"tasks/tasks": ("prompt", "start_s", "end_s", "start_source", "video_id")},
+    ),
     "links": ReportSpec(
         title="Entities",
         tables=("links/entities", "links/links"),

@@ -74,11 +74,12 @@ def domain_of(profile: Profile) -> Domain:
     spoken = [one for one in _spoken(listed, choice.names) if not names_topic(topic, one.name)]
     names = [one.name for one in spoken] or list(grammar().nouns)
     rules = rules_of(profile, _tags(topic))
+    verbs = [forms.split()[0] for forms in profile.tasks.verbs]
     game = youtube.game_ids[0] if youtube and youtube.game_ids else ""
     searches = youtube.keywords if youtube else (profile.title,)
     return Domain(
         title=profile.title,
-        speech=Speech(names, topic, rules.language),
+        speech=Speech(names, topic, rules.language, verbs),
         rules=rules,
         cases=cases_by(rules),
         labels={"topic": (game, profile.title), "other": (OTHER_LABEL, "Something Else")},

@@ -133,11 +133,18 @@ class Speech:
 
     `names`: what is spoken of, the most frequent first. `topic`: the domain's words, of which the
     first stands in titles, and none in the other texts. `language`: what tracks of the domain's
-    own language say is English.
+    own language say is English. `verbs`: of tasks.
     """
 
-    def __init__(self, names: Sequence[str], topic: Sequence[str], language: str = "en") -> None:
+    def __init__(
+        self,
+        names: Sequence[str],
+        topic: Sequence[str],
+        language: str = "en",
+        verbs: Sequence[str] = (),
+    ) -> None:
         given = grammar()
+        self.verbs = tuple(verbs) or ("make",)
         mass, singular = set(given.mass.split()), set(given.singular.split())
         self.topics, self.topic = tuple(topic), topic[0]
         self.nouns = [Noun.of(name, mass, singular) for name in names]
@@ -169,6 +176,8 @@ class Speech:
                 parts[place] = nouns[name].form(form)
             elif name == "topic":
                 parts[place] = self.topic
+            elif name == "verb":
+                parts[place] = rng.choice(self.verbs)
             elif name in ("n", "k"):
                 parts[place] = str(rng.randint(2, 99 if name == "n" else 12))
             else:
@@ -185,6 +194,17 @@ class Speech:
     def title(self, rng: random.Random, cast: Cast) -> str:
         """A video's title with the topic in it."""
         return _title_case(self.line("title", rng, cast))
+
+    def task_title(self, rng: random.Random, cast: Cast) -> tuple[str, str]:
+        """A title that says what is done, and what: (title, task in lower case)."""
+        task = self.line("task", rng, cast)
+        around = rng.choice(grammar().rules["task_title"])
+        values = {"task": task, "topic": self.topic, "n": rng.randint(2, 99)}
+        return _title_case(around.format_map(values)), task.lower()
+
+    def idle_title(self, rng: random.Random, cast: Cast) -> str:
+        """A title with verbs of tasks that is no task."""
+        return _title_case(self.line("idle_title", rng, cast))
 
     def plain_title(self, rng: random.Random, cast: Cast) -> str:
         """A title that doesn't name the topic."""

@@ -2,6 +2,7 @@
 
     raw/<source> → clean/<source> → release/<source>, export/…, index/<source>
                    clean/youtube → pairs → release/pairs, export/…
+                   clean/youtube → tasks → release/tasks, export/…
                    clean/<every source> → links → release/links
 
 A name is the artifact's path below the data root. Freshness, completeness, damage, hints, locks,
@@ -54,7 +55,7 @@ class Artifact:
     @property
     def hint(self) -> str:
         """How to make it again when one of its files is damaged or missing."""
-        if self.command in ("kb pairs", "kb links", "kb index"):
+        if self.command in ("kb pairs", "kb tasks", "kb links", "kb index"):
             return f"run `{self.command} --again`"
         if self.name.startswith("restored"):
             return "remove its folder, then run `kb restore` with the release's folder again"
@@ -76,7 +77,7 @@ def _declared() -> Iterator[Artifact]:
         yield Artifact(clean, (f"raw/{source}",), filter_, source, kept)
         yield Artifact(f"index/{source}", (clean,), "kb index", f"index-{source}", reads=texts)
         yield Artifact(f"restored/{source}", (), "kb restore", "restored")
-    for name in ("pairs", "links"):
+    for name in ("pairs", "tasks", "links"):
         own = tuple(one.name for one in tables().values() if one.source == name)
         inputs = tuple(f"clean/{one}" for one in made_of(name))
         linked = tuple(f"{one}/{text.table}" for one in SOURCES for text in SPECS[one].texts)

@@ -6,6 +6,7 @@ state/                     <source>.sqlite, locks, and what a data root remember
 annotations/<source>/      scores of texts
 clean/<source>/<table>/    rows that were kept; rejected, failed and pending beside them
 pairs/                     video-text pairs
+tasks/                     what videos do by their titles, as prompts
 labels/                    what people answered about pairs and tasks
 links/                     entities and where each source speaks of them
 release/<source>/          what can be published
@@ -26,6 +27,7 @@ TOP = (
     "annotations",
     "clean",
     "pairs",
+    "tasks",
     "labels",
     "links",
     "release",
@@ -40,7 +42,9 @@ CAPTURED = next(name for name, spec in SPECS.items() if spec.files)
 """The source with captured files beside its raw answers."""
 
 _PAIRS = ("pairs/pairs", "pairs/quality")
+_TASKS = ("tasks/tasks", "tasks/titles")
 _LINKS = ("links/entities", "links/links")
+_SHARING = (*_PAIRS, *_TASKS, *_LINKS)  # tables with another one in their folder
 
 
 def parquet_files(folder: Path, pattern: str = "*.parquet") -> list[Path]:
@@ -52,10 +56,10 @@ def parquet_files(folder: Path, pattern: str = "*.parquet") -> list[Path]:
 
 
 def rows_pattern(name: str) -> str:
-    """How the files of a declared table are named in its folder; `links/` and `pairs/` hold two."""
+    """How the files of a declared table are named in its folder, which may hold two tables."""
     if name == "pairs/pairs":
         return "p*.parquet"  # pairs-…; part-… in roots of an older version
-    return f"{name.partition('/')[2]}-*.parquet" if name in (*_PAIRS, *_LINKS) else "*.parquet"
+    return f"{name.partition('/')[2]}-*.parquet" if name in _SHARING else "*.parquet"
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +173,11 @@ class Layout:
         return self.state_folder("pairs")
 
     @property
+    def tasks(self) -> Path:
+        """What videos do by their titles."""
+        return self.root / "tasks"
+
+    @property
     def labels(self) -> Path:
         """What people answered about pairs and tasks."""
         return self.root / "labels"
@@ -185,11 +194,9 @@ class Layout:
 
     def table(self, name: str) -> Path:
         """The folder of a declared table's rows: "youtube/videos", "pairs/pairs"."""
-        if name == "labels/labels":
-            return self.labels
-        if name in _PAIRS:
-            return self.pairs
-        return self.links if name in _LINKS else self.clean(*name.split("/"))
+        source = name.partition("/")[0]
+        own = name in _SHARING or name == "labels/labels"
+        return self.root / source if own else self.clean(*name.split("/"))
 
     def rows(self, name: str) -> list[Path]:
         """The files of a declared table's rows, in order."""

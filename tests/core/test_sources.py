@@ -46,8 +46,9 @@ def test_tables_of_a_spec_are_declared(name: str) -> None:
 def test_what_is_made_from_sources() -> None:
     assert made_of("pairs") == ("youtube",)
     assert made_of("links") == SOURCES
+    assert made_of("tasks") == made_of("pairs")
     assert made_of("wiki") == ("wiki",)
-    assert (*SOURCES, "pairs", "links") == PUBLISHED
+    assert (*SOURCES, "pairs", "tasks", "links") == PUBLISHED
     assert (made_by("wiki"), exported_by("wiki")) == ("kb wiki filter", "kb wiki export")
     assert (made_by("pairs"), exported_by("links")) == ("kb pairs", "kb links")
 

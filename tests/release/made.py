@@ -272,6 +272,20 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
         }
         for i, row in enumerate(made["pairs/pairs"])
     ]
+    made["tasks/tasks"] = [
+        {
+            "task_id": f"{spread('t', i):016x}",
+            "prompt": f"build {words(2, 'task', i)}",
+            "video_id": f"vid{i:08d}",
+            "start_s": None if i % 3 else 20.0 + i,
+            "end_s": None if i % 3 else 80.0 + i,
+            "start_source": "none" if i % 3 else "transcript",
+            "collection": "youtube",
+            "reasons": [],
+            "rejected_reason": None,
+        }
+        for i in range(n)
+    ]
     made["links/entities"] = [
         {
             "entity": keyword,
@@ -329,6 +343,7 @@ REJECTED = {
 }
 NAMES = {
     "pairs/quality": "quality-00000-of-00001.parquet",
+    "tasks/tasks": "tasks-00000-of-00001.parquet",
     "links/entities": "entities-00000-of-00001.parquet",
     "links/links": "links-00000-of-00001.parquet",
 }
@@ -342,7 +357,7 @@ def build(
     *,
     export: bool = True,
 ) -> Path:
-    """Write clean/, pairs/, links/ and release/ under `root`. `edit(table, rows)` may change rows
+    """Write clean/, pairs/, tasks/, links/ and release/ under `root`. `edit(table, rows)` may change rows
     first.
     """
     for name, made in rows(n).items():

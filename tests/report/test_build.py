@@ -192,7 +192,7 @@ def test_a_root_of_one_source(of_one: Callable[[str], OfOne], source: str) -> No
 
 def test_missing_sources_are_said_in_a_line(of_one: Callable[[str], OfOne]) -> None:
     _, page, summary, _ = of_one("youtube")
-    assert summary["without"] == "Wiki, Reddit, Video-text pairs, Entities, Services"
+    assert summary["without"] == "Wiki, Reddit, Video-text pairs, Tasks, Entities, Services"
     assert (
         "No data of Reddit yet: run `kb reddit crawl` or `kb reddit import FILE`,"
         " then `kb reddit filter`."

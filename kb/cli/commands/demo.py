@@ -143,7 +143,11 @@ def _all(
 
 def _missing_section(run: Run, step: str) -> str | None:
     """A section that the step needs and the profile lacks."""
-    needed = {"pairs": (*made_of("pairs"), "pairs"), "links": ("pairs",)}.get(step, step.split())
+    needed = {
+        "pairs": (*made_of("pairs"), "pairs"),
+        "tasks": made_of("tasks"),
+        "links": ("pairs",),
+    }.get(step, step.split())
     sections = (*SOURCES, "pairs")
     return next(
         (one for one in needed if one in sections and getattr(run.profile, one) is None), None

@@ -24,7 +24,7 @@ class Word(NamedTuple):
 WORDS: dict[str, Word] = {
     # The four answers, and what is in them.
     "command": Word("The command of the summary."),
-    "source": Word("youtube, wiki, reddit, pairs or links."),
+    "source": Word("youtube, wiki, reddit, pairs, tasks or links."),
     "counted": Word(
         "What crawled, kept, rejected, failed and pending count: videos, pages, posts …"
     ),
@@ -130,6 +130,9 @@ WORDS: dict[str, Word] = {
     ),
     "placeholders": Word("Comments that stand for a missing parent.", "{n} placeholders"),
     "pairs": Word("Pairs of a clip and its text.", "{n} pairs"),
+    "tasks": Word("Prompts mined from titles.", "{n} tasks"),
+    "titles": Word("Titles of kept videos.", "{n} titles"),
+    "starts": Word("Tasks by what says when they begin: chapter, transcript, none."),
     "clips": Word("Clips.", "{n} clips"),
     "keywords": Word("Keywords of the list.", "{n} keywords"),
     "profile keywords.keywords": Word("Proposed rows.", "{n} rows proposed"),
@@ -226,7 +229,7 @@ WORDS: dict[str, Word] = {
     "path": Word("Where it was written.", "in {n}"),
     "page": Word("The report's page.", "see {n}"),
     "folder": Word("The folder with the model's files, or the one that was read.", "in {n}"),
-    "release": Word("Folder of the released pairs or links.", "released in {n}"),
+    "release": Word("Folder of what was released.", "released in {n}"),
     "export": Word("Folder of the other layout.", "exported to {n}"),
     "root": Word("The data root of the demo.", "in {n}"),
     "without": Word("Sections of the report that have no data.", "without {n}"),

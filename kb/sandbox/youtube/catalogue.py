@@ -19,6 +19,7 @@ from kb.sandbox.youtube.planted import Planted, shifted, truth_of
 from kb.sandbox.youtube.uploads import Channel, Video
 
 PAGE = 50
+_TASKS, _IDLE = 0.25, 0.08  # of ordinary titles: that name a task, or its verb alone
 
 
 class Catalogue:
@@ -170,9 +171,33 @@ class Catalogue:
             values["title"] = plain
         label = self.domain.labels.get(values["game"])
         key = video_id(rng)
-        return Video(
+        video = Video(
             id=key, channel=channel, case=case, number=number, cast=cast, label=label, **values
         )
+        if not case.change.keys() & {"title", "description"}:
+            self._name_task(video)
+        return video
+
+    def _name_task(self, video: Video) -> None:
+        """The titles of some videos say what is done in them, and half of these have chapters."""
+        rng, speech = clock.rng(self.seed, "task", video.number), self.domain.speech
+        drawn = rng.random()
+        if drawn < _TASKS:
+            video.title, video.task = speech.task_title(rng, video.cast)
+            if rng.random() < 0.5:
+                begin, end = (int(video.seconds * share) for share in (0.1, 0.8))
+                video.task_start = float(begin)
+                times = f"0:00 Hello\n{_clock(begin)} {video.task}\n{_clock(end)} Goodbye"
+                video.description = f"{video.description}\n\n{times}"
+        elif drawn < _TASKS + _IDLE:
+            video.title = speech.idle_title(rng, video.cast)
+
+
+def _clock(seconds: int) -> str:
+    """As a description has it: 1:05, 1:02:03."""
+    minutes, rest = divmod(seconds, 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
 
 
 def _shared(total: int, parts: int) -> list[int]:

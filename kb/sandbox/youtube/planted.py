@@ -7,6 +7,7 @@ What is planted, in videos that are kept and spoken in the domain's language:
     copies      videos whose talk is another one's with a few words changed
     recurring   a channel's intro and sponsor text, word for word in many of its videos
     languages   passages of some sentences in another language
+    tasks       titles that say what is done; where there are chapters, when it begins
 
 The truth (docs/new-domain.md) is an answer sheet for what is measured on such texts. Its times are
 those of the talk, in s.
@@ -137,6 +138,7 @@ class Planted:
             self.copies[copy.id] = original.id
             copy.seconds, copy.cast = original.seconds, original.cast
             copy.title = f"{original.title} (Again)"
+            copy.task, copy.task_start = original.task, original.task_start
 
     def _repeat(self, rng: random.Random, videos: Sequence[Video]) -> None:
         """A channel's intro, and in some channels a sponsor's text."""
@@ -218,8 +220,11 @@ def truth_of(
 ) -> dict[str, Any]:
     """The truth as plain values, from each video's talk, mishearings and shift."""
     errors, shifts, recurring, languages = [], [], [], []
+    tasks: list[dict[str, Any]] = []
     for video, talk, missed, shift in found:
         about = {"video_id": video.id}
+        if video.task and video.case.stage is None:
+            tasks.append(about | {"prompt": video.task, "start_s": video.task_start})
         errors += [about | one._asdict() for one in missed]
         shifts += [about | {"shift_s": shift}] if shift else []
         for label, start, end, text in passages(talk):
@@ -239,4 +244,5 @@ def truth_of(
         "copies": [{"video_id": one, "copy_of": of} for one, of in planted.copies.items()],
         "recurring": recurring,
         "languages": languages,
+        "tasks": tasks,
     }

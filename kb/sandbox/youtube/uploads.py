@@ -43,6 +43,8 @@ class Video:
     game: str | None = "topic"
     tracks: list[Track] = field(default_factory=list)
     short: bool = False
+    task: str = ""  # what its title says that is done
+    task_start: float | None = None  # of its chapter, in s
 
     @property
     def iso_duration(self) -> str | None:

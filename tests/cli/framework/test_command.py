@@ -54,6 +54,7 @@ APPLIES = {
     "pairs": {*CLUSTER, "limit", "again", "pipeline"},
     "pairs measure": {"wait", "pipeline"},
     "label export": set(),
+    "tasks": {"again", "pipeline"},
     "label import": set(),
     "links": {*CLUSTER, "again", "pipeline"},
     "release": {"pipeline"},

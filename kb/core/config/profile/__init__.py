@@ -17,6 +17,7 @@ from kb.core.config.profile.base import Section, explain
 from kb.core.config.profile.pairs import Pairs
 from kb.core.config.profile.reddit import RedditSection
 from kb.core.config.profile.release import Release, Report
+from kb.core.config.profile.tasks import Tasks
 from kb.core.config.profile.toxicity import Toxicity
 from kb.core.config.profile.wiki import Wiki
 from kb.core.config.profile.youtube import YouTubeSection
@@ -42,6 +43,7 @@ class ShippedProfile(Section):
     wiki: Wiki | None = None
     reddit: RedditSection | None = None
     pairs: Pairs | None = None
+    tasks: Tasks = Tasks()
     toxicity: Toxicity = Toxicity()
     release: Release = Release()
     report: Report = Report()

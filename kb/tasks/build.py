@@ -1,0 +1,214 @@
+"""Titles and transcripts of clean/youtube → tasks/tasks-*.parquet and tasks/titles-*.parquet."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.artifacts import manifest
+from kb.core import signals
+from kb.core.context import Run
+from kb.core.errors import FatalError
+from kb.core.installation import require
+from kb.core.sources import made_of
+from kb.core.summary import Summary
+from kb.pairs import keywords
+from kb.pairs.transcript_batch import Text
+from kb.schema.tables import table
+from kb.store.layout import Layout
+from kb.store.lock import writer
+from kb.store.tables import parquet
+from kb.store.tables.reading import reading
+from kb.store.tables.shard_writer import sorted_shards, write_table
+from kb.tasks.times import TaskTimes, by_chapter, by_mentions, chapters
+from kb.tasks.titles import DUPLICATE, TitleMiner
+
+_LAYOUT = 1  # raised when the same input gives other rows
+_ROWS = 128  # transcripts in memory at once
+(_VIDEOS,) = made_of("tasks")
+
+
+def build(run: Run) -> Summary:
+    """Make the tasks, unless they are what clean/ and the profile say.
+
+    The same input gives the same bytes. Raises ProfileError, MissingExtra, FatalError without
+    videos, WriterLocked, DamagedData, DiskFull, Interrupted.
+    """
+    profile, rules = run.profile, run.profile.tasks
+    check(run)
+    topics = profile.youtube.words if profile.youtube else ()
+    names = [one.name for one in keywords.load(profile).every] if profile.pairs else []
+    plan = {
+        "layout": _LAYOUT,
+        "rules": rules.model_dump(mode="json"),
+        "topics": topics,
+        "names": names,
+    }
+    digest = hashlib.sha256(msgspec.json.encode(plan, order="sorted")).hexdigest()
+    with writer(run.root, "tasks"):
+        known = manifest.read(run.root, "tasks")
+        current = known is not None and known.rules == digest
+        if current and not run.again and manifest.is_current(run.root, "tasks"):
+            run.progress.say("tasks are up to date")
+            return _summary(run.root)
+        inputs = manifest.inputs(run.root, "tasks")
+        titles = _mined(run, TitleMiner(rules, topics, names))
+        times = _times(run, titles, rules.max_gap_s)
+        with manifest.replacing(run.root, "tasks", inputs=inputs, rules=digest) as fresh:
+            for name, rows in _tables(titles, times).items():
+                part = fresh.folder / f".{name.partition('/')[2]}.parquet"
+                write_table(part, rows, name, sync=False)
+                size = run.profile.release.rows_per_shard
+                sorted_shards([part], fresh.folder, name, rows_per_shard=size, released=False)
+                part.unlink()
+            fresh.figures = _figures(titles, times)
+    return _summary(run.root)
+
+
+def check(run: Run) -> None:
+    """Raises MissingExtra, FatalError without videos."""
+    require("pairs", "numpy")
+    if not manifest.rows(run.root, f"{_VIDEOS}/videos"):
+        raise FatalError(
+            f"there are no videos in clean/{_VIDEOS}", hint=f"run `kb {_VIDEOS} filter` first"
+        )
+
+
+class _Title(msgspec.Struct):
+    """A title of a kept video, and what was made of it."""
+
+    video_id: str
+    published: str
+    length_s: float | None
+    prompt: str
+    object: tuple[str, ...]
+    reasons: tuple[str, ...]
+    chapter: TaskTimes | None
+
+    @property
+    def task_id(self) -> str:
+        return hashlib.sha256(f"{self.video_id}\n{self.prompt}".encode()).hexdigest()[:16]
+
+
+def _mined(run: Run, miner: TitleMiner) -> list[_Title]:
+    """Every title, sorted by video. Of videos with the same prompt the first published one has it.
+
+    Python reads one title after another: a title is a line, and its words are cut and compared.
+    """
+    files = manifest.rows(run.root, f"{_VIDEOS}/videos")
+    columns = ["video_id", "title", "description", "duration_s", "published_at"]
+    found = []
+    with run.progress.task("titles", total=len(files), unit="files") as task, reading(files):
+        for path in files:
+            with parquet.open_file(path) as file:
+                for batch in file.iter_batches(columns=columns):
+                    signals.stop.check()
+                    found += [_title(miner, *row) for row in _cells(batch)]
+            task.advance()
+    found.sort(key=lambda one: (one.published, one.video_id))
+    taken: set[str] = set()
+    for one in found:
+        if not one.reasons and (plain := miner.plain(one.prompt)) in taken:
+            one.reasons = (DUPLICATE,)
+        elif not one.reasons:
+            taken.add(plain)
+    return sorted(found, key=lambda one: one.video_id)
+
+
+def _cells(batch: pa.RecordBatch) -> Iterator[tuple[Any, ...]]:
+    published = pc.cast(batch.column("published_at"), pa.string())
+    plain = batch.set_column(batch.schema.get_field_index("published_at"), "at", published)
+    return zip(*(column.to_pylist() for column in plain.columns), strict=True)
+
+
+def _title(
+    miner: TitleMiner,
+    video_id: str,
+    title: str | None,
+    description: str | None,
+    length_s: float | None,
+    published: str | None,
+) -> _Title:
+    mined = miner.mine(title or "")
+    chapter = None
+    if not mined.reasons:
+        chapter = by_chapter(chapters(description or "", length_s), mined.object, length_s)
+    return _Title(video_id, published or "", length_s, *mined, chapter)
+
+
+def _times(run: Run, titles: list[_Title], max_gap_s: float) -> dict[str, TaskTimes]:
+    """By video: the times that transcripts say, of tasks without a chapter."""
+    wanted = {one.video_id: one for one in titles if not one.reasons and one.chapter is None}
+    ids = pa.array(sorted(wanted), pa.string())
+    files = manifest.rows(run.root, f"{_VIDEOS}/transcripts") if wanted else []
+    found: dict[str, TaskTimes] = {}
+    with run.progress.task("transcripts", total=len(files), unit="files") as task, reading(files):
+        for path in files:
+            with parquet.open_file(path, pre_buffer=False) as file:
+                columns = ["video_id", "kind", "cues"]
+                for batch in file.iter_batches(batch_size=_ROWS, columns=columns):
+                    signals.stop.check()
+                    rows = batch.filter(pc.is_in(batch.column("video_id"), value_set=ids))
+                    if not rows.num_rows:
+                        continue
+                    mine = [wanted[str(key)] for key in rows.column("video_id").to_pylist()]
+                    lengths = pa.array([one.length_s for one in mine], pa.float64())
+                    text = Text(pa.Table.from_batches([rows]), lengths)
+                    times = by_mentions(text, [one.object for one in mine], max_gap_s)
+                    found |= {one.video_id: at for one, at in zip(mine, times, strict=True) if at}
+            task.advance()
+    return found
+
+
+def _tables(titles: list[_Title], times: dict[str, TaskTimes]) -> dict[str, pa.Table]:
+    rows: dict[str, list[dict[str, Any]]] = {"tasks/tasks": [], "tasks/titles": []}
+    for one in titles:
+        at = one.chapter or times.get(one.video_id)
+        source = "none" if at is None else "chapter" if one.chapter else "transcript"
+        rows["tasks/titles" if one.reasons else "tasks/tasks"].append(
+            {
+                "task_id": one.task_id,
+                "prompt": one.prompt or None,
+                "video_id": one.video_id,
+                "start_s": at.start_s if at else None,
+                "end_s": at.end_s if at else None,
+                "start_source": source,
+                "collection": _VIDEOS,
+                "reasons": one.reasons,
+                "rejected_reason": one.reasons[0] if one.reasons else None,
+            }
+        )
+    return {name: pa.Table.from_pylist(made, table(name).arrow()) for name, made in rows.items()}
+
+
+def _figures(titles: list[_Title], times: dict[str, TaskTimes]) -> dict[str, Any]:
+    tasks = [one for one in titles if not one.reasons]
+    by_chapter_ = sum(one.chapter is not None for one in tasks)
+    return {
+        "titles": len(titles),
+        "tasks": len(tasks),
+        "chapter": by_chapter_,
+        "transcript": len(times),
+        "none": len(tasks) - by_chapter_ - len(times),
+        "rejected": dict(sorted(Counter(one.reasons[0] for one in titles if one.reasons).items())),
+    }
+
+
+def _summary(root: Path) -> Summary:
+    made = manifest.read(root, "tasks")
+    figures = made.figures if made is not None else {}
+    starts = {name: figures[name] for name in ("chapter", "transcript", "none")}
+    return Summary(
+        {"command": "tasks", "source": "tasks"},
+        **{name: figures[name] for name in ("tasks", "titles")},
+        starts=starts,
+        rejected_by=figures["rejected"],
+        path=str(Layout(root).tasks),
+    )

@@ -1,0 +1,45 @@
+"""Tasks (MineDojo paper, benchmark appendix: creative tasks mined from YouTube; 1,042 there).
+
+The titles of kept videos that say what is done become prompts. Chapters in the description, or the
+transcript, say when the task begins and ends.
+
+    build      titles → tasks/tasks-*.parquet; those that give none → tasks/titles-*.parquet
+    release    tasks/ → release/tasks/
+    layouts    tasks/ → export/<format>/
+"""
+
+import shutil
+
+from kb.artifacts import domain_binding
+from kb.core.context import Run
+from kb.core.errors import FatalError, MissingExtra, ProfileError
+from kb.core.summary import Summary
+from kb.export import layouts
+from kb.store.layout import Layout
+from kb.tasks.build import build, check
+
+
+def tasks(run: Run, layout: str) -> Summary:
+    """Make the tasks, then write them in the given layout."""
+    check(run)
+    with domain_binding.writing(run, "tasks", "release-tasks"):
+        made = build(run)
+        written = layouts.export(run, "tasks", layout)
+    if layout == "parquet":
+        written = Summary(release=str(Layout(run.root).release("tasks")))
+    return Summary(made, **written)
+
+
+def rebuild(run: Run) -> None:
+    """Rebuild existing tasks and all that is made of them; delete what can't be rebuilt."""
+    at = Layout(run.root)
+    if not at.tasks.exists():
+        return
+    try:
+        build(run)
+    except (MissingExtra, ProfileError, FatalError) as error:
+        shutil.rmtree(at.tasks)
+        shutil.rmtree(at.release("tasks"), ignore_errors=True)
+        run.progress.say(f"the tasks were removed: {error}; `kb tasks` makes them again")
+    else:
+        layouts.export_again(run, "tasks")

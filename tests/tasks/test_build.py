@@ -1,0 +1,111 @@
+"""`kb tasks` as a user: the tables, MineDojo's file, a purge, and a run that finds nothing new."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import duckdb
+import pytest
+import yaml
+
+from kb.sandbox.server import Sandbox
+from kb.sandbox.world import World
+from tests.youtube.job import Job
+
+SCHEMA = {"collection", "guidance", "prompt", "source"}
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Job]:
+    world = World(n_channels=9, n_videos=150)
+    with Sandbox(world, services=["youtube"]) as sandbox:
+        job = Job(sandbox, tmp_path_factory.mktemp("tasks"))
+        job.done("youtube", "crawl")
+        job.done("youtube", "filter")
+        job.done("tasks")
+        yield job
+
+
+def _rows(job: Job, sql: str) -> list[tuple]:
+    return duckdb.sql(sql.replace("$", str(job.root))).fetchall()
+
+
+def test_every_title_is_a_task_or_has_a_reason(job: Job) -> None:
+    kept = _rows(job, "SELECT video_id FROM '$/clean/youtube/videos/*.parquet' ORDER BY 1")
+    both = "FROM read_parquet('$/tasks/*.parquet') SELECT video_id ORDER BY 1"
+    assert _rows(job, both) == kept
+    reasons = "FROM '$/tasks/titles-*.parquet' SELECT DISTINCT rejected_reason, reasons[1]"
+    assert all(one == first is not None for one, first in _rows(job, reasons))
+
+
+def test_planted_tasks_are_found_where_their_chapters_begin(job: Job) -> None:
+    truth = {one["video_id"]: one for one in job.sandbox.world.truth["tasks"]}
+    columns = "video_id, prompt, start_s, start_source"
+    found = _rows(job, f"FROM '$/tasks/tasks-*.parquet' SELECT {columns}")
+    prompts = {one["prompt"] for one in truth.values()}
+    assert {prompt for _, prompt, _, _ in found} == prompts
+    assert all(truth[video]["prompt"] == prompt for video, prompt, _, _ in found)
+    listed = [(video, start) for video, _, start, how in found if how == "chapter"]
+    assert listed
+    assert all(truth[video]["start_s"] == start for video, start in listed)
+    assert sum(not start for _, _, start, _ in found) < len(found) / 2
+
+
+def test_of_equal_prompts_the_first_published_video_has_it(job: Job) -> None:
+    sql = """SELECT bool_and(first.published_at <= later.published_at), count(*)
+        FROM '$/tasks/titles-*.parquet' AS copy JOIN '$/tasks/tasks-*.parquet' AS task
+            ON replace(copy.prompt, ' the ', ' a ') = replace(task.prompt, ' the ', ' a ')
+        JOIN '$/clean/youtube/videos/*.parquet' AS first ON task.video_id = first.video_id
+        JOIN '$/clean/youtube/videos/*.parquet' AS later ON copy.video_id = later.video_id
+        WHERE copy.rejected_reason = 'duplicate'"""
+    ((ordered, count),) = _rows(job, sql)
+    assert ordered
+    assert count
+
+
+def test_the_release_has_prompts_and_no_reasons(job: Job) -> None:
+    ((columns,),) = _rows(
+        job,
+        "SELECT list(column_name) FROM (DESCRIBE FROM '$/release/tasks/tasks-*.parquet')",
+    )
+    assert {"prompt", "video_id", "start_s", "end_s"} <= set(columns)
+    assert not {"reasons", "rejected_reason"} & set(columns)
+
+
+def test_minedojo_reads_every_task(job: Job) -> None:
+    job.done("tasks", "--format", "minedojo")
+    path = job.root / "export/minedojo/creative_tasks.yaml"
+    read = yaml.safe_load(path.read_text())
+    found = _rows(job, "FROM '$/tasks/tasks-*.parquet' SELECT prompt, video_id ORDER BY video_id")
+    made = [(one["prompt"], one["source"]["youtube_id"]) for one in read.values()]
+    assert made == found
+    assert list(read) == [f"creative:{number}" for number in range(len(found))]
+    assert all(set(one) == SCHEMA for one in read.values())
+    assert all(0 <= one["source"]["start"] < one["source"]["end"] for one in read.values())
+
+
+def test_the_same_titles_are_not_mined_again(job: Job) -> None:
+    before = _digests(job.root)
+    assert job.done("tasks")["tasks"] > 10
+    assert _digests(job.root) == before
+    job.done("tasks", "--again")
+    assert {name: data for name, (data, _) in _digests(job.root).items()} == {
+        name: data for name, (data, _) in before.items()
+    }
+
+
+def _digests(root: Path) -> dict[str, tuple[bytes, int]]:
+    files = (root / "tasks").glob("*.parquet")
+    return {one.name: (one.read_bytes(), one.stat().st_mtime_ns) for one in files}
+
+
+def test_purged_videos_leave_every_place(job: Job, tmp_path: Path) -> None:
+    ((gone,),) = _rows(job, "FROM '$/tasks/tasks-*.parquet' SELECT min(video_id)")
+    job.done("tasks", "--format", "minedojo")
+    ids = tmp_path / "ids.txt"
+    ids.write_text(gone)
+    job.done("purge", "youtube", "--ids", str(ids))
+    for place in ("tasks/*.parquet", "release/tasks/*-of-*.parquet"):
+        assert not _rows(job, f"FROM '$/{place}' SELECT 1 WHERE video_id = '{gone}'")
+    assert gone not in (job.root / "export/minedojo/creative_tasks.yaml").read_text()
+    assert json.loads((job.root / "tasks/_manifest.json").read_text())["rules"]
