@@ -200,7 +200,7 @@ def test_a_source_that_the_profile_leaves_out_is_skipped(
     root = played(tmp_path, str(path), ("reddit import", "refresh reddit", "reddit reconstruct",
                                         "report"))  # fmt: skip
     said = capsys.readouterr().out
-    assert said.count("left out: the profile has no [youtube]") == 4  # three steps, and pairs
+    assert said.count("left out: the profile has no [youtube]") == 5  # three steps, pairs, tasks
     assert said.count("left out: the profile has no [wiki]") == 3
     assert [path.name for path in (root / "release").iterdir()] == ["reddit"]
     assert rows(root, "SELECT * FROM release.reddit_posts")

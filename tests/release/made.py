@@ -357,8 +357,8 @@ def build(
     *,
     export: bool = True,
 ) -> Path:
-    """Write clean/, pairs/, tasks/, links/ and release/ under `root`. `edit(table, rows)` may change rows
-    first.
+    """Write clean/, pairs/, tasks/, links/ and release/ under `root`. `edit(table, rows)` may
+    change rows first.
     """
     for name, made in rows(n).items():
         if name.partition("/")[0] not in sources:

@@ -49,6 +49,7 @@ FIGURES = {
     "pairs-keywords",
     "pairs-lengths",
     "pairs-quality",
+    "tasks-titles",
     "links-most",
     "links-least",
     "links-known",
@@ -212,7 +213,7 @@ def test_page_needs_nothing_outside_itself(root: Path) -> None:
     assert all(source.startswith("data:") for source in re.findall(r'src="([^"]*)"', page))
     assert all(target.startswith("#") for target in re.findall(r'href="([^"]*)"', page))
     assert all(text.strip() for text in re.findall(r'alt="([^"]*)"', page))
-    assert len(re.findall(r"<figure ", page)) == 29
+    assert len(re.findall(r"<figure ", page)) == 30
 
 
 def test_the_page_says_that_its_texts_may_not_be_passed_on(root: Path) -> None:

@@ -35,7 +35,7 @@ def test_install_command_query_and_picture_come_first(released: Path, source: st
     assert f"Lorecrawl {__version__} (lock file SHA-256 " in screen
     assert "run `make setup` in the checkout of Lorecrawl, or `pip install -e " in screen
     assert blocks(screen, "sh")[0].startswith("kb verify .")
-    assert ("\nkb restore ." in screen) == (source not in ("wiki", "links"))
+    assert ("\nkb restore ." in screen) == (source not in ("wiki", "tasks", "links"))
     (picture,) = blocks(screen, "text")
     assert "█" in picture
     names = {name for name, _ in leaves()}

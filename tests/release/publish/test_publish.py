@@ -22,7 +22,7 @@ from tests.release.publish.sending import send, store
 
 def test_a_draft_for_each_folder_with_every_file(root: Path, service: Sandbox) -> None:
     summary = send(root, service, only="")
-    assert (summary["deposits"], summary["drafts"], summary["published"]) == (5, 5, 0)
+    assert (summary["deposits"], summary["drafts"], summary["published"]) == (6, 6, 0)
     for source, shown in summary["sources"].items():
         deposit = store(service).by_id[shown["id"]]
         folder = root / "release" / source
