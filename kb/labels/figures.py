@@ -7,6 +7,8 @@ interval is Wilson's with the effective size of the weighted sample (Kish), whic
 the number of items.
 """
 
+from __future__ import annotations
+
 from typing import Any
 
 from duckdb import DuckDBPyConnection
