@@ -90,6 +90,7 @@ class FileVerifier:
             kinds = (
                 "clean",
                 "pairs",
+                "tasks",
                 "labels",
                 "links",
                 "index",

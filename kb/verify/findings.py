@@ -18,6 +18,7 @@ KINDS = (
     "annotations",
     "clean",
     "pairs",
+    "tasks",
     "labels",
     "links",
     "index",

@@ -99,6 +99,16 @@ def _digests(root: Path) -> dict[str, tuple[bytes, int]]:
     return {one.name: (one.read_bytes(), one.stat().st_mtime_ns) for one in files}
 
 
+def test_a_damaged_file_is_found_and_made_again(job: Job) -> None:
+    (path,) = (job.root / "tasks").glob("tasks-*.parquet")
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-200] + bytes(200))
+    damaged = job.done("verify", code=1)
+    assert [str(path)] == [one["path"] for one in damaged["found"]]
+    job.done("verify", "--repair")
+    assert path.read_bytes() == whole
+
+
 def test_purged_videos_leave_every_place(job: Job, tmp_path: Path) -> None:
     ((gone,),) = _rows(job, "FROM '$/tasks/tasks-*.parquet' SELECT min(video_id)")
     job.done("tasks", "--format", "minedojo")

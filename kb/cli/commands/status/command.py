@@ -55,6 +55,8 @@ def _lines(about: dict[str, Any]) -> list[str]:
         lines += ["", *_source(source, facts)]
     if made := [f"{n:,} {schema}" for schema, n in about["pairs"].items() if n]:
         lines += ["", f"pairs: {', '.join(made)}"]
+    if about["tasks"]:
+        lines += ["", f"tasks: {about['tasks']:,}"]
     if links := about["links"]:
         lines += ["", f"links: {_linked(links)}"]
     disk = ", ".join(f"{name} {terminal.size(n)}" for name, n in about["disk_bytes"].items())

@@ -104,6 +104,8 @@ def overview(run: Run) -> dict[str, Any]:
             schema: _schema_rows(catalog, schema, "pairs").get("pairs", 0)
             for schema in ("clean", "restored", "release")
         },
+        "tasks": _schema_rows(catalog, "clean", "tasks").get("tasks", 0)
+        or _schema_rows(catalog, "release", "tasks").get("tasks", 0),
         "next": next_steps(run, sources, links) if collected else [],
     }
 
