@@ -50,6 +50,7 @@ RELEASES: dict[str, ReleaseSpec] = {
         " ORDER BY prompt, video_id LIMIT 10",
         rules=("verbs", "lead_ins", "talk", "never", "max_words", "max_gap_s"),
         pictured="start_source",
+        quality="kb.release.metadata.judgements:task_quality",
     ),
     "links": ReleaseSpec(
         main="links",

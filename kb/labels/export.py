@@ -1,4 +1,4 @@
-"""A sample of pairs as a project for Label Studio: config.xml, tasks.json, README.md.
+"""A sample of pairs or tasks as a project for Label Studio: config.xml, tasks.json, README.md.
 
 The sample is stratified. Within a stratum rows are ordered by a hash of seed and id, and strata get
 places in proportion to the square root of their size (Bankier's power allocation, 1988), at least
@@ -30,6 +30,7 @@ from kb.store.tables.reading import reading, scan
 CONFIG, TASKS, README = "config.xml", "tasks.json", "README.md"
 _TEMPLATES = Path(__file__).with_name("templates")
 TRANSCRIPTS = f"{transcripts.VIDEOS}/transcripts"
+_LONGEST_S = 60  # of a clip that people watch before they judge
 _AROUND = 200  # characters of the transcript before and after the text
 
 
@@ -53,7 +54,8 @@ def export(run: Run, labeling: Labeling, sample: int, seed: int, out: Path) -> S
     around = _surroundings(run.root, files, rows) if has_text else {}
     questions = [one for one in labeling.questions if has_text or not one.of_text]
     tasks = [{"data": _data(row, labeling, around)} for row in rows]
-    seconds = sum(row["end_s"] - row["start_s"] + labeling.seconds for row in rows)
+    watched = (times[1] - times[0] if (times := _times(row, labeling)) else 0 for row in rows)
+    seconds = sum(min(one, _LONGEST_S) + labeling.seconds for one in watched)
     _write(place, labeling, questions, tasks, round(seconds / 3600, 1))
     return Summary(
         command="label export",
@@ -68,8 +70,8 @@ def export(run: Run, labeling: Labeling, sample: int, seed: int, out: Path) -> S
 def _drawn(
     root: Path, files: list[Path], labeling: Labeling, sample: int, seed: int, has_text: bool
 ) -> list[dict[str, Any]]:
-    """Rows of the sample, each with `item_id`, `stratum`, `weight`, `start_s` and `end_s`."""
-    where = f"{labeling.where} AND text IS NOT NULL" if has_text else labeling.where
+    """Rows of the sample, each with `item_id`, `stratum` and `weight`."""
+    where = "text IS NOT NULL" if has_text else "true"
     parquet.check(*files)
     with reading(files), database.connect(root) as con:
         found = con.sql(
@@ -83,8 +85,7 @@ def _drawn(
             drawn AS (
                 SELECT *, row_number() OVER (ORDER BY (place - 1) / sqrt(size), draw, item_id) AS n
                 FROM ranked QUALIFY n <= $sample)
-            SELECT item_id, stratum, size / count(*) OVER (PARTITION BY stratum) AS weight,
-                {labeling.start} AS start_s, {labeling.end} AS end_s, rows.*
+            SELECT item_id, stratum, size / count(*) OVER (PARTITION BY stratum) AS weight, rows.*
             FROM drawn JOIN {scan(files)} AS rows ON item_id = {labeling.key} ORDER BY n""",
             params={"seed": str(seed), "sample": sample},
         ).to_arrow_table()
@@ -110,28 +111,36 @@ def _surroundings(
     return around
 
 
+def _times(row: dict[str, Any], labeling: Labeling) -> tuple[int, int] | None:
+    """Whole seconds from which and up to which the player runs; None: the whole video."""
+    start, end = row[labeling.start], row[labeling.end]
+    return None if start is None or end is None else (math.floor(start), math.ceil(end))
+
+
 def _data(
     row: dict[str, Any], labeling: Labeling, around: dict[str, tuple[str, str]]
 ) -> dict[str, Any]:
     """What Label Studio shows of an item, and what it gives back with the answers."""
-    start, end = math.floor(row["start_s"]), math.ceil(row["end_s"])
+    times = _times(row, labeling)
     before, after = around.get(row["item_id"], ("", ""))
-    player = f"https://www.youtube.com/embed/{row['video_id']}?start={start}&end={end}&rel=0"
-    text = row.get("text") or ""
+    player = f"https://www.youtube.com/embed/{row['video_id']}?rel=0"
+    if times:
+        player += "&start={}&end={}".format(*times)
+    text, subject = row.get("text") or "", row[labeling.subject]
+    span = ", from {} to {} s".format(*times) if times else ""
     said = f"<p>{escape(before)} <b>{escape(text)}</b> {escape(after)}</p>" if text else ""
     return {
         "item_id": row["item_id"],
         "kind": labeling.kind,
         "video_id": row["video_id"],
-        "keyword": row["keyword"],
+        labeling.subject: subject,
         "stratum": row["stratum"],
         "weight": round(row["weight"], 4),
         "clip": (
             f'<iframe width="560" height="315" src="{escape(player)}"'
             ' referrerpolicy="strict-origin-when-cross-origin" allowfullscreen></iframe>'
         ),
-        "about": f"<p>Keyword: <b>{escape(row['keyword'])}</b> ({escape(row['keyword_kind'])}),"
-        f" clip from {start} to {end} s</p>{said}",
+        "about": f"<p>{labeling.subject.capitalize()}: <b>{escape(subject)}</b>{span}</p>{said}",
     }
 
 

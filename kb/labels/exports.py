@@ -20,7 +20,7 @@ class LabeledItem(msgspec.Struct):
     """`data` of a task: what `kb label export` wrote of the item."""
 
     item_id: str
-    kind: Literal["pair"]
+    kind: Literal["pair", "task"]
     video_id: str
 
 

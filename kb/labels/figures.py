@@ -65,6 +65,7 @@ def _figures_of(con: DuckDBPyConnection, question: Question, kind: str) -> dict[
     ).fetchall()
     low, high = wilson_interval(share * size, size) if n else (0.0, 1.0)
     return {
+        "good": f"within {NEAR_S} s of {question.compared}" if question.compared else YES,
         "n": n,
         "share": round(share, 4) if n else None,
         "low": round(low, 4),

@@ -11,8 +11,9 @@ import pyarrow as pa
 from duckdb import DuckDBPyConnection
 
 from kb.artifacts import domain_binding, manifest
-from kb.artifacts.measures import check_pairs, write_measure
+from kb.artifacts.measures import write_measure
 from kb.core.context import Run
+from kb.core.errors import FatalError
 from kb.core.summary import Summary
 from kb.labels.exports import LABELS, read_exports
 from kb.labels.figures import figures
@@ -20,6 +21,7 @@ from kb.labels.questions import KINDS
 from kb.pairs.transcripts import VIDEOS
 from kb.schema.table_check import conform
 from kb.schema.tables import table
+from kb.store.layout import Layout
 from kb.store.state import tombstones
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import scan
@@ -34,10 +36,13 @@ def import_exports(run: Run, paths: Sequence[Path]) -> Summary:
     refused and counted.
 
     Raises UsageError for a file that is no export, before anything is written; FatalError without
-    pairs, WriterLocked, DamagedData, DiskFull.
+    pairs and tasks, WriterLocked, DamagedData, DiskFull.
     """
     given = read_exports(paths)
-    check_pairs(run.root)
+    if not any(manifest.rows(run.root, one.table) for one in KINDS.values()):
+        raise FatalError(
+            "there are no pairs and no tasks", hint="run `kb pairs` or `kb tasks` first"
+        )
     with domain_binding.writing(run, "labels", "pairs"), database.connect(run.root) as con:
         old = _stored(run.root)
         con.register("given", given.rows)
@@ -50,7 +55,8 @@ def import_exports(run: Run, paths: Sequence[Path]) -> Summary:
         con.register("labels", rows)
         judged = set(rows["kind"].to_pylist())
         section = {kind: figures(con, one) for kind, one in KINDS.items() if kind in judged}
-        path = write_measure(run.root, SECTION, section)
+        if manifest.read(run.root, "pairs") is not None:
+            write_measure(run.root, SECTION, section)
     return Summary(
         command="label import",
         answers=given.rows.num_rows,
@@ -60,7 +66,7 @@ def import_exports(run: Run, paths: Sequence[Path]) -> Summary:
         undefined=given.undefined,
         **counts,
         figures=section,
-        path=str(path),
+        path=str(Layout(run.root).labels),
     )
 
 
@@ -78,7 +84,7 @@ def _judge(con: DuckDBPyConnection, root: Path) -> dict[str, int]:
             parquet.check(*files)
             selects.append(
                 f"SELECT '{kind}' AS kind, {one.key} AS item_id, {one.stratum} AS stratum,"
-                f" {one.start} AS start_s, {one.end} AS end_s FROM {scan(files)} WHERE {one.where}"
+                f" {one.start} AS start_s, {one.end} AS end_s FROM {scan(files)}"
             )
     purged = pa.array(sorted(tombstones.keys(root, VIDEOS)), pa.string())
     con.register("purged", pa.table({"video_id": purged}))

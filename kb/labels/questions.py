@@ -6,7 +6,7 @@
 from dataclasses import dataclass
 
 YES, UNSURE = "yes", "unsure"
-NEAR_S = 5  # by how much a time may be off and still be right
+NEAR_S = 10  # by how much a time may be off and still be right
 
 
 @dataclass(frozen=True)
@@ -34,21 +34,21 @@ class Question:
 class Labeling:
     """A kind of items that people judge.
 
-    `table`, made by `command`, holds them under `key`; `where` says which are asked about. The
-    sample is stratified by `strata`. The player runs from `start` to `end`, and one judgement takes
-    `seconds` besides watching.
+    `table`, made by `command`, holds them under `key`, and its column `subject` says what they are
+    about. The sample is stratified by `strata`. The player runs from `start` to `end`, and one
+    judgement takes `seconds` besides watching.
     """
 
     kind: str
     table: str
     command: str
     key: str
+    subject: str
     strata: tuple[str, ...]
     start: str
     end: str
     seconds: int
     questions: tuple[Question, ...]
-    where: str = "true"
 
     @property
     def stratum(self) -> str:
@@ -63,6 +63,7 @@ PAIRS = Labeling(
     table="pairs/pairs",
     command="kb pairs",
     key="pair_id",
+    subject="keyword",
     strata=("keyword_kind", "timing"),
     start="clip_start_s",
     end="clip_end_s",
@@ -99,4 +100,50 @@ PAIRS = Labeling(
     ),
 )
 
-KINDS = {one.kind: one for one in (PAIRS,)}
+TASKS = Labeling(
+    kind="task",
+    table="tasks/tasks",
+    command="kb tasks",
+    key="task_id",
+    subject="prompt",
+    strata=("start_source",),
+    start="start_s",
+    end="end_s",
+    seconds=90,
+    questions=(
+        Question(
+            "is_task",
+            "Is the prompt a task?",
+            "Yes if somebody who reads only the prompt knows what to do, and could say afterwards"
+            " whether it is done. No for greetings, titles of series and events.",
+            ((YES, "Yes"), ("no", "No"), _UNSURE),
+        ),
+        Question(
+            "possible",
+            "Is it possible in the domain of the video?",
+            "Yes if it can be done there with the usual means. No if it needs changes that others"
+            " do not have (mods, tricks of the video), or is no part of the domain.",
+            ((YES, "Yes"), ("no", "No"), _UNSURE),
+        ),
+        Question(
+            "begins_s",
+            "At which second of the video does the task begin?",
+            "The second at which the doing begins, not the talk before it. Leave it empty where the"
+            " video does not show the task.",
+            compared="start_s",
+        ),
+        Question(
+            "ends_s",
+            "At which second does it end?",
+            "The second at which the task is done, or the video turns to something else.",
+            compared="end_s",
+        ),
+        Question(
+            "wording",
+            "A better wording?",
+            "In the imperative and without names of people. Leave it empty if the prompt is fine.",
+        ),
+    ),
+)
+
+KINDS = {one.kind: one for one in (PAIRS, TASKS)}

@@ -48,7 +48,7 @@ def _bytes(root: Path) -> dict[str, bytes]:
 
 def test_answers_become_rows_and_weighted_shares(root: Path, here: Here) -> None:
     """One stratum is judged good and the others bad: the share is that stratum's part of all."""
-    assert "No pair was judged by people yet" in _card(root)
+    assert "Not judged yet: nobody has looked at a sample of these pairs" in _card(root)
     tasks = items(root.parent / "project")
     good = tasks[0]["stratum"]
     answers = [
@@ -72,7 +72,7 @@ def test_answers_become_rows_and_weighted_shares(root: Path, here: Here) -> None
     assert (
         f"visible in the clip? Yes for {one['share']:.1%} (95 % interval {one['low']:.1%}" in said
     )
-    assert "n = 40); Cohen's kappa 1.00 over 40 pairs." in said
+    assert "n = 40); Cohen's kappa 1.00 over 40." in said
     assert "Is the time right?" not in said  # nobody answered
     assert f"pair\tvisible\t40\t{one['share']:.3f} (" in done.out
     assert not verify(root, Silent()).entries

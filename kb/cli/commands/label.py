@@ -23,6 +23,7 @@ class Judged(StrEnum):
     """What can be judged."""
 
     pairs = "pairs"
+    tasks = "tasks"
 
 
 @command(
@@ -32,6 +33,7 @@ class Judged(StrEnum):
     examples=[
         "kb label export pairs                        400 pairs, to label-pairs/",
         "kb label export pairs --sample 50 --seed 1 --out trial   50 other pairs, to trial/",
+        "kb label export tasks --sample 100           100 tasks, to label-tasks/",
     ],
 )
 def export(
@@ -50,15 +52,15 @@ def export(
 ) -> Summary:
     """Write a sample as a project for Label Studio: config.xml, tasks.json and README.md.
 
-    The sample is stratified (pairs: by kind of keyword and timing), and each item carries the
-    weight that it stands for. A larger sample of the same seed begins with the smaller one. Only
-    reads. --data may be a data root or a downloaded release; a release holds no texts, so that the
-    question about the text is left out.
+    The sample is stratified (pairs by kind of keyword and timing, tasks by start_source), and each
+    item carries the weight that it stands for. A larger sample of the same seed begins with the
+    smaller one. Only reads. --data may be a data root or a downloaded release; a release of pairs
+    holds no texts, so that the question about the text is left out.
     """
     from kb.labels import questions
     from kb.labels.export import export
 
-    labeling = {Judged.pairs: questions.PAIRS}[what]
+    labeling = {Judged.pairs: questions.PAIRS, Judged.tasks: questions.TASKS}[what]
     return export(run, labeling, sample, seed, out or Path(f"label-{what}"))
 
 
@@ -84,12 +86,12 @@ def import_(
 
     All files are read before anything is written. Of several answers of one person to the same
     question the newest counts. Answers about items that were purged, or that no table has any
-    more, are refused. pairs/measures.json gets the figures, and the card of the pairs shows them.
-    People are numbers in the tables.
+    more, are refused. pairs/measures.json gets the figures, and the cards of pairs and tasks show
+    them. People are numbers in the tables.
 
     Columns: kind of item; question; judged items; share of yes among all items (each judged one
-    weighted by what it stands for), with its 95 % interval; Cohen's kappa of two people, Fleiss'
-    of more, with the number of items that both or several judged.
+    weighted by what it stands for), or of times within 10 s, with its 95 % interval; Cohen's kappa
+    of two people, Fleiss' of more, with the number of items that both or several judged.
     """
     from kb.labels.imports import import_exports
 

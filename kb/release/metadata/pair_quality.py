@@ -10,6 +10,7 @@ from duckdb import DuckDBPyConnection
 
 from kb.artifacts.measures import pair_figures, read_measures
 from kb.artifacts.release_folder import ReleaseFolder
+from kb.release.metadata.judgements import judgements, share_text
 from kb.store.layout import Layout
 
 _SHOWN = 5  # other languages that are named
@@ -25,7 +26,6 @@ def pair_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> 
         return ()
     samples = read_measures(Layout(root).pairs)
     heard = samples.get("speech_recognition")
-    judged = samples.get("labels", {}).get("pair")
     return (
         _times(figures["word_times"], figures["interpolation_error_s"]),
         (
@@ -37,7 +37,8 @@ def pair_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> 
         _languages(figures["languages"]),
         *_verbs(figures["verbs"]),
         _speech_recognition(heard) if heard else _NOT_MEASURED,
-        *(_labels(judged) if judged else (_NOT_JUDGED,)),
+        _TEXTS_ALONE,
+        *judgements(samples, "pair"),
     )
 
 
@@ -83,6 +84,10 @@ def _pairs(share: dict[str, Any]) -> str:
     return f"{share['hits']:,} of {share['n']:,} pairs ({share['share']:.1%})"
 
 
+_TEXTS_ALONE = (
+    "The figures above come from the texts alone, so they do not say whether the clip shows what"
+    " the text names."
+)
 _NOT_MEASURED = (
     "Speech recognition: how often automatic transcripts get a keyword wrong was not measured."
 )
@@ -93,9 +98,9 @@ def _speech_recognition(section: dict[str, Any]) -> str:
     sentence = (
         f"Speech recognition: in {section['videos_compared']:,} of"
         f" {section['videos_with_both_tracks']:,} videos that have both tracks, the manual track"
-        f" has {_interval(every['manual_given_automatic'])} of the keywords"
+        f" has {share_text(every['manual_given_automatic'])} of the keywords"
         " that the automatic one has, and the automatic one"
-        f" {_interval(every['automatic_given_manual'])} of those that the"
+        f" {share_text(every['automatic_given_manual'])} of those that the"
         " manual one has. The intervals take every occurrence as independent, although errors of"
         " one video are alike; videos with manual captions may be spoken more clearly than others."
     )
@@ -105,36 +110,3 @@ def _speech_recognition(section: dict[str, Any]) -> str:
             f" {later['p25']:.2f} and {later['p75']:.2f} s later than in the manual one."
         )
     return sentence
-
-
-_NOT_JUDGED = (
-    "These figures come from the texts alone. No pair was judged by people yet, so nothing says"
-    " whether the clips show what the texts name."
-)
-
-
-def _labels(section: dict[str, Any]) -> Iterator[str]:
-    """What people who watched a sample said, a sentence for each question with an answer."""
-    people = section["annotators"]
-    who = f"{people} people" if people > 1 else "one person"
-    yield (
-        f"Judged by people: {who} watched {section['items']:,} clips of a stratified sample, whose"
-        " weights make the shares those of all pairs. All figures above come from the texts alone."
-    )
-    for one in section["questions"].values():
-        if one["n"]:
-            yield f"{one['question']} Yes for {_interval(one)}{_kappa(one['agreement'])}."
-
-
-def _kappa(agreement: dict[str, Any] | None) -> str:
-    if agreement is None or agreement["kappa"] is None:
-        return ""
-    name = {"cohen": "Cohen's", "fleiss": "Fleiss'"}[agreement["method"]]
-    return f"; {name} kappa {agreement['kappa']:.2f} over {agreement['items']:,} pairs"
-
-
-def _interval(share: dict[str, Any]) -> str:
-    if share["share"] is None:
-        return "none"
-    low, high, n = share["low"], share["high"], share["n"]
-    return f"{share['share']:.1%} (95 % interval {low:.1%} to {high:.1%}, n = {n:,})"

@@ -56,4 +56,4 @@ def test_card_and_datasheet_give_the_figures_of_the_tables(folder: Path) -> None
         assert "has 95.0% (95 % interval 94.5% to 95.5%, n = 7,000) of the keywords" in text
         assert "88.7% (95 % interval 87.9% to 89.4%, n = 7,500) of those" in text
         assert "between -0.21 and 0.43 s later" in text
-        assert "nothing says whether the clips show what the texts name" in text
+        assert "they do not say whether the clip shows what the text names" in text
