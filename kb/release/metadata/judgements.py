@@ -24,11 +24,11 @@ def judgements(measures: Mapping[str, Any], kind: str) -> Iterator[str]:
     if not section or not section["items"]:
         yield f"Not judged yet: nobody has looked at a sample of these {kind}s."
         return
-    people = section["annotators"]
+    people, items = section["annotators"], section["items"]
     who = f"{people} people" if people > 1 else "one person"
     yield (
-        f"Judged by people: {who} judged {section['items']:,} {kind}s of a stratified sample; the"
-        f" shares are those of all {kind}s."
+        f"Judged by people: {who} judged {items:,} {kind}{'s' if items > 1 else ''} of a stratified"
+        f" sample; the shares are those of all {kind}s."
     )
     for one in section["questions"].values():
         if one.get("n"):
