@@ -14,6 +14,7 @@ from kb.artifacts import domain_binding, manifest
 from kb.artifacts.measures import write_measure
 from kb.core.context import Run
 from kb.core.errors import FatalError
+from kb.core.installation import require
 from kb.core.summary import Summary
 from kb.labels.exports import LABELS, read_exports
 from kb.labels.figures import figures
@@ -35,9 +36,10 @@ def import_exports(run: Run, paths: Sequence[Path]) -> Summary:
     """Read every file, then write. Answers about items that were purged or that no table has are
     refused and counted.
 
-    Raises UsageError for a file that is no export, before anything is written; FatalError without
-    pairs and tasks, WriterLocked, DamagedData, DiskFull.
+    Raises UsageError for a file that is no export, MissingExtra, before anything is written;
+    FatalError without pairs and tasks, WriterLocked, DamagedData, DiskFull.
     """
+    require("pairs", "numpy")  # before anything is written
     given = read_exports(paths)
     if not any(manifest.rows(run.root, one.table) for one in KINDS.values()):
         raise FatalError(

@@ -87,6 +87,9 @@ def test_a_downloaded_release_has_no_text_to_ask_about(
     before = sorted(download.iterdir())
     words = ("label", "export", "pairs", "--sample", "9", "--out", str(tmp_path / "out"))
     assert here(*words, "--data", str(download)).code == 0
+    inside = here(*words[:-1], str(download / "label-pairs"), "--data", str(download))
+    assert inside.code == 2
+    assert "which this command only reads" in inside.said
     assert sorted(download.iterdir()) == before
     assert 'name="described"' not in (tmp_path / "out" / CONFIG).read_text()
     assert len(_tasks(tmp_path / "out")) == 9
