@@ -85,8 +85,9 @@ def _judge(con: DuckDBPyConnection, root: Path) -> dict[str, int]:
         if files := manifest.rows(root, one.table):
             parquet.check(*files)
             selects.append(
-                f"SELECT '{kind}' AS kind, {one.key} AS item_id, {one.stratum} AS stratum,"
-                f" {one.start} AS start_s, {one.end} AS end_s FROM {scan(files)}"
+                f"SELECT '{kind}' AS kind, {one.key} AS item_id, video_id,"
+                f" {one.stratum} AS stratum, {one.start} AS start_s, {one.end} AS end_s"
+                f" FROM {scan(files)}"
             )
     purged = pa.array(sorted(tombstones.keys(root, VIDEOS)), pa.string())
     con.register("purged", pa.table({"video_id": purged}))
@@ -107,7 +108,8 @@ CREATE TEMP TABLE items AS FROM every
 CREATE TEMP TABLE merged AS
     SELECT * FROM old ANTI JOIN purged USING (video_id)
     UNION ALL BY NAME
-    SELECT * FROM given SEMI JOIN items USING (kind, item_id) ANTI JOIN purged USING (video_id);
+    SELECT * FROM given
+        SEMI JOIN items USING (kind, item_id, video_id) ANTI JOIN purged USING (video_id);
 """
 _COUNTED = {
     "contradictory": """
@@ -118,7 +120,7 @@ _COUNTED = {
         SELECT count(DISTINCT item_id) FROM given SEMI JOIN purged USING (video_id)""",
     "unknown_items": """
         SELECT count(DISTINCT item_id) FROM given
-        ANTI JOIN purged USING (video_id) ANTI JOIN items USING (kind, item_id)""",
+        ANTI JOIN purged USING (video_id) ANTI JOIN items USING (kind, item_id, video_id)""",
 }
 _NEWEST = """
     SELECT * FROM (
