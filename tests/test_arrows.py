@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parent.parent
 ROOMS = {*SOURCES, "annotate", "filters", "pairs", "export", "release", "report", "verify"}
 GROUND = {"net", "store", "schema", "artifacts"}
 DATA = {"artifacts", "store", "schema", "core"}
-MADE = {"labels", "links", "tasks"}
+MADE = {"clips", "labels", "links", "tasks"}
 ASKING = {"query", "search"}  # over the ground alone; only commands and pipelines ask it
 
 # room -> the rooms that it may import (itself always)
@@ -36,6 +36,7 @@ ALLOWED: dict[str, set[str]] = {
     "links": {"pairs", *DATA},  # over the pairs' matcher
     "labels": {"pairs", *DATA},  # over the pairs' transcripts
     "tasks": {"pairs", *DATA},
+    "clips": {"pairs", *DATA},  # over the pairs' tokens
     "reader": ASKING | DATA,
     "mcp": {"reader"} | ASKING | DATA,
     "sandbox": ROOMS | GROUND | {"core"},
@@ -63,6 +64,7 @@ HEAVY = {
     "pandas",
     "scipy",
     "instant_clip_tokenizer",
+    "av",
     "numpy",
 }
 

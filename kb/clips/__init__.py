@@ -1,0 +1,5 @@
+"""Clips of pairs out of the user's own video files. Nothing here downloads a video.
+
+video_files   where the file of a video is
+frames        the frames that a film shows at given times
+"""

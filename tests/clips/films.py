@@ -1,0 +1,77 @@
+"""Films whose frames carry their number as sixteen bars, black for 0 and white for 1."""
+
+import struct
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import NamedTuple
+
+import av
+import numpy as np
+
+BARS = 16
+
+
+class Film(NamedTuple):
+    """A film, and when each frame is shown (s, exact)."""
+
+    path: Path
+    times: list[Fraction]
+    last_s: Fraction  # how long the last frame is shown
+
+
+def bars(number: int, width: int, height: int) -> np.ndarray:
+    """A frame with its number."""
+    bits = [255 * (number >> bit & 1) for bit in range(BARS)]
+    row = np.array([bits[x * BARS // width] for x in range(width)], np.uint8)
+    return np.repeat(np.repeat(row[None, :, None], height, 0), 3, 2)
+
+
+def number_of(image: np.ndarray) -> int:
+    """The number that a frame shows, in any size."""
+    width = image.shape[1]
+    row = image[image.shape[0] // 2].mean(axis=-1)
+    middles = [int((bar + 0.5) * width / BARS) for bar in range(BARS)]
+    return sum(int(row[x] > 127) << bit for bit, x in enumerate(middles))
+
+
+def film(
+    path: Path,
+    codec: str,
+    ticks: Sequence[int],
+    base: Fraction,
+    size: tuple[int, int] = (640, 360),
+    options: dict[str, str] | None = None,
+    gop: int = 48,
+    pixels: str = "yuv420p",
+    numbers: Sequence[int] | None = None,
+) -> Film:
+    """Writes frames at these ticks of `base` (s)."""
+    width, height = size
+    numbers = range(len(ticks)) if numbers is None else numbers
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream(codec, rate=Fraction(30))
+        stream.width, stream.height, stream.pix_fmt = width, height, pixels
+        stream.codec_context.gop_size = gop
+        stream.codec_context.time_base = base
+        stream.time_base = base
+        stream.options = options or {}
+        for number, tick in zip(numbers, ticks, strict=True):
+            frame = av.VideoFrame.from_ndarray(bars(number, width, height), format="rgb24")
+            frame.pts, frame.time_base = tick, base
+            out.mux(stream.encode(frame))
+        out.mux(stream.encode(None))
+    step = (ticks[-1] - ticks[-2]) * base
+    return Film(path, [tick * base for tick in ticks], step)
+
+
+def turned(path: Path, degrees: int) -> None:
+    """Write a display matrix into an mp4 that turns its picture clockwise by 90 or 180 degrees."""
+    data = bytearray(path.read_bytes())
+    at = data.index(b"tkhd") + 4
+    matrix = at + (40 if data[at] == 0 else 52)
+    one, none, w = 1 << 16, 0, 1 << 30
+    values = {90: (none, one, none, -one, none), 180: (-one, none, none, none, -one)}[degrees]
+    a, b, u, c, d = values
+    data[matrix : matrix + 36] = struct.pack(">9i", a, b, u, c, d, 0, 0, 0, w)
+    path.write_bytes(bytes(data))
