@@ -26,7 +26,7 @@ from kb.export import layouts
 from kb.pairs.build import build, check
 from kb.pairs.extract import Tools, make_tools
 from kb.pairs.measures import speech_recognition
-from kb.pairs.measures.speech_recognition import Sample
+from kb.pairs.measures.speech_recognition import VideoSample
 from kb.store.layout import Layout
 from kb.youtube.connector.second_tracks import (
     fetch_second_tracks,
@@ -73,7 +73,7 @@ def plan_measure(run: Run, size: int) -> Summary:
     return Summary(plan_second_tracks(run, sample.ids), videos_with_both_tracks=sample.out_of)
 
 
-def _sample(run: Run, size: int) -> tuple[Sample, Tools]:
+def _sample(run: Run, size: int) -> tuple[VideoSample, Tools]:
     section, keywords = run.profile.section(Pairs), check(run)
     check_pairs(run.root)
     sample = speech_recognition.sampled(run.root, with_both(run), size, run.seed)

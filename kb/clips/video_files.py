@@ -15,7 +15,7 @@ def video_files(folders: Iterable[Path], ids: Collection[str]) -> dict[str, Path
     """By video id: its file in these folders or below them. Of several the first one by folder
     and name counts. Raises OSError for a folder that can't be read.
     """
-    wanted, found = frozenset(ids), dict[str, Path]()
+    wanted, paths = frozenset(ids), dict[str, Path]()
     for folder in folders:
         for where, below, files in os.walk(folder, onerror=_refuse):
             below.sort()
@@ -25,8 +25,8 @@ def video_files(folders: Iterable[Path], ids: Collection[str]) -> dict[str, Path
                 titled = _BRACKETS.search(path.stem)
                 named = (path.stem, titled[1] if titled else "", path.parent.name)
                 if key := next((one for one in named if one in wanted), ""):
-                    found.setdefault(key, path)
-    return found
+                    paths.setdefault(key, path)
+    return paths
 
 
 def _refuse(error: OSError) -> None:

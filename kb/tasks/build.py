@@ -104,22 +104,22 @@ def _mined(run: Run, miner: TitleMiner) -> list[_Title]:
     """
     files = manifest.rows(run.root, f"{_VIDEOS}/videos")
     columns = ["video_id", "title", "description", "duration_s", "published_at"]
-    found = []
+    titles = []
     with run.progress.task("titles", total=len(files), unit="files") as task, reading(files):
         for path in files:
             with parquet.open_file(path) as file:
                 for batch in file.iter_batches(columns=columns):
                     signals.stop.check()
-                    found += [_title(miner, *row) for row in _cells(batch)]
+                    titles += [_title(miner, *row) for row in _cells(batch)]
             task.advance()
-    found.sort(key=lambda one: (one.published, one.video_id))
+    titles.sort(key=lambda one: (one.published, one.video_id))
     taken: set[str] = set()
-    for one in found:
+    for one in titles:
         if not one.reasons and (plain := miner.plain(one.prompt)) in taken:
             one.reasons = (DUPLICATE,)
         elif not one.reasons:
             taken.add(plain)
-    return sorted(found, key=lambda one: one.video_id)
+    return sorted(titles, key=lambda one: one.video_id)
 
 
 def _cells(batch: pa.RecordBatch) -> Iterator[tuple[Any, ...]]:
@@ -148,7 +148,7 @@ def _times(run: Run, titles: list[_Title], max_gap_s: float) -> dict[str, TaskTi
     wanted = {one.video_id: one for one in titles if not one.reasons and one.chapter is None}
     ids = pa.array(sorted(wanted), pa.string())
     files = manifest.rows(run.root, f"{_VIDEOS}/transcripts") if wanted else []
-    found: dict[str, TaskTimes] = {}
+    times: dict[str, TaskTimes] = {}
     with run.progress.task("transcripts", total=len(files), unit="files") as task, reading(files):
         for path in files:
             with parquet.open_file(path, pre_buffer=False) as file:
@@ -161,10 +161,12 @@ def _times(run: Run, titles: list[_Title], max_gap_s: float) -> dict[str, TaskTi
                     mine = [wanted[str(key)] for key in rows.column("video_id").to_pylist()]
                     lengths = pa.array([one.length_s for one in mine], pa.float64())
                     text = Text(pa.Table.from_batches([rows]), lengths)
-                    times = by_mentions(text, [one.object for one in mine], max_gap_s)
-                    found |= {one.video_id: at for one, at in zip(mine, times, strict=True) if at}
+                    mentioned = by_mentions(text, [one.object for one in mine], max_gap_s)
+                    times |= {
+                        one.video_id: at for one, at in zip(mine, mentioned, strict=True) if at
+                    }
             task.advance()
-    return found
+    return times
 
 
 def _tables(titles: list[_Title], times: dict[str, TaskTimes]) -> dict[str, pa.Table]:

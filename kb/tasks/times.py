@@ -27,11 +27,11 @@ class TaskTimes(NamedTuple):
 
 def chapters(description: str, length_s: float | None) -> list[tuple[float, str]]:
     """The start (s) and title of each chapter; [] where the lines are no list of chapters."""
-    found = [(_seconds(time), title) for time, title in _CHAPTER.findall(description)]
-    rising = all(one < other for (one, _), (other, _) in pairwise(found))
-    if len(found) < _FEWEST or found[0][0] != 0 or not rising:
+    listed = [(_seconds(time), title) for time, title in _CHAPTER.findall(description)]
+    rising = all(one < other for (one, _), (other, _) in pairwise(listed))
+    if len(listed) < _FEWEST or listed[0][0] != 0 or not rising:
         return []
-    return [one for one in found if length_s is None or one[0] < length_s]
+    return [one for one in listed if length_s is None or one[0] < length_s]
 
 
 def _seconds(time: str) -> float:

@@ -72,7 +72,7 @@ class TitleMiner:
 
     def _of_part(self, words: list[str]) -> MinedTitle:
         line = " ".join(words)
-        line = line[found.end() :] if (found := self._lead_in.match(line)) else line
+        line = line[lead.end() :] if (lead := self._lead_in.match(line)) else line
         verb, _, rest = line.partition(" ")
         if verb not in self._forms or self._name.match(line):
             return MinedTitle("", (), (NO_VERB,))

@@ -29,14 +29,14 @@ NAME = "speech_recognition"  # section of pairs/measures.json
 NEAR_S = 10.0  # how far apart the times of one spoken word may be
 
 
-class Sample(NamedTuple):
+class VideoSample(NamedTuple):
     """Videos to compare, in the order in which they were drawn, and out of how many."""
 
     ids: list[str]
     out_of: int
 
 
-def sampled(root: Path, both: Collection[str], n: int, seed: int) -> Sample:
+def sampled(root: Path, both: Collection[str], n: int, seed: int) -> VideoSample:
     """At most `n` of the videos `both` that are kept with a manual track.
 
     A larger sample of the same seed begins with the smaller one. Raises FatalError without
@@ -49,7 +49,7 @@ def sampled(root: Path, both: Collection[str], n: int, seed: int) -> Sample:
         named = cast("list[str]", kept.cast(pa.string()).to_pylist())
         ids += [one for one in named if one in both]
     drawn = np.argsort(seeded_random.video_keys(seed, ids), kind="stable")[:n]
-    return Sample([ids[place] for place in drawn.tolist()], len(ids))
+    return VideoSample([ids[place] for place in drawn.tolist()], len(ids))
 
 
 class Compared(NamedTuple):
@@ -107,7 +107,7 @@ class Totals:
         self.videos += videos
         self._compared.append(compared)
 
-    def section(self, sample: Sample, seed: int) -> dict[str, Any]:
+    def section(self, sample: VideoSample, seed: int) -> dict[str, Any]:
         """Figures and their sample sizes."""
         automatic, manual, both = (
             np.concatenate([np.empty(0, np.int64), *(getattr(one, name) for one in self._compared)])
@@ -146,7 +146,7 @@ def _quantiles(seconds: np.ndarray) -> dict[str, Any]:
 
 
 def measured(
-    root: Path, second_tracks: Iterable[pa.Table], finds: Finds, sample: Sample, seed: int
+    root: Path, second_tracks: Iterable[pa.Table], finds: Finds, sample: VideoSample, seed: int
 ) -> dict[str, Any]:
     """The section of a sample whose second tracks are there. Raises DamagedData."""
     totals = Totals(finds.keywords)
