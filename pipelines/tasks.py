@@ -17,17 +17,23 @@ from kb.core.summary import Summary
 from kb.export import layouts
 from kb.store.layout import Layout
 from kb.tasks.build import build, check
+from kb.youtube.ytdlp.playlists import playlists
 
 
 def tasks(run: Run, layout: str) -> Summary:
     """Make the tasks, then write them in the given layout."""
     check(run)
     with domain_binding.writing(run, "tasks", "release-tasks"):
-        made = build(run)
+        made = tables(run)
         written = layouts.export(run, "tasks", layout)
     if layout == "parquet":
         written = Summary(release=str(Layout(run.root).release("tasks")))
     return Summary(made, **written)
+
+
+def tables(run: Run) -> Summary:
+    """Make the tasks."""
+    return build(run, playlists(run.root))
 
 
 def rebuild(run: Run) -> None:
@@ -36,7 +42,7 @@ def rebuild(run: Run) -> None:
     if not at.tasks.exists():
         return
     try:
-        build(run)
+        tables(run)
     except (MissingExtra, ProfileError, FatalError) as error:
         shutil.rmtree(at.tasks)
         shutil.rmtree(at.release("tasks"), ignore_errors=True)

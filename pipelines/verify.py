@@ -24,7 +24,6 @@ from kb.release.build import release
 from kb.search.build import follow
 from kb.store.layout import Layout
 from kb.store.rawlog import damaged_answers
-from kb.tasks.build import build as make_tasks
 from kb.verify.findings import Findings
 from kb.verify.repair import Crawl, Describe, Make, Step, repaired
 from kb.verify.root import verify as look_at
@@ -49,7 +48,7 @@ def steps(run: Run) -> Iterator[Step]:
         yield Make("clean", f"kb {source} filter", clean, (at.clean(source),), after=source)
     yield Make("pairs", "kb pairs --again", partial(build, anew), (at.pairs,))
     clear_finished(run.root, "pairs")
-    tasks = partial(make_tasks, anew)
+    tasks = partial(load(str(locate("tasks"))).tables, anew)
     yield Make("tasks", "kb tasks --again", tasks, (at.tasks,))
     links = partial(load(str(locate("links"))).tables, anew)
     yield Make("links", "kb links --again", links, (at.links,))

@@ -19,7 +19,7 @@ from kb.core.context import Run
 from kb.core.errors import FatalError, UsageError
 from kb.core.summary import Summary
 from kb.core.templates import environment
-from kb.labels.questions import Labeling, Question
+from kb.labels.questions import Labeling, LabelQuestion
 from kb.pairs import transcripts
 from kb.pairs.transcript_batch import Text
 from kb.store.atomic import replacing_folder
@@ -152,7 +152,7 @@ def _data(
 def _write(
     place: Path,
     labeling: Labeling,
-    questions: list[Question],
+    questions: list[LabelQuestion],
     tasks: list[dict[str, Any]],
     hours: float,
 ) -> None:

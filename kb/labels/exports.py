@@ -10,7 +10,7 @@ import msgspec
 import pyarrow as pa
 
 from kb.core.errors import UsageError
-from kb.labels.questions import KINDS, Question
+from kb.labels.questions import KINDS, LabelQuestion
 from kb.schema.tables import table
 
 LABELS = "labels/labels"
@@ -46,7 +46,7 @@ class _Task(msgspec.Struct):
     annotations: list[_Annotation]
 
 
-class Answers(NamedTuple):
+class ExportedAnswers(NamedTuple):
     """Rows of labels, and how many judgements and answers were not taken, by why.
 
     `skipped`: judgements that were skipped or have no answer; `undefined`: answers to other
@@ -58,12 +58,12 @@ class Answers(NamedTuple):
     undefined: int
 
 
-def read_exports(paths: Sequence[Path]) -> Answers:
+def read_exports(paths: Sequence[Path]) -> ExportedAnswers:
     """The answers of all files. Raises UsageError for the first that is no such export."""
     counts: Counter[str] = Counter()
     rows = [row for path in paths for task in _tasks(path) for row in _rows(task, counts)]
     made = pa.Table.from_pylist(rows, table(LABELS).arrow())
-    return Answers(made, counts["skipped"], counts["undefined"])
+    return ExportedAnswers(made, counts["skipped"], counts["undefined"])
 
 
 def _tasks(path: Path) -> list[_Task]:
@@ -102,7 +102,7 @@ def _rows(task: _Task, counts: Counter[str]) -> Iterator[dict[str, Any]]:
             yield {**common, "question": name, "answer": text}
 
 
-def answer(question: Question, value: dict[str, Any]) -> str | None:
+def answer(question: LabelQuestion, value: dict[str, Any]) -> str | None:
     """An answer as labels have it; None for one that the question does not have."""
     if question.options:
         names = {one: name for name, shown in question.options for one in (name, shown)}

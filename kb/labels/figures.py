@@ -15,7 +15,7 @@ from duckdb import DuckDBPyConnection
 
 from kb.core.installation import np
 from kb.core.summary.intervals import wilson_interval
-from kb.labels.questions import NEAR_S, UNSURE, YES, Labeling, Question
+from kb.labels.questions import NEAR_S, UNSURE, YES, Labeling, LabelQuestion
 
 
 def figures(con: DuckDBPyConnection, labeling: Labeling) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def figures(con: DuckDBPyConnection, labeling: Labeling) -> dict[str, Any]:
     return {"items": items, "annotators": people, "questions": questions}
 
 
-def _figures_of(con: DuckDBPyConnection, question: Question, kind: str) -> dict[str, Any]:
+def _figures_of(con: DuckDBPyConnection, question: LabelQuestion, kind: str) -> dict[str, Any]:
     name = {"question": question.name}
     answers = con.execute(
         "SELECT answer, count(*) AS n FROM ratings WHERE question = $question GROUP BY 1"

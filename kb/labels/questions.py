@@ -10,7 +10,7 @@ NEAR_S = 10  # by how much a time may be off and still be right
 
 
 @dataclass(frozen=True)
-class Question:
+class LabelQuestion:
     """A question and its options: name → what the page shows. `help` says how to decide.
 
     Without options the answer is free: seconds where `is_number`, else a text. Seconds are right
@@ -48,7 +48,7 @@ class Labeling:
     start: str
     end: str
     seconds: int
-    questions: tuple[Question, ...]
+    questions: tuple[LabelQuestion, ...]
 
     @property
     def stratum(self) -> str:
@@ -69,14 +69,14 @@ PAIRS = Labeling(
     end="clip_end_s",
     seconds=15,
     questions=(
-        Question(
+        LabelQuestion(
             "visible",
             "Is the keyword's object visible in the clip?",
             "Yes if it is on screen at any moment of the clip, also small, in a menu or in the"
             " inventory. No if people only speak of it.",
             ((YES, "Yes"), ("no", "No"), _UNSURE),
         ),
-        Question(
+        LabelQuestion(
             "described",
             "Does the text describe what is seen?",
             "Yes if somebody who only sees the clip would agree with the text. Partly if some of it"
@@ -84,7 +84,7 @@ PAIRS = Labeling(
             ((YES, "Yes"), ("partly", "Partly"), ("no", "No"), _UNSURE),
             of_text=True,
         ),
-        Question(
+        LabelQuestion(
             "on_time",
             "Is the time right?",
             "Yes if the clip shows the moment that the text speaks of. Move the player a little to"
@@ -111,34 +111,34 @@ TASKS = Labeling(
     end="end_s",
     seconds=90,
     questions=(
-        Question(
+        LabelQuestion(
             "is_task",
             "Is the prompt a task?",
             "Yes if somebody who reads only the prompt knows what to do, and could say afterwards"
             " whether it is done. No for greetings, titles of series and events.",
             ((YES, "Yes"), ("no", "No"), _UNSURE),
         ),
-        Question(
+        LabelQuestion(
             "possible",
             "Is it possible in the domain of the video?",
             "Yes if it can be done there with the usual means. No if it needs changes that others"
             " do not have (mods, tricks of the video), or is no part of the domain.",
             ((YES, "Yes"), ("no", "No"), _UNSURE),
         ),
-        Question(
+        LabelQuestion(
             "begins_s",
             "At which second of the video does the task begin?",
             "The second at which the doing begins, not the talk before it. Leave it empty where the"
             " video does not show the task.",
             compared="start_s",
         ),
-        Question(
+        LabelQuestion(
             "ends_s",
             "At which second does it end?",
             "The second at which the task is done, or the video turns to something else.",
             compared="end_s",
         ),
-        Question(
+        LabelQuestion(
             "wording",
             "A better wording?",
             "In the imperative and without names of people. Leave it empty if the prompt is fine.",

@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from kb.core.errors import WriterLocked
-from kb.core.sources import PUBLISHED, SOURCES
+from kb.core.sources import PUBLISHED, SOURCES, SPECS
 from kb.store import leftovers
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.atomic import full_disk_is_resumable
@@ -47,9 +47,9 @@ def of_clean(source: str) -> tuple[str, ...]:
 
 def of_purge(source: str) -> tuple[str, ...]:
     """The locks of a purge: everything that is made of the source, labels, what was brought back of
-    it, and the releases of pairs and links, whose descriptions are written again.
+    it, and the releases of what is made of sources, whose descriptions are written again.
     """
-    releases = ("release-pairs", "release-links")
+    releases = (f"release-{name}" for name in PUBLISHED if name not in SPECS)
     return (*of_clean(source), "labels", *releases, *RESTORED, "report")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +35,9 @@ _ROWS = 128  # transcripts in memory at once
 (_VIDEOS,) = made_of("tasks")
 
 
-def build(run: Run) -> Summary:
-    """Make the tasks, unless they are what clean/ and the profile say.
+def build(run: Run, playlists: Mapping[str, str]) -> Summary:
+    """Make the tasks, unless they are what clean/ and the profile say. `playlists`: by video, the
+    one that it was found in.
 
     The same input gives the same bytes. Raises ProfileError, MissingExtra, FatalError without
     videos, WriterLocked, DamagedData, DiskFull, Interrupted.
@@ -50,6 +51,7 @@ def build(run: Run) -> Summary:
         "rules": rules.model_dump(mode="json"),
         "topics": topics,
         "names": names,
+        "playlists": sorted(playlists.items()),
     }
     digest = hashlib.sha256(msgspec.json.encode(plan, order="sorted")).hexdigest()
     with writer(run.root, "tasks"):
@@ -62,7 +64,7 @@ def build(run: Run) -> Summary:
         titles = _mined(run, TitleMiner(rules, topics, names))
         times = _times(run, titles, rules.max_gap_s)
         with manifest.replacing(run.root, "tasks", inputs=inputs, rules=digest) as fresh:
-            for name, rows in _tables(titles, times).items():
+            for name, rows in _tables(titles, times, playlists).items():
                 part = fresh.folder / f".{name.partition('/')[2]}.parquet"
                 write_table(part, rows, name, sync=False)
                 size = run.profile.release.rows_per_shard
@@ -169,7 +171,9 @@ def _times(run: Run, titles: list[_Title], max_gap_s: float) -> dict[str, TaskTi
     return times
 
 
-def _tables(titles: list[_Title], times: dict[str, TaskTimes]) -> dict[str, pa.Table]:
+def _tables(
+    titles: list[_Title], times: dict[str, TaskTimes], playlists: Mapping[str, str]
+) -> dict[str, pa.Table]:
     rows: dict[str, list[dict[str, Any]]] = {"tasks/tasks": [], "tasks/titles": []}
     for one in titles:
         at = one.chapter or times.get(one.video_id)
@@ -179,6 +183,7 @@ def _tables(titles: list[_Title], times: dict[str, TaskTimes]) -> dict[str, pa.T
                 "task_id": one.task_id,
                 "prompt": one.prompt or None,
                 "video_id": one.video_id,
+                "playlist_id": playlists.get(one.video_id),
                 "start_s": at.start_s if at else None,
                 "end_s": at.end_s if at else None,
                 "start_source": source,

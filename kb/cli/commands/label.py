@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 app = group("Let people judge a sample in Label Studio.")
 
 
-class Judged(StrEnum):
+class JudgedKind(StrEnum):
     """What can be judged."""
 
     pairs = "pairs"
@@ -38,7 +38,7 @@ class Judged(StrEnum):
 )
 def export(
     run: Run,
-    what: Annotated[Judged, typer.Argument(help="What to judge.")],
+    what: Annotated[JudgedKind, typer.Argument(help="What to judge.")],
     sample: Annotated[
         int, typer.Option("--sample", min=1, metavar="N", help="Judge at most N of them.")
     ] = 400,
@@ -60,7 +60,7 @@ def export(
     from kb.labels import questions
     from kb.labels.export import export
 
-    labeling = {Judged.pairs: questions.PAIRS, Judged.tasks: questions.TASKS}[what]
+    labeling = {JudgedKind.pairs: questions.PAIRS, JudgedKind.tasks: questions.TASKS}[what]
     return export(run, labeling, sample, seed, out or Path(f"label-{what}"))
 
 
