@@ -9,7 +9,7 @@ KB := exec "$(HERE).ci/kb"
 .DEFAULT_GOAL := help
 .PHONY: help setup demo youtube-crawl youtube-filter youtube-export wiki-crawl wiki-filter wiki-export \
 	reddit-crawl reddit-import reddit-filter reddit-export reddit-reconstruct restore \
-	models annotate pairs tasks label links release report index status test test-fast test-label chaos lint types bench lock reference
+	models annotate pairs tasks clips label links release report index status test test-fast test-label chaos lint types bench lock reference
 
 # What is no target: said in one line, before anything is set up.
 .DEFAULT:
@@ -53,6 +53,8 @@ pairs: setup              ## keyword-matched video-text pairs
 	@$(KB) pairs $(ARGS)
 tasks: setup              ## what videos do by their titles, as prompts
 	@$(KB) tasks $(ARGS)
+clips: setup              ## training clips out of your own video files: make clips ARGS="--videos DIR"
+	@$(KB) clips $(ARGS)
 label: setup              ## people judge a sample in Label Studio: make label ARGS="export pairs"
 	@$(KB) label $(ARGS)
 links: setup              ## entities, and where videos, wiki and threads speak of them

@@ -33,6 +33,7 @@ TREE = {
             ("annotate", "toxicity:annotate_app", "Score text for toxicity."),
             ("pairs", "pairs", "Make keyword-matched video-text pairs."),
             ("tasks", "tasks", "Mine candidates for creative tasks from titles of videos."),
+            ("clips", "clips", "Cut the clips of pairs out of your own video files."),
             ("label", "label", "Let people judge a sample in Label Studio."),
             ("links", "links", "Find which videos, wiki pages and threads mention which entities."),
             ("release", "release", "Check, describe and publish release/."),

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from instant_clip_tokenizer import Tokenizer
 
 ENDS = 2  # start and end token, counted in every text
+LENGTH = 77  # tokens that CLIP reads
+_START, _END = 49_406, 49_407
 _MOST_KNOWN = 1_000_000  # words remembered; the least recent ones beyond are counted again
 
 
@@ -52,6 +54,14 @@ class Tokens:
         if len(different):
             counts[wanted] = different[np.asarray(chosen.indices)]
         return counts
+
+
+def token_ids(text: str) -> np.ndarray:
+    """CLIP's ids of a text: int64 [77], start and end among them, padded with 0."""
+    words = _tokenizer().encode(text)[: LENGTH - ENDS]
+    ids = np.zeros(LENGTH, np.int64)
+    ids[: len(words) + ENDS] = [_START, *words, _END]
+    return ids
 
 
 @cache

@@ -134,6 +134,11 @@ WORDS: dict[str, Word] = {
     "titles": Word("Titles of kept videos.", "{n} titles"),
     "starts": Word("Tasks by what says when they begin: chapter, transcript, none."),
     "clips": Word("Clips.", "{n} clips"),
+    "clips.missing": Word("Pairs of videos without a file.", "{n} of videos without a file"),
+    "clips.hours": Word("Duration of the clips in hours.", "{n} hours of clips"),
+    "short": Word("Pairs whose film ends before their clip.", "{n} after the end of their film"),
+    "undecodable": Word("Pairs whose film can't be decoded.", "{n} in undecodable films"),
+    "gigabytes": Word("Size of what would be written, estimated, in GB.", "about {n} GB"),
     "keywords": Word("Keywords of the list.", "{n} keywords"),
     "profile keywords.keywords": Word("Proposed rows.", "{n} rows proposed"),
     "not_proposed": Word(

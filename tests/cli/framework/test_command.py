@@ -53,6 +53,7 @@ APPLIES = {
     **{f"purge {source}": CLUSTER for source in SOURCES},
     "pairs": {*CLUSTER, "limit", "again", "pipeline"},
     "pairs measure": {"wait", "pipeline"},
+    "clips": {"workers"},
     "label export": set(),
     "tasks": {"again", "pipeline"},
     "label import": set(),

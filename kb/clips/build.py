@@ -1,0 +1,238 @@
+"""Pairs and the user's own video files → training clips, in shards of some videos.
+
+<out>/clips-00000.tar       webdataset: a clip's frames, row, times and tokens
+<out>/<video>/<pair>.npz    the same with --format npz
+<out>/clips-00000.json      what became of the pairs of these videos, and of what it was made
+<out>/left_out.csv          pairs without a clip, and why
+
+A shard has videos with neighbouring ids, with a file or without, so that another file changes one
+shard. A run that was stopped goes on with the shards that are left; one whose pairs, files or
+options have changed is made again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Collection, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from kb.artifacts import table_catalog
+from kb.clips.clip_files import CutOptions, Writer, writer_of
+from kb.clips.cut import cut, frame_times
+from kb.clips.frames import UndecodableVideo
+from kb.clips.video_files import video_files
+from kb.core.context import Run
+from kb.core.engine import make_executor, map_in_order
+from kb.core.errors import FatalError, UsageError
+from kb.core.installation import require
+from kb.core.summary import Summary
+from kb.store.atomic import write_bytes, write_text
+from kb.store.state import json_files
+from kb.store.tables import database, parquet
+from kb.store.tables.reading import reading, scan
+
+_VIDEOS = 16  # of a shard
+_JPEG_SHARE = 0.1  # of the bytes of a frame, for the plan
+MISSING, SHORT, UNDECODABLE = "missing", "short", "undecodable"
+
+Row = dict[str, Any]
+
+
+class LeftOut(msgspec.Struct, frozen=True):
+    """A pair without a clip. `reason`: missing, short or undecodable; `what` says more."""
+
+    pair_id: str
+    video_id: str
+    reason: str
+    what: str
+
+
+class ShardReport(msgspec.Struct, frozen=True):
+    """What became of the pairs of a shard's videos. `made_of`: a digest of pairs, files and
+    options.
+    """
+
+    made_of: str
+    clips: int
+    left_out: list[LeftOut]
+
+
+def plan(
+    run: Run, folders: Sequence[Path], options: CutOptions, keyword: str, sample: int | None
+) -> Summary:
+    """What a run would cut: files, clips, hours and size. Decodes and writes nothing."""
+    rows, files = _inputs(run, folders, keyword, sample)
+    there = [row for row in rows if row["video_id"] in files]
+    height, width = options.size
+    share = _JPEG_SHARE if options.format == "webdataset" else 1
+    size = len(there) * options.frames * height * width * 3 * share
+    return Summary(
+        command="clips",
+        pairs=len(rows),
+        missing=len(rows) - len(there),
+        videos=len(files),
+        hours=round(sum(row["clip_end_s"] - row["clip_start_s"] for row in there) / 3600, 2),
+        gigabytes=round(size / 1e9, 2),
+    )
+
+
+def build(
+    run: Run,
+    folders: Sequence[Path],
+    out: Path,
+    options: CutOptions,
+    keyword: str,
+    sample: int | None,
+) -> Summary:
+    """Cut the clips that are not cut yet. pairs = clips + missing + short + undecodable.
+
+    Raises FatalError without pairs, UsageError for a wrong folder, MissingExtra, DiskFull,
+    Interrupted; the same call resumes.
+    """
+    place = out.expanduser().absolute()
+    if place.resolve().is_relative_to(run.root.resolve()):
+        raise UsageError(
+            f"--out {out} is inside {run.root}, which this command only reads",
+            hint="name a folder elsewhere with --out",
+        )
+    rows, files = _inputs(run, folders, keyword, sample)
+    by_video = [list(own) for _, own in groupby(rows, key=lambda row: str(row["video_id"]))]
+    shards = {
+        f"clips-{at // _VIDEOS:05d}": shard
+        for at in range(0, len(by_video), _VIDEOS)
+        if (shard := [own for own in by_video[at : at + _VIDEOS] if own[0]["video_id"] in files])
+    }
+    _drop_others(place, shards)
+    todo = (
+        (str(place), name, [row for own in shard for row in own], _paths(shard, files), options)
+        for name, shard in shards.items()
+    )
+    reports: list[ShardReport] = []
+    with (
+        run.progress.task("clips", total=len(shards), unit="shards") as task,
+        make_executor("local", min(run.workers, max(1, len(shards)))) as executor,
+    ):
+        for report in map_in_order(executor, cut_shard, todo, window=2 * run.workers):
+            reports.append(report)
+            task.advance(1, clips=report.clips)
+    left_out = [one for report in reports for one in report.left_out]
+    left_out += [
+        LeftOut(row["pair_id"], row["video_id"], MISSING, "no file of this video")
+        for row in rows
+        if row["video_id"] not in files
+    ]
+    _write_left_out(place, left_out)
+    counts = Counter(one.reason for one in left_out)
+    return Summary(
+        command="clips",
+        pairs=len(rows),
+        clips=sum(report.clips for report in reports),
+        **{reason: counts[reason] for reason in (MISSING, SHORT, UNDECODABLE)},
+        videos=len(files),
+        path=str(place),
+    )
+
+
+def _inputs(
+    run: Run, folders: Sequence[Path], keyword: str, sample: int | None
+) -> tuple[list[Row], dict[str, Path]]:
+    """The pairs by video and time, and the files of their videos."""
+    require("clips", "av", "numpy", "PIL", "instant_clip_tokenizer")
+    for folder in folders:
+        if not folder.is_dir():
+            raise UsageError(f"--videos {folder} is not a folder")
+    shards = table_catalog.read(run.root).files("pairs/pairs")
+    if not shards:
+        raise FatalError("there are no pairs", hint="run `kb pairs` first, or --data a release")
+    has_text = "text" in parquet.open_file(shards[0]).schema_arrow.names
+    parquet.check(*shards)
+    with reading(shards), database.connect(run.root) as con:
+        rows: list[Row] = (
+            con.sql(
+                f"""
+            SELECT pair_id, video_id, keyword, keyword_kind, clip_start_s, clip_end_s,
+                {"text" if has_text else "NULL::VARCHAR"} AS text
+            FROM {scan(shards)} WHERE $keyword = '' OR lower(keyword) = lower($keyword)
+            QUALIFY row_number() OVER (ORDER BY md5($seed || ' ' || pair_id), pair_id) <= $sample
+            ORDER BY video_id, clip_start_s, pair_id""",
+                params={
+                    "keyword": keyword,
+                    "seed": str(run.seed),
+                    "sample": 1 << 62 if sample is None else sample,
+                },
+            )
+            .to_arrow_table()
+            .to_pylist()
+        )
+    if not rows:
+        raise UsageError(f"no pair has the keyword {keyword!r}")
+    return rows, video_files(folders, {row["video_id"] for row in rows})
+
+
+def _paths(shard: list[list[Row]], files: dict[str, Path]) -> list[tuple[str, str]]:
+    return [(own[0]["video_id"], str(files[own[0]["video_id"]])) for own in shard]
+
+
+def cut_shard(
+    folder: str, name: str, rows: list[Row], paths: list[tuple[str, str]], options: CutOptions
+) -> ShardReport:
+    """Cut the clips of a shard's videos, unless that was done. Runs in a worker."""
+    place = Path(folder)
+    made_of = _digest(rows, paths, options)
+    done: ShardReport | None = json_files.read(
+        place / f"{name}.json", ShardReport, fix="remove it, then run the command again"
+    )
+    if done is not None and done.made_of == made_of:
+        return done
+    by_video = {video: list(own) for video, own in groupby(rows, key=lambda row: row["video_id"])}
+    left_out: list[LeftOut] = []
+    clips = 0
+    with writer_of(options, place, name) as writer:
+        for video, path in paths:
+            missed = _cut_video(writer, Path(path), by_video[video], options)
+            clips += len(by_video[video]) - len(missed)
+            left_out += missed
+    report = ShardReport(made_of, clips, left_out)
+    write_bytes(place / f"{name}.json", msgspec.json.encode(report))
+    return report
+
+
+def _cut_video(writer: Writer, path: Path, rows: list[Row], options: CutOptions) -> list[LeftOut]:
+    """Write the clips of a film; the pairs that have none."""
+    times = [frame_times(row["clip_start_s"], row["clip_end_s"], options.frames) for row in rows]
+    reason, what, left = SHORT, "the film ends before the clip", dict(enumerate(rows))
+    try:
+        for number, images in cut(path, times, options.size, options.fit):
+            writer.add(left.pop(number), images, times[number])
+    except UndecodableVideo as error:
+        reason, what = UNDECODABLE, str(error)
+    except FileNotFoundError:
+        reason, what = MISSING, "the file is gone"
+    return [LeftOut(row["pair_id"], row["video_id"], reason, what) for row in left.values()]
+
+
+def _digest(rows: list[Row], paths: list[tuple[str, str]], options: CutOptions) -> str:
+    stats = [(path, Path(path).stat() if Path(path).exists() else None) for _, path in paths]
+    about = [(path, one.st_size, one.st_mtime_ns) if one else (path, 0, 0) for path, one in stats]
+    encoded = msgspec.json.encode((rows, about, options), order="sorted")
+    return hashlib.sha256(encoded).hexdigest()
+
+
+def _drop_others(place: Path, names: Collection[str]) -> None:
+    """Remove shards of films that are gone."""
+    for path in place.glob("clips-[0-9]*.*") if place.is_dir() else ():
+        if path.stem not in names:
+            path.unlink()
+
+
+def _write_left_out(place: Path, left_out: Sequence[LeftOut]) -> None:
+    lines = ["pair_id,video_id,reason,what"]
+    for one in sorted(left_out, key=lambda one: (one.video_id, one.pair_id)):
+        what = one.what.replace('"', "'").replace("\n", " ")
+        lines.append(f'{one.pair_id},{one.video_id},{one.reason},"{what}"')
+    write_text(place / "left_out.csv", "\n".join(lines) + "\n")

@@ -1,0 +1,143 @@
+"""`kb clips` as a user: films that carry frame numbers, cut at the pairs of a made release."""
+
+import csv
+import io
+import json
+import math
+import tarfile
+from collections.abc import Iterator
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import duckdb
+import numpy as np
+import pytest
+from PIL import Image
+
+from kb.clips import build
+from kb.clips.clip_files import CutOptions
+from kb.core.context import Run
+from kb.core.errors import UsageError
+from kb.pairs.clip_tokens import token_ids
+from tests.clips.films import film, number_of
+from tests.release.conftest import a_run
+from tests.release.made import build as made
+
+IDS = [f"vid{n:08d}" for n in range(4)]  # 0: whole, 1: short, 2: no film, 3: no file
+OPTIONS = CutOptions(frames=4, size=(90, 160))
+
+
+@pytest.fixture(scope="module")
+def places(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A data root with eight pairs of four videos, and the folder with the films."""
+    root = made(tmp_path_factory.mktemp("root"), sources=("pairs",), n=4, export=False)
+    films = tmp_path_factory.mktemp("films")
+    (root / "state").mkdir()
+    for key, frames in ((IDS[0], 700), (IDS[1], 260)):
+        path = films / f"A film [{key}].mp4"
+        film(path, "libx264", range(frames), Fraction(1, 25), (160, 90), {"preset": "veryfast"})
+    (films / f"{IDS[2]}.mp4").write_bytes(b"no film")
+    return root, films
+
+
+@pytest.fixture
+def run(places: tuple[Path, Path]) -> Run:
+    return replace(a_run(places[0]), workers=1)
+
+
+def _pairs(root: Path) -> dict[str, dict]:
+    rows = duckdb.sql(f"FROM '{root}/pairs/p*.parquet'").to_arrow_table().to_pylist()
+    return {row["pair_id"]: row for row in rows}
+
+
+def _shards(out: Path) -> Iterator[tuple[str, bytes]]:
+    for path in sorted(out.glob("*.tar")):
+        with tarfile.open(path) as tar:
+            for member in tar:
+                yield member.name, tar.extractfile(member).read()
+
+
+def test_every_pair_is_a_clip_or_has_a_reason(run: Run, places, tmp_path: Path) -> None:
+    root, films = places
+    summary = build.build(run, [films], tmp_path / "out", OPTIONS, "", None)
+    counts = {name: summary[name] for name in ("clips", "missing", "short", "undecodable")}
+    assert counts == {"clips": 2, "missing": 2, "short": 2, "undecodable": 2}
+    with (tmp_path / "out/left_out.csv").open() as file:
+        reasons = {row["video_id"]: row["reason"] for row in csv.DictReader(file)}
+    assert reasons == {IDS[1]: "short", IDS[2]: "undecodable", IDS[3]: "missing"}
+    pairs = {key for key, row in _pairs(root).items() if row["video_id"] == IDS[0]}
+    assert {name.partition(".")[0] for name, _ in _shards(tmp_path / "out")} == pairs
+
+
+def test_frames_are_those_of_the_clip(run: Run, places, tmp_path: Path) -> None:
+    root, films = places
+    build.build(run, [films], tmp_path / "out", OPTIONS, "", None)
+    files = dict(_shards(tmp_path / "out"))
+    for key in {name.partition(".")[0] for name in files}:
+        row, about = _pairs(root)[key], json.loads(files[f"{key}.json"])
+        images = [np.asarray(Image.open(io.BytesIO(files[f"{key}.{n:02d}.jpg"]))) for n in range(4)]
+        length = row["clip_end_s"] - row["clip_start_s"]
+        times = [row["clip_start_s"] + (n + 0.5) / 4 * length for n in range(4)]
+        assert about["frame_times_s"] == pytest.approx(times)
+        assert about["keyword"] == row["keyword"]
+        shown = [math.floor(Fraction(time) * 25) for time in about["frame_times_s"]]
+        assert [number_of(image) for image in images] == shown
+        assert (np.load(io.BytesIO(files[f"{key}.tokens.npy"])) == token_ids(row["text"])).all()
+
+
+def test_archives_have_the_shape_that_models_take(run: Run, places, tmp_path: Path) -> None:
+    options = CutOptions(frames=16, format="npz")
+    build.build(run, [places[1]], tmp_path, options, "", None)
+    archives = list((tmp_path / IDS[0]).glob("*.npz"))
+    assert len(archives) == 2
+    with np.load(archives[0], allow_pickle=False) as one:
+        assert one["video"].shape == (16, 3, 160, 256)
+        assert one["video"].dtype == np.uint8
+        assert one["tokens"].shape == (77,)
+
+
+def test_a_second_run_cuts_nothing_and_a_changed_film_is_cut_again(
+    run: Run, places, tmp_path: Path
+) -> None:
+    _, films = places
+    mine = tmp_path / "films"
+    mine.mkdir()
+    for path in films.iterdir():
+        (mine / path.name).write_bytes(path.read_bytes())
+    first = build.build(run, [mine], tmp_path / "out", OPTIONS, "", None)
+    (tar,) = (tmp_path / "out").glob("*.tar")
+    before = tar.stat().st_mtime_ns, tar.read_bytes()
+    assert build.build(run, [mine], tmp_path / "out", OPTIONS, "", None) == first
+    assert tar.stat().st_mtime_ns == before[0]
+    (mine / f"{IDS[2]}.mp4").write_bytes((mine / f"A film [{IDS[0]}].mp4").read_bytes())
+    again = build.build(run, [mine], tmp_path / "out", OPTIONS, "", None)
+    assert (again["clips"], again["undecodable"]) == (4, 0)
+    assert build.build(run, [films], tmp_path / "fresh", OPTIONS, "", None)["clips"] == 2
+    (fresh,) = (tmp_path / "fresh").glob("*.tar")
+    assert fresh.read_bytes() == before[1]
+
+
+def test_a_plan_says_what_is_there(run: Run, places, tmp_path: Path) -> None:
+    planned = build.plan(run, [places[1]], OPTIONS, "", None)
+    assert (planned["pairs"], planned["missing"], planned["videos"]) == (8, 2, 3)
+    one = build.plan(run, [places[1]], OPTIONS, "", 1)
+    assert one["pairs"] == 1
+
+
+def test_what_is_wrong_is_said_before_anything_is_cut(run: Run, places, tmp_path: Path) -> None:
+    root, films = places
+    with pytest.raises(UsageError, match="only reads"):
+        build.build(run, [films], root / "clips", OPTIONS, "", None)
+    with pytest.raises(UsageError, match="not a folder"):
+        build.build(run, [tmp_path / "none"], tmp_path / "out", OPTIONS, "", None)
+    with pytest.raises(UsageError, match="no pair has the keyword"):
+        build.build(run, [films], tmp_path / "out", OPTIONS, "no such thing", None)
+
+
+def test_tokens_are_those_of_clip() -> None:
+    """The ids that OpenAI's tokenizer gives "a photo of a cat"."""
+    ids = token_ids("a photo of a cat")
+    assert ids[:8].tolist() == [49406, 320, 1125, 539, 320, 2368, 49407, 0]
+    assert ids.shape == (77,)
+    assert token_ids("cat " * 100)[-1] == 49407
