@@ -14,7 +14,6 @@ from collections.abc import Mapping
 from kb.artifacts import domain_binding
 from kb.artifacts.table_catalog import Catalog
 from kb.core.context import Run
-from kb.core.errors import FatalError, MissingExtra, ProfileError
 from kb.core.summary import Summary
 from kb.export import layouts
 from kb.links.build import build, check
@@ -41,18 +40,8 @@ def tables(run: Run) -> Summary:
 
 def rebuild(run: Run) -> None:
     """Rebuild existing entity tables and their release; delete what can't be rebuilt."""
-    at = Layout(run.root)
-    shutil.rmtree(at.linking, ignore_errors=True)
-    if not at.links.exists():
-        return
-    try:
-        tables(run)
-    except (MissingExtra, ProfileError, FatalError) as error:
-        shutil.rmtree(at.links)
-        shutil.rmtree(at.release("links"), ignore_errors=True)
-        run.progress.say(f"the entity tables were removed: {error}; `kb links` makes them again")
-    else:
-        layouts.export_again(run, "links")
+    shutil.rmtree(Layout(run.root).linking, ignore_errors=True)
+    layouts.rebuild(run, "links", "entity tables", tables)
 
 
 def names(run: Run) -> Mapping[str, Names]:

@@ -20,6 +20,7 @@ from kb.artifacts.purge import PurgeLine, Step
 from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
 from kb.core.errors import DamagedData
+from kb.core.sources import MADE_OF
 from kb.core.summary import Summary
 from kb.crawl.purge import purge_answers
 from kb.export import layouts
@@ -80,5 +81,5 @@ def _write_again(run: Run, source: str) -> None:
         layouts.export_again(run, "pairs")
         load(str(locate("tasks"))).rebuild(run)
     load(str(locate("links"))).rebuild(run)
-    describe(run, [source, "pairs", "tasks", "links"])
+    describe(run, [source, *MADE_OF])
     report_again(run)

@@ -8,11 +8,8 @@ transcript, say when the task begins and ends.
     layouts    tasks/ → export/<format>/
 """
 
-import shutil
-
 from kb.artifacts import domain_binding
 from kb.core.context import Run
-from kb.core.errors import FatalError, MissingExtra, ProfileError
 from kb.core.summary import Summary
 from kb.export import layouts
 from kb.store.layout import Layout
@@ -38,14 +35,4 @@ def tables(run: Run) -> Summary:
 
 def rebuild(run: Run) -> None:
     """Rebuild existing tasks and all that is made of them; delete what can't be rebuilt."""
-    at = Layout(run.root)
-    if not at.tasks.exists():
-        return
-    try:
-        tables(run)
-    except (MissingExtra, ProfileError, FatalError) as error:
-        shutil.rmtree(at.tasks)
-        shutil.rmtree(at.release("tasks"), ignore_errors=True)
-        run.progress.say(f"the tasks were removed: {error}; `kb tasks` makes them again")
-    else:
-        layouts.export_again(run, "tasks")
+    layouts.rebuild(run, "tasks", "tasks", tables)

@@ -175,6 +175,17 @@ def read(path: Path) -> Catalog:
     return catalog
 
 
+def outside(root: Path, out: Path) -> Path:
+    """An `--out` as an absolute path. Raises UsageError for one inside of what is only read."""
+    place = out.expanduser().absolute()
+    if place.resolve().is_relative_to(root.resolve()):
+        raise UsageError(
+            f"--out {out} is inside {root}, which this command only reads",
+            hint="name a folder elsewhere with --out",
+        )
+    return place
+
+
 def existing(path: Path) -> Path:
     """The folder as an absolute path. Raises SettingError, which names the nearest data root."""
     path = path.expanduser().absolute()

@@ -12,17 +12,18 @@ options have changed is made again.
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import io
 from collections import Counter
 from collections.abc import Collection, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from kb.artifacts import table_catalog
-from kb.clips.clip_files import CutOptions, Writer, writer_of
+from kb.clips.clip_files import CutOptions, Row, Writer, writer_of
 from kb.clips.cut import cut, frame_times
 from kb.clips.frames import UndecodableVideo
 from kb.clips.video_files import video_files
@@ -39,8 +40,6 @@ from kb.store.tables.reading import reading, scan
 _VIDEOS = 16  # of a shard
 _JPEG_SHARE = 0.1  # of the bytes of a frame, for the plan
 MISSING, SHORT, UNDECODABLE = "missing", "short", "undecodable"
-
-Row = dict[str, Any]
 
 
 class LeftOut(msgspec.Struct, frozen=True):
@@ -94,12 +93,7 @@ def build(
     Raises FatalError without pairs, UsageError for a wrong folder, MissingExtra, DiskFull,
     Interrupted; the same call resumes.
     """
-    place = out.expanduser().absolute()
-    if place.resolve().is_relative_to(run.root.resolve()):
-        raise UsageError(
-            f"--out {out} is inside {run.root}, which this command only reads",
-            hint="name a folder elsewhere with --out",
-        )
+    place = table_catalog.outside(run.root, out)
     rows, files = _inputs(run, folders, keyword, sample)
     by_video = [list(own) for _, own in groupby(rows, key=lambda row: str(row["video_id"]))]
     shards = {
@@ -109,7 +103,7 @@ def build(
     }
     _drop_others(place, shards)
     todo = (
-        (str(place), name, [row for own in shard for row in own], _paths(shard, files), options)
+        (str(place), name, [(str(files[own[0]["video_id"]]), own) for own in shard], options)
         for name, shard in shards.items()
     )
     reports: list[ShardReport] = []
@@ -174,28 +168,25 @@ def _inputs(
     return rows, video_files(folders, {row["video_id"] for row in rows})
 
 
-def _paths(shard: list[list[Row]], files: dict[str, Path]) -> list[tuple[str, str]]:
-    return [(own[0]["video_id"], str(files[own[0]["video_id"]])) for own in shard]
-
-
 def cut_shard(
-    folder: str, name: str, rows: list[Row], paths: list[tuple[str, str]], options: CutOptions
+    folder: str, name: str, films: list[tuple[str, list[Row]]], options: CutOptions
 ) -> ShardReport:
-    """Cut the clips of a shard's videos, unless that was done. Runs in a worker."""
+    """Cut the clips of a shard's films, unless that was done. Runs in a worker. `films`: the path
+    of each, and the rows of its pairs.
+    """
     place = Path(folder)
-    made_of = _digest(rows, paths, options)
+    made_of = _digest(films, options)
     done: ShardReport | None = json_files.read(
         place / f"{name}.json", ShardReport, fix="remove it, then run the command again"
     )
     if done is not None and done.made_of == made_of:
         return done
-    by_video = {video: list(own) for video, own in groupby(rows, key=lambda row: row["video_id"])}
     left_out: list[LeftOut] = []
     clips = 0
     with writer_of(options, place, name) as writer:
-        for video, path in paths:
-            missed = _cut_video(writer, Path(path), by_video[video], options)
-            clips += len(by_video[video]) - len(missed)
+        for path, rows in films:
+            missed = _cut_video(writer, Path(path), rows, options)
+            clips += len(rows) - len(missed)
             left_out += missed
     report = ShardReport(made_of, clips, left_out)
     write_bytes(place / f"{name}.json", msgspec.json.encode(report))
@@ -216,10 +207,10 @@ def _cut_video(writer: Writer, path: Path, rows: list[Row], options: CutOptions)
     return [LeftOut(row["pair_id"], row["video_id"], reason, what) for row in left.values()]
 
 
-def _digest(rows: list[Row], paths: list[tuple[str, str]], options: CutOptions) -> str:
-    stats = [(path, Path(path).stat() if Path(path).exists() else None) for _, path in paths]
-    about = [(path, one.st_size, one.st_mtime_ns) if one else (path, 0, 0) for path, one in stats]
-    encoded = msgspec.json.encode((rows, about, options), order="sorted")
+def _digest(films: list[tuple[str, list[Row]]], options: CutOptions) -> str:
+    stats = [Path(path).stat() if Path(path).exists() else None for path, _ in films]
+    sizes = [(one.st_size, one.st_mtime_ns) if one else None for one in stats]
+    encoded = msgspec.json.encode((films, sizes, options), order="sorted")
     return hashlib.sha256(encoded).hexdigest()
 
 
@@ -231,8 +222,9 @@ def _drop_others(place: Path, names: Collection[str]) -> None:
 
 
 def _write_left_out(place: Path, left_out: Sequence[LeftOut]) -> None:
-    lines = ["pair_id,video_id,reason,what"]
-    for one in sorted(left_out, key=lambda one: (one.video_id, one.pair_id)):
-        what = one.what.replace('"', "'").replace("\n", " ")
-        lines.append(f'{one.pair_id},{one.video_id},{one.reason},"{what}"')
-    write_text(place / "left_out.csv", "\n".join(lines) + "\n")
+    text = io.StringIO()
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow(LeftOut.__struct_fields__)
+    ordered = sorted(left_out, key=lambda one: (one.video_id, one.pair_id))
+    lines.writerows(map(msgspec.structs.astuple, ordered))
+    write_text(place / "left_out.csv", text.getvalue())

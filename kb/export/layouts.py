@@ -1,14 +1,17 @@
 """Lists the export formats of what is published, with the function that writes each."""
 
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from kb.core.context import Run
+from kb.core.errors import FatalError, MissingExtra, ProfileError
 from kb.core.sources import SPECS
 from kb.core.summary import Summary
 from kb.export import minedojo, pair_layouts, parquet
+from kb.store.artifact_registry import ARTIFACTS
 from kb.store.layout import Layout
 
 Writer = Callable[[Run], Any]
@@ -46,6 +49,21 @@ def export_again(run: Run, name: str) -> None:
     for layout, writer in writers(name).items():
         if any(_places(Layout(run.root), name, layout)):
             writer(run)
+
+
+def rebuild(run: Run, name: str, what: str, make: Callable[[Run], Any]) -> None:
+    """Make existing tables and their layouts again; delete the tables that can't be made."""
+    folder = ARTIFACTS[name].folder(run.root)
+    if not folder.exists():
+        return
+    try:
+        make(run)
+    except (MissingExtra, ProfileError, FatalError) as error:
+        shutil.rmtree(folder)
+        shutil.rmtree(Layout(run.root).release(name), ignore_errors=True)
+        run.progress.say(f"the {what} were removed: {error}; `kb {name}` makes them again")
+    else:
+        export_again(run, name)
 
 
 def _places(at: Layout, name: str, layout: str) -> Iterator[Path]:

@@ -40,14 +40,9 @@ def export(run: Run, labeling: Labeling, sample: int, seed: int, out: Path) -> S
     Raises UsageError for a folder that is no such project or inside the data, FatalError where
     there is nothing to judge, DamagedData, DiskFull.
     """
-    place = out.expanduser().absolute()
+    place = table_catalog.outside(run.root, out)
     if place.exists() and not (place / CONFIG).is_file():
         raise UsageError(f"--out {out} exists and is not such a project", hint="name a new folder")
-    if place.resolve().is_relative_to(run.root.resolve()):
-        raise UsageError(
-            f"--out {out} is inside {run.root}, which this command only reads",
-            hint="name a folder elsewhere with --out",
-        )
     files = table_catalog.read(run.root).files(labeling.table)
     has_text = bool(files) and "text" in parquet.open_file(files[0]).schema_arrow.names
     rows = _drawn(run.root, files, labeling, sample, seed, has_text) if files else []

@@ -42,18 +42,8 @@ class Tasks(Section):
     )
     never: tuple[str, ...] = Field(
         (
-            *(
-                "vs",
-                "versus",
-                "but",
-                "or",
-                "# days",
-                "# hours",
-                "battle",
-                "challenge",
-                "competition",
-            ),
-            "speedrun",
+            *("vs", "versus", "but", "or", "# days", "# hours"),
+            *("battle", "challenge", "competition", "speedrun"),
             *("ideas", "tips", "hacks", "tricks", "mistakes", "things", "reasons", "reaction"),
             *("my", "our", "me", "us", "he", "she", "they", "who", "why", "what", "when"),
         ),
