@@ -117,6 +117,7 @@ if os.getppid() == int(sys.argv[1]):
 """
 START_SECONDS = 30
 STARTS = 3  # attempts before a driver counts as broken
+_READY = re.compile(rb"successfully on port (\d+)")
 _FOLDER = "lorecrawl-browser-"  # followed by our process id
 _KEPT = ("PATH", "LD_LIBRARY_PATH", "FONTCONFIG_FILE", "FONTCONFIG_PATH")
 
@@ -141,14 +142,16 @@ class DriverProcess:
                 )
             except OSError as error:
                 raise MissingExtra(f"{program} does not start: {error}", hint=INSTALL) from None
-            port = _port(self._process)
-            if port is not None:
-                self.port = port
+            output = _output(self._process)
+            if port := _READY.search(output):
+                self.port = int(port[1])
                 return
             self.kill()
-            self._process.wait()
+            code = self._process.wait()
         shutil.rmtree(self.folder, ignore_errors=True)
-        raise MissingExtra(f"{program} does not start", hint=INSTALL)
+        said = output.decode(errors="replace").strip().splitlines()
+        reason = said[-1] if said else f"exit {code}"
+        raise MissingExtra(f"{program} does not start: {reason}", hint=INSTALL)
 
     @property
     def pid(self) -> int:
@@ -167,20 +170,18 @@ class DriverProcess:
             self._process.stdout.close()
 
 
-def _port(process: subprocess.Popen[bytes]) -> int | None:
-    """The port that the driver reports; None when it reports none."""
+def _output(process: subprocess.Popen[bytes]) -> bytes:
+    """What the driver prints until it is ready, ends or START_SECONDS have passed."""
     assert process.stdout is not None
     end, output = clock.monotonic() + START_SECONDS, b""
-    while clock.monotonic() < end:
+    while clock.monotonic() < end and not _READY.search(output):
         if not select.select([process.stdout], [], [], 1)[0]:
             continue
         part = os.read(process.stdout.fileno(), 4096)
         output += part
-        if match := re.search(rb"successfully on port (\d+)", output):
-            return int(match[1])
         if not part:
             break
-    return None
+    return output
 
 
 def _start(program: str, env: dict[str, str], folder: str) -> subprocess.Popen[bytes]:
