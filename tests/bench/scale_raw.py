@@ -6,10 +6,10 @@ zstd frames, an envelope each. Run as a module.
 `dumps` writes archive dumps for `kb reddit import`: every line is of the subreddit, as in a file of
 one subreddit.
 
-Texts have real word frequencies (Zipf's law over common English words and invented ones); the words
-of the profile's keyword list stand among them as often as the paper's pairs say: about 0.9 pairs a
-kept video. Each segment is drawn from its own seed, so the same share gives the same bytes, and
-segments can be made side by side.
+Texts have the frequencies of words in speech (Zipf's law over English words, function words first,
+and invented ones); the words of the profile's keyword list stand among them as often as the paper's
+pairs say: about 0.9 pairs a kept video. Each segment is drawn from its own seed, so the same share
+gives the same bytes, and segments can be made side by side.
 """
 
 import contextlib
@@ -17,6 +17,7 @@ import csv
 import os
 import random
 import sys
+import tomllib
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
@@ -167,7 +168,8 @@ def _vocabulary() -> tuple[Any, Any, list[str]]:
             phrases += [row["keyword"].lower() for row in csv.DictReader(lines, delimiter="\t")]
     taken = {word for phrase in phrases for word in phrase.split()}
     chance = random.Random(7)
-    common = [word for word in _everyday() if word not in taken and f"{word}s" not in taken]
+    most = [*_function_words(), *_everyday()]
+    common = [w for w in dict.fromkeys(most) if w not in taken and f"{w}s" not in taken]
     letters = "etaoinshrdlucmfwypvbgk"
     made = {
         "".join(chance.choices(letters, k=min(14, 3 + int(chance.expovariate(0.3)))))
@@ -176,6 +178,15 @@ def _vocabulary() -> tuple[Any, Any, list[str]]:
     known = np.array([*common, *sorted(made - taken - set(common))], object)
     shares = 1 / (np.arange(len(known)) + 2.7) ** 1.07
     return known, np.cumsum(shares / shares.sum()), phrases
+
+
+def _function_words() -> list[str]:
+    """Without these no text would be English to `kb pairs`."""
+    import kb.pairs.quality as room
+
+    path = Path(str(room.__file__)).with_name("data") / "en.toml"
+    words: str = tomllib.loads(path.read_text(encoding="utf-8"))["function_words"]
+    return words.split()
 
 
 def _everyday() -> list[str]:
