@@ -37,7 +37,7 @@ ALLOWED: dict[str, set[str]] = {
     "labels": {"pairs", *DATA},  # over the pairs' transcripts
     "tasks": {"pairs", *DATA},
     "clips": {"pairs", *DATA},  # over the pairs' tokens
-    "reader": ASKING | DATA,
+    "reader": {"clips"} | ASKING | DATA,
     "mcp": {"reader"} | ASKING | DATA,
     "sandbox": ROOMS | GROUND | {"core"},
     "cli": ROOMS | ASKING | GROUND | {"core", "crawl", *MADE, "sandbox", "mcp"},

@@ -23,7 +23,15 @@ from pathlib import Path
 import msgspec
 
 from kb.artifacts import table_catalog
-from kb.clips.clip_files import CutOptions, Row, Writer, writer_of
+from kb.clips.clip_files import (
+    CutOptions,
+    LeftOut,
+    Row,
+    ShardReport,
+    Writer,
+    shard_report,
+    writer_of,
+)
 from kb.clips.cut import cut, frame_times
 from kb.clips.frames import UndecodableVideo
 from kb.clips.video_files import video_files
@@ -33,32 +41,12 @@ from kb.core.errors import FatalError, UsageError
 from kb.core.installation import require
 from kb.core.summary import Summary
 from kb.store.atomic import write_bytes, write_text
-from kb.store.state import json_files
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan
 
 _VIDEOS = 16  # of a shard
 _JPEG_SHARE = 0.1  # of the bytes of a frame, for the plan
 MISSING, SHORT, UNDECODABLE = "missing", "short", "undecodable"
-
-
-class LeftOut(msgspec.Struct, frozen=True):
-    """A pair without a clip. `reason`: missing, short or undecodable; `what` says more."""
-
-    pair_id: str
-    video_id: str
-    reason: str
-    what: str
-
-
-class ShardReport(msgspec.Struct, frozen=True):
-    """What became of the pairs of a shard's videos. `made_of`: a digest of pairs, files and
-    options.
-    """
-
-    made_of: str
-    clips: int
-    left_out: list[LeftOut]
 
 
 def plan(
@@ -113,7 +101,7 @@ def build(
     ):
         for report in map_in_order(executor, cut_shard, todo, window=2 * run.workers):
             reports.append(report)
-            task.advance(1, clips=report.clips)
+            task.advance(1, clips=len(report.clips))
     left_out = [one for report in reports for one in report.left_out]
     left_out += [
         LeftOut(row["pair_id"], row["video_id"], MISSING, "no file of this video")
@@ -125,7 +113,7 @@ def build(
     return Summary(
         command="clips",
         pairs=len(rows),
-        clips=sum(report.clips for report in reports),
+        clips=sum(len(report.clips) for report in reports),
         **{reason: counts[reason] for reason in (MISSING, SHORT, UNDECODABLE)},
         videos=len(files),
         path=str(place),
@@ -176,30 +164,29 @@ def cut_shard(
     """
     place = Path(folder)
     made_of = _digest(films, options)
-    done: ShardReport | None = json_files.read(
-        place / f"{name}.json", ShardReport, fix="remove it, then run the command again"
-    )
+    done = shard_report(place, name)
     if done is not None and done.made_of == made_of:
         return done
     left_out: list[LeftOut] = []
-    clips = 0
+    clips: dict[str, int] = {}
     with writer_of(options, place, name) as writer:
         for path, rows in films:
-            missed = _cut_video(writer, Path(path), rows, options)
-            clips += len(rows) - len(missed)
-            left_out += missed
-    report = ShardReport(made_of, clips, left_out)
+            left_out += _cut_video(writer, Path(path), rows, options, clips)
+    report = ShardReport(made_of, options, clips, left_out)
     write_bytes(place / f"{name}.json", msgspec.json.encode(report))
     return report
 
 
-def _cut_video(writer: Writer, path: Path, rows: list[Row], options: CutOptions) -> list[LeftOut]:
-    """Write the clips of a film; the pairs that have none."""
+def _cut_video(
+    writer: Writer, path: Path, rows: list[Row], options: CutOptions, places: dict[str, int]
+) -> list[LeftOut]:
+    """Write the clips of a film and note their places; the pairs that have none."""
     times = [frame_times(row["clip_start_s"], row["clip_end_s"], options.frames) for row in rows]
     reason, what, left = SHORT, "the film ends before the clip", dict(enumerate(rows))
     try:
         for number, images in cut(path, times, options.size, options.fit):
-            writer.add(left.pop(number), images, times[number])
+            row = left.pop(number)
+            places[row["pair_id"]] = writer.add(row, images, times[number])
     except UndecodableVideo as error:
         reason, what = UNDECODABLE, str(error)
     except FileNotFoundError:

@@ -15,6 +15,7 @@ from kb.clips.frames import Fit
 from kb.core.installation import np
 from kb.pairs.clip_tokens import token_ids
 from kb.store.atomic import writing
+from kb.store.state import json_files
 
 Row = dict[str, Any]
 
@@ -29,11 +30,47 @@ class CutOptions(msgspec.Struct, frozen=True):
     quality: int = 90
 
 
+class LeftOut(msgspec.Struct, frozen=True):
+    """A pair without a clip. `reason`: missing, short or undecodable; `what` says more."""
+
+    pair_id: str
+    video_id: str
+    reason: str
+    what: str
+
+
+class ShardReport(msgspec.Struct, frozen=True):
+    """What became of the pairs of a shard's videos: `clips` has the byte of the tar at which each
+    pair's files begin, 0 for npz. `made_of`: a digest of pairs, files and options.
+    """
+
+    made_of: str
+    options: CutOptions
+    clips: dict[str, int]
+    left_out: list[LeftOut]
+
+
+def shard_report(place: Path, name: str) -> ShardReport | None:
+    """The report of a shard; None before it is whole. Raises DamagedData."""
+    return json_files.read(
+        place / f"{name}.json", ShardReport, fix="remove it, then run `kb clips` again"
+    )
+
+
+def shard_reports(place: Path) -> Iterator[tuple[str, ShardReport]]:
+    """The whole shards of a folder, by name. Raises DamagedData."""
+    for path in sorted(place.glob("clips-[0-9]*.json")):
+        if report := shard_report(place, path.stem):
+            yield path.stem, report
+
+
 class Writer(Protocol):
     """Writes clips one after another."""
 
-    def add(self, row: Row, images: np.ndarray, times_s: np.ndarray) -> None:
-        """Write a clip: its pair's row, frames (uint8 [frames, height, width, 3]) and times."""
+    def add(self, row: Row, images: np.ndarray, times_s: np.ndarray) -> int:
+        """Write a clip: its pair's row, frames (uint8 [frames, height, width, 3]) and times.
+        The byte of the shard at which its files begin, or 0.
+        """
 
 
 @contextmanager
@@ -60,11 +97,11 @@ class ShardTarWriter:
     def __init__(self, tar: tarfile.TarFile, quality: int) -> None:
         self._tar, self._quality = tar, quality
 
-    def add(self, row: Row, images: np.ndarray, times_s: np.ndarray) -> None:
-        """Write a clip."""
+    def add(self, row: Row, images: np.ndarray, times_s: np.ndarray) -> int:
+        """Write a clip; the byte at which its files begin."""
         from PIL import Image
 
-        key = row["pair_id"]
+        key, place = row["pair_id"], int(self._tar.offset)
         for number, image in enumerate(images):
             jpeg = io.BytesIO()
             Image.fromarray(image).save(jpeg, "JPEG", quality=self._quality)
@@ -75,6 +112,7 @@ class ShardTarWriter:
             tokens = io.BytesIO()
             np.save(tokens, token_ids(row["text"]), allow_pickle=False)
             self._file(f"{key}.tokens.npy", tokens.getvalue())
+        return place
 
     def _file(self, name: str, data: bytes) -> None:
         info = tarfile.TarInfo(name)
@@ -90,7 +128,7 @@ class ArchiveWriter:
     def __init__(self, place: Path) -> None:
         self._place = place
 
-    def add(self, row: Row, images: np.ndarray, times_s: np.ndarray) -> None:
+    def add(self, row: Row, images: np.ndarray, times_s: np.ndarray) -> int:
         """Write a clip."""
         arrays = {
             "video": np.moveaxis(images, -1, 1),
@@ -102,3 +140,4 @@ class ArchiveWriter:
         path = self._place / row["video_id"] / f"{row['pair_id']}.npz"
         with writing(path) as temporary, temporary.open("wb") as file:
             np.savez(file, allow_pickle=False, **arrays)
+        return 0

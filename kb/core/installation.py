@@ -77,7 +77,7 @@ def folder(name: str) -> Path:
     )
 
 
-__all__ = ["np", "require"]
+__all__ = ["np", "require", "torch"]
 
 
 class _OptionalPackage:
@@ -105,8 +105,10 @@ def require(extra: str, *packages: str) -> None:
 
 if TYPE_CHECKING:
     import numpy as np
+    import torch
 else:
     np = _OptionalPackage("numpy", "pairs")
+    torch = _OptionalPackage("torch", "torch")
 
 
 def cache_root() -> Path:

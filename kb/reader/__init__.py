@@ -6,12 +6,14 @@
     data.page("Creeper")                a wiki page: .screenshot(), .boxes("table").draw()
     data.thread("abc123")               a post and its comments, nested
     data.clips("creeper")               clips of a keyword, with their videos and texts
+    data.clips("creeper").torch("films")    the same as a PyTorch dataset
     data.search("tame a wolf")          ranked answers from the index of `kb index`
 
 Needs no key and no network. `tables` has tables and results, `wiki_page` and `screenshots` the
 pages, `html` what notebooks show.
 """
 
+from kb.reader.clips import Clips
 from kb.reader.data import Data, load
 from kb.reader.screenshots import Box
 from kb.reader.tables import QueryResult, RowSet, Tables, TableView
@@ -21,6 +23,7 @@ from kb.reader.wiki_page import Boxes, Page
 __all__ = [
     "Box",
     "Boxes",
+    "Clips",
     "Data",
     "Page",
     "QueryResult",

@@ -1,88 +1,20 @@
-"""`kb.load`: the tables of downloaded or collected data, and what can be made from them, such as
-clips: pairs with their videos and texts.
-"""
+"""`kb.load`: the tables of downloaded or collected data, and what can be made from them."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import cast
 
 from kb import query
 from kb.artifacts import table_catalog
-from kb.artifacts.table_catalog import Catalog, View
+from kb.artifacts.table_catalog import Catalog
 from kb.core.errors import UsageError
-from kb.core.sources import made_of
-from kb.reader import html, thread, wiki_page
+from kb.reader import clips, html, thread, wiki_page
 from kb.reader.error_hints import with_hints
 from kb.reader.open_tables import OpenTables
 from kb.reader.tables import QueryResult, Tables, TableView
 from kb.search.ranking import Only, day_given
-
-_OF_VIDEO = ("title", "view_count", "like_count", "published_at")
-
-
-def find(opened: OpenTables, keyword: str, where: str = "") -> QueryResult:
-    """The clips of a keyword, in any case of its letters, in order of video and start.
-
-    Columns: pair_id, keyword, keyword_kind, video_id, title and figures of the video, the clip's
-    start and end (s), `url` that starts there, `text` (null where it was not restored),
-    token_count, transcript_kind, timing, and the columns of pairs_quality. `where`: a condition on
-    them in DuckDB's SQL. Raises UsageError where there are no pairs, no such keyword, or the
-    condition is wrong.
-    """
-    ranked = opened.ranked("pairs")
-    if not ranked:
-        raise UsageError("the data contain no pairs", hint="load the folder of the pairs' release")
-    pairs = ranked[0]
-    asked = f"""
-        SELECT * FROM ({_sql(opened, pairs, ranked, keyword)}) WHERE {where or "true"}
-        ORDER BY video_id, clip_start_s, pair_id"""
-    clips = QueryResult(query.select(opened.con, asked, views=opened.views).read_all())
-    if len(clips) or where:
-        return clips
-    listed = opened.rows(f"SELECT DISTINCT keyword FROM {pairs.full}")["keyword"].to_pylist()
-    known = cast("list[str]", listed)
-    if keyword.lower() in map(str.lower, known):  # all of its clips have been removed
-        return clips
-    raise UsageError(
-        f"no clips of {keyword!r}.{query.did_you_mean(query.similar(keyword, known))}",
-        hint='data.sql("SELECT DISTINCT keyword FROM pairs") lists the keywords',
-    )
-
-
-def _sql(opened: OpenTables, pairs: View, ranked: list[View], keyword: str) -> str:
-    joins, text, quality = [], "NULL::VARCHAR", ""
-    holding = [view for view in ranked if "text" in TableView(view).schema.names]
-    if pairs in holding:
-        text = "p.text"
-    elif holding:
-        joins.append(f"LEFT JOIN {holding[0].full} AS t USING (pair_id)")
-        text = "t.text"
-    videos = opened.ranked("youtube_videos")
-    of_video = ", ".join(f"v.{name}" if videos else f"NULL AS {name}" for name in _OF_VIDEO)
-    if videos:
-        joins.append(f"LEFT JOIN {videos[0].full} AS v ON v.video_id = p.video_id")
-    for measured in opened.ranked("pairs_quality")[:1]:
-        joins.append(f"LEFT JOIN {measured.full} AS q ON q.pair_id = p.pair_id")
-        quality = ", q.* EXCLUDE (pair_id)"
-    timing = "p.timing" if "timing" in TableView(pairs).schema.names else "NULL::VARCHAR"
-    removed = [
-        f"SELECT key FROM {one.full} WHERE source = '{source}'"
-        for source in (*made_of("pairs"), "pairs")
-        for one in opened.ranked(f"{source}_tombstones")
-    ]
-    left = f"AND p.video_id NOT IN ({' UNION ALL '.join(removed)})" if removed else ""
-    return f"""
-        SELECT p.pair_id, p.keyword, p.keyword_kind, p.video_id, {of_video},
-            p.clip_start_s, p.clip_end_s,
-            'https://www.youtube.com/watch?v=' || p.video_id
-                || '&t=' || floor(p.clip_start_s)::BIGINT || 's' AS url,
-            {text} AS text, p.token_count, p.transcript_kind, {timing} AS timing{quality}
-        FROM {pairs.full} AS p {" ".join(joins)}
-        WHERE lower(p.keyword) = lower('{keyword.replace("'", "''")}') {left}"""
-
 
 Place = str | os.PathLike[str]
 _METHODS = ("sql", "page", "thread", "clips", "search")
@@ -160,17 +92,18 @@ class Data:
         return thread.find(self._opened, post_id)
 
     @with_hints
-    def clips(self, keyword: str, /, where: str = "") -> QueryResult:
-        """The clips of a keyword, with their videos' titles and figures, available texts, and what
-        is known of their quality.
+    def clips(self, keyword: str | None = None, /, where: str = "") -> clips.Clips:
+        """The clips of a keyword, or of all, with their videos' titles and figures, available
+        texts, and what is known of their quality.
 
             data.clips("creeper").to_pandas()[["title", "url", "text"]]
             data.clips("creeper", "timing = 'word' AND duplicate_of IS NULL AND language = 'en'")
+            data.clips("creeper").torch(videos="films")     # a PyTorch dataset; docs/train.md
 
         `where` is a condition in DuckDB's SQL. `text` is null in a release alone. Raises UsageError
         with the nearest keywords.
         """
-        return find(self._opened, keyword, where)
+        return clips.find(self._opened, keyword, where)
 
     @with_hints
     def search(

@@ -1,0 +1,130 @@
+"""Where single clips come from: the user's films, or shards that `kb clips` has cut."""
+
+from __future__ import annotations
+
+import io
+import tarfile
+from collections.abc import Collection, Iterable
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import msgspec
+
+from kb.clips.clip_files import CutOptions, Row, ShardReport, shard_reports
+from kb.clips.cut import cut, frame_times
+from kb.clips.frames import UndecodableVideo
+from kb.clips.video_files import video_files
+from kb.core.errors import UsageError
+from kb.core.installation import np
+
+
+class NoClip(Exception):
+    """A pair whose clip can't be had; its text says why."""
+
+
+class Clip(NamedTuple):
+    """`images`: uint8 [frames, height, width, 3], RGB; `times_s`: float64 [frames]."""
+
+    images: np.ndarray
+    times_s: np.ndarray
+
+
+class ClipSource(Protocol):
+    """Has the clips of some pairs, in any order."""
+
+    def has(self, row: Row) -> bool:
+        """Whether there is a file for the pair."""
+
+    def read(self, row: Row) -> Clip:
+        """The clip of a pair. Raises NoClip."""
+
+
+class Films:
+    """Decodes each clip when it is asked for."""
+
+    def __init__(
+        self, folders: Iterable[Path], video_ids: Collection[str], options: CutOptions
+    ) -> None:
+        """Raises UsageError for a folder that does not exist."""
+        folders = list(folders)
+        for folder in folders:
+            if not folder.is_dir():
+                raise UsageError(f"{folder} is not a folder")
+        self._files, self._options = video_files(folders, video_ids), options
+
+    def has(self, row: Row) -> bool:
+        return row["video_id"] in self._files
+
+    def read(self, row: Row) -> Clip:
+        options = self._options
+        times = frame_times(row["clip_start_s"], row["clip_end_s"], options.frames)
+        try:
+            for _, images in cut(self._files[row["video_id"]], [times], options.size, options.fit):
+                return Clip(images, times)
+        except UndecodableVideo as error:
+            raise NoClip(str(error)) from None
+        except FileNotFoundError:
+            raise NoClip("the file is gone") from None
+        raise NoClip("the film ends before the clip")
+
+
+class Shards:
+    """Reads clips from the folder that `kb clips` wrote."""
+
+    def __init__(self, folder: Path, options: CutOptions) -> None:
+        """Raises UsageError without shards, or if their frames are of another number or size."""
+        self._folder = folder
+        self._places: dict[str, tuple[ShardReport, Path, int]] = {}
+        for name, report in shard_reports(folder):
+            made = report.options
+            if (made.frames, made.size, made.fit) != (options.frames, options.size, options.fit):
+                raise UsageError(
+                    f"{folder / name}.tar has clips of {_shape(made)}, not {_shape(options)}",
+                    hint="give frames, size and fit as the shards have them",
+                )
+            for pair, place in report.clips.items():
+                self._places[pair] = report, folder / f"{name}.tar", place
+        if not self._places:
+            raise UsageError(
+                f"{folder} has no clips", hint="`kb clips --videos DIR --out DIR` cuts them"
+            )
+
+    def has(self, row: Row) -> bool:
+        return row["pair_id"] in self._places
+
+    def read(self, row: Row) -> Clip:
+        report, path, place = self._places[row["pair_id"]]
+        try:
+            if report.options.format == "npz":
+                archive = self._folder / row["video_id"] / f"{row['pair_id']}.npz"
+                with np.load(archive) as arrays:
+                    return Clip(np.moveaxis(arrays["video"], 1, -1), arrays["frame_times_s"])
+            return _from_tar(path, place, report.options.frames)
+        except (OSError, tarfile.TarError, ValueError, KeyError) as error:
+            raise NoClip(f"{path.name} can't be read: {error}") from None
+
+
+def _shape(options: CutOptions) -> str:
+    height, width = options.size
+    return f"{options.frames} frames of {height}x{width} ({options.fit})"
+
+
+def _from_tar(path: Path, place: int, frames: int) -> Clip:
+    """The clip whose files begin at this byte."""
+    from PIL import Image
+
+    with path.open("rb") as file:
+        file.seek(place)
+        with tarfile.open(fileobj=file, mode="r:") as tar:
+            parts = [_content(tar) for _ in range(frames + 1)]
+    images = [np.asarray(Image.open(io.BytesIO(part))) for part in parts[:-1]]
+    times: list[float] = msgspec.json.decode(parts[-1])["frame_times_s"]
+    return Clip(np.stack(images), np.array(times))
+
+
+def _content(tar: tarfile.TarFile) -> bytes:
+    member = tar.next()
+    file = tar.extractfile(member) if member else None
+    if file is None:
+        raise tarfile.ReadError("it ends too early")
+    return file.read()

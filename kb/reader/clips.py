@@ -1,0 +1,134 @@
+"""Clips: pairs with their videos and texts, as a table or as a PyTorch dataset."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import cast
+
+from kb import query
+from kb.artifacts.table_catalog import View
+from kb.clips.clip_files import CutOptions
+from kb.clips.clip_sources import ClipSource, Films, Shards
+from kb.clips.frames import Fit
+from kb.clips.torch_dataset import ClipDataset, torch_dataset
+from kb.core.errors import UsageError
+from kb.core.installation import require
+from kb.core.sources import made_of
+from kb.reader.error_hints import with_hints
+from kb.reader.open_tables import OpenTables
+from kb.reader.tables import QueryResult, TableView
+
+Folder = str | os.PathLike[str]
+_TRAINED = ("pair_id", "video_id", "keyword", "text", "clip_start_s", "clip_end_s")
+_OF_VIDEO = ("title", "view_count", "like_count", "published_at")
+
+
+class Clips(QueryResult):
+    """The clips that `kb.load(…).clips` found."""
+
+    @with_hints
+    def torch(
+        self,
+        videos: Folder | Iterable[Folder] | None = None,
+        *,
+        shards: Folder | None = None,
+        frames: int = 16,
+        size: tuple[int, int] = (160, 256),
+        fit: Fit = "stretch",
+        seed: int = 0,
+        rank: int = 0,
+        world_size: int = 1,
+    ) -> ClipDataset:
+        """A PyTorch dataset of these clips (torch.utils.data.IterableDataset), in random order.
+
+            clips = data.clips("creeper").torch(videos="films")
+            for batch in torch.utils.data.DataLoader(clips, batch_size=64, num_workers=4): …
+
+        Decodes the user's own video files in the folders `videos`, found by id (ID.mp4, TITLE
+        [ID].webm, ID/video.mkv), or reads `shards`, the folder that `kb clips --out` wrote. `size`:
+        height and width in px. docs/train.md has a whole training loop.
+
+        Raises MissingExtra, and UsageError for wrong arguments or where no clip has file and text.
+        """
+        require("torch", "torch", "av", "numpy", "PIL", "instant_clip_tokenizer")
+        if (videos is None) == (shards is None):
+            raise UsageError("clips come from video files or from shards", hint="give one of them")
+        if frames < 1 or min(size) < 1:
+            raise UsageError("frames, height and width are numbers above 0")
+        options, rows = CutOptions(frames, size, fit), self.to_table(_TRAINED)
+        source: ClipSource
+        if shards is not None:
+            source = Shards(Path(shards), options)
+        else:
+            given = [videos] if isinstance(videos, str | os.PathLike) else videos or ()
+            source = Films(
+                map(Path, given), cast("set[str]", set(rows["video_id"].to_pylist())), options
+            )
+        return torch_dataset(rows, source, seed=seed, rank=rank, world_size=world_size)
+
+
+def find(opened: OpenTables, keyword: str | None, where: str = "") -> Clips:
+    """The clips of a keyword, in any case of its letters, or of all; by video and start.
+
+    Columns: pair_id, keyword, keyword_kind, video_id, title and figures of the video, the clip's
+    start and end (s), `url` that starts there, `text` (null where it was not restored),
+    token_count, transcript_kind, timing, and the columns of pairs_quality. `where`: a condition on
+    them in DuckDB's SQL. Raises UsageError where there are no pairs, no such keyword, or the
+    condition is wrong.
+    """
+    ranked = opened.ranked("pairs")
+    if not ranked:
+        raise UsageError("the data contain no pairs", hint="load the folder of the pairs' release")
+    pairs = ranked[0]
+    asked = f"""
+        SELECT * FROM ({_sql(opened, pairs, ranked, keyword)}) WHERE {where or "true"}
+        ORDER BY video_id, clip_start_s, pair_id"""
+    clips = Clips(query.select(opened.con, asked, views=opened.views).read_all())
+    if len(clips) or where or keyword is None:
+        return clips
+    listed = opened.rows(f"SELECT DISTINCT keyword FROM {pairs.full}")["keyword"].to_pylist()
+    known = cast("list[str]", listed)
+    if keyword.lower() in map(str.lower, known):  # all of its clips have been removed
+        return clips
+    raise UsageError(
+        f"no clips of {keyword!r}.{query.did_you_mean(query.similar(keyword, known))}",
+        hint='data.sql("SELECT DISTINCT keyword FROM pairs") lists the keywords',
+    )
+
+
+def _sql(opened: OpenTables, pairs: View, ranked: list[View], keyword: str | None) -> str:
+    joins, text, quality = [], "NULL::VARCHAR", ""
+    holding = [view for view in ranked if "text" in TableView(view).schema.names]
+    if pairs in holding:
+        text = "p.text"
+    elif holding:
+        joins.append(f"LEFT JOIN {holding[0].full} AS t USING (pair_id)")
+        text = "t.text"
+    videos = opened.ranked("youtube_videos")
+    of_video = ", ".join(f"v.{name}" if videos else f"NULL AS {name}" for name in _OF_VIDEO)
+    if videos:
+        joins.append(f"LEFT JOIN {videos[0].full} AS v ON v.video_id = p.video_id")
+    for measured in opened.ranked("pairs_quality")[:1]:
+        joins.append(f"LEFT JOIN {measured.full} AS q ON q.pair_id = p.pair_id")
+        quality = ", q.* EXCLUDE (pair_id)"
+    timing = "p.timing" if "timing" in TableView(pairs).schema.names else "NULL::VARCHAR"
+    removed = [
+        f"SELECT key FROM {one.full} WHERE source = '{source}'"
+        for source in (*made_of("pairs"), "pairs")
+        for one in opened.ranked(f"{source}_tombstones")
+    ]
+    left = f"AND p.video_id NOT IN ({' UNION ALL '.join(removed)})" if removed else ""
+    asked = "true"
+    if keyword is not None:
+        quoted = keyword.replace("'", "''")
+        asked = f"lower(p.keyword) = lower('{quoted}')"
+    return f"""
+        SELECT p.pair_id, p.keyword, p.keyword_kind, p.video_id, {of_video},
+            p.clip_start_s, p.clip_end_s,
+            'https://www.youtube.com/watch?v=' || p.video_id
+                || '&t=' || floor(p.clip_start_s)::BIGINT || 's' AS url,
+            {text} AS text, p.token_count, p.transcript_kind, {timing} AS timing{quality}
+        FROM {pairs.full} AS p {" ".join(joins)}
+        WHERE {asked} {left}"""
