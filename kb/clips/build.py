@@ -17,7 +17,7 @@ import hashlib
 import io
 from collections import Counter
 from collections.abc import Collection, Sequence
-from itertools import groupby
+from itertools import compress, groupby
 from pathlib import Path
 
 import msgspec
@@ -160,7 +160,7 @@ def cut_shard(
     folder: str, name: str, films: list[tuple[str, list[Row]]], options: CutOptions
 ) -> ShardReport:
     """Cut the clips of a shard's films, unless that was done. Runs in a worker. `films`: the path
-    of each, and the rows of its pairs.
+    of each, and the rows of its pairs. A film that changes while it is read has no clips.
     """
     place = Path(folder)
     made_of = _digest(films, options)
@@ -168,11 +168,23 @@ def cut_shard(
     if done is not None and done.made_of == made_of:
         return done
     left_out: list[LeftOut] = []
-    clips: dict[str, int] = {}
-    with writer_of(options, place, name) as writer:
-        for path, rows in films:
-            left_out += _cut_video(writer, Path(path), rows, options, clips)
-    report = ShardReport(made_of, options, clips, left_out)
+    while True:
+        before = [_version(path) for path, _ in films]
+        clips: dict[str, int] = {}
+        missed: list[LeftOut] = []
+        with writer_of(options, place, name) as writer:
+            for path, rows in films:
+                missed += _cut_video(writer, Path(path), rows, options, clips)
+        changed = [_version(film[0]) != old for film, old in zip(films, before, strict=True)]
+        if not any(changed):
+            break
+        left_out += [
+            LeftOut(row["pair_id"], row["video_id"], UNDECODABLE, "the file changed meanwhile")
+            for _, rows in compress(films, changed)
+            for row in rows
+        ]
+        films = [film for film, other in zip(films, changed, strict=True) if not other]
+    report = ShardReport(made_of, options, clips, left_out + missed)
     write_bytes(place / f"{name}.json", msgspec.json.encode(report))
     return report
 
@@ -194,10 +206,18 @@ def _cut_video(
     return [LeftOut(row["pair_id"], row["video_id"], reason, what) for row in left.values()]
 
 
+def _version(path: str) -> tuple[int, int] | None:
+    """Size and time of a file, which change when its content does; None when it is gone."""
+    try:
+        stat = Path(path).stat()
+    except FileNotFoundError:
+        return None
+    return stat.st_size, stat.st_mtime_ns
+
+
 def _digest(films: list[tuple[str, list[Row]]], options: CutOptions) -> str:
-    stats = [Path(path).stat() if Path(path).exists() else None for path, _ in films]
-    sizes = [(one.st_size, one.st_mtime_ns) if one else None for one in stats]
-    encoded = msgspec.json.encode((films, sizes, options), order="sorted")
+    versions = [_version(path) for path, _ in films]
+    encoded = msgspec.json.encode((films, versions, options), order="sorted")
     return hashlib.sha256(encoded).hexdigest()
 
 

@@ -21,13 +21,13 @@ Row = dict[str, Any]
 
 
 class CutOptions(msgspec.Struct, frozen=True):
-    """How clips are cut: `size` is height and width in px, `quality` that of JPEG (1 to 100)."""
+    """How clips are cut: `size` is height and width in px, `jpeg_quality` 1 to 100."""
 
     frames: int = 16
     size: tuple[int, int] = (160, 256)
     fit: Fit = "stretch"
     format: Literal["webdataset", "npz"] = "webdataset"
-    quality: int = 90
+    jpeg_quality: int = 90
 
 
 class LeftOut(msgspec.Struct, frozen=True):
@@ -86,7 +86,7 @@ def writer_of(options: CutOptions, place: Path, name: str) -> Iterator[Writer]:
         writing(place / f"{name}.tar") as temporary,
         tarfile.open(temporary, "w", format=tarfile.USTAR_FORMAT) as tar,
     ):
-        yield ShardTarWriter(tar, options.quality)
+        yield ShardTarWriter(tar, options.jpeg_quality)
 
 
 class ShardTarWriter:

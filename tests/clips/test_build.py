@@ -2,9 +2,12 @@
 
 import csv
 import io
+import itertools
 import json
 import math
+import os
 import tarfile
+import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
@@ -116,6 +119,37 @@ def test_a_second_run_cuts_nothing_and_a_changed_film_is_cut_again(
     assert build.build(run, [films], tmp_path / "fresh", OPTIONS, "", None)["clips"] == 2
     (fresh,) = (tmp_path / "fresh").glob("*.tar")
     assert fresh.read_bytes() == before[1]
+
+
+def test_a_film_that_changes_while_it_is_read_has_no_clips(
+    run: Run, places, tmp_path: Path
+) -> None:
+    _, films = places
+    mine = tmp_path / "films"
+    mine.mkdir()
+    film_ = (films / f"A film [{IDS[0]}].mp4").read_bytes()
+    for key in (IDS[0], IDS[3]):
+        (mine / f"{key}.mp4").write_bytes(film_)
+    stop, touched = threading.Event(), itertools.count(1)
+
+    def touch() -> None:
+        while not stop.is_set():
+            os.utime(mine / f"{IDS[3]}.mp4", ns=(0, next(touched)))
+
+    thread = threading.Thread(target=touch)
+    thread.start()
+    try:
+        summary = build.build(run, [mine], tmp_path / "out", OPTIONS, "", None)
+    finally:
+        stop.set()
+        thread.join()
+    assert (summary["clips"], summary["undecodable"]) == (2, 2)
+    with (tmp_path / "out/left_out.csv").open() as file:
+        reasons = {row["video_id"]: row["what"] for row in csv.DictReader(file)}
+    assert reasons[IDS[3]] == "the file changed meanwhile"
+    left = {name.partition(".")[0] for name, _ in _shards(tmp_path / "out")}
+    assert {_pairs(run.root)[key]["video_id"] for key in left} == {IDS[0]}
+    assert build.build(run, [mine], tmp_path / "out", OPTIONS, "", None)["clips"] == 4
 
 
 def test_a_plan_says_what_is_there(run: Run, places, tmp_path: Path) -> None:

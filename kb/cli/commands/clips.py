@@ -96,7 +96,11 @@ def clips(
     if not sides or "0" in sides.groups():
         raise SettingError(f"--size is {size!r}", hint="write height and width: --size 160x256")
     options = CutOptions(
-        frames, (int(sides[1]), int(sides[2])), cast("Any", fit.value), cast("Any", format.value)
+        frames,
+        (int(sides[1]), int(sides[2])),
+        cast("Any", fit.value),
+        cast("Any", format.value),
+        run.profile.clips.jpeg_quality,
     )
     folders = [one.expanduser() for one in videos]
     if plan:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 from pydantic import Field, ValidationError, create_model
 
 from kb.core.config.profile.base import Section, explain
-from kb.core.config.profile.pairs import Pairs
+from kb.core.config.profile.pairs import ClipFiles, Pairs
 from kb.core.config.profile.reddit import RedditSection
 from kb.core.config.profile.release import Release, Report
 from kb.core.config.profile.tasks import Tasks
@@ -44,6 +44,7 @@ class ShippedProfile(Section):
     reddit: RedditSection | None = None
     pairs: Pairs | None = None
     tasks: Tasks = Tasks()
+    clips: ClipFiles = ClipFiles()
     toxicity: Toxicity = Toxicity()
     release: Release = Release()
     report: Report = Report()

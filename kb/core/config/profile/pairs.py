@@ -1,5 +1,5 @@
 """[pairs]: which words are matched in transcripts, how text and clips grow around them,
-which pairs are kept.
+which pairs are kept. [clips]: the files of clips.
 """
 
 from __future__ import annotations
@@ -81,3 +81,12 @@ class Pairs(Section):
         if not (self.keyword_files or self.include):
             raise ValueError("names neither keyword_files nor include: there is nothing to match")
         return self
+
+
+class ClipFiles(Section):
+    """The clips part of a profile."""
+
+    table = "clips"
+    about = "Clips: what `kb clips` writes"
+
+    jpeg_quality: int = Field(90, ge=1, le=100, description="quality of the frames in tar shards")
