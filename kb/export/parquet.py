@@ -56,7 +56,7 @@ def export(
     name = f"release/{source}"
     made_from = manifest.inputs(run.root, name)
     summary: dict[str, int] = {}
-    size = run.profile.release.rows_per_shard
+    size = run.profile.release.shard_mb * 1e6
     folder = Layout(run.root.absolute()).release(source)
     with (
         run.progress.task(f"export {source}", total=len(released), unit="tables") as task,
@@ -71,7 +71,7 @@ def export(
                     files[declared.name],
                     fresh,
                     declared,
-                    rows_per_shard=size,
+                    shard_bytes=size,
                     reads=change.reads,
                     change=change.make,
                 )
@@ -106,12 +106,12 @@ def export(
     )
 
 
-def write_shards(name: str, parts: Sequence[str], folder: str, rows_per_shard: int) -> int:
+def write_shards(name: str, parts: Sequence[str], folder: str, shard_bytes: float) -> int:
     """One table's shards; how many rows. Runs in a worker."""
     made = shard_writer.sorted_shards(
         [Path(part) for part in parts],
         Path(folder),
         name,
-        rows_per_shard=rows_per_shard,
+        shard_bytes=shard_bytes,
     )
     return sum(shard.rows for shard in made)

@@ -79,8 +79,7 @@ def build(run: Run, names: Callable[[], Mapping[str, Names]]) -> Summary:
         if any(table == _PAGES for table, _ in todo):
             _title_rows(parted.folder, keywords, own)
         with parted.finish() as fresh:
-            size = run.profile.release.rows_per_shard
-            _finish(parted, fresh, keywords, own, size)
+            _finish(parted, fresh, keywords, own)
             fresh.figures["marks"] = marks
     return _summary(parted.root)
 
@@ -172,10 +171,8 @@ def _title_rows(work: Path, keywords: Keywords, own: Mapping[int, Own]) -> None:
     write_table(work / "own-pages.parquet", own_rows, "links/links")
 
 
-def _finish(
-    parted: PartedBuild, fresh: Build, keywords: Keywords, own: Mapping[int, Own], size: int
-) -> None:
-    """Write the tables, at most `size` rows a file, and the figures."""
+def _finish(parted: PartedBuild, fresh: Build, keywords: Keywords, own: Mapping[int, Own]) -> None:
+    """Write the tables and the figures."""
     entities = pa.table(
         {
             "entity": pa.array([one.name for one in keywords.every], pa.string()),
@@ -191,9 +188,7 @@ def _finish(
         }
     )
     write_table(fresh.folder / "entities-00000-of-00001.parquet", entities, "links/entities")
-    made = sorted_shards(
-        parted.rows, fresh.folder, "links/links", rows_per_shard=size, released=False
-    )
+    made = sorted_shards(parted.rows, fresh.folder, "links/links", released=False)
     with database.asking() as con:
         counted = con.execute(
             f"SELECT source, count(*), sum(count)::BIGINT FROM {scan(one.path for one in made)}"

@@ -61,14 +61,8 @@ def build(run: Run) -> Summary:
         parts, done = _parts(run, parted.rows)
         parted.make(parts, make_part, "transcripts", {Path(part.arguments[0]) for part in parts})
         with parted.finish(complete=done) as fresh:
-            sorted_shards(
-                parted.rows,
-                fresh.folder,
-                "pairs/pairs",
-                rows_per_shard=run.profile.release.rows_per_shard,
-                released=False,
-            )
-            quality.finish(parted.rows, fresh.folder, run.profile.release.rows_per_shard)
+            sorted_shards(parted.rows, fresh.folder, "pairs/pairs", released=False)
+            quality.finish(parted.rows, fresh.folder)
             _write_measures(run, fresh)
             fresh.figures = _figures(parted, keywords)
     summary = _summary(run.root)

@@ -214,12 +214,11 @@ def _readings(captions: str) -> list[str]:
 
 
 def _write(run: Run, rows: pa.Table, name: str, quality: Sequence[Path]) -> None:
-    size = run.profile.release.rows_per_shard
     with manifest.replacing(run.root, name, inputs={}) as fresh:
         part = fresh.folder / ".filled.parquet"
         write_table(part, rows, "pairs/pairs")
         for table_, parts in (("pairs/pairs", [part]), ("pairs/quality", quality)):
             if parts:
-                sorted_shards(parts, fresh.folder, table_, rows_per_shard=size, released=False)
+                sorted_shards(parts, fresh.folder, table_, released=False)
         part.unlink()
         fresh.figures = {"complete": False}  # the next `kb pairs` makes its own

@@ -67,8 +67,7 @@ def build(run: Run, playlists: Mapping[str, str]) -> Summary:
             for name, rows in _tables(titles, times, playlists).items():
                 part = fresh.folder / f".{name.partition('/')[2]}.parquet"
                 write_table(part, rows, name, sync=False)
-                size = run.profile.release.rows_per_shard
-                sorted_shards([part], fresh.folder, name, rows_per_shard=size, released=False)
+                sorted_shards([part], fresh.folder, name, released=False)
                 part.unlink()
             fresh.figures = _figures(titles, times)
     return _summary(run.root)

@@ -29,7 +29,7 @@ def build(root: Path, rule: int = 1) -> PartedBuild:
 
 def finish(parted: PartedBuild, *, complete: bool = True) -> None:
     with parted.finish(complete=complete) as fresh:
-        sorted_shards(parted.rows, fresh.folder, "pairs/pairs", rows_per_shard=9, released=False)
+        sorted_shards(parted.rows, fresh.folder, "pairs/pairs", released=False)
         fresh.figures = {"parts": [one["name"] for one in parted.figures()]}
 
 

@@ -15,7 +15,7 @@ from kb.store.tables.shard_writer import write_table
 
 @pytest.fixture
 def run_at():
-    """run_at(root, rows_per_shard): a run of the shipped profile at that data root."""
+    """run_at(root): a run of the shipped profile at that data root."""
     return _run_at
 
 
@@ -25,12 +25,8 @@ def fill():
     return _fill
 
 
-def _run_at(root: Path, rows_per_shard: int = 1_000) -> Run:
-    profile = load_profile("minecraft")
-    release = profile.release.model_copy(update={"rows_per_shard": rows_per_shard})
-    return Run(
-        settings=Settings(), profile=profile.model_copy(update={"release": release}), root=root
-    )
+def _run_at(root: Path) -> Run:
+    return Run(settings=Settings(), profile=load_profile("minecraft"), root=root)
 
 
 def _fill(root: Path, name: str, rows: pa.Table, parts: int) -> None:

@@ -1,9 +1,11 @@
 """Export: released columns only, sorted, whole, and the same bytes whatever the clean parts."""
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import duckdb
+import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
@@ -28,9 +30,7 @@ def test_released_columns_only_and_never_transcripts(
     summary = parquet.export(run_at(tmp_path), "youtube")
     assert summary["videos"] == 2500
     folder = tmp_path / "release" / "youtube"
-    assert sorted(path.name for path in folder.iterdir()) == [
-        f"videos-0000{i}-of-00003.parquet" for i in range(3)
-    ]
+    assert [path.name for path in folder.iterdir()] == ["videos-00000-of-00001.parquet"]
     read = duckdb.connect().sql(f"SELECT * FROM '{folder}/videos-*.parquet'").to_arrow_table()
     assert read.column_names == table("youtube/videos").names(released=True)
     assert not {"description", "tags", "channel_title"} & set(read.column_names)
@@ -59,7 +59,26 @@ def test_the_same_bytes_whatever_the_parts_and_twice(
             parquet.export(run_at(tmp_path / name), "youtube")
             seen.append(digests(tmp_path / name / "release" / "youtube"))
     assert all(other == seen[0] for other in seen)
-    assert len(seen[0]) == 3
+    assert len(seen[0]) == 1
+
+
+def test_the_profile_says_how_large_a_shard_is(tmp_path: Path, make_rows, run_at, fill) -> None:
+    few = make_rows("reddit/comments", 1_000)
+    rows = pa.concat_tables([few] * 140).set_column(
+        few.column_names.index("comment_id"),
+        "comment_id",
+        pa.array([f"{number:07d}" for number in range(140_000)]),
+    )
+    fill(tmp_path, "reddit/comments", rows, 2)
+    run = run_at(tmp_path)
+    release = run.profile.release.model_copy(update={"shard_mb": 0.01})
+    profile = run.profile.model_copy(update={"release": release})
+    parquet.export(replace(run, profile=profile), "reddit")
+    shards = sorted((tmp_path / "release/reddit").glob("comments-*"))
+    assert [pq.read_metadata(path).num_rows for path in shards] == [131_072, 140_000 - 131_072]
+    assert [path.name for path in shards] == [
+        f"comments-0000{number}-of-00002.parquet" for number in range(2)
+    ]
 
 
 def test_an_older_release_goes_whole(tmp_path: Path, make_rows, run_at, fill) -> None:

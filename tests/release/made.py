@@ -415,7 +415,7 @@ def archived(root: Path) -> None:
     wiki_tar.export(a_run(root))
 
 
-def released(root: Path, name: str, part: Path, rows_per_shard: int = 40) -> None:
+def released(root: Path, name: str, part: Path, shard_rows: int = 40) -> None:
     """What an export does: the released columns as sorted shards; videos come in more than one."""
     declared = table(name)
     folder = root / "release" / declared.source
@@ -423,5 +423,5 @@ def released(root: Path, name: str, part: Path, rows_per_shard: int = 40) -> Non
         [part],
         folder,
         declared,
-        rows_per_shard=rows_per_shard if name == "youtube/videos" else 10**6,
+        **({"shard_bytes": 1, "group_rows": shard_rows} if name == "youtube/videos" else {}),
     )

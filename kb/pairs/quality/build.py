@@ -105,7 +105,7 @@ def write_part(folder: str, name: str, batches: Sequence[BatchQuality]) -> None:
         np.save(file, np.sort(np.concatenate([one.keys for one in batches])))
 
 
-def finish(parts: Sequence[Path], out: Path, rows_per_shard: int) -> None:
+def finish(parts: Sequence[Path], out: Path) -> None:
     """Write pairs/quality of the finished parts (their files of pairs) into `out`.
 
     What a part left that was killed before its last file is not read: another one may have its
@@ -134,7 +134,7 @@ def finish(parts: Sequence[Path], out: Path, rows_per_shard: int) -> None:
             _TABLE,
             sync=False,
         )
-    sorted_shards(made_of_parts, out, _TABLE, rows_per_shard=rows_per_shard, released=False)
+    sorted_shards(made_of_parts, out, _TABLE, released=False)
 
 
 def _duplicates(parts: Sequence[Path]) -> pa.Table:

@@ -23,9 +23,9 @@ from kb.schema.tables import Table, table
 from kb.store.atomic import writing
 from kb.store.tables import parquet
 from kb.store.tables.merge import Merge
-from kb.store.tables.reading import reading
 
-ROW_GROUP = 131_072
+ROW_GROUP = 131_072  # rows
+SHARD = 256_000_000  # bytes after which a shard ends; row groups are whole
 ZSTD_LEVEL = 3
 PAGE = 128 << 10  # bytes: small pages keep a merge of many files small, and a look-up cheap
 
@@ -93,9 +93,11 @@ class ShardWriter:
         released: bool = False,
         in_order: bool = False,
         sync: bool = True,
+        group_rows: int = ROW_GROUP,
     ) -> None:
         self.declared = table(declared) if isinstance(declared, str) else declared
         self.path, self.released, self.rows = path, released, 0
+        self._group_rows = group_rows
         self._schema = self.declared.arrow(released)
         self._waiting: list[pa.Table] = []
         self._held = 0
@@ -103,22 +105,27 @@ class ShardWriter:
 
     def __enter__(self) -> Self:
         self._stack = contextlib.ExitStack()
-        temporary = self._stack.enter_context(writing(self.path, sync=self._sync))
+        self._temporary = self._stack.enter_context(writing(self.path, sync=self._sync))
         self._file = self._stack.enter_context(
-            _open(temporary, self.declared, self._schema, self._in_order)
+            _open(self._temporary, self.declared, self._schema, self._in_order)
         )
         return self
+
+    @property
+    def size(self) -> int:
+        """Bytes of the row groups written so far."""
+        return self._temporary.stat().st_size
 
     def write(self, rows: pa.Table) -> None:
         """Add rows in their order. Raises SchemaMismatch."""
         rows = conform(self.declared, rows, released=self.released)
         self.rows += rows.num_rows
         while rows.num_rows:
-            part = rows.slice(0, ROW_GROUP - self._held)
+            part = rows.slice(0, self._group_rows - self._held)
             rows = rows.slice(part.num_rows)
             self._waiting.append(part)
             self._held += part.num_rows
-            if self._held == ROW_GROUP:
+            if self._held == self._group_rows:
                 self._flush()
 
     def __exit__(
@@ -139,7 +146,7 @@ class ShardWriter:
         if self._held:
             group = pa.concat_tables(self._waiting).combine_chunks()
             self._waiting, self._held = [], 0
-            self._file.write_table(group, row_group_size=ROW_GROUP)
+            self._file.write_table(group, row_group_size=self._group_rows)
 
 
 def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any:
@@ -170,13 +177,15 @@ def sorted_shards(
     folder: Path,
     declared: Table | str,
     *,
-    rows_per_shard: int,
+    shard_bytes: float = SHARD,
+    group_rows: int = ROW_GROUP,
     released: bool = True,
     reads: Sequence[str] = (),
     change: Callable[[pa.Table], pa.Table] | None = None,
 ) -> list[Shard]:
     """Merge many part files into globally sorted `<table>-00000-of-0000N.parquet` in `folder`,
-    a fresh one that `replacing_folder` syncs.
+    a fresh one that `replacing_folder` syncs. A shard ends with the row group that reaches
+    `shard_bytes`.
 
     `change` derives columns of a piece of rows, from the declared ones and the clean columns in
     `reads`. The same rows give the same bytes, whatever the parts. Memory is bounded by two row
@@ -184,42 +193,50 @@ def sorted_shards(
     readers find the table. Raises DamagedData, SchemaMismatch and DiskFull.
     """
     declared = table(declared) if isinstance(declared, str) else declared
-    with reading(parts):
-        total = sum(pq.read_metadata(path).num_rows for path in parts)
-    number = max(1, -(-total // rows_per_shard))
     wanted = [
         *declared.names(released),
         *(name for name in reads if name not in declared.names(released)),
     ]
-    shards: list[Shard] = []
+    written: list[Shard] = []
     with contextlib.closing(Merge(parts, order(declared), wanted)) as merge:
-        pieces = _Pieces(
-            change(rows).select(declared.names(released)) if change else rows for rows in merge
-        )
-        for index in range(number):
-            path = folder / f"{declared.short}-{index:05d}-of-{number:05d}.parquet"
+        rows = (change(one).select(declared.names(released)) if change else one for one in merge)
+        groups = _in_groups(rows, group_rows)
+        group = next(groups, None)
+        while group is not None or not written:
+            path = folder / f".{declared.short}-{len(written):05d}.parquet"
             with ShardWriter(
-                path, declared, released=released, in_order=True, sync=False
+                path,
+                declared,
+                released=released,
+                in_order=True,
+                sync=False,
+                group_rows=group_rows,
             ) as writer:
-                for rows in pieces.take(rows_per_shard):
-                    writer.write(rows)
-            shards.append(Shard(path, writer.rows))
-    return shards
+                while group is not None and (not writer.rows or writer.size < shard_bytes):
+                    writer.write(group)
+                    group = next(groups, None)
+            written.append(Shard(path, writer.rows))
+    return [_named(shard, declared, at, len(written)) for at, shard in enumerate(written)]
 
 
-class _Pieces:
-    """Hands out a stream of tables in portions of a wanted number of rows."""
+def _named(shard: Shard, declared: Table, index: int, number: int) -> Shard:
+    """A shard under its name, which says how many there are."""
+    name = f"{declared.short}-{index:05d}-of-{number:05d}.parquet"
+    return Shard(shard.path.rename(shard.path.with_name(name)), shard.rows)
 
-    def __init__(self, tables: Iterator[pa.Table]) -> None:
-        self._tables = tables
-        self._rest: pa.Table | None = None
 
-    def take(self, rows: int) -> Iterator[pa.Table]:
-        while rows:
-            part = self._rest if self._rest is not None else next(self._tables, None)
-            if part is None:
-                return
-            self._rest = part.slice(rows) if part.num_rows > rows else None
-            part = part.slice(0, rows)
-            rows -= part.num_rows
-            yield part
+def _in_groups(tables: Iterator[pa.Table], size: int) -> Iterator[pa.Table]:
+    """The rows of a stream in tables of `size` rows; the last one may have fewer."""
+    waiting: list[pa.Table] = []
+    held = 0
+    for table_ in tables:
+        rows = table_
+        while rows.num_rows:
+            waiting.append(rows.slice(0, size - held))
+            rows = rows.slice(size - held)
+            held += waiting[-1].num_rows
+            if held == size:
+                yield pa.concat_tables(waiting)
+                waiting, held = [], 0
+    if held:
+        yield pa.concat_tables(waiting)

@@ -21,10 +21,10 @@ def test_sorted_shards_whatever_the_parts(tmp_path: Path, layout: int) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
     made = shard_writer.sorted_shards(
-        parts, tmp_path / "a", REJECTED, rows_per_shard=7_000, released=False
+        parts, tmp_path / "a", REJECTED, shard_bytes=1, group_rows=7_000, released=False
     )
     shard_writer.sorted_shards(
-        [whole], tmp_path / "b", REJECTED, rows_per_shard=7_000, released=False
+        [whole], tmp_path / "b", REJECTED, shard_bytes=1, group_rows=7_000, released=False
     )
     assert [shard.path.name for shard in made] == [
         f"rejected-{i:05d}-of-00003.parquet" for i in range(3)
@@ -56,9 +56,7 @@ def test_a_group_larger_than_what_is_read_ahead(
     with shard_writer.ShardWriter(with_unsorted, CELLS) as writer:
         writer.write(cells(more))
     (tmp_path / "out").mkdir()
-    made = shard_writer.sorted_shards(
-        [*parts, with_unsorted], tmp_path / "out", CELLS, rows_per_shard=1_000
-    )
+    made = shard_writer.sorted_shards([*parts, with_unsorted], tmp_path / "out", CELLS)
     read = (
         pq.read_table(made[0].path)
         .select(["page_id", "table_id", "row_index", "column_index"])

@@ -112,13 +112,35 @@ def test_columns_are_derived_on_the_way(tmp_path: Path) -> None:
         )
 
     (tmp_path / "out").mkdir()
-    made = shard_writer.sorted_shards(
-        [part], tmp_path / "out", CELLS, rows_per_shard=10, change=shout
-    )
+    made = shard_writer.sorted_shards([part], tmp_path / "out", CELLS, change=shout)
     assert pq.read_table(made[0].path)["text"].to_pylist() == ["X", "X"]
 
 
+def test_a_shard_ends_with_the_row_group_that_reaches_its_size(tmp_path: Path) -> None:
+    part = tmp_path / "part.parquet"
+    shard_writer.write_table(part, cells([(1, 2, n, 0) for n in range(1_000)]), CELLS)
+    sizes = {}
+    for shard_bytes in (1, 4_000, 10**9):
+        out = tmp_path / str(shard_bytes)
+        out.mkdir()
+        made = shard_writer.sorted_shards(
+            [part], out, CELLS, shard_bytes=shard_bytes, group_rows=90
+        )
+        sizes[shard_bytes] = [shard.rows for shard in made]
+        assert sorted(path.name for path in out.iterdir()) == [
+            f"cells-{at:05d}-of-{len(made):05d}.parquet" for at in range(len(made))
+        ]
+        for shard in made[:-1]:
+            last = pq.read_metadata(shard.path).row_group(shard.rows // 90 - 1).column(0)
+            begins = last.dictionary_page_offset or last.data_page_offset
+            assert shard.path.stat().st_size >= shard_bytes
+            assert begins < max(shard_bytes, 10), "no group is added to a full shard"
+    assert sizes[1] == [90] * 11 + [10]
+    assert 2 < len(sizes[4_000]) < 12
+    assert sizes[10**9] == [1_000]
+
+
 def test_no_rows_still_give_a_table(tmp_path: Path) -> None:
-    made = shard_writer.sorted_shards([], tmp_path, table("youtube/videos"), rows_per_shard=10)
+    made = shard_writer.sorted_shards([], tmp_path, table("youtube/videos"))
     assert [shard.path.name for shard in made] == ["videos-00000-of-00001.parquet"]
     assert pq.read_schema(made[0].path).names == table("youtube/videos").names(released=True)

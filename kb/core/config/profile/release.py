@@ -70,10 +70,11 @@ class Release(Section):
         description="SPDX id of each folder's licence; the wiki's own licence is used when its"
         " pages name one",
     )
-    rows_per_shard: int = Field(
-        1_048_576,
-        ge=1_000,
-        description="rows per released Parquet file; the last file has the rest",
+    shard_mb: float = Field(
+        256,
+        gt=0,
+        description="megabytes after which a released Parquet file ends and the next begins; row"
+        " groups of 131,072 rows stay whole",
     )
     max_age_days: int | None = Field(
         None,
