@@ -351,10 +351,11 @@ def test_leftovers_of_a_killed_run_go_with_the_next(run: Run) -> None:
     assert not [path for path in left if path.exists()]
 
 
-def test_keys_are_found_in_any_row_group(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shard_writer, "ROW_GROUP", 4)
+def test_keys_are_found_in_any_row_group(run: Run, tmp_path: Path) -> None:
     made.links(run, NAMES)
     (path,) = Layout(run.root).rows("links/links")
+    small = shard_writer.sorted_shards([path], tmp_path, "links/links", group_rows=4)
+    small[0].path.replace(path)
     assert pq.read_metadata(path).num_row_groups > 8
     sources = ["youtube", "reddit"]
     for row in made.rows(run.root, "entities"):
