@@ -18,13 +18,20 @@ from werkzeug.serving import WSGIRequestHandler, make_server
 
 from kb.sandbox import toxicity
 from kb.sandbox.faults import Faults, Ledger, Wsgi
+from kb.sandbox.hub import service as hub
 from kb.sandbox.reddit import service as reddit
 from kb.sandbox.wiki import service as wiki
 from kb.sandbox.world import World
 from kb.sandbox.youtube import service as youtube
 from kb.sandbox.zenodo import service as zenodo
 
-SERVICES: dict[str, Any] = {"youtube": youtube, "wiki": wiki, "reddit": reddit, "zenodo": zenodo}
+SERVICES: dict[str, Any] = {
+    "youtube": youtube,
+    "wiki": wiki,
+    "reddit": reddit,
+    "zenodo": zenodo,
+    "hub": hub,
+}
 HOST = "127.0.0.1"
 
 

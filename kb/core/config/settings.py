@@ -32,7 +32,10 @@ _CONTACT = re.compile(
     r"[^\s@<>]+@[^\s@<>]+\.[^\s@<>.]|https?://[^\s/]+\.[^\s/.]|\bwww\.[^\s/]+\.\w"
 )
 REDDIT = ("reddit_client_id", "reddit_client_secret", "kb_contact")  # what asking Reddit needs
-_MAY_BE_EMPTY = ("youtube_api_key", "reddit_client_id", "reddit_client_secret", "zenodo_token")
+_MAY_BE_EMPTY = (
+    *("youtube_api_key", "reddit_client_id", "reddit_client_secret"),
+    *("zenodo_token", "hf_token"),
+)
 
 
 class _Texts(PydanticBaseSettingsSource):
@@ -71,6 +74,9 @@ class Settings(BaseSettings):
         None, description="its secret; empty for an installed app"
     )
     zenodo_token: SecretStr | None = Field(None, description="token for `kb release publish`")
+    hf_token: SecretStr | None = Field(
+        None, description="token for `kb release publish --to huggingface`"
+    )
     kb_contact: str | None = Field(None, description="e-mail or web address in the User-Agent")
     kb_data: Path = Field(Path("data"), description="the data root")
     kb_profile: str | None = Field(
@@ -88,6 +94,7 @@ class Settings(BaseSettings):
     )
     kb_wiki_url: str | None = Field(None, description="the wiki's root instead of the profile's")
     kb_zenodo_endpoint: str | None = Field(None, description="root of the deposit API")
+    hf_endpoint: str | None = Field(None, description="root of the Hugging Face hub")
     kb_models_endpoint: str | None = Field(None, description="root of the hosts of model files")
     kb_toxicity_model: str = Field(
         "original", description="Detoxify model name, or a checkpoint file"
@@ -143,6 +150,7 @@ class Settings(BaseSettings):
         "reddit_client_id",
         "reddit_client_secret",
         "zenodo_token",
+        "hf_token",
         "kb_contact",
         mode="before",
     )
@@ -160,6 +168,7 @@ class Settings(BaseSettings):
         "kb_reddit_endpoint",
         "kb_wiki_url",
         "kb_zenodo_endpoint",
+        "hf_endpoint",
         "kb_models_endpoint",
     )
     @classmethod
