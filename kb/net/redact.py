@@ -30,8 +30,9 @@ _PATTERNS = [
         r"\1" + MARK,
     ),
     (re.compile(r"(?i)\b(bearer\s+)[A-Za-z0-9._~+/=-]{16,}"), r"\1" + MARK),
-    # Google's API keys, wherever they stand
+    # Google's API keys and tokens of the Hugging Face hub, wherever they stand
     (re.compile(r"AIza[0-9A-Za-z_-]{30,}"), MARK),
+    (re.compile(r"\bhf_[0-9A-Za-z]{30,}"), MARK),
     # What signed addresses carry (timed text, streams):
     # who asked, from where, and the leave to read.
     (

@@ -9,8 +9,8 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show, with_options
-from kb.cli.framework.options import Options, pipeline
-from kb.core.errors import KbError, ReleaseRefused
+from kb.cli.framework.options import Options, Plan, pipeline
+from kb.core.errors import KbError, ReleaseRefused, SettingError
 from kb.core.summary import Summary
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ class Target(StrEnum):
 
     sandbox = "zenodo-sandbox"
     zenodo = "zenodo"
+    hub = "huggingface"
 
 
 @command(
@@ -62,7 +63,9 @@ def release(run: Run, only: Only = None) -> Summary:
     app,
     raw=True,
     uses=("wait", "pipeline"),
-    json="deposits, drafts, published, unchanged, uploaded, sources",
+    json="deposits, drafts, published, unchanged, uploaded, sources;"
+    " of a repository: repository, revision, tag, removed, older_revisions",
+    planned=("to", "only", "repo"),
     examples=[
         "kb release publish --to zenodo-sandbox             upload drafts to the sandbox",
         "kb release publish --to zenodo                     upload drafts",
@@ -70,25 +73,58 @@ def release(run: Run, only: Only = None) -> Summary:
             "kb release publish --to zenodo --publish           publish the uploaded drafts"
             " (can't be undone)"
         ),
+        "kb release publish --to huggingface --plan         what would be uploaded",
+        (
+            "kb release publish --to huggingface --repo my-lab/minecraft    all folders,"
+            " as one data set"
+        ),
     ],
 )
 def publish(
     options: Options,
-    to: Annotated[Target, typer.Option("--to", help="The service that takes the deposits.")],
+    to: Annotated[Target, typer.Option("--to", help="The service that takes the release.")],
     publish: Annotated[
-        bool, typer.Option("--publish", help="Publish the drafts. This can't be undone.")
+        bool, typer.Option("--publish", help="Zenodo: publish the drafts. This can't be undone.")
     ] = False,
     only: Only = None,
+    repo: Annotated[
+        str | None,
+        typer.Option(
+            "--repo",
+            metavar="ORG/NAME",
+            help="Hugging Face: the repository; default: the last one, or ACCOUNT/PROFILE.",
+        ),
+    ] = None,
+    private: Annotated[
+        bool,
+        typer.Option("--private", help="Hugging Face: make a new repository a private one."),
+    ] = False,
+    squash_history: Annotated[
+        bool,
+        typer.Option(
+            "--squash-history",
+            help="Hugging Face: drop all older revisions and their tags, which keep what was"
+            " purged since. This can't be undone.",
+        ),
+    ] = False,
+    plan: Plan = False,
 ) -> Summary:
-    """Upload each folder of release/ as a deposit, a draft until --publish makes it public.
+    """Upload each folder of release/, after the same checks.
 
-    An interrupted upload resumes. A folder that was published before and has changed becomes a new
-    version of its record.
+    To Zenodo as a deposit, a draft until --publish makes it public; a folder that was published
+    before and has changed becomes a new version of its record. To the Hugging Face hub as one
+    repository with a folder each, public at once unless --private, with a tag for each version of
+    the data. An interrupted upload resumes.
     """
+    _check_options(to, publish=publish, repo=repo, private=private, squash=squash_history)
     run = options.make_run()
+    if plan:
+        return _listed(run, "plan", str(to), only or [], repo)
+    hub = {"named": repo, "private": private, "squash": squash_history}
     done: dict[str, Any] = {}
     try:
-        summary = _listed(run, "publish", str(to), publish, only or [])
+        how = hub if to is Target.hub else {"publish": publish}
+        summary = _listed(run, "publish", str(to), only or [], **how)
         done = summary
         return summary
     except KbError as error:
@@ -97,14 +133,34 @@ def publish(
     finally:
         run.progress.close()
         for source, one in done.get("sources", {}).items() if not options.json else ():
-            facts = (source, one["state"], one["id"], one["doi"], one["page"])
+            facts = (source, *(one.get(name) for name in ("state", "id", "doi", "page")))
             show("  ".join(str(fact) for fact in facts if fact))
 
 
-def _listed(run: Run, name: str, *given: object) -> Summary:
+def _check_options(
+    to: Target, *, publish: bool, repo: str | None, private: bool, squash: bool
+) -> None:
+    """Raises SettingError for an option of the other service."""
+    hub = to is Target.hub
+    given = {
+        "--publish": publish and hub,
+        "--repo": repo is not None and not hub,
+        "--private": private and not hub,
+        "--squash-history": squash and not hub,
+    }
+    for name in (name for name, wrong in given.items() if wrong):
+        raise SettingError(
+            f"{name} has no effect with --to {to}",
+            hint="a repository has no drafts; --private keeps it to yourself"
+            if hub
+            else "it is for --to huggingface",
+        )
+
+
+def _listed(run: Run, name: str, *given: object, **how: object) -> Summary:
     """Call the pipeline; the reasons of a refusal go to stderr, one line each."""
     try:
-        summary: Summary = getattr(pipeline(run, "release"), name)(run, *given)
+        summary: Summary = getattr(pipeline(run, "release"), name)(run, *given, **how)
         return summary
     except ReleaseRefused as error:
         for line in getattr(error, "problems", []):

@@ -23,7 +23,7 @@ from kb.core.errors import KbError, SettingError
 if TYPE_CHECKING:
     from kb.sandbox.domain import Domain
 
-app = group("Serve invented YouTube, wiki, Reddit and Zenodo on this machine.")
+app = group("Serve invented YouTube, wiki, Reddit, Zenodo and Hugging Face hub on this machine.")
 
 
 @command(
@@ -75,7 +75,7 @@ def sandbox(
         typer.Option("--model/--no-model", help="Make the tiny toxicity model unless it exists."),
     ] = True,
 ) -> None:
-    """Serve YouTube, wiki, Reddit and Zenodo of a small invented world on loopback.
+    """Serve YouTube, wiki, Reddit, Zenodo and hub of a small invented world on loopback.
 
     The world is made from the profile: its keywords, labels, categories, subreddit and thresholds.
     Without COMMAND, prints the settings as NAME=value lines, closes stdout, and serves until

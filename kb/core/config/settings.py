@@ -74,9 +74,7 @@ class Settings(BaseSettings):
         None, description="its secret; empty for an installed app"
     )
     zenodo_token: SecretStr | None = Field(None, description="token for `kb release publish`")
-    hf_token: SecretStr | None = Field(
-        None, description="token for `kb release publish --to huggingface`"
-    )
+    hf_token: SecretStr | None = Field(None, description="token of the Hugging Face hub")
     kb_contact: str | None = Field(None, description="e-mail or web address in the User-Agent")
     kb_data: Path = Field(Path("data"), description="the data root")
     kb_profile: str | None = Field(

@@ -21,6 +21,7 @@ KEY_SHAPES = {
     "a Google API key": r"AIza[0-9A-Za-z_\-]{35}",
     "a Google access token": r"ya29\.[0-9A-Za-z_\-]{20,}",
     "a GitHub token": r"gh[pousr]_[0-9A-Za-z]{36}",
+    "a Hugging Face token": r"hf_[0-9A-Za-z]{34}",
     "an AWS access key": r"AKIA[0-9A-Z]{16}",
     "a Slack token": r"xox[abpr]-[0-9A-Za-z\-]{10,}",
     "a private key": r"-----BEGIN [A-Z ]*PRIVATE KEY-----",
@@ -33,7 +34,7 @@ KEY_SHAPES = {
 # A literal part of each shape. A file is searched for all of these at once first, which is a
 # hundred times faster than one regular expression after the other.
 _ANCHORS = (
-    *(b"AIza", b"ya29.", b"ghp_", b"gho_", b"ghu_", b"ghs_", b"ghr_", b"AKIA"),
+    *(b"AIza", b"ya29.", b"ghp_", b"gho_", b"ghu_", b"ghs_", b"ghr_", b"hf_", b"AKIA"),
     *(b"xoxa-", b"xoxb-", b"xoxp-", b"xoxr-", b"PRIVATE KEY-----", b"earer ", b".eyJ"),
     *(b"token=", b"secret=", b"key="),
 )

@@ -1,6 +1,8 @@
-"""`kb release publish`: one deposit a folder, a draft by default, new versions of old records.
+"""`kb release publish`: the gate, then the upload of every folder.
 
-Each folder is sent by kb.release.publish.upload, which resumes an interrupted upload.
+To Zenodo one deposit a folder, a draft by default, new versions of old records
+(kb.release.publish.upload); to the Hugging Face hub one repository with all of them
+(kb.release.publish.repository). Both resume an interrupted upload.
 """
 
 import tomllib
@@ -17,10 +19,13 @@ from kb.core.errors import KbError, ProfileError
 from kb.core.installation import PROFILE_FILE
 from kb.core.sources import exported_by, made_by, made_of
 from kb.core.summary import Summary
+from kb.core.summary.plan import plan as make_plan
 from kb.net.session import HttpSession, host_of
 from kb.release.build import exported, refuse
 from kb.release.gate import GateProblem, check
 from kb.release.metadata.measure import models
+from kb.release.publish import repository, upload
+from kb.release.publish.hub import PUBLIC, check_installed, check_name
 from kb.release.publish.service import TIMEOUT_S, stray
 from kb.release.publish.upload import Upload, document_of
 from kb.release.publish.zenodo import Zenodo
@@ -29,43 +34,78 @@ from kb.store.tables.checksums import SUMS
 from kb.store.tables.reading import SANDBOX_MODEL
 
 HOSTS = {"zenodo-sandbox": "https://sandbox.zenodo.org", "zenodo": "https://zenodo.org"}
+HUB = "huggingface"
 MOST_FILES, MOST_BYTES = 100, 50 * 10**9  # a record at Zenodo
 
 
-def publish(run: Run, to: str, *, publish: bool = False, only: list[str] | None = None) -> Summary:
-    """Deposit every folder of release/.
+def publish(
+    run: Run, to: str, *, publish: bool = False, only: list[str] | None = None, **hub: Any
+) -> Summary:
+    """Deposit every folder of release/, or upload all to a repository of the hub.
 
-    Raises ProfileError, ReleaseRefused, MissingCredential, CredentialRefused, Stopped.
+    `hub`: what `repository.send` takes of a repository. Raises ProfileError, ReleaseRefused,
+    MissingCredential, MissingExtra, SettingError, CredentialRefused, Stopped.
     """
-    token = run.settings.need("zenodo_token")
-    endpoint = run.settings.kb_zenodo_endpoint or HOSTS[to]
-    deposits: dict[str, Any] = {}
+    endpoint = _endpoint(run, to, hub.get("named"))
+    token = run.settings.need("hf_token" if to == HUB else "zenodo_token")
     with domain_binding.writing(run, *RELEASES), writer(run.root, "deposits"):
         exports = exported(run, only or ())
-        _check(run, exports, loopback=is_loopback(endpoint))
-        # Uploads take their time; the token goes to one host only.
-        session = HttpSession(
-            run.settings, hosts={host_of(endpoint)}, stray=stray, timeout=TIMEOUT_S
-        )
-        service = Zenodo(session, endpoint, token, wait=run.wait)
-        for folder in exports:
-            try:
-                signals.stop.check()
-                deposits[folder.source] = Upload(run, service, folder).go(publish=publish)
-            except KbError as error:
-                error.args = (_with_folder(folder, error, deposits),)
-                error.summary = _summary(deposits)
-                raise
+        _check(run, exports, to, loopback=is_loopback(endpoint))
+        if to == HUB:
+            return repository.send(run, endpoint, token, exports, only=bool(only), **hub)
+        return _deposit(run, endpoint, token, exports, publish=publish)
+
+
+def plan(run: Run, to: str, *, only: list[str] | None = None, named: str | None = None) -> Summary:
+    """What `publish` would send, after the same gate. Sends and writes nothing.
+
+    Raises ProfileError, ReleaseRefused, MissingExtra, SettingError.
+    """
+    endpoint = _endpoint(run, to, named)
+    exports = exported(run, only or ())
+    _check(run, exports, to, loopback=is_loopback(endpoint))
+    if to == HUB:
+        return repository.planned(run, endpoint, exports, only=bool(only), named=named)
+    phases = [upload.plan(run, endpoint, folder) for folder in exports]
+    return Summary(make_plan("release publish", "", phases))
+
+
+def _endpoint(run: Run, to: str, named: str | None) -> str:
+    """The root of the service. Raises MissingExtra, SettingError for what it can't take."""
+    if to != HUB:
+        return run.settings.kb_zenodo_endpoint or HOSTS[to]
+    check_installed()
+    if named is not None:
+        check_name(named)
+    return run.settings.hf_endpoint or PUBLIC
+
+
+def _deposit(
+    run: Run, endpoint: str, token: str, exports: list[ReleaseFolder], *, publish: bool
+) -> Summary:
+    """One deposit a folder."""
+    deposits: dict[str, Any] = {}
+    # Uploads take their time; the token goes to one host only.
+    session = HttpSession(run.settings, hosts={host_of(endpoint)}, stray=stray, timeout=TIMEOUT_S)
+    service = Zenodo(session, endpoint, token, wait=run.wait)
+    for folder in exports:
+        try:
+            signals.stop.check()
+            deposits[folder.source] = Upload(run, service, folder).go(publish=publish)
+        except KbError as error:
+            error.args = (_with_folder(folder, error, deposits),)
+            error.summary = _summary(deposits)
+            raise
     return _summary(deposits)
 
 
-def _check(run: Run, exports: list[ReleaseFolder], *, loopback: bool) -> None:
+def _check(run: Run, exports: list[ReleaseFolder], to: str, *, loopback: bool) -> None:
     """Raises ProfileError and ReleaseRefused for what may not be published."""
     _signed(run, exports)
     refuse(
         [
             *([] if loopback else _marked(run, exports)),
-            *_limits(exports),
+            *([] if to == HUB else _limits(exports)),
             *check.check(run, exports),
             *check.check_made(run, exports),
         ]

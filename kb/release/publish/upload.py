@@ -1,25 +1,23 @@
 """Uploads one folder of a release to one deposit service.
 
-`state/deposits.json` (ids and digests, no token) is written before and after every step that can't
-be repeated. An interrupted run resumes with the same draft and sends only files whose md5 differs;
-a draft that was published in the meantime with these files is recorded, not published again.
+The deposit is recorded before and after every step that can't be repeated. An interrupted run
+resumes with the same draft and sends only files whose md5 differs; a draft that was published in
+the meantime with these files is recorded, not published again.
 """
 
 import json
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core import signals
 from kb.core.context import Run
-from kb.core.errors import DamagedData
+from kb.core.summary.plan import PlanPhase
 from kb.release.folders import DEPOSIT
 from kb.release.metadata.zenodo import Document
+from kb.release.publish.records import Records, record_key
 from kb.release.publish.service import Forbidden, Gone, doi, page
 from kb.release.publish.zenodo import Zenodo, md5
-from kb.store.atomic import write_text
-from kb.store.layout import Layout
 from kb.store.tables.checksums import SUMS, digest
 
 
@@ -31,15 +29,28 @@ def document_of(folder: ReleaseFolder) -> dict[str, Any]:
         return {}
 
 
+def local_files(folder: ReleaseFolder) -> list[Path]:
+    """Every file of a folder that is uploaded, the checksums last."""
+    return [*folder.files(), folder.path / SUMS]
+
+
+def plan(run: Run, address: str, folder: ReleaseFolder) -> PlanPhase:
+    """What `Upload` would send, as far as that is known without asking the service."""
+    known = Records(run.root).get(record_key(address, folder.source))
+    done = known.get("published") == digest(folder.path / SUMS)
+    local = [] if done else local_files(folder)
+    size = sum(path.stat().st_size for path in local)
+    # Beside the files: the draft, what it holds, its metadata, its publication.
+    return PlanPhase(f"upload {folder.source}", len(local), len(local) + 4, gb=size / 1e9)
+
+
 class Upload:
     """One folder on its way to one service."""
 
     def __init__(self, run: Run, service: Zenodo, folder: ReleaseFolder) -> None:
         self.run, self.service, self.folder = run, service, folder
-        self.path = Layout(run.root).deposits
-        host = urlsplit(service.root)
-        # Ports change with each start of a loopback service; hosts don't.
-        self.key = f"{host.hostname}/{folder.source}"
+        self.records = Records(run.root)
+        self.key = record_key(service.root, folder.source)
         self.document = Document.model_validate(document_of(folder))
         self.metadata = self.document.metadata.model_dump(exclude_none=True, mode="json")
         self.digest = digest(folder.path / SUMS)
@@ -64,19 +75,19 @@ class Upload:
         except Forbidden as error:
             error.hint = (
                 "the deposit is another account's, or ZENODO_TOKEN may not do this:"
-                f" use the token that made it, or move {self.path} away"
+                f" use the token that made it, or move {self.records.path} away"
             )
             raise
 
     def _published(self, state: str, shown: dict[str, Any], uploaded: int = 0) -> dict[str, Any]:
         """Record a publication, so that it is not repeated."""
         record = {"id": shown["id"], "doi": doi(shown), "page": page(shown)}
-        self._write({**record, "published": self.digest})
+        self.records.write(self.key, {**record, "published": self.digest})
         return _shown(state, record, uploaded)
 
     def _known(self) -> dict[str, Any]:
         """What the state says of this folder, as far as the service still has it."""
-        known = dict(self._all().get(self.key, {}))
+        known = self.records.get(self.key)
         if "id" in known:
             try:
                 self.service.get(known["id"])
@@ -104,15 +115,15 @@ class Upload:
             except Gone:
                 known.pop("draft")
         if "id" in known:
-            self._write(known | {"creating": True})
+            self.records.write(self.key, known | {"creating": True})
             draft = self.service.new_version(known["id"])
         else:
             draft = self._lost_draft() if known.pop("creating", False) else None
             if draft is None:
-                self._write({"creating": True})
+                self.records.write(self.key, {"creating": True})
                 draft = self.service.create(self.metadata)
         known.pop("creating", None)
-        self._write(known | {"draft": draft["id"]})
+        self.records.write(self.key, known | {"draft": draft["id"]})
         return draft
 
     def _lost_draft(self) -> Any:
@@ -122,13 +133,10 @@ class Upload:
                 return draft
         return None
 
-    def _local(self) -> list[Path]:
-        return [*self.folder.files(), self.folder.path / SUMS]
-
     def _same(self, record: dict[str, Any]) -> bool:
         """Whether a record holds exactly the folder's files."""
         there = {name: _md5_of(one) for name, one in self.service.files(record["id"]).items()}
-        local = self._local()
+        local = local_files(self.folder)
         return set(there) == {path.name for path in local} and all(
             there[path.name] == md5(path) for path in local
         )
@@ -137,7 +145,7 @@ class Upload:
         """Make the draft hold exactly the folder's files; how many were sent."""
         there = self.service.files(draft["id"])
         bucket = str(draft.get("links", {}).get("bucket", ""))
-        local = self._local()
+        local = local_files(self.folder)
         for name in sorted(set(there) - {path.name for path in local}):
             self.service.remove(draft["id"], there[name]["id"])
         sent, size = 0, sum(path.stat().st_size for path in local)
@@ -152,28 +160,6 @@ class Upload:
                 sent += 1
         return sent
 
-    def _all(self) -> dict[str, Any]:
-        if not self.path.exists():
-            return {}
-        try:
-            state = json.loads(self.path.read_text(encoding="utf-8"))
-        except ValueError:
-            state = None
-        if not isinstance(state, dict) or not all(
-            isinstance(one, dict) and _is_entry(one) for one in state.values()
-        ):
-            raise DamagedData(
-                f"{self.path} is damaged",
-                hint="restore it, or move it away: then new drafts are made,"
-                " also of what was published before",
-            )
-        return state
-
-    def _write(self, entry: dict[str, Any]) -> None:
-        write_text(
-            self.path, json.dumps(self._all() | {self.key: entry}, indent=1, sort_keys=True) + "\n"
-        )
-
 
 def _shown(state: str, record: dict[str, Any], uploaded: int = 0) -> dict[str, Any]:
     """What the summary says of a deposit."""
@@ -184,13 +170,6 @@ def _shown(state: str, record: dict[str, Any], uploaded: int = 0) -> dict[str, A
         "page": record.get("page"),
         "uploaded": uploaded,
     }
-
-
-def _is_entry(entry: dict[str, Any]) -> bool:
-    """Whether an entry of the state reads as one of ours."""
-    return all(isinstance(entry[name], int) for name in ("id", "draft") if name in entry) and (
-        "id" in entry or "published" not in entry
-    )
 
 
 def _md5_of(file: dict[str, Any]) -> str:

@@ -109,9 +109,7 @@ def tree(commit: Commit, folder: str, request: Request) -> Response:
     return answer
 
 
-def entry(
-    path: str, file: StoredFile | None, commit: Commit, *, expanded: bool
-) -> dict[str, Any]:
+def entry(path: str, file: StoredFile | None, commit: Commit, *, expanded: bool) -> dict[str, Any]:
     """A file or folder of a tree."""
     if file is not None:
         return file.shown(path, commit=commit if expanded else None)
@@ -132,9 +130,7 @@ def bytes_of(file: StoredFile, commit: Commit, request: Request) -> Response:
     answer = Response(file.data, headers=headers, mimetype="application/octet-stream")
     if request.range is not None and file.size:
         try:
-            answer.make_conditional(
-                request.environ, accept_ranges=True, complete_length=file.size
-            )
+            answer.make_conditional(request.environ, accept_ranges=True, complete_length=file.size)
         except RequestedRangeNotSatisfiable:
             raise HubError(416, "The range is not satisfiable.") from None
     elif request.range is not None:

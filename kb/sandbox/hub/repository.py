@@ -72,8 +72,7 @@ def _git_oid(data: bytes) -> str:
 
 def _pointer(file: StoredFile) -> bytes:
     return (
-        "version https://git-lfs.github.com/spec/v1\n"
-        f"oid sha256:{file.sha256}\nsize {file.size}\n"
+        f"version https://git-lfs.github.com/spec/v1\noid sha256:{file.sha256}\nsize {file.size}\n"
     ).encode()
 
 
@@ -127,9 +126,7 @@ class Repository:
         """The newest revision."""
         return self.commits[-1]
 
-    def commit(
-        self, files: dict[str, StoredFile], title: str, message: str, author: str
-    ) -> Commit:
+    def commit(self, files: dict[str, StoredFile], title: str, message: str, author: str) -> Commit:
         """A new revision that holds exactly `files`."""
         parent = self.commits[-1].id if self.commits else ""
         names = "\n".join(f"{path} {file.oid}" for path, file in sorted(files.items()))

@@ -250,9 +250,7 @@ class Hub:
         """Bytes at the address that the batch gave: it stands for itself, as a signed one does."""
         return self._stored(owner, name, oid, _whole(request))
 
-    def _put_part(
-        self, request: Request, owner: str, name: str, oid: str, part: int
-    ) -> Response:
+    def _put_part(self, request: Request, owner: str, name: str, oid: str, part: int) -> Response:
         data = _whole(request)
         self._parts.setdefault(f"{owner}/{name}/{oid}", {})[part] = data
         return Response(headers={"ETag": f'"{hashlib.md5(data).hexdigest()}"'})
@@ -341,9 +339,7 @@ def _operations(request: Request) -> Iterator[tuple[str, dict[str, Any]]]:
         raise HubError(400, "The commit is no NDJSON of operations.") from None
 
 
-def _apply(
-    one: Repository, files: dict[str, StoredFile], key: str, value: dict[str, Any]
-) -> None:
+def _apply(one: Repository, files: dict[str, StoredFile], key: str, value: dict[str, Any]) -> None:
     """One operation of a commit on its tree."""
     path = str(value.get("path", "")).strip("/")
     if key == "file":

@@ -1,0 +1,360 @@
+"""A client of the Hugging Face hub on `huggingface_hub`: one data set repository.
+
+Every error of the package becomes one of kb.core.errors, in one line and without the token. Files
+go through LFS, also where `hf_xet` is installed: its own process-wide logs, caches and signals are
+not ours to answer for, and a part that was sent is not sent again either way.
+"""
+
+import contextlib
+import io
+import logging
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, BinaryIO, cast
+
+from kb import __version__
+from kb.core import clock, signals
+from kb.core.errors import (
+    CredentialRefused,
+    FatalError,
+    KbError,
+    MissingExtra,
+    QuotaSpent,
+    SettingError,
+    Stopped,
+    Unreachable,
+)
+from kb.core.installation import install_extra
+from kb.net import redact
+from kb.net.retry import retry_after
+
+PUBLIC = "https://huggingface.co"
+KIND = "dataset"
+MAIN = "main"
+THREADS = 4  # files on their way at a time
+TIMEOUT_S = (10.0, 300.0)  # seconds to connect, and between two bytes of an answer
+_SHOWN = 400  # characters of a message
+_GO_ON = "the same command resumes"
+_FIRST = "initial commit"  # the hub's own: it holds no data
+
+
+def check_installed() -> None:
+    """Raises MissingExtra."""
+    if find_spec("huggingface_hub") is None:
+        raise MissingExtra(
+            "`--to huggingface` needs the package huggingface-hub", hint=install_extra("hub")
+        )
+
+
+def check_name(name: str) -> None:
+    """Raises SettingError for what can't be the name of a repository."""
+    from huggingface_hub.errors import HFValidationError
+    from huggingface_hub.utils._validators import validate_repo_id
+
+    try:
+        validate_repo_id(name)
+        valid = name.count("/") == 1
+    except HFValidationError:
+        valid = False
+    if not valid:
+        raise SettingError(
+            f"--repo {name!r} is no name of a repository",
+            hint="ORG/NAME, of letters, digits, '-', '_' and '.', at most 96 characters, without"
+            " '--' or '..', and not ending with '.git'",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Revision:
+    """The newest revision of a repository: file → its digest (SHA-256 of an LFS file, git's
+    of another).
+    """
+
+    id: str
+    private: bool
+    files: Mapping[str, str]
+
+
+class Hub:
+    """One account at one hub. The token goes into the header only, and to that hub only."""
+
+    def __init__(self, endpoint: str, token: str) -> None:
+        check_installed()
+        import httpx2
+        import huggingface_hub
+        from huggingface_hub import constants
+        from huggingface_hub.utils import _http
+        from huggingface_hub.utils.tqdm import disable_progress_bars
+
+        constants.HF_HUB_DISABLE_XET = True
+        # Its retries are no news: what they come to is an error of ours.
+        logging.getLogger("huggingface_hub").setLevel(logging.CRITICAL)
+        disable_progress_bars()
+
+        def client() -> Any:
+            one = _http.default_client_factory()
+            one.timeout = httpx2.Timeout(TIMEOUT_S[1], connect=TIMEOUT_S[0])
+            return one
+
+        huggingface_hub.set_client_factory(client)
+        self.root = endpoint.rstrip("/")
+        self._token = token
+        self._api = huggingface_hub.HfApi(
+            endpoint=self.root, token=token, library_name="lorecrawl", library_version=__version__
+        )
+
+    def account(self) -> str:
+        """Whose token it is. Raises CredentialRefused."""
+        with self._errors():
+            return str(self._api.whoami()["name"])
+
+    def newest(self, repo: str) -> Revision | None:
+        """The newest revision; None where there is no such repository, or none that the token may
+        see.
+        """
+        from huggingface_hub import RepoFile
+        from huggingface_hub.errors import RepositoryNotFoundError
+
+        with self._errors(repo):
+            try:
+                info = self._api.repo_info(repo, repo_type=KIND, revision=MAIN)
+            except RepositoryNotFoundError:
+                return None
+            there = self._api.list_repo_tree(
+                repo, repo_type=KIND, revision=info.sha, recursive=True
+            )
+            files = {
+                one.path: one.lfs.sha256 if one.lfs else one.blob_id
+                for one in there
+                if isinstance(one, RepoFile)
+            }
+            return Revision(str(info.sha), bool(info.private), files)
+
+    def create(self, repo: str, *, private: bool) -> None:
+        """A new repository. Raises FatalError where the name is taken or the token may not."""
+        with self._errors(repo):
+            self._api.create_repo(repo, repo_type=KIND, private=private)
+
+    def text(self, repo: str, revision: str, path: str) -> str:
+        """A small file of a revision."""
+        from huggingface_hub import HfFileSystem
+
+        with self._errors(repo):
+            files = HfFileSystem(endpoint=self.root, token=self._token, skip_instance_cache=True)
+            where = f"datasets/{repo}@{revision}/{path}"
+            return cast("bytes", files.cat_file(where)).decode("utf-8")
+
+    def commit(
+        self,
+        repo: str,
+        parent: str,
+        files: Mapping[str, tuple[Path | bytes, str | None]],
+        removed: Sequence[str],
+        title: str,
+        sent: Callable[[int], None],
+    ) -> str:
+        """A new revision after `parent` with these files (path → its place and, where known, its
+        SHA-256) and without those removed; its id.
+
+        Large files go first; those that the hub has already, from an earlier run too, are not sent.
+        `sent` is told the bytes that left. Raises Interrupted in the midst of a file.
+        """
+        from huggingface_hub import CommitOperationDelete
+
+        with self._errors(repo):
+            added = [_addition(path, *what, sent) for path, what in files.items()]
+            self._api.preupload_lfs_files(repo, added, repo_type=KIND, num_threads=THREADS)
+            signals.stop.check()
+            operations = [*added, *map(CommitOperationDelete, removed)]
+            done = self._api.create_commit(
+                repo,
+                operations,
+                commit_message=title,
+                repo_type=KIND,
+                parent_commit=parent,
+            )
+            return str(done.oid)
+
+    def tags(self, repo: str) -> dict[str, str]:
+        """Tag → the revision that it names."""
+        with self._errors(repo):
+            refs = self._api.list_repo_refs(repo, repo_type=KIND)
+            return {one.name: str(one.target_commit) for one in refs.tags}
+
+    def tag(self, repo: str, name: str, revision: str) -> None:
+        """A new tag."""
+        with self._errors(repo):
+            self._api.create_tag(repo, tag=name, revision=revision, repo_type=KIND)
+
+    def untag(self, repo: str, name: str) -> None:
+        """Remove a tag."""
+        with self._errors(repo):
+            self._api.delete_tag(repo, tag=name, repo_type=KIND)
+
+    def older(self, repo: str) -> int:
+        """How many revisions with data are older than the newest."""
+        with self._errors(repo):
+            commits = self._api.list_repo_commits(repo, repo_type=KIND)
+            return sum(one.title.lower() != _FIRST for one in commits[1:])
+
+    def squash(self, repo: str, title: str) -> str:
+        """Make the newest files the only revision of the branch; its id. Can't be undone."""
+        with self._errors(repo):
+            self._api.super_squash_history(repo, commit_message=title, repo_type=KIND)
+            return str(self._api.repo_info(repo, repo_type=KIND, revision=MAIN).sha)
+
+    @contextlib.contextmanager
+    def _errors(self, repo: str = "") -> Iterator[None]:
+        """Raise what an error of the package means."""
+        try:
+            yield
+        except KbError:
+            raise
+        except Exception as error:  # noqa: BLE001  its errors have no common base
+            raise self._meaning(error, repo) from None
+
+    def _meaning(self, error: BaseException, repo: str) -> Exception:
+        import httpx2
+        from huggingface_hub.errors import (
+            HfHubHTTPError,
+            OfflineModeIsEnabled,
+        )
+
+        chain = _chain(error)
+        for one in chain:
+            if isinstance(one, KbError):
+                return one  # of our own file, in a thread of theirs
+            if isinstance(one, OfflineModeIsEnabled):
+                return SettingError(
+                    "HF_HUB_OFFLINE is set, so nothing can be uploaded", hint="unset it"
+                )
+            if isinstance(one, HfHubHTTPError) and one.response is not None:
+                return self._refused(one, repo)
+            if isinstance(one, httpx2.TransportError):
+                return Unreachable(
+                    f"no connection to the hub at {self.root}: {self._line(one)}",
+                    hint=f"check the network; {_GO_ON}",
+                )
+            if isinstance(one, OSError) and one.filename:
+                return FatalError(
+                    f"{one.filename} can't be read: {one.strerror}", hint="run `kb verify`"
+                )
+        return FatalError(
+            f"the hub at {self.root} returns no usable answer:"
+            f" {self._line(chain[-1]) or type(chain[-1]).__name__}",
+            hint="check HF_ENDPOINT",
+        )
+
+    def _refused(self, error: Any, repo: str) -> Exception:
+        """What an answer with an error means."""
+        status, headers = int(error.response.status_code), error.response.headers
+        said = self._line(error.server_message or error.response.reason_phrase or "no message")
+        if status == 401:
+            return CredentialRefused(
+                "the hub does not accept HF_TOKEN",
+                hint="make one that may write, under Settings, Access Tokens of the account",
+            )
+        if status == 403:
+            owner = repo.partition("/")[0]
+            return CredentialRefused(
+                f"HF_TOKEN may not write to {repo}: {said}" if repo else f"refused (403): {said}",
+                hint=f"use a token with write access to {owner}, or another --repo",
+            )
+        if status == 404:
+            return FatalError(
+                f"the hub answered 404 for {repo or self.root}: {said}",
+                hint="check --repo and HF_ENDPOINT",
+            )
+        if status == 409:
+            return FatalError(
+                f"the name {repo} is taken: {said}", hint="choose another name with --repo"
+            )
+        if status == 412:
+            return FatalError(
+                f"{repo} was changed by somebody else during the upload",
+                hint="run the same command again",
+            )
+        if status == 429:
+            return _limited(headers)
+        if status >= 500:
+            return Unreachable(f"the hub answers {status}: {said}", hint=_GO_ON)
+        return FatalError(
+            f"the hub refused ({status}): {said}",
+            hint="correct that, then run the same command again",
+        )
+
+    def _line(self, text: object) -> str:
+        """The first lines of a message as one, without the token."""
+        plain = " ".join(str(text).split())
+        return redact.text(plain.replace(self._token, redact.MARK))[:_SHOWN]
+
+
+def _chain(error: BaseException) -> list[BaseException]:
+    """An error and its causes."""
+    chain: list[BaseException] = []
+    one: BaseException | None = error
+    while one is not None and one not in chain:
+        chain.append(one)
+        one = one.__cause__ or one.__context__
+    return chain
+
+
+def _limited(headers: Any) -> Stopped:
+    """The package has waited as long as it does."""
+    seconds = retry_after(headers.get("Retry-After"), headers.get("Date"))
+    if seconds is None:
+        return QuotaSpent("the hub's limit is spent", hint=f"{_GO_ON} later")
+    back = datetime.now(UTC) + timedelta(seconds=seconds)
+    return QuotaSpent(
+        f"the hub's limit is spent until {clock.stamp(back)}",
+        hint="run the same command then",
+        reset_at=back,
+    )
+
+
+def _addition(
+    path: str, content: Path | bytes, sha256: str | None, sent: Callable[[int], None]
+) -> Any:
+    """A file of a commit that tells how much of it left, and stops when the run is asked to end."""
+    from huggingface_hub import CommitOperationAdd
+
+    class WatchedAddition(CommitOperationAdd):
+        """Opens its file watched."""
+
+        @contextlib.contextmanager
+        def as_file(self, with_tqdm: bool = False) -> Iterator[BinaryIO]:
+            """The bytes to send."""
+            if isinstance(content, bytes):
+                yield io.BytesIO(content)
+                return
+            with _WatchedFile(content, sent) as file:
+                yield cast("BinaryIO", file)
+
+    one = WatchedAddition(path, content)
+    if sha256 is not None:
+        one.upload_info.sha256 = bytes.fromhex(sha256)  # the gate has just compared it
+    return one
+
+
+class _WatchedFile(io.BufferedReader):
+    """A file on its way out. What is read after going back, for another try, is not told twice."""
+
+    _lock = threading.Lock()  # several files leave at a time
+
+    def __init__(self, path: Path, sent: Callable[[int], None]) -> None:
+        super().__init__(io.FileIO(path))
+        self._sent, self._farthest = sent, 0
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """The next bytes. Raises Interrupted."""
+        signals.stop.check()
+        data = super().read(-1 if size is None else size)
+        if (now := self.tell()) > self._farthest:
+            with self._lock:
+                self._sent(now - self._farthest)
+            self._farthest = now
+        return data

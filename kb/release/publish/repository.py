@@ -1,0 +1,279 @@
+"""Uploads the folders of a release to one repository of the Hugging Face hub.
+
+One repository with a folder each, not one each: `load_dataset("ORG/NAME", config)` finds every
+table, and one tag names a version of all. A run makes at most one revision, so that readers see all
+of it or nothing; large files that an interrupted run has sent are there for the next one. What a
+folder no longer holds is removed from the newest revision; older ones keep it until `squash`.
+"""
+
+import hashlib
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from kb.artifacts import release_folder
+from kb.artifacts.release_folder import ReleaseFolder
+from kb.core import signals
+from kb.core.context import Run
+from kb.core.errors import FatalError, SettingError
+from kb.core.sources import PUBLISHED
+from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPhase, plan
+from kb.release.publish.hub import MAIN, Hub, Revision, check_name
+from kb.release.publish.records import Records, record_key
+from kb.release.publish.repository_card import CARD, metadata_of, repository_card
+from kb.release.publish.upload import document_of, local_files
+from kb.store.tables.checksums import SUMS, digest
+
+_VERSION = re.compile(r"v\d+\.\d+\.\d+")
+# What a repository may hold that somebody made on the site and that has no data yet.
+_BARE = {".gitattributes", ".gitignore", "LICENSE", CARD}
+_PACK = 256  # files that one request of the package names
+
+
+def send(
+    run: Run,
+    endpoint: str,
+    token: str,
+    exports: Sequence[ReleaseFolder],
+    *,
+    only: bool,
+    named: str | None,
+    private: bool,
+    squash: bool,
+) -> Summary:
+    """One revision of the repository that holds these folders, and the version's tag.
+
+    `only`: other folders of the repository stay as they are. Raises CredentialRefused, FatalError,
+    SettingError, Stopped.
+    """
+    service = Hub(endpoint, token)
+    account = service.account()
+    records = Records(run.root)
+    repo = named or _known_name(records, endpoint) or f"{account}/{run.profile.name}"
+    check_name(repo)
+    known = records.get(record_key(endpoint, repo))
+    newest = _opened(service, repo, private=private, known=bool(known))
+    wanted = {
+        f"{folder.path.name}/{path.name}": path
+        for folder in exports
+        for path in local_files(folder)
+    }
+    mine = _names(exports) if only else {*PUBLISHED, *_names(exports)}
+    others = sorted(_folders(newest.files) - mine)
+    tag = f"v{_version(exports)}"
+    cards = {folder.path.name: (folder.path / CARD).read_text("utf-8") for folder in exports}
+    cards |= {one: service.text(repo, newest.id, f"{one}/{CARD}") for one in others}
+    card = _card(run, repo, tag, cards)
+    digests = _digests(exports)
+    changed = [path for path in wanted if not _same(newest.files.get(path), wanted[path], digests)]
+    gone = [
+        path
+        for path in newest.files
+        if "/" in path and path.partition("/")[0] in mine and path not in wanted
+    ]
+    files: dict[str, tuple[Path | bytes, str | None]] = {
+        path: (wanted[path], digests[path]) for path in changed
+    }
+    if newest.files.get(CARD) != _git_oid(card):
+        files[CARD] = (card, None)
+    head = newest.id
+    if files or gone:
+        signals.stop.check()
+        size = sum(wanted[path].stat().st_size for path in changed)
+        with run.progress.task(f"upload {repo}", size, "bytes") as task:
+            head = service.commit(repo, newest.id, files, gone, f"Version {tag[1:]}", task.advance)
+    older = service.older(repo)
+    tags = service.tags(repo)
+    stale = {one: at for one, at in tags.items() if _VERSION.fullmatch(one) and one != tag}
+    if squash and (older or stale):
+        signals.stop.check()
+        for one in (*stale, *({tag} & set(tags))):
+            service.untag(repo, one)  # a tag would keep its revision
+        if older:
+            head = service.squash(repo, f"Version {tag[1:]}")
+        older, tags = 0, {one: at for one, at in tags.items() if one not in (*stale, tag)}
+    if tags.get(tag) != head:
+        if tag in tags:
+            service.untag(repo, tag)  # the same version, made again
+        service.tag(repo, tag, head)
+    records.write(
+        record_key(endpoint, repo),
+        {"repository": repo, "files": digests | _kept(known, others), "revision": head, "tag": tag},
+    )
+    more = {"older_revisions": older, "older_tags": ", ".join(sorted({*tags} - {tag}))}
+    return Summary(_summary(service.root, repo, tag, head, exports, files, gone) | more)
+
+
+def planned(
+    run: Run,
+    endpoint: str,
+    exports: Sequence[ReleaseFolder],
+    *,
+    only: bool,
+    named: str | None,
+) -> Summary:
+    """What `send` would do, by what was uploaded from this data root. Sends and writes nothing."""
+    records = Records(run.root)
+    known_as = named or _known_name(records, endpoint)
+    repo = known_as or f"(the account of HF_TOKEN)/{run.profile.name}"
+    there: dict[str, str] = records.get(record_key(endpoint, repo)).get("files", {})
+    digests = _digests(exports)
+    phases = []
+    for folder in exports:
+        inside = [path for path in digests if path.startswith(f"{folder.path.name}/")]
+        new = [path for path in inside if there.get(path) != digests[path]]
+        size = sum((folder.path / path.partition("/")[2]).stat().st_size for path in new)
+        large = sum((folder.path / path.partition("/")[2]) in folder.data for path in new)
+        requests = 2 * large + 2 * -(-len(new) // _PACK)  # bytes and a check; modes and addresses
+        phases.append(PlanPhase(f"upload {folder.source}", len(new), requests, gb=size / 1e9))
+    mine = _names(exports) if only else {path.partition("/")[0] for path in there}
+    removed = [path for path in there if path not in digests and path.partition("/")[0] in mine]
+    if removed:
+        phases.append(PlanPhase("remove", len(removed)))
+    # Account, state, tree, card, revision, revisions, tags.
+    phases.append(PlanPhase("revision and tag", 1, 9))
+    assumed = [f"repository {repo}, tag v{_version(exports)}"]
+    if there:
+        assumed.append("the repository still holds what was uploaded from this data root")
+    more = {"repository": known_as or "", "tag": f"v{_version(exports)}"}
+    return Summary(plan("release publish", "", phases, assumed, **more))
+
+
+def _opened(service: Hub, repo: str, *, private: bool, known: bool) -> Revision:
+    """The repository's newest revision; the repository is made where there is none.
+
+    Raises FatalError where it is somebody's for something else, or public and should be private.
+    """
+    newest = service.newest(repo)
+    if newest is None:
+        service.create(repo, private=private)
+        newest = service.newest(repo)
+        if newest is None:
+            raise FatalError(
+                f"the hub made {repo} and does not show it",
+                hint="check that HF_TOKEN may read it, then run the same command again",
+            )
+        return newest
+    held = any(f"{one}/{SUMS}" in newest.files for one in PUBLISHED)
+    foreign = sorted(set(newest.files) - _BARE)
+    if foreign and not (known or held):
+        shown = ", ".join(foreign[:3]) + (" …" if len(foreign) > 3 else "")
+        raise FatalError(
+            f"the name {repo} is taken: it holds files that are no release ({shown})",
+            hint="choose another name with --repo; nothing was changed there",
+        )
+    if private and not newest.private:
+        raise FatalError(
+            f"{repo} is public already",
+            hint="make it private in its settings on the hub, or leave out --private",
+        )
+    return newest
+
+
+def _known_name(records: Records, endpoint: str) -> str | None:
+    """The repository that this data root was uploaded to. Raises SettingError for several."""
+    start = record_key(endpoint, "")
+    names = [
+        str(one["repository"])
+        for key, one in records.all().items()
+        if "repository" in one and key.startswith(start)
+    ]
+    if len(names) > 1:
+        raise SettingError(
+            f"this release was uploaded to {len(names)} repositories: {', '.join(sorted(names))}",
+            hint="name one with --repo",
+        )
+    return names[0] if names else None
+
+
+def _card(run: Run, repo: str, tag: str, cards: Mapping[str, str]) -> bytes:
+    """The root's card; folders in the contract's order."""
+    order = [*PUBLISHED, *cards]
+    ordered = {one: metadata_of(cards[one]) for one in sorted(cards, key=order.index)}
+    title = f"{run.profile.title}: knowledge base"
+    about = f"A knowledge base about {run.profile.title}, in {len(cards)} folders."
+    if len(cards) == 1:
+        about = about.replace("in 1 folders", "in one folder")
+    return repository_card(repo, title, about, tag[1:], ordered).encode()
+
+
+def _version(exports: Sequence[ReleaseFolder]) -> str:
+    """The highest version of the folders."""
+    versions = [str(document_of(folder)["metadata"]["version"]) for folder in exports]
+    return max(versions, key=lambda one: [int(part) for part in one.split(".")])
+
+
+def _digests(exports: Sequence[ReleaseFolder]) -> dict[str, str]:
+    """File → SHA-256, from the checksums that the gate has compared."""
+    digests: dict[str, str] = {}
+    for folder in exports:
+        sums, _ = release_folder.sums(folder.path)
+        for path in local_files(folder):
+            digests[f"{folder.path.name}/{path.name}"] = sums.get(path.name) or digest(path)
+    return digests
+
+
+def _same(there: str | None, path: Path, digests: Mapping[str, str]) -> bool:
+    """Whether the hub has this file: by SHA-256 for large ones, by git's digest for others."""
+    if there is None:
+        return False
+    if len(there) == 64:
+        return there == digests[f"{path.parent.name}/{path.name}"]
+    return there == _git_oid(path.read_bytes())
+
+
+def _git_oid(data: bytes) -> str:
+    """What git calls these bytes."""
+    return hashlib.sha1(b"blob %d\0" % len(data) + data, usedforsecurity=False).hexdigest()
+
+
+def _folders(files: Mapping[str, str]) -> set[str]:
+    """The release folders that a revision holds."""
+    return {one for one in PUBLISHED if f"{one}/{SUMS}" in files}
+
+
+def _names(exports: Sequence[ReleaseFolder]) -> set[str]:
+    return {folder.path.name for folder in exports}
+
+
+def _kept(known: Mapping[str, Any], others: Sequence[str]) -> dict[str, str]:
+    """What is recorded of the folders that this run left alone."""
+    files: Mapping[str, str] = known.get("files", {})
+    return {path: what for path, what in files.items() if path.partition("/")[0] in others}
+
+
+def _summary(
+    root: str,
+    repo: str,
+    tag: str,
+    revision: str,
+    exports: Sequence[ReleaseFolder],
+    files: Mapping[str, Any],
+    gone: Sequence[str],
+) -> Summary:
+    touched = {path.partition("/")[0] for path in (*files, *gone)}
+    states = {
+        folder.source: "published" if folder.path.name in touched else "unchanged"
+        for folder in exports
+    }
+    sources = {
+        folder.source: {
+            "state": states[folder.source],
+            "page": f"{root}/datasets/{repo}/tree/{MAIN}/{folder.path.name}",
+        }
+        for folder in exports
+    }
+    return Summary(
+        command="release publish",
+        repository=repo,
+        revision=revision,
+        tag=tag,
+        deposits=len(exports),
+        published=list(states.values()).count("published"),
+        unchanged=list(states.values()).count("unchanged"),
+        uploaded=len(files),
+        removed=len(gone),
+        sources=sources,
+    )
