@@ -16,7 +16,7 @@ Kb = Callable[..., "subprocess.CompletedProcess[str]"]
 
 def clean_environment() -> dict[str, str]:
     """The environment without any setting of Lorecrawl."""
-    ours = ("KB_", "YOUTUBE_", "REDDIT_", "ZENODO_")
+    ours = ("KB_", "YOUTUBE_", "REDDIT_", "ZENODO_", "HF_TOKEN", "HF_ENDPOINT")
     return {
         name: value
         for name, value in os.environ.items()

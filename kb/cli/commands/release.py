@@ -64,7 +64,7 @@ def release(run: Run, only: Only = None) -> Summary:
     raw=True,
     uses=("wait", "pipeline"),
     json="deposits, drafts, published, unchanged, uploaded, sources;"
-    " of a repository: repository, revision, tag, removed, older_revisions",
+    " of a repository: folders, repository, revision, tag, removed, older_revisions, older_tags",
     planned=("to", "only", "repo"),
     examples=[
         "kb release publish --to zenodo-sandbox             upload drafts to the sandbox",

@@ -206,7 +206,7 @@ WORDS: dict[str, Word] = {
     "present": Word("Files that were present already.", "{n} files there before"),
     "files": Word("Files.", "{n} files"),
     "tars": Word("Tar files with screenshots and images.", "{n} tars"),
-    "folders": Word("Folders, one deposit each.", "{n} folders"),
+    "folders": Word("Folders of a release.", "{n} folders"),
     "rows": Word("Rows of tables.", "{n} rows"),
     "scores": Word("Scores removed because no text needs them any more.", "{n} scores"),
     "purged": Word("Items removed for good.", "{n} removed for good", always=True),
@@ -230,7 +230,7 @@ WORDS: dict[str, Word] = {
     "tag": Word("The tag of the newest revision.", "tagged {n}"),
     "older_revisions": Word(
         "Revisions that still hold what was removed since.",
-        "{n} older revisions still hold what was removed since (--squash-history drops them)",
+        "{n} older revisions with what was removed since (--squash-history drops them)",
     ),
     "older_tags": Word("Tags of older revisions, which keep them.", "tags of older ones: {n}"),
     "steps": Word("Commands that the demo ran.", "{n} steps"),

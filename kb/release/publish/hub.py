@@ -9,7 +9,7 @@ import contextlib
 import io
 import logging
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from importlib.util import find_spec
@@ -207,6 +207,24 @@ class Hub:
             self._api.super_squash_history(repo, commit_message=title, repo_type=KIND)
             return str(self._api.repo_info(repo, repo_type=KIND, revision=MAIN).sha)
 
+    def drop_objects(self, repo: str, kept: Collection[str]) -> int:
+        """Delete for good the large files that are stored there and are not `kept` (SHA-256): a
+        squash removes their names only. How many.
+        """
+        with self._errors(repo):
+            there = list(self._api.list_lfs_files(repo, repo_type=KIND))
+            if not set(kept) <= {name for one in there for name in (one.oid, one.file_oid)}:
+                raise FatalError(
+                    f"the hub's list of stored files misses some of {repo}; none was deleted",
+                    hint="delete older files under Settings, Storage of the repository",
+                )
+            lost = [one for one in there if not {one.oid, one.file_oid} & set(kept)]
+            if lost:  # no revision names them any more
+                self._api.permanently_delete_lfs_files(
+                    repo, lost, rewrite_history=False, repo_type=KIND
+                )
+            return len(lost)
+
     @contextlib.contextmanager
     def _errors(self, repo: str = "") -> Iterator[None]:
         """Raise what an error of the package means."""
@@ -322,6 +340,8 @@ def _addition(
     """A file of a commit that tells how much of it left, and stops when the run is asked to end."""
     from huggingface_hub import CommitOperationAdd
 
+    count = _Count(sent)
+
     class WatchedAddition(CommitOperationAdd):
         """Opens its file watched."""
 
@@ -331,7 +351,7 @@ def _addition(
             if isinstance(content, bytes):
                 yield io.BytesIO(content)
                 return
-            with _WatchedFile(content, sent) as file:
+            with _WatchedFile(content, count) as file:
                 yield cast("BinaryIO", file)
 
     one = WatchedAddition(path, content)
@@ -340,21 +360,32 @@ def _addition(
     return one
 
 
-class _WatchedFile(io.BufferedReader):
-    """A file on its way out. What is read after going back, for another try, is not told twice."""
+class _Count:
+    """How far a file has been read. What is read again, for another try, is not told twice."""
 
     _lock = threading.Lock()  # several files leave at a time
 
-    def __init__(self, path: Path, sent: Callable[[int], None]) -> None:
-        super().__init__(io.FileIO(path))
+    def __init__(self, sent: Callable[[int], None]) -> None:
         self._sent, self._farthest = sent, 0
+
+    def reach(self, place: int) -> None:
+        """The file was read up to here."""
+        with self._lock:
+            if place > self._farthest:
+                self._sent(place - self._farthest)
+                self._farthest = place
+
+
+class _WatchedFile(io.BufferedReader):
+    """A file on its way out."""
+
+    def __init__(self, path: Path, count: _Count) -> None:
+        super().__init__(io.FileIO(path))
+        self._count = count
 
     def read(self, size: int | None = -1, /) -> bytes:
         """The next bytes. Raises Interrupted."""
         signals.stop.check()
         data = super().read(-1 if size is None else size)
-        if (now := self.tell()) > self._farthest:
-            with self._lock:
-                self._sent(now - self._farthest)
-            self._farthest = now
+        self._count.reach(self.tell())
         return data

@@ -29,6 +29,7 @@ from kb.store.tables.checksums import SUMS, digest
 _VERSION = re.compile(r"v\d+\.\d+\.\d+")
 # What a repository may hold that somebody made on the site and that has no data yet.
 _BARE = {".gitattributes", ".gitignore", "LICENSE", CARD}
+_SHA256 = 64  # characters of a digest; git's have 40
 _PACK = 256  # files that one request of the package names
 
 
@@ -84,16 +85,11 @@ def send(
         size = sum(wanted[path].stat().st_size for path in changed)
         with run.progress.task(f"upload {repo}", size, "bytes") as task:
             head = service.commit(repo, newest.id, files, gone, f"Version {tag[1:]}", task.advance)
-    older = service.older(repo)
-    tags = service.tags(repo)
-    stale = {one: at for one, at in tags.items() if _VERSION.fullmatch(one) and one != tag}
-    if squash and (older or stale):
+    older, tags = service.older(repo), service.tags(repo)
+    if squash:
         signals.stop.check()
-        for one in (*stale, *({tag} & set(tags))):
-            service.untag(repo, one)  # a tag would keep its revision
-        if older:
-            head = service.squash(repo, f"Version {tag[1:]}")
-        older, tags = 0, {one: at for one, at in tags.items() if one not in (*stale, tag)}
+        head, tags = _squashed(service, repo, tag, head, tags, older=older)
+        older = 0
     if tags.get(tag) != head:
         if tag in tags:
             service.untag(repo, tag)  # the same version, made again
@@ -172,6 +168,23 @@ def _opened(service: Hub, repo: str, *, private: bool, known: bool) -> Revision:
     return newest
 
 
+def _squashed(
+    service: Hub, repo: str, tag: str, head: str, tags: Mapping[str, str], *, older: int
+) -> tuple[str, dict[str, str]]:
+    """Leave the newest revision alone, without the versions' tags, which would keep older ones,
+    and without the large files of those; its id and the tags that are left.
+    """
+    stale = [one for one, at in tags.items() if _VERSION.fullmatch(one) and (older or at != head)]
+    for one in stale:
+        service.untag(repo, one)
+    if older:
+        head = service.squash(repo, f"Version {tag[1:]}")
+    newest = service.newest(repo)
+    files = newest.files.values() if newest else ()
+    service.drop_objects(repo, {one for one in files if len(one) == _SHA256})
+    return head, {one: at for one, at in tags.items() if one not in stale}
+
+
 def _known_name(records: Records, endpoint: str) -> str | None:
     """The repository that this data root was uploaded to. Raises SettingError for several."""
     start = record_key(endpoint, "")
@@ -219,7 +232,7 @@ def _same(there: str | None, path: Path, digests: Mapping[str, str]) -> bool:
     """Whether the hub has this file: by SHA-256 for large ones, by git's digest for others."""
     if there is None:
         return False
-    if len(there) == 64:
+    if len(there) == _SHA256:
         return there == digests[f"{path.parent.name}/{path.name}"]
     return there == _git_oid(path.read_bytes())
 
@@ -270,7 +283,7 @@ def _summary(
         repository=repo,
         revision=revision,
         tag=tag,
-        deposits=len(exports),
+        folders=len(exports),
         published=list(states.values()).count("published"),
         unchanged=list(states.values()).count("unchanged"),
         uploaded=len(files),

@@ -34,6 +34,7 @@ from kb.sandbox.hub.answers import (
 )
 from kb.sandbox.hub.repository import (
     MAIN,
+    STAMP,
     Commit,
     Repository,
     StoredFile,
@@ -92,6 +93,8 @@ class Hub:
             ("POST", f"{data_set}/tag/<revision>", self._tag),
             ("DELETE", f"{data_set}/tag/<revision>", self._untag),
             ("POST", f"{data_set}/super-squash/<revision>", self._squash),
+            ("GET", f"{data_set}/lfs-files", self._objects),
+            ("POST", f"{data_set}/lfs-files/batch", self._delete_objects),
             ("POST", f"{lfs}/objects/batch", self._batch),
             ("PUT", f"{lfs}/objects/<oid>", self._put),
             ("PUT", f"{lfs}/objects/<oid>/<int:part>", self._put_part),
@@ -317,6 +320,28 @@ class Hub:
         if revision != MAIN:
             raise HubError(404, f"Invalid rev id: {revision}", "RevisionNotFound")
         one.squash(str(json_body(request).get("message", "")), self._name_of(request))
+        return as_json({})
+
+    def _objects(self, request: Request, owner: str, name: str) -> Response:
+        """Every LFS object that is stored, whether a revision names it or not."""
+        one = self._find(request, owner, name, write=True)
+        shown = [
+            {
+                "fileOid": oid,
+                "oid": oid,
+                "filename": "",
+                "pushedAt": STAMP,
+                "ref": None,
+                "size": len(data),
+            }
+            for oid, data in one.objects.items()
+        ]
+        return as_json(shown)
+
+    def _delete_objects(self, request: Request, owner: str, name: str) -> Response:
+        one = self._find(request, owner, name, write=True)
+        for oid in json_body(request).get("deletions", {}).get("sha", []):
+            one.objects.pop(str(oid), None)
         return as_json({})
 
     def _resolve(

@@ -20,3 +20,9 @@ def service(monkeypatch: pytest.MonkeyPatch) -> Iterator[Sandbox]:
 def root(released: Path, tmp_path: Path) -> Path:
     """A release of its own, so that a test may change it."""
     return Path(shutil.copytree(released, tmp_path / "data"))
+
+
+@pytest.fixture
+def hub() -> Iterator[Sandbox]:
+    with Sandbox(services=["hub"]) as sandbox:
+        yield sandbox

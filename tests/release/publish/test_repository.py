@@ -1,0 +1,211 @@
+"""A release in one repository of the hub: the real client, a real process, loopback."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from kb.sandbox.hub.repository import git_blob
+from kb.sandbox.hub.service import TOKEN
+from kb.sandbox.server import Sandbox
+from tests.release.publish.hub_sending import (
+    REPO,
+    at_hub,
+    changes,
+    command,
+    environment,
+    held,
+    kb,
+    on_disk,
+    publish,
+    store,
+    stored,
+    summary,
+)
+
+TO = ("release", "publish", "--to", "huggingface")
+VIDEO = "vid00000003"
+
+
+def tombstone(root: Path, service: Sandbox) -> None:
+    """Purge a video and make the release again."""
+    ids = root.parent / "ids"
+    ids.write_text(f"{VIDEO}\n")
+    for words in (("purge", "youtube", "--ids", str(ids)), ("release",)):
+        done = kb(service, root, *words)
+        assert done.code == 0, done.err
+
+
+def test_every_file_arrives_once_and_the_token_nowhere(root: Path, hub: Sandbox) -> None:
+    first = publish(hub, root, "--repo", REPO, "--json")
+    assert summary(first)["uploaded"] == len(on_disk(root)) + 1  # and the root's card
+    assert at_hub(held(hub)) == on_disk(root)
+    assert not held(hub).private
+    assert held(hub).tags["v1.0.0"] == held(hub).head
+    before = len(hub.ledger)
+    second = publish(hub, root, "--json")  # the repository is known from here on
+    assert (summary(second)["repository"], summary(second)["uploaded"]) == (REPO, 0)
+    assert changes(hub, before) == []
+    said = first.out + first.err + second.out + second.err
+    files = [path for path in root.parent.rglob("*") if path.is_file()]
+    assert TOKEN not in said
+    assert not [path for path in files if TOKEN.encode() in path.read_bytes()]
+    assert not [one for one in hub.ledger.requests() if TOKEN in f"{one.path}?{one.query}"]
+
+
+def test_what_was_purged_leaves_the_newest_revision_and_with_squash_all(
+    root: Path, hub: Sandbox
+) -> None:
+    summary(publish(hub, root, "--repo", REPO, "--json"))
+    old = on_disk(root)
+    tombstone(root, hub)
+    done = publish(hub, root)
+    assert done.code == 0, done.err
+    assert "1 older revision with what was removed since (--squash-history" in done.out
+    repository = held(hub)
+    assert at_hub(repository) == on_disk(root) != old
+    gone = {name for name in old if "-of-00002.parquet" in name and "youtube" in name}
+    assert gone
+    assert not gone & set(repository.head.files)
+    assert repository.tags["v1.0.0"] == repository.head  # the version's tag has moved along
+    assert len(repository.commits) == 3
+    squashed = publish(hub, root, "--squash-history", "--json")
+    assert (summary(squashed)["older_revisions"], summary(squashed)["uploaded"]) == (0, 0)
+    assert [commit.files for commit in repository.commits] == [repository.head.files]
+    assert repository.tags == {"v1.0.0": repository.head}
+    named = {file.sha256 for file in repository.head.files.values() if file.sha256}
+    assert set(repository.objects) == named  # nothing else is stored there
+    before = len(hub.ledger)
+    assert publish(hub, root, "--squash-history").code == 0
+    assert changes(hub, before) == []
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_a_killed_upload_resumes_and_sends_no_object_twice(
+    root: Path, hub: Sandbox, how: signal.Signals
+) -> None:
+    objects = len({name for name in on_disk(root) if name.endswith((".parquet", ".tar"))})
+    fault = hub.faults.add("/info/lfs/objects/", method="PUT", after=objects // 2, hold=True)
+    with subprocess.Popen(
+        command(root, *TO, "--repo", REPO),
+        env=environment(hub, root),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert fault.arrived.wait(60)
+        process.send_signal(how)
+        if how is signal.SIGTERM:
+            fault.release()
+        said = process.communicate()[1]
+    fault.release()
+    if how is signal.SIGTERM:
+        assert (process.returncode, "stopped by SIGTERM" in said) == (3, True)
+    assert held(hub).commits[1:] == []  # readers saw nothing of it
+    done = publish(hub, root, "--repo", REPO)
+    assert done.code == 0, done.err
+    assert at_hub(held(hub)) == on_disk(root)
+    arrived = stored(hub)
+    twice = {one for one in arrived if arrived.count(one) > 1}
+    assert len(twice) <= (1 if how is signal.SIGKILL else 0)  # the one on its way
+
+
+def test_a_run_whose_last_answer_was_lost_makes_no_second_revision(
+    root: Path, hub: Sandbox
+) -> None:
+    def lose(environ: dict[str, Any]) -> bool:
+        return environ["REQUEST_METHOD"] == "POST"
+
+    hub.faults.add("/tag/", when=lose, reset=True)
+    first = publish(hub, root, "--repo", REPO)
+    assert first.code == 3
+    assert first.said.startswith("kb: no connection to the hub at http://127.0.0.1:")
+    assert len(held(hub).commits) == 2
+    done = publish(hub, root, "--repo", REPO)
+    assert done.code == 0, done.err
+    assert len(held(hub).commits) == 2
+    assert held(hub).tags["v1.0.0"] == held(hub).head
+
+
+def test_a_plan_names_what_would_go_and_sends_nothing(root: Path, hub: Sandbox) -> None:
+    before = {path: path.read_bytes() for path in root.rglob("*") if path.is_file()}
+    plan = summary(publish(hub, root, "--repo", REPO, "--plan", "--json", HF_TOKEN=""))
+    items = {one["phase"]: one["items"] for one in plan["phases"]}
+    assert sum(items.values()) == len(on_disk(root)) + 1
+    assert items["upload pairs"] == len(on_disk(root, ["pairs"]))
+    assert (plan["repository"], plan["tag"]) == (REPO, "v1.0.0")
+    assert len(hub.ledger) == 0
+    assert before == {path: path.read_bytes() for path in root.rglob("*") if path.is_file()}
+    summary(publish(hub, root, "--repo", REPO, "--json"))
+    again = summary(publish(hub, root, "--plan", "--json"))
+    assert {one["items"] for one in again["phases"] if one["phase"] != "revision and tag"} == {0}
+
+
+def test_only_one_folder_leaves_the_others_as_they_are(root: Path, hub: Sandbox) -> None:
+    summary(publish(hub, root, "--repo", REPO, "--json"))
+    card = held(hub).head.files["README.md"]
+    shutil.rmtree(root / "release" / "tasks")
+    summary(publish(hub, root, "--only", "pairs", "--json"))
+    assert held(hub).head.files["README.md"] == card
+    assert "tasks/SHA256SUMS" in held(hub).head.files
+
+
+def test_a_private_repository_stays_private(root: Path, hub: Sandbox) -> None:
+    summary(publish(hub, root, "--repo", REPO, "--private", "--only", "pairs", "--json"))
+    assert held(hub).private
+    summary(publish(hub, root, "--only", "pairs", "--json"))
+    assert held(hub).private
+    held(hub).private = False
+    done = publish(hub, root, "--private", "--only", "pairs")
+    assert done.code == 1
+    assert done.said.startswith(f"kb: {REPO} is public already")
+
+
+def test_a_repository_of_something_else_is_left_alone(root: Path, hub: Sandbox) -> None:
+    summary(publish(hub, root, "--repo", REPO, "--only", "pairs", "--json"))
+    other = "sandbox-lab/pictures"
+    store(hub).repositories[other] = held(hub)
+    held(hub, other).commit({"train.csv": git_blob(b"a,b")}, "mine", "", "sandbox")
+    done = publish(hub, root, "--repo", other, "--only", "pairs")
+    assert done.code == 1
+    assert "the name sandbox-lab/pictures is taken: it holds files that are no release" in done.said
+    assert list(held(hub, other).head.files) == ["train.csv"]
+
+
+READ = """
+import json, sys
+import datasets
+datasets.disable_progress_bars()
+repo, names = sys.argv[1], sys.argv[2:]
+assert sorted(datasets.get_dataset_config_names(repo)) == sorted(names)
+rows = {name: datasets.load_dataset(repo, name, split="train").to_list() for name in names}
+streamed = next(iter(datasets.load_dataset(repo, names[0], split="train", streaming=True)))
+assert streamed == rows[names[0]][0]
+print(json.dumps(rows, default=str, sort_keys=True))
+"""
+
+
+def test_load_dataset_reads_every_config_back(root: Path, hub: Sandbox) -> None:
+    import pyarrow.parquet as pq
+
+    summary(publish(hub, root, "--repo", REPO, "--private", "--json"))
+    shards: dict[str, list[Path]] = {}
+    for path in sorted((root / "release").rglob("*.parquet")):
+        shards.setdefault(path.name.partition("-")[0], []).append(path)
+    reader = subprocess.run(
+        [sys.executable, "-c", READ, REPO, *shards],
+        env=environment(hub, root),
+        text=True,
+        capture_output=True,
+        check=False,
+    )
+    assert reader.returncode == 0, reader.stderr[-2000:]
+    read = json.loads(reader.stdout)
+    for name, paths in shards.items():
+        rows = [row for path in paths for row in pq.ParquetFile(path).read().to_pylist()]
+        assert read[name] == json.loads(json.dumps(rows, default=str)), name
