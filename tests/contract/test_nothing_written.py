@@ -51,6 +51,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("refresh youtube", {}, "YOUTUBE_API_KEY"),
         ("wiki crawl", {}, "KB_CONTACT"),
         ("release publish --to zenodo", {}, "ZENODO_TOKEN"),
+        ("release publish --to huggingface", {}, "HF_TOKEN"),
         ("annotate reddit", NO_MODEL, "no/such/checkpoint.ckpt"),
         ("reddit filter", NO_MODEL, "no/such/checkpoint.ckpt"),
         ("pairs", {}, "instant-clip-tokenizer"),

@@ -145,7 +145,8 @@ def test_a_root_is_taken_without_its_last_slash(monkeypatch, name, value, root):
 
 @pytest.mark.parametrize("empty", ["", "   "])
 def test_an_empty_value_is_no_value(empty_place, monkeypatch, empty):
-    secrets = {"youtube_api_key", "reddit_client_id", "reddit_client_secret", "zenodo_token"}
+    secrets = {"youtube_api_key", "reddit_client_id", "reddit_client_secret"}
+    secrets |= {"zenodo_token", "hf_token"}
     unset = load_settings(dotenv=False)
     for name in set(Settings.model_fields) - secrets:
         monkeypatch.setenv(name.upper(), empty)
