@@ -52,6 +52,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("wiki crawl", {}, "KB_CONTACT"),
         ("release publish --to zenodo", {}, "ZENODO_TOKEN"),
         ("release publish --to huggingface", {}, "HF_TOKEN"),
+        ("release publish --to huggingface", {"HF_TOKEN": "hf_any"}, "huggingface-hub"),
         ("annotate reddit", NO_MODEL, "no/such/checkpoint.ckpt"),
         ("reddit filter", NO_MODEL, "no/such/checkpoint.ckpt"),
         ("pairs", {}, "instant-clip-tokenizer"),
