@@ -59,6 +59,7 @@ class ReleaseSpec:
     licensed    tables whose rows name a licence of their own
     licence     SPDX id when the profile gives none
     scraped     whether some of it was read from web pages
+    origin      address of the service, with keys of the profile's section in braces
     extra       the package extra that the card's commands need
     """
 
@@ -77,6 +78,7 @@ class ReleaseSpec:
     licensed: tuple[str, ...] = ()
     licence: str = "CC-BY-4.0"
     scraped: bool = False
+    origin: str = ""
     extra: str = ""
 
 

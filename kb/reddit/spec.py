@@ -45,6 +45,7 @@ SPEC = SourceSpec(
     indexed=("posts", "comments"),
     restored=("posts", "comments"),
     release=ReleaseSpec(
+        origin="https://www.reddit.com/r/{subreddit}/",
         main="posts",
         counted=("posts", "comments"),
         query="SELECT type, count(*) AS posts, sum(comments_released) AS comments"

@@ -155,8 +155,19 @@ def files(run: Run, source: str, changed: Changes) -> dict[str, str]:
 
 def provenance(run: Run, source: str, changed: Changes) -> str:
     """provenance.json as text."""
-    address = software_address()
     document = {
+        **made_with(run),
+        "version": run.profile.release.version,
+        "settings": dict(rules(run.profile, source)),
+        "changes": msgspec.to_builtins(changed) if changed.version else None,
+    }
+    return json.dumps(document, indent=1, ensure_ascii=False) + "\n"
+
+
+def made_with(run: Run) -> dict[str, dict[str, Any]]:
+    """The software and the profile that made a folder, by name, version and digest."""
+    address = software_address()
+    return {
         "software": {
             "name": "lorecrawl",
             "version": __version__,
@@ -168,11 +179,7 @@ def provenance(run: Run, source: str, changed: Changes) -> str:
             "seed": run.profile.seed,
             "sha256": hashlib.sha256(_profile(run.profile).encode()).hexdigest(),
         },
-        "version": run.profile.release.version,
-        "settings": dict(rules(run.profile, source)),
-        "changes": msgspec.to_builtins(changed) if changed.version else None,
     }
-    return json.dumps(document, indent=1, ensure_ascii=False) + "\n"
 
 
 def profile_text(profile: Profile) -> str:

@@ -50,6 +50,7 @@ SPEC = SourceSpec(
         licensed=("pages", "images"),
         licence="",
         scraped=True,
+        origin="{url}",
         extra="wiki",
     ),
     report=ReportSpec(

@@ -58,6 +58,7 @@ SPEC = SourceSpec(
         ),
         gaps=("kb.release.metadata.gaps:views",),
         scraped=True,
+        origin="https://www.youtube.com/",
     ),
     report=ReportSpec(
         title="YouTube",

@@ -6,12 +6,16 @@ every record.
 """
 
 import json
+from collections.abc import Iterable
 from typing import Any
 
+from kb.core.config.profile.release import Creator
 from kb.core.context import Run
 from kb.core.licences import licence
 from kb.core.sources import RELEASES
 from kb.release.metadata.card import bibtex
+from kb.release.metadata.lineage import CONTEXT as PROV
+from kb.release.metadata.lineage import lineage
 from kb.release.metadata.measure import DataFile, Facts, TableFacts
 from kb.release.metadata.templates import SANDBOX_NOTE, about, day, language, name
 from kb.schema.tables import Column
@@ -50,6 +54,7 @@ CONTEXT: dict[str, Any] = {
     "name": {"@container": "@language"},
     "parentField": "cr:parentField",
     "path": "cr:path",
+    "prov": PROV,
     "recordSet": "cr:recordSet",
     "references": "cr:references",
     "regex": "cr:regex",
@@ -76,21 +81,44 @@ def croissant(run: Run, facts: Facts) -> str:
         "license": licence(facts.licence).url,
         "version": section.version,
         "citeAs": bibtex(run, facts),
-        "creator": [
-            {"@type": "sc:Organization" if "," not in one.name else "sc:Person", "name": one.name}
-            for one in section.creators
-        ],
+        "creator": [_creator(one) for one in section.creators],
         "keywords": list(dict.fromkeys((run.profile.name, *prose.words, *section.keywords))),
         "datePublished": day(facts.built),
         "dateModified": day(facts.built),
         "inLanguage": language(run),
         **({"url": section.homepage} if section.homepage else {}),
+        **({"temporalCoverage": "/".join(map(day, facts.made))} if facts.made else {}),
+        "usageInfo": {
+            "@type": "sc:CreativeWork",
+            "name": "Terms of use",
+            "text": " ".join(
+                (prose.attribution, licence(facts.licence).short, *_not_for(prose.avoid))
+            ),
+        },
+        **lineage(run, facts),
         **_responsible(run, facts),
         "distribution": [file for table in facts.tables for file in _files(table)]
         + [_archive(file) for file in facts.others],
         "recordSet": [_records(table) for table in facts.tables],
     }
     return json.dumps(document, ensure_ascii=False, indent=1) + "\n"
+
+
+def _creator(creator: Creator) -> dict[str, Any]:
+    """A person, whose family name comes first, or a group."""
+    made: dict[str, Any] = {
+        "@type": "sc:Organization" if "," not in creator.name else "sc:Person",
+        "name": creator.name,
+    }
+    if creator.orcid:
+        made["@id"] = made["url"] = f"https://orcid.org/{creator.orcid}"
+    if creator.affiliation:
+        made["affiliation"] = {"@type": "sc:Organization", "name": creator.affiliation}
+    return made
+
+
+def _not_for(uses: Iterable[str]) -> list[str]:
+    return ["not for: " + what for what in uses]
 
 
 def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
@@ -112,8 +140,9 @@ def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
             f"Detoxify {model} {revision} {precision}"
             for model, revision, precision in facts.models
         ],
+        "rai:hasSyntheticData": facts.sandbox,
         "rai:dataBiases": list(prose.biases),
-        "rai:dataLimitations": [*prose.limits, *(["not for: " + what for what in prose.avoid])],
+        "rai:dataLimitations": [*prose.limits, *_not_for(prose.avoid)],
         "rai:dataUseCases": list(prose.uses),
         "rai:personalSensitiveInformation": [
             prose.people,
@@ -128,7 +157,7 @@ def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
     }
     if facts.read:
         fields["rai:dataCollectionTimeframe"] = [day(moment) for moment in facts.read]
-    return {key: what for key, what in fields.items() if what}
+    return {key: what for key, what in fields.items() if what or what is False}
 
 
 def _files(table: TableFacts) -> list[dict[str, Any]]:

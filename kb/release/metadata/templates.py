@@ -99,7 +99,12 @@ def language(run: Run) -> str:
 
 def name(run: Run, facts: Facts) -> str:
     """A short name without spaces: lorecrawl-minecraft-youtube."""
-    return f"lorecrawl-{run.profile.name}-{facts.source}"
+    return dataset_name(run.profile, facts.source)
+
+
+def dataset_name(profile: Profile, source: str) -> str:
+    """The same of any release folder."""
+    return f"lorecrawl-{profile.name}-{source}"
 
 
 TEMPLATES = Path(__file__).parents[1] / "templates"

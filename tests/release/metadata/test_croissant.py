@@ -85,6 +85,20 @@ def test_croissant_is_valid_and_says_who_is_concerned(downloaded: Path, source: 
     assert metadata.data_collection
     assert metadata.personal_sensitive_information
     assert metadata.data_use_cases
+    assert raw["rai:hasSyntheticData"] is False
+    used = json.loads((downloaded / source / "provenance.json").read_text())
+    steps = raw["prov:wasGeneratedBy"]
+    assert [step["prov:label"] for step in steps][0] == "collection"
+    assert [step["prov:label"] for step in steps][-1] == "release"
+    for step in steps:
+        agent = step["prov:wasAssociatedWith"]
+        assert agent["softwareVersion"] == used["software"]["version"]
+        named = {one["name"]: one["value"] for one in agent["additionalProperty"]}
+        assert named["lock_sha256"] == used["software"]["lock_sha256"]
+        assert named["profile_sha256"] == used["profile"]["sha256"]
+    timed = [step for step in steps if "prov:startedAtTime" in step]
+    assert all(step["prov:startedAtTime"] <= step["prov:endedAtTime"] for step in timed)
+    assert all(one["prov:label"] for one in raw["prov:wasDerivedFrom"])
     for file in raw["distribution"]:
         if file["@type"] == "cr:FileObject":
             path = downloaded / source / file["contentUrl"]
