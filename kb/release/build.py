@@ -29,6 +29,7 @@ from kb.release.gate import GateProblem, check
 from kb.release.metadata import measure
 from kb.release.metadata.card import card, citation, datasheet, law
 from kb.release.metadata.croissant import croissant
+from kb.release.metadata.datacite import datacite
 from kb.release.metadata.measure import Facts
 from kb.release.metadata.zenodo import deposit
 from kb.schema import table
@@ -129,7 +130,7 @@ def refuse(problems: Sequence[GateProblem]) -> None:
 
 def write(run: Run, folder: ReleaseFolder) -> Facts:
     """Everything around one folder's data, the checksums last."""
-    with run.progress.task(f"release {folder.source}", total=12, unit="files") as task:
+    with run.progress.task(f"release {folder.source}", total=13, unit="files") as task:
         return _describe(run, folder, task)
 
 
@@ -153,6 +154,7 @@ def _describe(run: Run, folder: ReleaseFolder, task: Task) -> Facts:
         "LICENSE": law(run, facts),
         "croissant.json": croissant(run, facts),
         folders.DEPOSIT: deposit(run, facts),
+        folders.DATACITE: datacite(run, facts),
         **{
             f"LICENSE-{name}.txt": KNOWN[name].text
             for name, _ in facts.licences

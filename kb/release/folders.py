@@ -27,11 +27,11 @@ from kb.store.tables.checksums import SUMS, digest
 
 Folders = Sequence[ReleaseFolder]
 
-DEPOSIT = "zenodo.json"
+DEPOSIT, DATACITE = "zenodo.json", "datacite.json"
 # What `kb release` writes into every folder, and what only into some.
 REQUIRED = (
     *("README.md", "DATASHEET.md", "CITATION.cff", "LICENSE", "croissant.json"),
-    *(PROFILE_FILE, "provenance.json", DEPOSIT, SUMS),
+    *(PROFILE_FILE, "provenance.json", DEPOSIT, DATACITE, SUMS),
 )
 OPTIONAL = (TOMBSTONES, EARLIER_TOMBSTONES, "keywords.tsv")
 

@@ -83,6 +83,7 @@ def test_it_leaves_what_the_contract_says(demo: Path) -> None:
             "README.md",
             "croissant.json",
             "zenodo.json",
+            "datacite.json",
             "SHA256SUMS",
             "LICENSE",
             "CITATION.cff",

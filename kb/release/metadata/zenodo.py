@@ -152,7 +152,8 @@ def _description(run: Run, facts: Facts) -> str:
     sentences = [
         prose.summary,
         prose.collection,
-        f"Read from the source {span(facts.read)}; material from {span(facts.made)}.",
+        f"Read from the source {span(facts.read)}"
+        + (f"; material from {span(facts.made)}." if facts.made else "."),
         f"{prose.attribution} {licence(facts.licence).short}",
     ]
     return (

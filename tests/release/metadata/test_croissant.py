@@ -88,8 +88,7 @@ def test_croissant_is_valid_and_says_who_is_concerned(downloaded: Path, source: 
     assert raw["rai:hasSyntheticData"] is False
     used = json.loads((downloaded / source / "provenance.json").read_text())
     steps = raw["prov:wasGeneratedBy"]
-    assert [step["prov:label"] for step in steps][0] == "collection"
-    assert [step["prov:label"] for step in steps][-1] == "release"
+    assert (steps[0]["prov:label"], steps[-1]["prov:label"]) == ("collection", "release")
     for step in steps:
         agent = step["prov:wasAssociatedWith"]
         assert agent["softwareVersion"] == used["software"]["version"]
