@@ -24,13 +24,14 @@ import requests
 
 import kb
 from kb.core.sources import PUBLISHED
+from kb.release.build import release
 from kb.release.publish.publish import publish
 from kb.sandbox.server import Sandbox
 from kb.sandbox.zenodo.service import TOKEN
 from kb.schema import tables
 from tests.conftest import skip_or_fail
 from tests.release.conftest import a_run
-from tests.release.made import rows
+from tests.release.made import build, rows
 
 SOURCES = PUBLISHED
 
@@ -163,6 +164,33 @@ def test_hugging_face_datasets(
     )
     assert found.num_rows == expected[name]
     assert found.column_names == tables()[name].names(released=True)
+
+
+def test_hugging_face_datasets_forgets_purged_rows(tmp_path: Path, datasets: Any) -> None:
+    """Its cache knows a folder by name and by the card's front matter."""
+    for count in (60, 59):
+        root = build(tmp_path / "root", sources=("youtube",), n=count)
+        release(a_run(root))
+        found = datasets.load_dataset(
+            str(root / "release/youtube"), "videos", split="train", cache_dir=str(tmp_path / "hf")
+        )
+        assert found.num_rows == count
+        shutil.rmtree(root)
+
+
+def test_hugging_face_reads_the_front_matter(downloaded: Path) -> None:
+    hub = pytest.importorskip("huggingface_hub")
+    for source in SOURCES:
+        data = hub.DatasetCard.load(downloaded / source / "README.md").data
+        assert isinstance(data, hub.DatasetCardData)
+        named = [one["config_name"] for one in data.configs]
+        assert named == [name.partition("/")[2] for name in TABLES if name.startswith(f"{source}/")]
+        info = data.to_dict()["dataset_info"]
+        for one in info if isinstance(info, list) else [info]:
+            (split,) = one["splits"]
+            files = sorted((downloaded / source).glob(f"{one['config_name']}-*-of-*.parquet"))
+            assert split["num_bytes"] == sum(path.stat().st_size for path in files)
+            assert split["num_examples"] == sum(pq.read_metadata(one).num_rows for one in files)
 
 
 def test_card_names_licence_tags_and_one_default(downloaded: Path) -> None:

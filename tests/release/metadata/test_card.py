@@ -1,11 +1,13 @@
 """The first screen of a card: what it tells to type works as it stands, in the folder itself."""
 
+import glob
 import re
 import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
 
+import pyarrow.dataset
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
@@ -16,7 +18,7 @@ from kb.core.sources import PUBLISHED, SPECS
 from kb.export import wiki_tar
 from kb.release.build import release
 from tests.release.conftest import a_run
-from tests.release.made import build
+from tests.release.made import build, rows
 
 
 def card(released: Path, source: str) -> str:
@@ -75,6 +77,15 @@ def test_the_python_of_the_first_screen_and_of_the_archives_runs(
     if tars:
         subprocess.run(tars.partition("#")[0].split(), check=True, capture_output=True)
     assert bool(tars) == (source == "wiki")
+
+
+def test_the_line_for_pyarrow_reads_every_shard(released: Path) -> None:
+    text = card(released, "youtube")
+    (line,) = [line for line in text.splitlines() if line.startswith("pyarrow.dataset.")]
+    folder = released / "release" / "youtube"
+    assert len(list(folder.glob("videos-*.parquet"))) > 1
+    found = eval(line.replace("THIS_FOLDER", str(folder)), {"glob": glob, "pyarrow": pyarrow})
+    assert found.num_rows == len(rows()["youtube/videos"])
 
 
 def test_the_stages_are_those_of_the_pipelines(released: Path) -> None:
