@@ -39,6 +39,7 @@ app = group("Serve invented YouTube, wiki, Reddit, Zenodo and Hugging Face hub o
         ),
         "kb sandbox --channels 50 --videos 5000             a larger world",
         "kb sandbox --profile gardening -- kb youtube crawl     a world made from a profile",
+        "kb sandbox --films films -- kb youtube crawl       with films, to try `kb clips` on",
     ],
 )
 def sandbox(
@@ -70,6 +71,15 @@ def sandbox(
             " tracks, copies, recurring texts, other languages.",
         ),
     ] = None,
+    films: Annotated[
+        Path | None,
+        typer.Option(
+            "--films",
+            metavar="DIR",
+            help="Write a film for each video to DIR (ID.mp4, 12 s for 300 videos), in which a"
+            " coloured shape stands for each keyword that is spoken.",
+        ),
+    ] = None,
     model: Annotated[
         bool,
         typer.Option("--model/--no-model", help="Make the tiny toxicity model unless it exists."),
@@ -89,6 +99,10 @@ def sandbox(
     world = World(seed, n_channels=channels, n_videos=videos, n_named=PAGES, domain=domain)
     if truth is not None:
         _write(truth, json.dumps(world.truth, indent=1) + "\n")
+    if films is not None:
+        from kb.sandbox.youtube.films import write_films
+
+        write_films(world, films.expanduser().absolute())
     with Sandbox(world) as services:
         given = {
             "KB_DATA": options.data and str(options.data.absolute()),

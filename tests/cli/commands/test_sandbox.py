@@ -122,3 +122,10 @@ def test_the_truth_of_the_world_is_written_as_json(tmp_path: Path) -> None:
     done = sandbox("--truth", "truth.json", "--seed", "3", "--", "true", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads((tmp_path / "truth.json").read_text()) == World(3).truth
+
+
+def test_films_are_there_before_the_command_runs(tmp_path: Path) -> None:
+    done = sandbox("--videos", "3", "--films", "films", "--", "ls", "films", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    names = {f"{key}.mp4" for key in World(0, n_videos=3).youtube.videos}
+    assert set(done.stdout.split()) == names

@@ -1,0 +1,80 @@
+"""docs/train.md word for word: from the sandbox's films to a model that has learned from them."""
+
+import math
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.cli.conftest import clean_environment
+from tests.conftest import ROOT, needs
+
+needs("av", "torch", "torchdata")
+
+TEXT = (ROOT / "docs" / "train.md").read_text(encoding="utf-8")
+BATCH = 32  # of the page
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which the commands of the page were run."""
+    folder = tmp_path_factory.mktemp("train")
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    done = subprocess.run(
+        ["bash", "-e", "-c", "".join(blocks("bash"))],
+        cwd=folder,
+        env=clean_environment() | {"PATH": path, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+        stdin=subprocess.DEVNULL,
+    )
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def ran(place: Path) -> dict[str, Any]:
+    """The names of the page after all of its code was run, which has assertions of its own."""
+    names: dict[str, Any] = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        for number, code in enumerate(blocks("python")):
+            exec(compile(code, f"docs/train.md, block {number}", "exec"), names)
+    return names
+
+
+def test_a_model_learns_from_films_what_shapes_stand_for(ran: dict[str, Any]) -> None:
+    """On videos that it has not seen, and below the loss of a model that guesses."""
+    untrained, *_, trained = ran["losses"]
+    assert trained < untrained - 0.4
+    assert trained < math.log(BATCH) - 0.3
+
+
+def test_no_video_is_both_trained_on_and_held_out(ran: dict[str, Any]) -> None:
+    seen, unseen = ({clip["video_id"] for clip in ran[name]} for name in ("train", "held_out"))
+    assert len(unseen) > 3
+    assert not seen & unseen
+
+
+def test_films_and_shards_have_the_same_clips(ran: dict[str, Any], place: Path) -> None:
+    """As the page says; JPEG changes pixels a little."""
+    from_shards = ran["held_out"]
+    keys = "', '".join(clip["pair_id"] for clip in from_shards)
+    clips = ran["data"].clips(None, f"pair_id IN ('{keys}')")
+    films = clips.torch(videos=place / "films", frames=8, size=(40, 64))
+    decoded = {clip["pair_id"]: clip for clip in films}
+    assert len(decoded) > BATCH
+    for clip in from_shards:
+        other = decoded[clip["pair_id"]]
+        assert (clip["tokens"] == other["tokens"]).all()
+        assert (clip["frame_times_s"] == other["frame_times_s"]).all()
+        assert (clip["video"].float() - other["video"].float()).abs().mean() < 8
