@@ -30,6 +30,7 @@ LONG = (
     "wiki/connector/test_source.py",
     "package/test_demo.py",
     "docs/test_readme.py",
+    "clips/test_training.py",
     "wiki/test_mediawiki.py",
     "youtube/connector/test_fetch.py",
     "contract/test_any_domain.py",

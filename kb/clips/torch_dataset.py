@@ -58,13 +58,17 @@ class ClipDataset:
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         """The clips of an epoch, or those that a loaded state leaves. The next pass is whole."""
+        # At once and not with the first clip, as a loader takes the state of a pass that begins.
+        start, self._start = self._start, 0
+        self._place = start
+        return self._clips(start)
+
+    def _clips(self, start: int) -> Iterator[dict[str, Any]]:
         worker = torch.utils.data.get_worker_info()
         number, workers = (worker.id, worker.num_workers) if worker else (0, 1)
         if worker:
             self._in_workers[0] = 1
         mine = self._order()[self.rank :: self.world_size]
-        start, self._start = self._start, 0
-        self._place = start
         for place in range(start + (number - start) % workers, len(mine), workers):
             row = self._rows.slice(mine[place], 1).to_pylist()[0]
             self._place = place + 1

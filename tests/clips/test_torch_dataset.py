@@ -168,6 +168,18 @@ def test_a_stateful_loader_resumes_with_its_workers(root: Path, source, workers:
     assert taken + list(_batches(second)) == whole
 
 
+def test_a_stateful_loader_of_a_dataset_that_was_read_before_begins_anew(root: Path, films) -> None:
+    """A worker that has given nothing yet is at the beginning, not where a pass before ended."""
+    dataset = kb.load(root).clips().torch(films, **SMALL)
+    assert next(iter(dataset))
+    whole = list(_batches(StatefulDataLoader(dataset, batch_size=3, num_workers=2)))
+    first = StatefulDataLoader(dataset, batch_size=3, num_workers=2)
+    taken = next(iter(first))["pair_id"]
+    second = StatefulDataLoader(dataset, batch_size=3, num_workers=2)
+    second.load_state_dict(first.state_dict())
+    assert taken + list(_batches(second)) == whole
+
+
 def test_the_state_of_worker_processes_is_never_guessed(root: Path, films: Path) -> None:
     dataset = kb.load(root).clips().torch(films, **SMALL)
     assert list(DataLoader(dataset, batch_size=None, num_workers=1))

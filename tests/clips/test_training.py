@@ -44,12 +44,23 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def ran(place: Path) -> dict[str, Any]:
     """The names of the page after all of its code was run, which has assertions of its own."""
+    import torch
+
     names: dict[str, Any] = {}
+    threads = torch.get_num_threads()
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place)
+        torch.set_num_threads(1)  # tests run side by side; and sums have one order
         for number, code in enumerate(blocks("python")):
             exec(compile(code, f"docs/train.md, block {number}", "exec"), names)
+        torch.set_num_threads(threads)
     return names
+
+
+@pytest.fixture(autouse=True)
+def _there(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page names its folders as they are seen from there."""
+    monkeypatch.chdir(place)
 
 
 def test_a_model_learns_from_films_what_shapes_stand_for(ran: dict[str, Any]) -> None:
