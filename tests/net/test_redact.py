@@ -21,6 +21,7 @@ def _forget() -> Iterator[None]:
 @pytest.mark.parametrize(
     ("line", "wanted"),
     [
+        (f"a token hf_{'Ab' * 17} in a line", f"a token {redact.MARK} in a line"),
         (
             f"HttpError 400 when requesting https://x/youtube/v3/search?part=id&key={KEY}&alt=json",
             "&key=***&alt=json",

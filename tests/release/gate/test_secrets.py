@@ -31,6 +31,7 @@ def test_literal_value_of_every_secret_setting(tmp_path: Path, key: str) -> None
     [
         ("AIza" + "Sy0" * 11 + "ab", "a Google API key"),
         ("ghp_" + "a1" * 18, "a GitHub token"),
+        ("hf_" + "Ab" * 17, "a Hugging Face token"),
         ("AKIA" + "Z9" * 8, "an AWS access key"),
         ("-----BEGIN RSA PRIVATE KEY-----", "a private key"),
         ("https://x.example/?access_token=" + "f0" * 12, "a secret in an address"),

@@ -15,7 +15,7 @@ from kb.core.errors import (
     Unreachable,
 )
 from kb.release.build import release
-from kb.release.publish.publish import publish
+from kb.release.publish.publish import plan, publish
 from kb.sandbox.server import Sandbox
 from kb.sandbox.zenodo.service import TOKEN
 from tests import processes
@@ -24,6 +24,19 @@ from tests.release.conftest import a_run
 from tests.release.made import build
 from tests.release.publish.sending import puts, send, store
 from tests.release.signed import LINES, signed
+
+
+def test_a_plan_counts_what_is_not_uploaded_yet_and_sends_nothing(
+    root: Path, service: Sandbox
+) -> None:
+    endpoint = service.servers["zenodo"].url
+    run = a_run(root, kb_zenodo_endpoint=endpoint, zenodo_token=None)
+    files = list((root / "release" / "pairs").iterdir())
+    planned = plan(run, "zenodo-sandbox", only=["pairs"])["phases"]
+    assert [(one["phase"], one["items"]) for one in planned] == [("upload pairs", len(files))]
+    assert service.ledger.requests() == []
+    send(root, service, publish=True)
+    assert plan(run, "zenodo-sandbox", only=["pairs"])["phases"][0]["items"] == 0
 
 
 def test_publish_is_a_step_of_its_own(root: Path, service: Sandbox) -> None:
