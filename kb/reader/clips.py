@@ -60,11 +60,13 @@ class Clips(QueryResult):
         options, rows = CutOptions(frames, size, fit), self.to_table(_TRAINED)
         source: ClipSource
         if shards is not None:
-            source = Shards(Path(shards), options)
+            source = Shards(Path(shards).absolute(), options)
         else:
             given = [videos] if isinstance(videos, str | os.PathLike) else videos or ()
             source = Films(
-                map(Path, given), cast("set[str]", set(rows["video_id"].to_pylist())), options
+                [Path(one).absolute() for one in given],
+                cast("set[str]", set(rows["video_id"].to_pylist())),
+                options,
             )
         return torch_dataset(rows, source, seed=seed, rank=rank, world_size=world_size)
 
