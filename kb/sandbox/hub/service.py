@@ -61,13 +61,13 @@ def settings(url: str) -> dict[str, str]:
 
 def app(world: World, faults: Faults) -> Any:
     """The WSGI application; its `hub` holds what was uploaded."""
-    service = Hub()
+    service = HubService()
     wrapped: Any = faults.wrap("hub", service)
     wrapped.hub = service
     return wrapped
 
 
-class Hub:
+class HubService:
     """The service: a WSGI callable with its data sets in `repositories`."""
 
     def __init__(self) -> None:

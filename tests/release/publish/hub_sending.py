@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from kb.sandbox.hub.repository import Repository
-from kb.sandbox.hub.service import Hub
+from kb.sandbox.hub.service import HubService
 from kb.sandbox.server import Sandbox
 from tests.cli.conftest import clean_environment
 from tests.inprocess import Done
@@ -19,7 +19,7 @@ REPO = "sandbox-lab/minecraft"
 NOW = {"KB_NOW": "2026-11-10T00:00:00Z"}
 
 
-def store(service: Sandbox) -> Hub:
+def store(service: Sandbox) -> HubService:
     return service.servers["hub"].application.hub
 
 
