@@ -6,7 +6,7 @@ import hashlib
 import warnings
 from collections import Counter
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, cast
 
 import pyarrow as pa
@@ -104,14 +104,14 @@ class ClipDataset:
                 "state_dict() can't know how far worker processes are",
                 hint="use torchdata.stateful_dataloader.StatefulDataLoader and its state_dict()",
             )
-        return {"epoch": self.epoch, "place": self._place, "clips": self._digest()}
+        return {"epoch": self.epoch, "place": self._place, "clips": self._digest}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Let the next pass begin where the state was taken.
 
         Raises UsageError for a state of other clips, or of another seed, rank or world size.
         """
-        if state["clips"] != self._digest():
+        if state["clips"] != self._digest:
             raise UsageError(
                 "this state is of other clips, or of another seed, rank or world size",
                 hint="load it into a dataset that was made with the same arguments and files",
@@ -127,7 +127,9 @@ class ClipDataset:
         order: list[int] = np.argsort(drawn, kind="stable").tolist()
         return order
 
+    @cached_property
     def _digest(self) -> str:
+        """What a state belongs to."""
         digest = hashlib.sha256(f"{self.seed} {self.rank} {self.world_size}".encode())
         pairs = cast("list[str]", self._rows["pair_id"].to_pylist())
         digest.update("".join(pairs).encode())
