@@ -16,13 +16,16 @@ Source: Jiang et al., "Reinforcement Learning Friendly Vision-Language Model for
 `export/video2dataset/pairs.parquet`, one row a clip, sorted by video and start: `url`, `caption`
 (the clip's own text), `clips` ([[start, end]] in seconds); `video_id`, `pair_id` and `keyword` go
 along with `save_additional_columns`. A video with several clips has several rows: video2dataset
-copies the caption of a row to every clip that it cuts out of it.
+copies the caption of a row to every clip that it cuts out of it, and downloads the video for each.
+`videos.parquet` beside it has one row a video with all of its clips, so that each is downloaded
+once: without captions, but `pair_id` and `keyword` are lists in the order of `clips`.
 
     video2dataset --url_list pairs.parquet --input_format parquet --url_col url \\
         --caption_col caption --clip_col clips
 """
 
 import hashlib
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -37,14 +40,24 @@ from kb.store.tables import parquet
 
 _FRAMES = 16
 _ONE_IN = 20  # videos, for the test split
+_TEXT = pa.string()
 _CLIPS = pa.schema(
     {
-        "url": pa.string(),
-        "caption": pa.string(),
+        "url": _TEXT,
+        "caption": _TEXT,
         "clips": pa.list_(pa.list_(pa.float64())),
-        "video_id": pa.string(),
-        "pair_id": pa.string(),
-        "keyword": pa.string(),
+        "video_id": _TEXT,
+        "pair_id": _TEXT,
+        "keyword": _TEXT,
+    }
+)
+_VIDEOS = pa.schema(
+    {
+        "url": _TEXT,
+        "clips": pa.list_(pa.list_(pa.float64())),
+        "video_id": _TEXT,
+        "pair_id": pa.list_(_TEXT),
+        "keyword": pa.list_(_TEXT),
     }
 )
 _ROWS = 16_384  # clips written at a time
@@ -87,25 +100,41 @@ def in_test(video_id: str) -> bool:
 
 
 def video2dataset(run: Run) -> Path:
-    """Writes the file. Raises FatalError when there is no index, and DiskFull."""
+    """Writes both files. Raises FatalError when there is no index, and DiskFull."""
     check_rows(run.root, "pairs/pairs")
     path = Layout(run.root).export("video2dataset", "pairs.parquet")
+    columns = ["video_id", "pair_id", "keyword", "text", "clip_start_s", "clip_end_s"]
+    rows = sorted_rows(run.root, "pairs/pairs", columns)
     with (
-        writing(path) as temporary,
-        parquet.writing(temporary, _CLIPS) as file,
+        writing(path) as pairs,
+        writing(path.with_name("videos.parquet")) as videos,
+        parquet.writing(pairs, _CLIPS) as file,
+        parquet.writing(videos, _VIDEOS) as by_video,
     ):
         waiting: list[dict[str, Any]] = []
-        for row in sorted_rows(
-            run.root,
-            "pairs/pairs",
-            ["video_id", "pair_id", "keyword", "text", "clip_start_s", "clip_end_s"],
-        ):
-            waiting.append(_clip(row))
-            if len(waiting) == _ROWS:
+        waiting_videos: list[dict[str, Any]] = []
+        for _, own in groupby(rows, key=lambda row: row["video_id"]):
+            clips = [_clip(row) for row in own]
+            waiting += clips
+            waiting_videos.append(_video(clips))
+            if len(waiting) >= _ROWS:
                 file.write_table(pa.Table.from_pylist(waiting, _CLIPS))
-                waiting = []
+                by_video.write_table(pa.Table.from_pylist(waiting_videos, _VIDEOS))
+                waiting, waiting_videos = [], []
         file.write_table(pa.Table.from_pylist(waiting, _CLIPS))
+        by_video.write_table(pa.Table.from_pylist(waiting_videos, _VIDEOS))
     return path
+
+
+def _video(clips: list[dict[str, Any]]) -> dict[str, Any]:
+    """All clips of a video as one row."""
+    return {
+        "url": clips[0]["url"],
+        "clips": [one["clips"][0] for one in clips],
+        "video_id": clips[0]["video_id"],
+        "pair_id": [one["pair_id"] for one in clips],
+        "keyword": [one["keyword"] for one in clips],
+    }
 
 
 def _clip(row: dict[str, Any]) -> dict[str, Any]:

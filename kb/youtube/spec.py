@@ -32,8 +32,14 @@ SPEC = SourceSpec(
     section="kb.core.config.profile.youtube:YouTubeSection",
     status=".status",
     online=".connector.online:question",
-    formats={"minedojo": "kb.export.minedojo:youtube"},
-    exports=("minedojo/youtube_full.json", "minedojo/youtube_tutorial.json"),
+    formats={
+        "minedojo": "kb.export.minedojo:youtube",
+        "text": "kb.export.flat_text:youtube",
+    },
+    exports=(
+        *("minedojo/youtube_full.json", "minedojo/youtube_tutorial.json"),
+        "text/youtube.jsonl",
+    ),
     texts=(
         TextColumns("videos", "video_id", {"title": ("title",), "body": ("description",)}),
         TextColumns("transcripts", reader="kb.links.texts:transcripts_of"),

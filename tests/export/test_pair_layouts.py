@@ -190,3 +190,11 @@ def test_video2dataset_reads_the_clips(run: Run, tmp_path: Path) -> None:
     assert [(row["pair_id"], row["clips"], row["caption"]) for row in rows] == [
         (row["pair_id"], [[row["clip_start_s"], row["clip_end_s"]]], row["text"]) for row in pairs
     ]
+
+
+def test_video2dataset_can_download_each_video_once(run: Run) -> None:
+    videos = pq.read_table(_export(run, "video2dataset").with_name("videos.parquet")).to_pylist()
+    pairs = _pairs(run)
+    assert [row["video_id"] for row in videos] == sorted({row["video_id"] for row in pairs})
+    clips = [clip for row in videos for clip in zip(row["pair_id"], row["clips"], strict=True)]
+    assert clips == [(row["pair_id"], [row["clip_start_s"], row["clip_end_s"]]) for row in pairs]
