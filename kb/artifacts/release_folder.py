@@ -9,7 +9,7 @@ restore`, `kb verify`, `kb query` and `kb.load` all ask here.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cache
@@ -103,10 +103,14 @@ def recognise(folder: Path) -> ReleaseFolder | None:
     """
     names = [path.name for path in folder.glob("*.parquet")]
     for some in (names, sums(folder)[0]):
-        sources = {_sources()[short] for short in map(_short, some) if short in _sources()}
-        if sources:
+        if sources := sources_of(some):
             return read(folder, sources.pop()) if len(sources) == 1 else None
     return None
+
+
+def sources_of(names: Iterable[str]) -> set[str]:
+    """The sources whose tables' shards have these names."""
+    return {_sources()[short] for short in map(table_of_shard, names) if short in _sources()}
 
 
 def read(folder: Path, source: str) -> ReleaseFolder:
@@ -115,7 +119,7 @@ def read(folder: Path, source: str) -> ReleaseFolder:
     parts = tuple(
         ReleasedTable(declared, shards)
         for declared in released_tables(source)
-        if (shards := tuple(file for file in own if _short(file.name) == declared.short))
+        if (shards := tuple(file for file in own if table_of_shard(file.name) == declared.short))
     )
     others = tuple(
         file
@@ -130,15 +134,24 @@ def read_tombstones(path: Path) -> pa.Table:
     if path.suffix == ".parquet":
         with reading([path]):
             return parquet.read_table(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DamagedData(f"{path} can't be read: {error.strerror}", hint=DOWNLOAD) from None
+    return parse_tombstones(data, path)
+
+
+def parse_tombstones(data: bytes, place: object) -> pa.Table:
+    """The rows of tombstones.ndjson, which lies at `place`. Raises DamagedData."""
     schema = table("shared/tombstones").arrow(True)
     try:
-        rows = [orjson.loads(line) for line in path.read_bytes().splitlines()]
+        rows = [orjson.loads(line) for line in data.splitlines()]
         for row in rows:
             row["removed_at"] = datetime.fromisoformat(row["removed_at"])
         return pa.Table.from_pylist(rows, schema)
-    except (ValueError, TypeError, KeyError, OSError, pa.ArrowException) as error:
+    except (ValueError, TypeError, KeyError, pa.ArrowException) as error:
         what = (str(error).splitlines() or [type(error).__name__])[0]
-        raise DamagedData(f"{path} can't be read: {what}", hint=DOWNLOAD) from None
+        raise DamagedData(f"{place} can't be read: {what}", hint=DOWNLOAD) from None
 
 
 def tombstone_lines(rows: pa.Table) -> str:
@@ -177,7 +190,7 @@ def sums(folder: Path) -> tuple[dict[str, str], int]:
         return {}, 1
 
 
-def _short(name: str) -> str:
+def table_of_shard(name: str) -> str:
     """The table that a shard's name begins with, "" for another file."""
     match = _SHARD.fullmatch(name)
     return match[1] if match else ""

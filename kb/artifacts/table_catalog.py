@@ -10,6 +10,8 @@ A download is one release folder, or a folder above several. Commands that only 
 names only.
 """
 
+from __future__ import annotations
+
 import difflib
 import hashlib
 import os
@@ -19,7 +21,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from kb.artifacts import manifest, release_folder
 from kb.artifacts.release_folder import ReleaseFolder
@@ -31,24 +33,32 @@ from kb.store.artifact_registry import rebuild_hint
 from kb.store.layout import TOP, Layout, parquet_files, rows_pattern
 from kb.store.tables.row_counts import VERDICTS
 
+if TYPE_CHECKING:
+    import pyarrow.dataset as ds
+
+    from kb.store.tables.remote_files import RemoteFolder
+
 SCHEMAS = ("clean", "release", "restored", "links")  # a bare name is the first of these that has it
 CONTENT = ("clean", "restored", "release")  # where a source's texts are read: the fullest first
 _OF_A_ROOT = ("raw", "state", "clean", "restored")  # any of these makes a folder a data root
 _SHARD = re.compile(r"([a-z][a-z0-9_]*?)(?:-[0-9]+(?:-of-[0-9]+)?)?\.parquet")
 NO_TABLES = "run a crawl and its filter first, or `kb demo`"
+_ADDRESS = re.compile(r"((?:[a-z0-9]+::)*[a-z][a-z0-9+.-]+):/{1,2}(.*)", re.DOTALL)
 _MOST = 500  # entries of a folder among which a data root is looked for
 
 
 class View(NamedTuple):
     """A table that has files; `schema` is one of SCHEMAS, `doc` the table's one line. `home` is
-    the folder that paths in its rows start from: a data root or a release folder.
+    the folder that paths in its rows start from: a data root or a release folder. A table that is
+    read at an address has no files here but a `dataset`.
     """
 
     schema: str
     name: str
     files: list[Path]
     doc: str
-    home: Path = Path()
+    home: Path | RemoteFolder = Path()
+    dataset: ds.Dataset | None = None
 
     @property
     def full(self) -> str:
@@ -186,6 +196,15 @@ def outside(root: Path, out: Path) -> Path:
     return place
 
 
+def address_of(place: str | os.PathLike[str]) -> str:
+    """The fsspec address that a place is, also as a Path ("s3:/bucket"); "" for a folder."""
+    match = _ADDRESS.fullmatch(os.fspath(place))
+    if match is None:
+        return ""
+    absolute = "/" if match[1].endswith("file") else ""  # file:/folder is file:///folder
+    return f"{match[1]}://{absolute}{match[2].removeprefix(absolute)}"
+
+
 def existing(path: Path) -> Path:
     """The folder as an absolute path. Raises SettingError, which names the nearest data root."""
     path = path.expanduser().absolute()
@@ -305,7 +324,7 @@ def _released(folders: Iterable[ReleaseFolder]) -> list[View]:
 def check_once(views: dict[str, View], view: View) -> None:
     """Add a view by its full name. Raises UsageError where another folder holds the same table."""
     other = views.setdefault(view.full, view)
-    if other.files != view.files:
+    if (other.home, other.files) != (view.home, view.files):
         raise UsageError(
             f"{view.full} is in {other.home} and in {view.home}",
             hint="read them separately: give one of them as --data, or kb.load(…) for each",

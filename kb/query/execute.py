@@ -20,6 +20,7 @@ from kb.query.views import find_views
 from kb.schema.tables import tables
 from kb.store.tables import checksums, parquet
 from kb.store.tables.reading import broken
+from kb.store.tables.remote_files import UNREACHABLE
 
 _TABLE = re.compile(r'Table with name "?([^"!]+?)"? does not exist')
 _COLUMN = re.compile(r'Values list "[^"]*" does not have a column named "([^"]+)"')
@@ -190,6 +191,8 @@ def _problem(error: Exception, views: Sequence[View]) -> KbError:
     )
     if (named or about_files) and (damage := broken(named or files)):
         return damage
+    if about_files and any(view.dataset is not None for view in views):
+        return DamagedData(f"the release can't be read: {line}", hint=UNREACHABLE)
     if line.startswith("Out of Memory Error: "):
         return FatalError(line, hint="ask for less at a time")
     if line.startswith("IO Error: "):

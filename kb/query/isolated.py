@@ -33,7 +33,7 @@ class IsolatedQuery(msgspec.Struct):
     """What the process reads on stdin."""
 
     sql: str
-    views: list[View]
+    views: list[tuple[str, str, list[Path]]]  # schema, name, files
     rows: int
     characters: int
     cell: int
@@ -64,7 +64,14 @@ def run_isolated(
     its limits.
     """
     query = IsolatedQuery(
-        sql, list(views), rows, characters, cell, limits.seconds, limits.memory, os.getpid()
+        sql,
+        [(one.schema, one.name, one.files) for one in views],
+        rows,
+        characters,
+        cell,
+        limits.seconds,
+        limits.memory,
+        os.getpid(),
     )
     home = str(Path(kb.__file__).resolve().parent.parent)
     try:
@@ -109,8 +116,9 @@ def main() -> None:
 
 def _reply(query: IsolatedQuery, limits: Limits) -> QueryReply:
     try:
-        with contextlib.closing(connect(None, query.views, limits)) as con, limited(con, limits):
-            reader = select(con, query.sql, views=query.views, text=True)
+        views = [View(schema, name, files, "") for schema, name, files in query.views]
+        with contextlib.closing(connect(None, views, limits)) as con, limited(con, limits):
+            reader = select(con, query.sql, views=views, text=True)
             lines = as_csv(reader, query.cell)
             return QueryReply(*_first(lines, query.rows + 1, query.characters))
     except KbError as error:

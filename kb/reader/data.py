@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from kb import query
-from kb.artifacts import table_catalog
-from kb.artifacts.table_catalog import Catalog
+from kb.artifacts import remote_release, table_catalog
+from kb.artifacts.table_catalog import Catalog, View
 from kb.core.errors import UsageError
 from kb.reader import clips, html, thread, wiki_page
 from kb.reader.error_hints import with_hints
@@ -21,28 +22,43 @@ _METHODS = ("sql", "page", "thread", "clips", "search")
 
 
 @with_hints
-def load(*places: Place | Iterable[Place]) -> Data:
+def load(
+    *places: Place | Iterable[Place], storage_options: Mapping[str, Any] | None = None
+) -> Data:
     """Open a data root, a `release/` folder, one release folder, or several of these together.
 
         import kb
         data = kb.load("release/")
         data = kb.load("lorecrawl-youtube", "lorecrawl-pairs")
+        data = kb.load("hf://datasets/ORG/NAME")
+        data = kb.load("s3://bucket/prefix", storage_options={"anon": True})
 
     The default is the folder `data`. Only lists the files, which are read when needed. Nothing is
-    written or sent, and no key or profile is needed. Raises UsageError for a folder that does not
-    exist, FatalError for one without tables, DamagedData if a file is missing.
+    written or sent, and no key or profile is needed.
+
+    A release may also be at any address that fsspec knows. Of its tables only what is asked for
+    is read; each page is verified by its checksum. Nothing is kept on this machine, unless an
+    address such as `blockcache::s3://…` says where (`storage_options={"blockcache":
+    {"cache_storage": "cache"}}`). `storage_options` are fsspec's.
+
+    Raises UsageError for a folder that does not exist, FatalError for one without tables or without
+    permission to read it, DamagedData if a file is missing, MissingExtra without the package that
+    an address needs.
     """
-    paths: list[Path] = []
+    given: list[Place] = []
     for one in places or ("data",):
-        paths += [Path(one)] if isinstance(one, str | os.PathLike) else map(Path, one)
-    return Data([table_catalog.read(path) for path in paths])
+        given += [one] if isinstance(one, str | os.PathLike) else one
+    remote = [address for one in given if (address := table_catalog.address_of(one))]
+    local = [Path(one) for one in given if not table_catalog.address_of(one)]
+    views = [view for one in remote for view in remote_release.read_views(one, storage_options)]
+    return Data([table_catalog.read(path) for path in local], views)
 
 
 class Data:
     """Tables, wiki pages, Reddit threads and clips; made by `kb.load`."""
 
-    def __init__(self, catalogs: Sequence[Catalog]) -> None:
-        self._opened = OpenTables(catalogs)
+    def __init__(self, catalogs: Sequence[Catalog], remote: Iterable[View] = ()) -> None:
+        self._opened = OpenTables(catalogs, remote)
         self.tables = Tables(self._opened.views)
 
     @with_hints
@@ -129,7 +145,8 @@ class Data:
         `entity`: only answers that mention this keyword of the profile, as found by `kb links`.
         `each`: answers per video, page or thread, None for all; `size`: characters of a text.
         An index that is missing or out of date is built first, in the data root, or in the user's
-        cache for a download. Raises UsageError if there are no texts.
+        cache for a download. Raises UsageError if there are no texts, and for releases that are
+        read at an address.
         """
         from kb.reader import search  # noqa: PLC0415  it needs pydantic, which takes a second
 

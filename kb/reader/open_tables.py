@@ -1,6 +1,8 @@
 """The tables of one or more folders, with one connection over them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import nullcontext
+from pathlib import Path
 from typing import Any
 
 import duckdb
@@ -10,20 +12,21 @@ from kb import query
 from kb.artifacts.table_catalog import SCHEMAS, Catalog, View, check_once
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
+from kb.store.tables.remote_files import reading_at
 
 
 class OpenTables:
-    """Tables by their full names; DuckDB is opened for the first query.
+    """Tables by their full names; DuckDB is opened for the first query. `remote`: tables that are
+    read at an address.
 
     Raises UsageError if two of the folders contain the same table.
     """
 
-    def __init__(self, catalogs: Sequence[Catalog]) -> None:
+    def __init__(self, catalogs: Sequence[Catalog], remote: Iterable[View] = ()) -> None:
         self.catalogs = catalogs
         self.named: dict[str, View] = {}
-        for one in catalogs:
-            for view in one.views:
-                check_once(self.named, view)
+        for view in [*(view for one in catalogs for view in one.views), *remote]:
+            check_once(self.named, view)
         self.views = [*self.named.values()]
         self._con: duckdb.DuckDBPyConnection | None = None
 
@@ -44,8 +47,10 @@ class OpenTables:
 
     def rows(self, sql: str, parameters: Sequence[Any] = ()) -> pa.Table:
         """The rows of a query, with values for its question marks."""
-        files = [path for view in self.views if view.name in sql for path in view.files]
-        with reading(files):
+        used = [view for view in self.views if view.name in sql]
+        files = [path for view in used for path in view.files]
+        homes = [view.home.address for view in used if not isinstance(view.home, Path)]
+        with reading(files), reading_at(homes[0]) if homes else nullcontext():
             parquet.check(*files)
             table: pa.Table = self.con.sql(sql, params=list(parameters)).to_arrow_table()
             return table

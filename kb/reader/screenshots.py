@@ -10,11 +10,12 @@ import tarfile
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 from kb.core.errors import DamagedData
 from kb.reader.tables import needs
 from kb.store.rawlog.sidefiles import captured_path
+from kb.store.tables.remote_files import RemoteFolder, reading_at
 
 if TYPE_CHECKING:
     from PIL.Image import Image as Picture
@@ -73,7 +74,7 @@ def box(row: dict[str, Any]) -> Box:
     return Box(**given, lines=lines and tuple(TextLine(**line) for line in lines))
 
 
-def screenshot(home: Path, row: dict[str, Any]) -> Picture:
+def screenshot(home: Path | RemoteFolder, row: dict[str, Any]) -> Picture:
     """The screenshot of a page's row. Raises MissingExtra and DamagedData.
 
     Pillow's limit on pixels is lifted only for an image of exactly the size in the page's row.
@@ -81,8 +82,7 @@ def screenshot(home: Path, row: dict[str, Any]) -> Picture:
     needs("PIL", install="pillow")
     from PIL import Image
 
-    path = row["screenshot_path"]
-    data, where = _bytes(home, path)
+    data, where = _bytes(home, row["screenshot_path"])
     scale = row["device_pixel_ratio"]
     wanted = [round(row["page_width"] * scale), round(row["page_height"] * scale)]
     size = _size(data)
@@ -117,9 +117,11 @@ def outlined(image: Picture, boxes: Iterable[Box], scale: float) -> Picture:
     return copy
 
 
-def _bytes(home: Path, path: str) -> tuple[bytes, str]:
+def _bytes(home: Path | RemoteFolder, path: str) -> tuple[bytes, str]:
     """A file's bytes, and where they are: `<tar>/<member>` of a release, or a data root's file."""
     tar, slash, member = path.partition("/")
+    if isinstance(home, RemoteFolder):
+        return _remote_member(home, tar, member), f"{home}/{tar}: {member}"
     if slash and tar.endswith(".tar") and "/" not in member:
         return _member(home / tar, member), f"{home / tar}: {member}"
     file = captured_path(home, path)
@@ -138,9 +140,22 @@ def _member(tar: Path, member: str) -> bytes:
     if entry is None:
         return _searched(tar, member)
     with tar.open("rb") as file:
-        file.seek(int(entry["offset"]))
-        data = file.read(int(entry["size"]))
+        return _verified(file, entry, str(tar))
+
+
+def _remote_member(folder: RemoteFolder, tar: str, member: str) -> bytes:
+    entry = _remote_index(folder).get((tar, member))
+    if entry is None or tar not in folder.sizes:
+        raise DamagedData(f"{folder} has no {tar}/{member}", hint="publish the release again")
+    with folder.open(tar) as file, reading_at(f"{folder}/{tar}"):
+        return _verified(file, entry, f"{folder}/{tar}")
+
+
+def _verified(file: BinaryIO, entry: dict[str, Any], tar: str) -> bytes:
+    file.seek(int(entry["offset"]))
+    data = file.read(int(entry["size"]))
     if hashlib.sha256(data).hexdigest() != entry["sha256"]:
+        member = entry["member"]
         raise DamagedData(f"{tar} is damaged: checksum mismatch of {member}", hint=_DOWNLOAD)
     return data
 
@@ -164,15 +179,24 @@ def _index(folder: Path) -> dict[tuple[str, str], dict[str, Any]]:
 
 @lru_cache(maxsize=4)
 def _read(path: Path, changed: int) -> dict[tuple[str, str], dict[str, Any]]:
+    with path.open("rb") as lines:
+        return _entries(lines, str(path))
+
+
+@lru_cache(maxsize=4)
+def _remote_index(folder: RemoteFolder) -> dict[tuple[str, str], dict[str, Any]]:
+    return _entries(folder.read(INDEX).splitlines(), f"{folder}/{INDEX}")
+
+
+def _entries(lines: Iterable[bytes], place: str) -> dict[tuple[str, str], dict[str, Any]]:
     members = {}
-    with path.open(encoding="utf-8") as lines:
-        for number, line in enumerate(lines, start=1):
-            try:
-                entry = json.loads(line)
-                members[entry["tar"], entry["member"]] = entry
-                int(entry["offset"]), int(entry["size"]), entry["sha256"]
-            except (ValueError, KeyError, TypeError):
-                raise DamagedData(f"{path}, line {number} can't be read", hint=_DOWNLOAD) from None
+    for number, line in enumerate(lines, start=1):
+        try:
+            entry = json.loads(line)
+            members[entry["tar"], entry["member"]] = entry
+            int(entry["offset"]), int(entry["size"]), entry["sha256"]
+        except (ValueError, KeyError, TypeError):
+            raise DamagedData(f"{place}, line {number} can't be read", hint=_DOWNLOAD) from None
     return members
 
 

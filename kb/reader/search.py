@@ -41,6 +41,8 @@ def find(
     for what, given, known in (("source", sources, SOURCES), ("kind", only.kinds, KINDS)):
         if wrong := [one for one in given if one not in known]:
             raise UsageError(f"unknown {what} {wrong[0]!r}", hint=f"use one of {', '.join(known)}")
+    if not opened.catalogs:
+        raise UsageError("a release at an address can't be searched", hint="download it first")
     hits = []
     chosen = sources or SOURCES
     indexable = [

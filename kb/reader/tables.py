@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -19,15 +20,14 @@ from kb.core.errors import MissingExtra, UsageError
 from kb.reader import html
 from kb.reader.error_hints import with_hints
 from kb.store.tables import parquet
+from kb.store.tables.parquet_dataset import parquet_dataset
 from kb.store.tables.reading import reading
+from kb.store.tables.remote_files import reading_at
 
 if TYPE_CHECKING:
     import pandas
     import polars
 
-_PARQUET = ds.ParquetFileFormat(
-    default_fragment_scan_options=ds.ParquetFragmentScanOptions(page_checksum_verification=True)
-)
 _SHOWN = 5  # rows in a notebook
 
 
@@ -104,7 +104,7 @@ class TableView(RowSet):
 
     def __init__(self, view: View) -> None:
         self.view = view
-        self._dataset: ds.Dataset | None = None
+        self._dataset: ds.Dataset | None = view.dataset
 
     @property
     def name(self) -> str:
@@ -118,13 +118,18 @@ class TableView(RowSet):
 
     @property
     def files(self) -> list[Path]:
-        """The shards, in order."""
+        """The shards, in order; none of a table that is read at an address."""
         return list(self.view.files)
 
     @property
     def _is_list(self) -> bool:
         """Whether this is a release's list of tombstones, which is not Parquet."""
-        return self.view.files[0].suffix == ".ndjson"
+        return bool(self.view.files) and self.view.files[0].suffix == ".ndjson"
+
+    def _reading(self) -> AbstractContextManager[None]:
+        """What turns a failed read into an error that names the file or address."""
+        home = self.view.home
+        return reading(self.view.files) if isinstance(home, Path) else reading_at(home.address)
 
     @property
     def dataset(self) -> ds.Dataset:
@@ -134,7 +139,7 @@ class TableView(RowSet):
         if self._dataset is None:
             with reading(self.view.files):
                 parquet.check(*self.view.files)
-                self._dataset = ds.dataset(list(map(str, self.view.files)), format=_PARQUET)
+                self._dataset = parquet_dataset(list(map(str, self.view.files)))
         return self._dataset
 
     @property
@@ -163,20 +168,20 @@ class TableView(RowSet):
                     f"{self.name} has no column {name!r}",
                     hint=f"did you mean {' or '.join(near)}?" if near else ".schema lists them",
                 )
-        with reading(self.view.files):
+        with self._reading():
             return self.dataset.to_table(columns=chosen, filter=filter)
 
     def head(self, rows: int = _SHOWN) -> pa.Table:
         """The first rows, without reading the others."""
-        with reading(self.view.files):
+        with self._reading():
             return self.dataset.head(rows)
 
     @with_hints
     def count_rows(self) -> int:
         """The number of rows, from the files' footers. Raises DamagedData."""
-        if self._is_list:
-            return int(self.dataset.count_rows())
-        with reading(self.view.files):
+        with self._reading():
+            if self._is_list or self.view.dataset is not None:
+                return int(self.dataset.count_rows())
             return sum(pq.read_metadata(path).num_rows for path in self.view.files)
 
     def __getattr__(self, name: str) -> Any:

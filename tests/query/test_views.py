@@ -36,7 +36,7 @@ def test_times_are_utc(root: Path) -> None:
 
 
 def test_the_catalog(root: Path) -> None:
-    listing = query.catalog(root)
+    listing = query.catalog(query.find_views(root))
     assert [row[:3] for row in listing] == [
         ("clean", "pairs", 1),
         ("clean", "youtube_rejected", 2),
@@ -53,7 +53,7 @@ def test_an_empty_root_says_what_to_do(tmp_path: Path) -> None:
     with pytest.raises(FatalError, match="no tables in ") as caught:
         rows(tmp_path / "data", "FROM youtube_videos")
     assert "kb demo" in caught.value.hint
-    assert query.catalog(tmp_path) == []
+    assert query.catalog(query.find_views(tmp_path)) == []
 
 
 def test_a_damaged_file_is_named(root: Path) -> None:
@@ -61,7 +61,7 @@ def test_a_damaged_file_is_named(root: Path) -> None:
     with pytest.raises(DamagedData, match="rejected"):
         query.connect(root)
     with pytest.raises(DamagedData, match="rejected"):
-        query.catalog(root)
+        query.catalog(query.find_views(root))
 
 
 def test_plain_duckdb_reads_the_same(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -90,7 +90,9 @@ def test_what_was_reconstructed(tmp_path: Path, make_rows) -> None:
     for place in (tmp_path, out):  # the data root, and the folder of --out itself
         assert rows(place, "SELECT count(*) FROM restored.reddit_comments") == [(2,)]
         assert rows(place, "SELECT count(*) FROM reddit_posts") == [(2,)]
-        assert [(view.schema, view.view, view.rows) for view in query.catalog(place)] == [
+        assert [
+            (view.schema, view.view, view.rows) for view in query.catalog(query.find_views(place))
+        ] == [
             ("restored", "reddit_comments", 2),
             ("restored", "reddit_missing", 1),
             ("restored", "reddit_posts", 2),

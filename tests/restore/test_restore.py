@@ -134,7 +134,11 @@ def test_everything_comes_back_killed_three_times_on_the_way(
 
 
 def _listed(job: Job) -> list[dict[str, Any]]:
-    return [one._asdict() for one in query.catalog(job.root) if one.schema == "restored"]
+    return [
+        one._asdict()
+        for one in query.catalog(query.find_views(job.root))
+        if one.schema == "restored"
+    ]
 
 
 @pytest.fixture(scope="session")

@@ -65,6 +65,7 @@ def _without_comments(argument: str) -> str:
         'kb query "FROM release.reddit_posts" --out posts.parquet',
         'kb query "SELECT language, count(*) FROM pairs_quality WHERE has_verb GROUP BY language"',
         "kb query --file question.sql --out answer.csv",
+        'kb query --data hf://datasets/ORG/NAME "SELECT count(*) FROM youtube_videos"',
     ],
 )
 def query(
@@ -108,12 +109,14 @@ def query(
     The schemas clean and release have one view per table (clean.reddit_posts,
     release.youtube_videos), restored has what was restored, links has the entities. A name without
     schema means the clean table if there is one, else the released, else the restored one. Times
-    are UTC. --data may be a data root, a release folder, a folder of several, or the folder of a
-    reconstruction. A query may use half of the machine's memory, and spills the rest to the data
-    root, or to the temporary folder for a download.
+    are UTC. --data may be a data root, a release folder, a folder of several, the folder of a
+    reconstruction, or the address of a release (hf://datasets/ORG/NAME, s3://BUCKET/PREFIX or
+    another that fsspec knows), of which only what the query needs is read. A query may use half of
+    the machine's memory, and spills the rest to the data root, or to the temporary folder for a
+    download.
     """
-    from kb.artifacts.table_catalog import read
-    from kb.query import catalog, connect, select
+    from kb.artifacts import remote_release, table_catalog
+    from kb.query import catalog, connect, find_views, select
     from kb.query.limits import for_people, limited
     from kb.query.output import choose, write
 
@@ -126,18 +129,23 @@ def query(
     chosen = choose(asked, out)
     if not tables:
         sql = _read(sql, file)
-    run = options.make_run(needs="root", exists=options.data is not None)
-    if tables:
-        read(run.root)
+    run = options.make_run(needs="root", exists=options.data is not None, addresses=True)
+    address = table_catalog.address_of(run.settings.kb_data)
+    views = remote_release.read_views(address) if address else None
+    if tables and views is None:
+        table_catalog.read(run.root)
     limits = for_people(timeout)
-    with contextlib.closing(connect(run.root, limits=limits)) as db, limited(db, limits):
+    root = None if address else run.root
+    with contextlib.closing(connect(root, views, limits)) as db, limited(db, limits):
         if tables:
-            answer = _listing(catalog(run.root), one_name=chosen == OutputFormat.table)
+            listed = catalog(find_views(run.root) if views is None else views)
+            answer = _listing(listed, one_name=chosen == OutputFormat.table)
         else:
             answer = select(
                 db,
                 sql or "",
-                root=run.root,
+                root=root,
+                views=views,
                 text=chosen != OutputFormat.parquet,
                 progress=run.progress,
             )

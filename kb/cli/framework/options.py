@@ -99,6 +99,7 @@ class Options:
         needs: str = "profile",
         checks: bool = False,
         exists: bool = False,
+        addresses: bool = False,
         **settings: object,
     ) -> Run:
         """The Run of these options; `settings` (field names) win over the environment.
@@ -106,10 +107,11 @@ class Options:
         `needs`: "profile"; "root" for a command that reads the data root without a profile's
         rules, so that it works where the profile's file is missing; "nothing" for one that reads
         neither. `checks`: refuse a profile with errors in it or its keyword lists. `exists`: refuse
-        a folder that does not exist, and name the nearest data root.
+        a folder that does not exist, and name the nearest data root. `addresses`: the data root
+        may be an address, which the command itself reads.
         Raises SettingError, ProfileError or OtherService before anything is sent or written.
         """
-        from kb.artifacts.table_catalog import existing
+        from kb.artifacts.table_catalog import address_of, existing
         from kb.cli.commands.profile.check import refuse
         from kb.cli.framework import progress
         from kb.cli.framework.demo_root import in_demo_root
@@ -138,7 +140,13 @@ class Options:
         profile = _profile(loaded.kb_profile, root, needs)
         if checks:
             refuse(profile)
-        if exists:
+        address = address_of(loaded.kb_data)
+        if address and not addresses:
+            raise SettingError(
+                f"this command reads no addresses such as {address}",
+                hint="download the release, or use `kb query` or kb.load in Python",
+            )
+        if exists and not address:
             existing(root)
         if needs == "profile":
             loaded, profile = in_demo_root(root, loaded, profile)

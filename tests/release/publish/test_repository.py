@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 
 from kb.sandbox.hub.repository import git_blob
-from kb.sandbox.hub.service import TOKEN
+from kb.sandbox.hub.service import STRANGER, TOKEN
 from kb.sandbox.server import Sandbox
+from tests.inprocess import Done
 from tests.release.publish.hub_sending import (
     REPO,
     at_hub,
@@ -209,3 +210,38 @@ def test_load_dataset_reads_every_config_back(root: Path, hub: Sandbox) -> None:
     for name, paths in shards.items():
         rows = [row for path in paths for row in pq.ParquetFile(path).read().to_pylist()]
         assert read[name] == json.loads(json.dumps(rows, default=str)), name
+
+
+def test_a_published_release_is_read_where_it_lies(root: Path, hub: Sandbox) -> None:
+    """By a process of its own, with the token and without it."""
+    assert publish(hub, root, "--repo", REPO, "--private").code == 0
+    before = len(hub.ledger)
+    asked = ("query", "SELECT count(*) AS n FROM youtube_videos", "--format", "csv")
+    place = ("--data", f"hf://datasets/{REPO}")
+    read = at_address(hub, root, *asked, *place)
+    assert (read.code, read.err) == (0, "")
+    assert read.out == at_address(hub, root, *asked, "--data", str(root / "release")).out
+    listed = at_address(hub, root, "query", "--tables", *place)
+    assert "release.youtube_videos" in listed.out
+    assert changes(hub, before) == []
+    refused = at_address(hub, root, *asked, *place, HF_TOKEN=STRANGER)
+    assert refused.code in (1, 2)
+    assert refused.err.startswith(f"kb: there is no hf://datasets/{REPO}; ")
+    crawl = at_address(hub, root, "status", *place)
+    assert (crawl.code, "reads no addresses" in crawl.err) == (2, True)
+
+
+def at_address(service: Sandbox, root: Path, *words: str, **env: str) -> Done:
+    """`kb WORDS` in an empty folder, with the hub's address and token."""
+    empty = root.parent / "elsewhere"
+    empty.mkdir(exist_ok=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "kb", *words],
+        env=environment(service, root, PYTHONPATH=str(Path.cwd()), **env),
+        cwd=empty,
+        text=True,
+        capture_output=True,
+        check=False,
+    )
+    assert list(empty.iterdir()) == []
+    return Done(done.returncode, done.stdout, done.stderr)

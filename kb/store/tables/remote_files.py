@@ -1,0 +1,161 @@
+"""Folders that are read where they lie, at any address that fsspec knows.
+
+    folder, *inner = remote_folders("hf://datasets/ORG/NAME")
+    folder.dataset(["videos-00000-of-00001.parquet"])     # a pyarrow Dataset: reads what is asked
+
+Of a Parquet file only the footer and the pages that a query needs are read, and every page is
+verified by its checksum; other files are read whole and verified by SHA256SUMS. Nothing is written:
+an address such as `blockcache::s3://…` keeps blocks in a folder of the user's choice.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, BinaryIO, cast
+
+import fsspec
+from fsspec.implementations.cached import CachingFileSystem
+import pyarrow as pa
+import pyarrow.dataset as ds
+import pyarrow.fs
+
+from kb.core.errors import DamagedData, FatalError, KbError, MissingExtra, SettingError
+from kb.core.installation import install_extra
+from kb.store.tables.checksums import MISMATCH, SUMS, parsed
+from kb.store.tables.parquet_dataset import parquet_dataset
+
+_EXTRAS = {"s3": "s3", "s3a": "s3", "hf": "hub"}
+# What clients raise for a refused or missing credential, by the name of its class.
+_REFUSED = {"PermissionError", "NoCredentialsError", "GatedRepoError", "PartialCredentialsError"}
+_PAGE = "page integrity"  # in Arrow's message of a page with another checksum
+UNREACHABLE = "check the address and the network"
+
+
+@dataclass(frozen=True, eq=False)
+class RemoteFolder:
+    """A folder and the sizes of its files in bytes, by name."""
+
+    address: str
+    system: fsspec.AbstractFileSystem
+    path: str
+    sizes: Mapping[str, int]
+
+    def __str__(self) -> str:
+        return self.address
+
+    def open(self, name: str) -> BinaryIO:
+        """A file to read and seek in. Raises FatalError."""
+        with reading_at(f"{self.address}/{name}"):
+            return cast("BinaryIO", _open(self.system, f"{self.path}/{name}"))
+
+    def read(self, name: str) -> bytes:
+        """A whole file. Raises DamagedData for another checksum than in SHA256SUMS."""
+        with self.open(name) as file, reading_at(f"{self.address}/{name}"):
+            data = file.read()
+        if name != SUMS and hashlib.sha256(data).hexdigest() != self.sums.get(name):
+            raise DamagedData(
+                f"{self.address}/{name} can't be read: {MISMATCH}", hint="publish it again"
+            )
+        return data
+
+    @cached_property
+    def sums(self) -> dict[str, str]:
+        """SHA-256 of each file, from SHA256SUMS. Raises DamagedData where there is none."""
+        if SUMS not in self.sizes:
+            raise DamagedData(
+                f"{self.address} has no {SUMS}", hint="it is not a whole release folder"
+            )
+        return parsed(self.read(SUMS).decode(errors="replace"))[0]
+
+    def dataset(self, names: Sequence[str]) -> ds.Dataset:
+        """Parquet files as one dataset. Raises DamagedData, FatalError."""
+        with reading_at(f"{self.address}/{names[0]}"):
+            handler = _RangeHandler(self.system)  # type: ignore[abstract]  # stubs miss them
+            paths = [f"{self.path}/{name}" for name in names]
+            return parquet_dataset(paths, pyarrow.fs.PyFileSystem(handler))
+
+
+class _RangeHandler(pyarrow.fs.FSSpecHandler):
+    """Opens files without fsspec's read-ahead: Arrow asks for the ranges that it needs, and block
+    sizes of several MB would make each of them larger.
+    """
+
+    def open_input_file(self, path: str) -> pa.PythonFile:
+        return pa.PythonFile(_open(self.fs, path), mode="r")
+
+
+def remote_folders(address: str, options: Mapping[str, Any] | None = None) -> list[RemoteFolder]:
+    """The folder at an address and those directly below it, if they have files.
+
+    `options`: what fsspec calls storage options, such as `{"anon": True}`. Raises SettingError for
+    an unknown kind of address or a folder that does not exist, MissingExtra without the client that
+    it needs, FatalError without permission or connection.
+    """
+    with reading_at(address):
+        system, path = fsspec.core.url_to_fs(address, **(options or {}))
+        path = path.rstrip("/")
+        found = system.find(path, maxdepth=2, detail=True)
+    folders: dict[str, dict[str, int]] = {}
+    for full, about in sorted(found.items()):
+        folder, _, name = full.rpartition("/")
+        folders.setdefault(folder, {})[name] = int(about["size"] or 0)
+    if not folders:
+        raise _missing(address)
+    return [
+        RemoteFolder(address.rstrip("/") + folder.removeprefix(path), system, folder, sizes)
+        for folder, sizes in folders.items()
+    ]
+
+
+def _open(system: fsspec.AbstractFileSystem, path: str) -> Any:
+    if isinstance(system, CachingFileSystem):  # it asks the system below for just its blocks
+        return system.open(path, mode="rb")
+    return system.open(path, mode="rb", cache_type="none")
+
+
+@contextlib.contextmanager
+def reading_at(address: str) -> Iterator[None]:
+    """Raises what clients and Arrow say of an address as errors that name it: SettingError,
+    MissingExtra, FatalError, DamagedData.
+    """
+    try:
+        yield
+    except KbError:
+        raise
+    except ImportError as error:
+        protocol = address.rpartition("::")[2].partition(":")[0]
+        extra = _EXTRAS.get(protocol)
+        raise MissingExtra(
+            f"{address}: {_line(error)}",
+            hint=install_extra(extra) if extra else "install the package that it names",
+        ) from None
+    except FileNotFoundError:
+        raise _missing(address) from None
+    except Exception as error:
+        if _REFUSED & {kind.__name__ for kind in type(error).__mro__}:
+            raise FatalError(
+                f"{address}: no permission to read it ({_line(error)})",
+                hint="give a credential as its service documents it, such as HF_TOKEN or"
+                " AWS_ACCESS_KEY_ID",
+            ) from None
+        if isinstance(error, pa.ArrowException) or _PAGE in str(error):
+            raise DamagedData(f"{address} can't be read: {_line(error)}") from None
+        if isinstance(error, ValueError) and "rotocol not known" in str(error):
+            raise SettingError(
+                f"{address}: {_line(error)}", hint="use hf://, s3:// or another of fsspec's"
+            ) from None
+        raise FatalError(f"{address} can't be read: {_line(error)}", hint=UNREACHABLE) from error
+
+
+def _missing(address: str) -> SettingError:
+    return SettingError(
+        f"there is no {address}", hint="check the address; without permission it looks the same"
+    )
+
+
+def _line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")

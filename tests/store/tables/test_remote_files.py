@@ -1,0 +1,148 @@
+"""Folders at addresses: what is read of them, and what is said of those that can't be read."""
+
+import hashlib
+import random
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import pytest
+
+from kb.core.errors import DamagedData, FatalError, MissingExtra, SettingError
+from kb.store.tables.checksums import SUMS, listed
+from kb.store.tables.remote_files import RemoteFolder, reading_at, remote_folders
+from kb.store.tables.shard_writer import ShardWriter
+from tests.store.tables.bucket import S3Server
+
+ROWS = 400_000
+GROUP = 2_000  # of a table of 1 GB a group is 1 part in 250 or less
+SHARDS = [f"comments-{at:05d}-of-00002.parquet" for at in range(2)]
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[S3Server]:
+    with S3Server().running() as one:
+        yield one
+
+
+@pytest.fixture(scope="module")
+def folder(make_rows, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two shards of comments in groups that are small for their table, as of one of 1 GB."""
+    place = tmp_path_factory.mktemp("reddit")
+    drawn = make_rows("reddit/comments", 1_000, released=True)
+    numbers = pa.array(range(ROWS))
+    ids = pc.binary_join_element_wise("k", pc.utf8_lpad(numbers.cast(pa.string()), 7, "0"), "")
+    rows = drawn.take(pc.bit_wise_and(numbers, pa.scalar(511)))
+    drawn_ids = random.Random(7).randbytes(ROWS * 16).hex()
+    comments = pa.array(drawn_ids[at : at + 32] for at in range(0, len(drawn_ids), 32))
+    rows = rows.set_column(rows.schema.get_field_index("comment_id"), "comment_id", comments)
+    rows = rows.set_column(rows.schema.get_field_index("post_id"), "post_id", ids)
+    for at, name in enumerate(SHARDS):
+        with ShardWriter(
+            place / name, "reddit/comments", released=True, in_order=True, group_rows=GROUP
+        ) as writer:
+            writer.write(rows.slice(at * ROWS // 2, ROWS // 2))
+    (place / "profile.toml").write_text("name = 'x'\n")
+    (place / SUMS).write_text(listed(sorted(place.iterdir())))
+    return place
+
+
+@pytest.fixture(scope="module")
+def address(server: S3Server, folder: Path) -> str:
+    return server.fill("lore", folder, "v1/reddit/")
+
+
+def opened(server: S3Server, address: str, **more: object) -> RemoteFolder:
+    (one,) = remote_folders(address, server.options(**more))
+    return one
+
+
+def test_a_look_up_reads_at_most_a_twentieth_of_the_bytes(
+    server: S3Server, address: str, folder: Path
+) -> None:
+    size = sum(path.stat().st_size for path in folder.iterdir())
+    rows = opened(server, address).dataset(SHARDS)
+    before = server.answered
+    found = rows.to_table(filter=pc.field("post_id") == "k0123456")
+    assert found["post_id"].to_pylist() == ["k0123456"]
+    assert 0 < server.answered - before <= size / 20
+    assert server.methods <= {"GET", "HEAD"}
+
+
+def test_files_are_verified_and_pages_as_they_are_read(
+    server: S3Server, folder: Path, tmp_path: Path
+) -> None:
+    for path in folder.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    (tmp_path / "profile.toml").write_text("name = 'y'\n")
+    chunk = pq.read_metadata(tmp_path / SHARDS[1]).row_group(30).column(0)
+    data = bytearray((tmp_path / SHARDS[1]).read_bytes())
+    at = chunk.data_page_offset + chunk.total_compressed_size // 2
+    data[at] ^= 1
+    (tmp_path / SHARDS[1]).write_bytes(data)
+    address = server.fill("changed", tmp_path)
+    one = opened(server, address)
+    with pytest.raises(DamagedData, match=r"s3://changed/profile\.toml can't be read: checksum"):
+        one.read("profile.toml")
+    rows = one.dataset(SHARDS)
+    assert rows.to_table(filter=pc.field("post_id") == "k0000007").num_rows == 1
+    with pytest.raises(DamagedData, match=r"s3://changed.*: .*page"), reading_at(str(one)):
+        rows.to_table()
+
+
+def test_blocks_are_kept_only_in_a_folder_that_the_address_names(
+    server: S3Server, address: str, tmp_path: Path
+) -> None:
+    cache = tmp_path / "blocks"
+    options = {
+        "s3": server.options(),
+        "blockcache": {"cache_storage": str(cache), "skip_instance_cache": True},
+    }
+    answered = []
+    for _ in range(2):
+        (one,) = remote_folders(f"blockcache::{address}", options)
+        before = server.answered
+        found = one.dataset(SHARDS).to_table(filter=pc.field("post_id") == "k0000007")
+        assert found.num_rows == 1
+        answered.append(server.answered - before)
+    assert answered[1] < answered[0]
+    assert any(cache.iterdir())
+
+
+def test_errors_name_the_address(
+    server: S3Server, address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(SettingError, match="there is no s3://lore/v2"):
+        remote_folders("s3://lore/v2", server.options())
+    with pytest.raises(SettingError, match="there is no s3://nowhere"):
+        remote_folders("s3://nowhere", server.options())
+    with pytest.raises(SettingError, match="ftpx://x: Protocol not known"):
+        remote_folders("ftpx://x")
+    with pytest.raises(FatalError, match=r"s3://lore.* can't be read"):
+        remote_folders(
+            address, server.options(client_kwargs={"endpoint_url": "http://127.0.0.1:9"})
+        )
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_PROFILE"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
+    with pytest.raises(FatalError, match=r"s3://lore.*: no permission to read it") as caught:
+        remote_folders(address, server.options(key=None, secret=None))
+    assert "AWS_ACCESS_KEY_ID" in caught.value.hint
+    with pytest.raises(FatalError, match=r"can't be read|no permission"):
+        remote_folders(address, server.options(key=None, secret=None))
+
+
+def test_the_extra_that_an_address_needs_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "s3fs", None)
+    with pytest.raises(MissingExtra, match=r"s3a://lore: .*s3fs") as caught:
+        remote_folders("s3a://lore")  # not loaded yet, as s3:// is
+    assert ".[s3]" in caught.value.hint
+
+
+def test_small_files_are_read_whole(server: S3Server, address: str, folder: Path) -> None:
+    one = opened(server, address)
+    assert hashlib.sha256(one.read("profile.toml")).hexdigest() == one.sums["profile.toml"]
+    assert one.sizes == {path.name: path.stat().st_size for path in folder.iterdir()}
