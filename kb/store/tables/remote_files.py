@@ -18,10 +18,10 @@ from functools import cached_property
 from typing import Any, BinaryIO, cast
 
 import fsspec
-from fsspec.implementations.cached import CachingFileSystem
 import pyarrow as pa
 import pyarrow.dataset as ds
 import pyarrow.fs
+from fsspec.implementations.cached import CachingFileSystem
 
 from kb.core.errors import DamagedData, FatalError, KbError, MissingExtra, SettingError
 from kb.core.installation import install_extra
