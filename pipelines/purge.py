@@ -77,6 +77,7 @@ def _write_again(run: Run, source: str) -> None:
     """Exports are written again from clean, and everything around them; what can't is removed."""
     layouts.export_again(run, source)
     if source == "youtube":
+        layouts.export_again(run, "open-text")
         shutil.rmtree(Layout(run.root).pairing, ignore_errors=True)
         layouts.export_again(run, "pairs")
         load(str(locate("tasks"))).rebuild(run)

@@ -103,5 +103,10 @@ def _figures(clean: Path) -> dict[str, dict[str, int]]:
 
 
 def export(run: Run, format: str) -> Summary:
-    """Clean to release/youtube, or to export/minedojo."""
-    return layouts.export(run, "youtube", format)
+    """Clean to release/youtube and release/open-text, or to a format of others."""
+    summary = layouts.export(run, "youtube", format)
+    if format != "parquet":
+        return summary
+    made = layouts.export(run, "open-text")
+    counted = {name: made[name] for name in ("open_text", "uncredited") if made.get(name)}
+    return Summary(summary | counted)

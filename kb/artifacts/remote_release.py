@@ -14,7 +14,7 @@ from kb.artifacts.release_folder import (
     sources_of,
     table_of_shard,
 )
-from kb.artifacts.table_catalog import View, check_once, view_name
+from kb.artifacts.table_catalog import View, check_once, tombstones_view, view_name
 from kb.core.errors import DamagedData, FatalError
 from kb.schema.tables import released_tables, table
 from kb.store.tables.checksums import SUMS
@@ -59,4 +59,4 @@ def _views(folder: RemoteFolder, source: str) -> Iterator[View]:
     if TOMBSTONES in folder.sizes:
         rows = ds.dataset(parse_tombstones(folder.read(TOMBSTONES), f"{folder}/{TOMBSTONES}"))
         doc = table("shared/tombstones").doc
-        yield View("release", f"{source}_tombstones", [], doc, folder, rows)
+        yield View("release", tombstones_view(source), [], doc, folder, rows)

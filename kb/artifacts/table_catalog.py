@@ -283,8 +283,14 @@ def view_name(declared: Table) -> str:
     """The view's name of a declared table: "youtube_videos", "pairs_quality"; "pairs", "entities"
     and "links" bear their own names.
     """
-    own = declared.short == declared.source or declared.name == "links/entities"
-    return declared.short if own else f"{declared.source}_{declared.short}"
+    source = declared.source.replace("-", "_")
+    own = declared.short == source or declared.name == "links/entities"
+    return declared.short if own else f"{source}_{declared.short}"
+
+
+def tombstones_view(source: str) -> str:
+    """The view's name of a source's removed keys: "youtube_tombstones"."""
+    return f"{source.replace('-', '_')}_tombstones"
 
 
 def _clean(root: Path) -> Iterator[View]:
@@ -314,7 +320,7 @@ def _released(folders: Iterable[ReleaseFolder]) -> list[View]:
             for part in folder.parts
         ]
         if mine and folder.tombstones is not None:
-            name, doc = f"{folder.source}_tombstones", table("shared/tombstones").doc
+            name, doc = tombstones_view(folder.source), table("shared/tombstones").doc
             mine.append(View("release", name, [folder.tombstones], doc, folder.path))
         for view in mine:
             check_once(views, view)

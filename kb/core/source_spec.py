@@ -61,6 +61,7 @@ class ReleaseSpec:
     scraped     whether some of it was read from web pages
     origin      address of the service, with keys of the profile's section in braces
     extra       the package extra that the card's commands need
+    part_of     the source whose filter and export also make this folder, of licensed texts
     """
 
     main: str
@@ -80,6 +81,7 @@ class ReleaseSpec:
     scraped: bool = False
     origin: str = ""
     extra: str = ""
+    part_of: str = ""
 
 
 @dataclass(frozen=True)

@@ -21,13 +21,14 @@ def _spec(package: str) -> SourceSpec:
 
 SPECS = {spec.name: spec for spec in map(_spec, REGISTRY)}
 SOURCES = tuple(SPECS)
-PUBLISHED = (*SOURCES, "pairs", "tasks", "links")
+PUBLISHED = (*SOURCES, "pairs", "tasks", "links", "open-text")
 
 # What is made from the rows of other sources, and of which.
 MADE_OF = {
     "pairs": tuple(name for name, spec in SPECS.items() if "pairs" in spec.made),
     "tasks": tuple(name for name, spec in SPECS.items() if "pairs" in spec.made),
     "links": SOURCES,
+    "open-text": tuple(name for name, spec in SPECS.items() if "open-text" in spec.made),
 }
 
 RELEASES: dict[str, ReleaseSpec] = {
@@ -61,7 +62,18 @@ RELEASES: dict[str, ReleaseSpec] = {
         pictured="entity",
         scraped=True,
     ),
+    "open-text": ReleaseSpec(
+        main="open_text",
+        query="SELECT language, count(*) AS videos, sum(word_count) AS words FROM open_text"
+        " GROUP BY ALL ORDER BY words DESC",
+        licence="CC-BY-3.0",
+        scraped=True,
+        part_of="youtube",
+    ),
 }
+
+# What every release holds; the rest is there where the profile asks for it.
+BY_DEFAULT = tuple(name for name in PUBLISHED if not RELEASES[name].part_of)
 
 # Files and folders below export/ that are made from pairs and tasks; those of a source are in its
 # spec.
@@ -78,9 +90,11 @@ def made_of(name: str) -> tuple[str, ...]:
 
 def made_by(name: str) -> str:
     """The command that makes the tables of what is published."""
-    return f"kb {name} filter" if name in SPECS else f"kb {name}"
+    owner = RELEASES[name].part_of or name
+    return f"kb {owner} filter" if owner in SPECS else f"kb {owner}"
 
 
 def exported_by(name: str) -> str:
     """The command that makes its release folder."""
-    return f"kb {name} export" if name in SPECS else f"kb {name}"
+    owner = RELEASES[name].part_of or name
+    return f"kb {owner} export" if owner in SPECS else f"kb {owner}"

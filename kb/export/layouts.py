@@ -10,7 +10,7 @@ from kb.core.context import Run
 from kb.core.errors import FatalError, MissingExtra, ProfileError
 from kb.core.sources import SPECS
 from kb.core.summary import Summary
-from kb.export import minedojo, pair_layouts, parquet
+from kb.export import minedojo, open_text, pair_layouts, parquet
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.layout import Layout
 
@@ -24,6 +24,7 @@ MADE: Mapping[str, Mapping[str, Writer]] = {
         "video2dataset": pair_layouts.video2dataset,
     },
     "tasks": {"minedojo": minedojo.tasks},
+    "open-text": {"parquet": open_text.export},
 }
 
 

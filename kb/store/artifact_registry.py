@@ -4,6 +4,7 @@
                    clean/youtube → pairs → release/pairs, export/…
                    clean/youtube → tasks → release/tasks, export/…
                    clean/<every source> → links → release/links
+                   clean/youtube → release/open-text
 
 A name is the artifact's path below the data root. Freshness, completeness, damage, hints, locks,
 cleanup and the catalog of tables are derived from these declarations and from the manifest of each
@@ -15,7 +16,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from kb.core.sources import EXPORTS, PUBLISHED, SOURCES, SPECS, exported_by, made_of
+from kb.core.sources import (
+    EXPORTS,
+    PUBLISHED,
+    RELEASES,
+    SOURCES,
+    SPECS,
+    exported_by,
+    made_of,
+)
 from kb.schema.tables import tables
 from kb.store.layout import Layout
 
@@ -87,9 +96,11 @@ def _declared() -> Iterator[Artifact]:
     yield Artifact("restored/pairs", (), "kb restore", "restored", ("pairs/pairs",))
     for name in PUBLISHED:
         own = tuple(one.name for one in tables().values() if one.source == name and one.released)
-        inputs = (f"clean/{name}" if name in SPECS else name,)
+        owner = RELEASES[name].part_of
+        inputs = (f"clean/{owner or name}" if (owner or name) in SPECS else name,)
+        reads = tuple(f"{owner}/{short}" for short in SPECS[owner].indexed) if owner else own
         command, lock = exported_by(name), f"release-{name}"
-        yield Artifact(f"release/{name}", inputs, command, lock, own, own, public=True)
+        yield Artifact(f"release/{name}", inputs, command, lock, own, reads, public=True)
         for export in SPECS[name].exports if name in SPECS else EXPORTS.get(name, ()):
             format_ = f"{command} --format {export.partition('/')[0]}"
             yield Artifact(f"export/{export}", inputs, format_, lock, public=True)
@@ -129,4 +140,6 @@ def of_table(name: str) -> Artifact:
     "youtube/rejected").
     """
     source = name.partition("/")[0]
+    if source in RELEASES and RELEASES[source].part_of:
+        return ARTIFACTS[f"release/{source}"]
     return ARTIFACTS[f"clean/{source}" if source in SPECS else source]

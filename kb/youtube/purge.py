@@ -66,6 +66,7 @@ RULES = PurgeRules(
         # A pair whose first copy goes has no figures until the next `kb pairs`.
         *(location_of("pairs/quality", name) for name in ("video_id", "duplicate_video_id")),
         *(location_of(f"tasks/{name}", "video_id") for name in ("tasks", "titles")),
+        location_of("open-text/open_text", "video_id"),
         location_of("labels/labels", "video_id"),
         *shared_locations("youtube"),
         *(

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from kb.core.source_spec import SourceSpec
-from kb.core.sources import PUBLISHED, SOURCES, SPECS, exported_by, made_by, made_of
+from kb.core.sources import BY_DEFAULT, PUBLISHED, SOURCES, SPECS, exported_by, made_by, made_of
 from kb.schema.tables import tables
 
 
@@ -48,9 +48,12 @@ def test_what_is_made_from_sources() -> None:
     assert made_of("links") == SOURCES
     assert made_of("tasks") == made_of("pairs")
     assert made_of("wiki") == ("wiki",)
-    assert (*SOURCES, "pairs", "tasks", "links") == PUBLISHED
+    assert (*SOURCES, "pairs", "tasks", "links") == BY_DEFAULT
+    assert (*BY_DEFAULT, "open-text") == PUBLISHED
     assert (made_by("wiki"), exported_by("wiki")) == ("kb wiki filter", "kb wiki export")
     assert (made_by("pairs"), exported_by("links")) == ("kb pairs", "kb links")
+    youtube = ("kb youtube filter", "kb youtube export")
+    assert (made_by("open-text"), exported_by("open-text")) == youtube
 
 
 def test_what_is_left_in_the_order_of_work() -> None:

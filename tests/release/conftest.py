@@ -8,7 +8,7 @@ import pytest
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.core.sources import PUBLISHED
+from kb.core.sources import BY_DEFAULT
 from kb.release.build import release
 from tests.release.made import build
 from tests.release.signed import signed
@@ -44,6 +44,6 @@ def released(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The data root of a whole release; tests must not change it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("KB_NOW", "2026-11-10T00:00:00Z")
-        root = build(tmp_path_factory.mktemp("released"), sources=PUBLISHED)
+        root = build(tmp_path_factory.mktemp("released"), sources=BY_DEFAULT)
         release(a_run(root))
     return root

@@ -14,7 +14,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from kb.core.sources import PUBLISHED
+from kb.core.sources import BY_DEFAULT
 from kb.schema import Table, table
 from kb.store.layout import Layout
 from kb.store.tables.shard_writer import sorted_shards, write_table
@@ -352,7 +352,7 @@ NAMES = {
 def build(
     root: Path,
     edit: Edit | None = None,
-    sources: tuple[str, ...] = PUBLISHED,
+    sources: tuple[str, ...] = BY_DEFAULT,
     n: int = 60,
     *,
     export: bool = True,

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import pytest
 
 from kb.core.errors import FatalError
-from kb.core.sources import PUBLISHED
+from kb.core.sources import BY_DEFAULT
 from kb.report import figure_style
 from kb.report.build import report
 from kb.schema import table
@@ -184,10 +184,10 @@ def test_a_table_of_one_row_with_nothing_in_it(tmp_path: Path) -> None:
     assert not {"youtube-dates", "youtube-channels", "youtube-videos-toxicity"} & made
 
 
-@pytest.mark.parametrize("source", PUBLISHED)
+@pytest.mark.parametrize("source", BY_DEFAULT)
 def test_a_root_of_one_source(of_one: Callable[[str], OfOne], source: str) -> None:
     page = of_one(source).page
-    assert page.count("No data of") == len(PUBLISHED) - 1
+    assert page.count("No data of") == len(BY_DEFAULT) - 1
     assert "may not be passed on" in page
 
 

@@ -131,6 +131,11 @@ WORDS: dict[str, Word] = {
     "placeholders": Word("Comments that stand for a missing parent.", "{n} placeholders"),
     "pairs": Word("Pairs of a clip and its text.", "{n} pairs"),
     "tasks": Word("Prompts mined from titles.", "{n} tasks"),
+    "open_text": Word("Transcripts released as open text.", "{n} open transcripts"),
+    "uncredited": Word(
+        "Creative Commons transcripts left out because title, channel or date is missing.",
+        "{n} without credit left out",
+    ),
     "titles": Word("Titles of kept videos.", "{n} titles"),
     "starts": Word("Tasks by what says when they begin: chapter, transcript, none."),
     "clips": Word("Clips.", "{n} clips"),

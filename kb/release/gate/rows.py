@@ -15,7 +15,7 @@ from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.sources import SOURCES, SPECS, made_by
+from kb.core.sources import RELEASES, SOURCES, SPECS, exported_by, made_by
 from kb.release.gate import GateProblem, damaged
 from kb.schema import Table, released_tables
 from kb.store.layout import Layout
@@ -24,6 +24,8 @@ from kb.store.tables import database, parquet
 
 def check(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) -> list[GateProblem]:
     """Every problem of rows of `readable` tables; with damaged clean rows nothing is compared."""
+    if owner := RELEASES[folder.source].part_of:
+        return _part(run, folder, owner)
     tables = released_tables(folder.source)
     problems = [problem for one in tables for problem in _damaged(run.root, one)]
     if not problems:
@@ -48,6 +50,18 @@ def check(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) -> lis
         if declared.name not in exported and Layout(run.root).rows(declared.name)
     ]
     return problems + [problem for part in readable for problem in _age(run, folder.source, part)]
+
+
+def _part(run: Run, folder: ReleaseFolder, owner: str) -> list[GateProblem]:
+    """Of texts that a source's export writes where the profile asks for it."""
+    command = f"run `{exported_by(folder.source)}` again"
+    if not run.profile.release.open_text:
+        what = f"the profile does not ask for it (release.open_text = false); {command}"
+        return [GateProblem("content", folder.source, what)]
+    if not manifest.is_current(run.root, f"release/{folder.source}"):
+        what = f"is older than clean/{owner}; {command}"
+        return [GateProblem("rows", folder.source, what)]
+    return []
 
 
 def _damaged(root: Path, declared: Table) -> list[GateProblem]:

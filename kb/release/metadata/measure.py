@@ -161,6 +161,8 @@ def folder_licence(run: Run, folder: ReleaseFolder) -> str:
     the profile's; empty when neither gives one.
     """
     spec = RELEASES[folder.source]
+    if spec.part_of:
+        return spec.licence
     if spec.licensed:
         for name, _ in licences(folder, spec.main):
             if name in KNOWN:

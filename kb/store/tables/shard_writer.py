@@ -197,25 +197,48 @@ def sorted_shards(
         *declared.names(released),
         *(name for name in reads if name not in declared.names(released)),
     ]
-    written: list[Shard] = []
     with contextlib.closing(Merge(parts, order(declared), wanted)) as merge:
         rows = (change(one).select(declared.names(released)) if change else one for one in merge)
-        groups = _in_groups(rows, group_rows)
-        group = next(groups, None)
-        while group is not None or not written:
-            path = folder / f".{declared.short}-{len(written):05d}.parquet"
-            with ShardWriter(
-                path,
-                declared,
-                released=released,
-                in_order=True,
-                sync=False,
-                group_rows=group_rows,
-            ) as writer:
-                while group is not None and (not writer.rows or writer.size < shard_bytes):
-                    writer.write(group)
-                    group = next(groups, None)
-            written.append(Shard(path, writer.rows))
+        return write_sorted(
+            rows,
+            folder,
+            declared,
+            shard_bytes=shard_bytes,
+            group_rows=group_rows,
+            released=released,
+        )
+
+
+def write_sorted(
+    rows: Iterator[pa.Table],
+    folder: Path,
+    declared: Table | str,
+    *,
+    shard_bytes: float = SHARD,
+    group_rows: int = ROW_GROUP,
+    released: bool = True,
+) -> list[Shard]:
+    """Write rows that come in the table's order as `sorted_shards` does. Raises SchemaMismatch and
+    DiskFull.
+    """
+    declared = table(declared) if isinstance(declared, str) else declared
+    written: list[Shard] = []
+    groups = _in_groups(rows, group_rows)
+    group = next(groups, None)
+    while group is not None or not written:
+        path = folder / f".{declared.short}-{len(written):05d}.parquet"
+        with ShardWriter(
+            path,
+            declared,
+            released=released,
+            in_order=True,
+            sync=False,
+            group_rows=group_rows,
+        ) as writer:
+            while group is not None and (not writer.rows or writer.size < shard_bytes):
+                writer.write(group)
+                group = next(groups, None)
+        written.append(Shard(path, writer.rows))
     return [_named(shard, declared, at, len(written)) for at, shard in enumerate(written)]
 
 

@@ -14,7 +14,7 @@ from PIL import Image
 
 from kb import __version__
 from kb.cli.app import leaves
-from kb.core.sources import PUBLISHED, SPECS
+from kb.core.sources import BY_DEFAULT, SPECS
 from kb.export import wiki_tar
 from kb.release.build import release
 from tests.release.conftest import a_run
@@ -29,7 +29,7 @@ def blocks(text: str, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize("source", PUBLISHED)
+@pytest.mark.parametrize("source", BY_DEFAULT)
 def test_install_command_query_and_picture_come_first(released: Path, source: str) -> None:
     text = card(released, source)
     screen = text[text.index("\n# ") : text.index("|  |  |")]
@@ -59,7 +59,7 @@ def with_pictures(root: Path) -> Path:
     return root
 
 
-@pytest.mark.parametrize("source", PUBLISHED)
+@pytest.mark.parametrize("source", BY_DEFAULT)
 def test_the_python_of_the_first_screen_and_of_the_archives_runs(
     released: Path, source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -111,6 +111,6 @@ def test_the_stages_are_those_of_the_pipelines(released: Path) -> None:
 
 
 def test_no_text_points_below_where_nothing_is(released: Path) -> None:
-    for source in PUBLISHED:
+    for source in BY_DEFAULT:
         deposit = (released / "release" / source / "zenodo.json").read_text(encoding="utf-8")
         assert " below" not in deposit

@@ -3,13 +3,12 @@
 from pydantic import Field, field_validator
 
 from kb.core.config.profile.base import Section
-from kb.core.sources import PUBLISHED, SPECS
+from kb.core.sources import BY_DEFAULT, RELEASES
 
 
 def _licences() -> dict[str, str]:
     """The default licence of each release folder that has one."""
-    own = {name: spec.release.licence for name, spec in SPECS.items()}
-    return {name: own.get(name, "CC-BY-4.0") for name in PUBLISHED if own.get(name, True)}
+    return {name: RELEASES[name].licence for name in BY_DEFAULT if RELEASES[name].licence}
 
 
 class Creator(Section):
@@ -76,6 +75,11 @@ class Release(Section):
         description="megabytes after which a released Parquet file ends and the next begins; row"
         " groups of 131,072 rows stay whole",
     )
+    open_text: bool = Field(
+        False,
+        description="release the transcripts of videos that their uploaders marked as Creative"
+        " Commons, in release/open-text; uploaders mislabel, and the platform's terms remain",
+    )
     max_age_days: int | None = Field(
         None,
         ge=1,
@@ -103,9 +107,9 @@ class Release(Section):
     @field_validator("licenses")
     @classmethod
     def _known_sources(cls, value: dict[str, str]) -> dict[str, str]:
-        unknown = sorted(set(value) - set(PUBLISHED))
+        unknown = sorted(set(value) - set(BY_DEFAULT))
         if unknown:
-            raise ValueError(f"names {unknown[0]!r}; known: {', '.join(PUBLISHED)}")
+            raise ValueError(f"names {unknown[0]!r}; known: {', '.join(BY_DEFAULT)}")
         return value
 
 
