@@ -5,6 +5,7 @@
      "tables": [{bbox, headers {text, bboxes}, cells {text, bboxes}}],
      "images": [{src, path, alt_text, caption, bbox}],
      "sprites": [{text, bbox}], "texts": [{text, bbox}]}
+    export/minedojo/wiki_samples/         the first pages, which its loader reads with full=False
 
 bbox is [x, y, w, h] in pixels of the screenshot, x and y floats, w and h whole. Texts: none inside
 of a table, and none that another one holds (a list and its items: the list). Null where a caption
@@ -34,16 +35,17 @@ from kb.store.rawlog import sidefiles
 from kb.store.rawlog.sidefiles import captured_path
 from kb.store.tables.merge import RowsByKey
 
+_SAMPLES = 10  # pages
 _BOX = ["x", "y", "width", "height"]
 
 
 def wiki(run: Run) -> Summary:
-    """Writes wiki_full from clean/wiki, one page at a time. Raises FatalError without clean rows,
-    and DiskFull.
+    """Writes wiki_full and wiki_samples from clean/wiki, one page at a time. Raises FatalError
+    without clean rows, and DiskFull.
     """
     check_rows(run.root, "wiki/pages")
     target = Layout(run.root).export("minedojo", "wiki_full")
-    count, taken = 0, set()
+    count, taken, samples = 0, set(), []
     pages = sorted_rows(
         run.root,
         "wiki/pages",
@@ -76,6 +78,8 @@ def wiki(run: Run) -> Summary:
             ):  # addresses that differ by case only, on file systems that don't
                 name = f"{name}~{page['page_id']}"
             taken.add(name.casefold())
+            if count < _SAMPLES:
+                samples.append(name)
             folder = fresh / name
             (folder / "images").mkdir(parents=True)
             _copy(run.root, page["screenshot_path"], folder / "screenshot.png")
@@ -84,6 +88,11 @@ def wiki(run: Run) -> Summary:
             data = _data(run.root, folder, page, *rows)
             (folder / "data.json").write_text(json.dumps(data, indent=2), encoding="ascii")
             count += 1
+    with replacing_folder(target.with_name("wiki_samples")) as fresh:
+        for name in samples:  # a subpage's folder is inside of its page's, and not part of it
+            shutil.copytree(target / name / "images", fresh / name / "images")
+            for file in ("data.json", "screenshot.png"):
+                shutil.copyfile(target / name / file, fresh / name / file)
     return Summary(format="minedojo", pages=count, path=str(target))
 
 

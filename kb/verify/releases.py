@@ -95,7 +95,7 @@ def _metadata(
         return
     try:
         digests = {
-            one["contentUrl"]: one["sha256"]
+            one["contentUrl"].rpartition("/")[2]: one["sha256"]
             for one in json.loads(path.read_text(encoding="utf-8"))["distribution"]
             if "sha256" in one
         }

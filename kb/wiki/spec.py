@@ -30,7 +30,7 @@ SPEC = SourceSpec(
     status=".connector.reduce",
     online=".connector.online:question",
     formats={"parquet": "kb.export.wiki_tar:export", "minedojo": "kb.export.minedojo_wiki:wiki"},
-    exports=("minedojo/wiki_full",),
+    exports=("minedojo/wiki_full", "minedojo/wiki_samples"),
     texts=(
         TextColumns("pages", "page_id", {"title": ("title",)}),
         TextColumns("elements", reader="kb.links.texts:visible_text"),
@@ -45,6 +45,7 @@ SPEC = SourceSpec(
         " GROUP BY ALL ORDER BY elements DESC",
         stages=("missing", "robots", "render", "words", "toxicity"),
         rules=("url", "namespaces", "min_words", "max_page_height", "max_elements"),
+        gaps=("kb.release.metadata.gaps:large_screenshots",),
         archives=("screenshots", "images"),
         paths=(("pages", "screenshot_path"), ("images", "path")),
         licensed=("pages", "images"),

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from kb.core.sources import PUBLISHED
+from kb.core.sources import BY_DEFAULT
 from tests import trap
 
 pytestmark = pytest.mark.wheel
@@ -78,7 +78,7 @@ def test_it_leaves_what_the_contract_says(demo: Path) -> None:
         for folder in ("raw", "clean", "annotations", "release"):
             assert any((root / folder / source).rglob("*.*")), f"{folder}/{source}"
         assert (root / "state" / f"{source}.sqlite").is_file()
-    for source in PUBLISHED:
+    for source in BY_DEFAULT:
         for name in (
             "README.md",
             "croissant.json",
@@ -102,7 +102,7 @@ def test_it_prints_queries_with_results(demo: Path) -> None:
     assert "Traceback" not in (demo / "demo.err").read_text()
 
 
-@pytest.mark.parametrize("source", PUBLISHED)
+@pytest.mark.parametrize("source", BY_DEFAULT)
 def test_its_release_is_read_by_everyone(
     demo: Path, source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

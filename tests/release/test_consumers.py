@@ -23,7 +23,7 @@ import pytest
 import requests
 
 import kb
-from kb.core.sources import PUBLISHED
+from kb.core.sources import BY_DEFAULT
 from kb.release.build import release
 from kb.release.publish.publish import publish
 from kb.sandbox.server import Sandbox
@@ -33,7 +33,7 @@ from tests.conftest import skip_or_fail
 from tests.release.conftest import a_run
 from tests.release.made import build, rows
 
-SOURCES = PUBLISHED
+SOURCES = BY_DEFAULT
 
 
 TABLES = [
@@ -323,3 +323,17 @@ def test_datasheet_answers_every_question_with_measured_figures(
     for name, made in rows().items():
         if name.startswith(f"{source}/"):
             assert f"| {name.partition('/')[2]} | {len(made):,} |" in text
+
+
+def test_the_keyword_list_is_a_plain_table(downloaded: Path) -> None:
+    import pandas
+
+    path = downloaded / "pairs" / "keywords.tsv"
+    lines = path.read_text(encoding="utf-8").count("\n") - 1
+    read = [
+        pandas.read_csv(path, sep="\t"),
+        polars.read_csv(path, separator="\t"),
+        duckdb.read_csv(str(path)).df(),
+    ]
+    assert [list(one.columns) for one in read] == [["keyword", "kind", "rule", "forms"]] * 3
+    assert [len(one) for one in read] == [lines] * 3

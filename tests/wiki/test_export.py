@@ -215,6 +215,18 @@ def test_tars_are_split_by_size(run, monkeypatch):
     }
 
 
+def files_below(folder):
+    return {
+        path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()
+    }
+
+
+def test_minedojo_samples_are_the_first_pages(run, monkeypatch):
+    monkeypatch.setattr(minedojo_wiki, "_SAMPLES", 1)
+    minedojo_wiki.wiki(run)
+    assert [path.name for path in (run.root / "export/minedojo/wiki_samples").iterdir()] == ["One"]
+
+
 def test_minedojo_layout(run):
     minedojo_wiki.wiki(run)
     root = run.root / "export/minedojo/wiki_full"
@@ -229,6 +241,8 @@ def test_minedojo_layout(run):
                 opened.load()
         with Image.open(path.parent / "screenshot.png") as opened:
             opened.load()
+    samples = root.with_name("wiki_samples")  # what its loader reads with full=False
+    assert files_below(samples) == files_below(root)
     data = json.loads((root / "One/data.json").read_text())
     assert [text["text"] for text in data["texts"]] == ["Head"]
     assert data["tables"][0]["headers"]["text"] == ["H"]

@@ -137,6 +137,7 @@ def citation(run: Run, facts: Facts) -> str:
         lock=lock_digest(),
         about=about(run.profile, facts.source),
         facts=facts,
+        published=run.profile.release.published_at(facts.source),
         release=run.profile.release,
         words=_search_words(run, facts),
     )
@@ -149,6 +150,7 @@ def bibtex(run: Run, facts: Facts) -> str:
         about=about(run.profile, facts.source),
         facts=facts,
         key=name(run, facts).replace("-", "_"),
+        published=run.profile.release.published_at(facts.source),
         release=run.profile.release,
         version=__version__,
     ).rstrip("\n")

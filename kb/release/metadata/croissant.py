@@ -72,6 +72,7 @@ CONTEXT: dict[str, Any] = {
 def croissant(run: Run, facts: Facts) -> str:
     """The whole document as text."""
     prose, section = about(run.profile, facts.source), run.profile.release
+    published = section.published_at(facts.source)
     document = {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
@@ -87,6 +88,7 @@ def croissant(run: Run, facts: Facts) -> str:
         "dateModified": day(facts.built),
         "inLanguage": language(run),
         **({"url": section.homepage} if section.homepage else {}),
+        **({"identifier": f"https://doi.org/{published.doi}"} if published.doi else {}),
         **({"temporalCoverage": "/".join(map(day, facts.made))} if facts.made else {}),
         "usageInfo": {
             "@type": "sc:CreativeWork",
@@ -97,11 +99,23 @@ def croissant(run: Run, facts: Facts) -> str:
         },
         **lineage(run, facts),
         **_responsible(run, facts),
-        "distribution": [file for table in facts.tables for file in _files(table)]
-        + [_archive(file) for file in facts.others],
+        "distribution": [
+            _addressed(one, published.files)
+            for one in (
+                *(file for table in facts.tables for file in _files(table)),
+                *map(_archive, facts.others),
+            )
+        ],
         "recordSet": [_records(table) for table in facts.tables],
     }
     return json.dumps(document, ensure_ascii=False, indent=1) + "\n"
+
+
+def _addressed(file: dict[str, Any], place: str | None) -> dict[str, Any]:
+    """The file with an absolute `contentUrl` where the profile says what that will be."""
+    return (
+        file | {"contentUrl": f"{place}/{file['name']}"} if place and "contentUrl" in file else file
+    )
 
 
 def _creator(creator: Creator) -> dict[str, Any]:

@@ -25,7 +25,9 @@ def datacite(run: Run, facts: Facts) -> str:
     related = [(section.homepage, "IsDocumentedBy", "Text")] if section.homepage else []
     if address := software_address():
         related.append((address, "IsCompiledBy", "Software"))
+    doi = section.published_at(facts.source).doi
     document = {
+        **({"doi": doi} if doi else {}),
         "types": {"resourceTypeGeneral": "Dataset", "resourceType": "Dataset"},
         "creators": [_creator(one) for one in section.creators],
         "titles": [{"title": prose.title, "lang": "en"}],

@@ -46,6 +46,27 @@ def views(con: DuckDBPyConnection, folder: ReleaseFolder) -> str:
     return f"Views (`view_rule`): {', '.join(parts)}{mixed}."
 
 
+_PILLOW_LIMIT = 178_956_970  # pixels: twice Image.MAX_IMAGE_PIXELS, above which Pillow refuses
+
+
+def large_screenshots(con: DuckDBPyConnection, folder: ReleaseFolder) -> str:
+    """Screenshots that Pillow does not open by default."""
+    scan = _scan(folder, "pages")
+    if not scan:
+        return ""
+    pixels = "page_width * page_height * device_pixel_ratio * device_pixel_ratio"
+    ((large,),) = con.execute(
+        f"SELECT count(*) FROM {scan} WHERE {pixels} > {_PILLOW_LIMIT}"
+    ).fetchall()
+    if not large:
+        return ""
+    return (
+        f"{large:,} {'screenshot has' if large == 1 else 'screenshots have'} more than"
+        f" {_PILLOW_LIMIT / 1e6:.1f} megapixels, which Pillow refuses to open until"
+        " `PIL.Image.MAX_IMAGE_PIXELS = None` is set; `kb.load` opens them."
+    )
+
+
 def threads(con: DuckDBPyConnection, folder: ReleaseFolder) -> str:
     """Comments whose parent was left out."""
     scan = _scan(folder, "comments")

@@ -216,8 +216,9 @@ def latest_draft(deposit: dict[str, Any]) -> str:
 
 
 def doi(shown: dict[str, Any]) -> str | None:
-    """The identifier that the service gave, None where it gave none."""
-    return _text(shown.get("doi"))
+    """The identifier that the service gave, or reserves for a draft; None where it gave none."""
+    reserved = shown.get("metadata", {}).get("prereserve_doi", {})
+    return _text(shown.get("doi")) or _text(reserved.get("doi"))
 
 
 def page(shown: dict[str, Any]) -> str | None:

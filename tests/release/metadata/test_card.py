@@ -114,3 +114,14 @@ def test_no_text_points_below_where_nothing_is(released: Path) -> None:
     for source in BY_DEFAULT:
         deposit = (released / "release" / source / "zenodo.json").read_text(encoding="utf-8")
         assert " below" not in deposit
+
+
+def test_screenshots_that_pillow_refuses_are_counted(tmp_path: Path) -> None:
+    def edit(name: str, rows: list[dict[str, Any]]) -> None:
+        if name == "wiki/pages":
+            rows[0] |= {"page_width": 1280, "page_height": 50_000, "device_pixel_ratio": 2.0}
+            rows[1] |= {"page_width": 1280, "page_height": 50_000, "device_pixel_ratio": 1.0}
+
+    root = build(tmp_path, edit, sources=("wiki",))
+    release(a_run(root))
+    assert "- 1 screenshot has more than 179.0 megapixels" in card(root, "wiki")

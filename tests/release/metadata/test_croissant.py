@@ -8,15 +8,20 @@ from pathlib import Path
 import pytest
 import requests
 
-from kb.core.sources import PUBLISHED
+from kb.core.errors import ProfileError
+from kb.core.progress import Silent
+from kb.core.sources import BY_DEFAULT
+from kb.release.build import release
 from kb.release.publish.publish import publish
 from kb.sandbox.server import Sandbox
 from kb.sandbox.zenodo.service import TOKEN
 from kb.schema import tables
+from kb.verify.root import verify
 from tests.release.conftest import a_run
-from tests.release.made import rows
+from tests.release.made import build, rows
+from tests.release.signed import signed
 
-SOURCES = PUBLISHED
+SOURCES = BY_DEFAULT
 
 
 TABLES = [
@@ -111,3 +116,31 @@ def test_croissant_is_valid_and_says_who_is_concerned(downloaded: Path, source: 
         for field in records["field"]
     }
     assert all(described.values())
+
+
+def test_doi_and_addresses_that_are_known_before_are_in_every_file(tmp_path: Path) -> None:
+    """A draft at Zenodo reserves a DOI; its files get absolute addresses, as validators want."""
+    doi, place = "10.5281/zenodo.1234567", "https://zenodo.org/records/1234567/files"
+    profile = tmp_path / "profile.toml"
+    own = f'[release.published.pairs]\ndoi = "{doi}"\nfiles = "{place}"\n'
+    profile.write_text(signed().read_text(encoding="utf-8") + own, encoding="utf-8")
+    shutil.copy(signed().with_name("keywords.tsv"), tmp_path)
+    root = build(tmp_path / "data", sources=("pairs",))
+    release(a_run(root, profile))
+    folder = root / "release" / "pairs"
+    document = json.loads((folder / "croissant.json").read_text())
+    assert document["identifier"] == f"https://doi.org/{doi}"
+    files = [one for one in document["distribution"] if one["@type"] == "cr:FileObject"]
+    assert {one["contentUrl"] for one in files} == {
+        f"{place}/{path.name}" for path in folder.glob("*.parquet")
+    }
+    assert json.loads((folder / "datacite.json").read_text())["doi"] == doi
+    assert f'doi: "{doi}"' in (folder / "CITATION.cff").read_text()
+    assert f"doi = {{{doi}}}" in (folder / "README.md").read_text()
+    assert verify(folder, Silent()).entries == []
+    mlcroissant = pytest.importorskip("mlcroissant")
+    metadata = mlcroissant.Dataset(str(folder / "croissant.json")).metadata
+    assert not metadata.ctx.issues.errors
+    with pytest.raises(ProfileError, match=r"release\.published.*names 'video'"):
+        profile.write_text(profile.read_text().replace("published.pairs", "published.video"))
+        a_run(root, profile)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from kb.core.sources import PUBLISHED
+from kb.core.sources import BY_DEFAULT
 from kb.release.build import release
 from tests.release.conftest import a_run
 from tests.release.made import build
@@ -16,7 +16,7 @@ DATES = {"Collected", "Coverage", "Issued"}
 RELATIONS = {"IsDocumentedBy", "IsCompiledBy"}
 
 
-@pytest.mark.parametrize("source", PUBLISHED)
+@pytest.mark.parametrize("source", BY_DEFAULT)
 def test_a_deposit_has_what_datacite_requires(released: Path, source: str) -> None:
     folder = released / "release" / source
     found = json.loads((folder / "datacite.json").read_text(encoding="utf-8"))

@@ -3,7 +3,7 @@
 from pydantic import Field, field_validator
 
 from kb.core.config.profile.base import Section
-from kb.core.sources import BY_DEFAULT, RELEASES
+from kb.core.sources import BY_DEFAULT, PUBLISHED, RELEASES
 
 
 def _licences() -> dict[str, str]:
@@ -21,6 +21,23 @@ class Creator(Section):
         pattern=r"^\d{4}-\d{4}-\d{4}-\d{3}[\dX]$",
         description="ORCID id",
         examples=["0000-0002-1825-0097"],
+    )
+
+
+class PublishedAt(Section):
+    """Where a folder is, or will be, published; known once its deposit or repository exists."""
+
+    doi: str | None = Field(
+        None,
+        pattern=r"^10\.\d{4,9}/\S+$",
+        description="DOI of the folder, such as the one that a Zenodo draft reserves",
+        examples=["10.5281/zenodo.1234567"],
+    )
+    files: str | None = Field(
+        None,
+        pattern=r"^https?://\S+[^\s/]$",
+        description="address of the folder's files, without the slash at its end",
+        examples=["https://zenodo.org/records/1234567/files"],
     )
 
 
@@ -80,6 +97,11 @@ class Release(Section):
         description="release the transcripts of videos that their uploaders marked as Creative"
         " Commons, in release/open-text; uploaders mislabel, and the platform's terms remain",
     )
+    published: dict[str, PublishedAt] = Field(
+        default_factory=dict,
+        description="DOI and address of each folder, where they are known before it is published:"
+        " [release.published.youtube]",
+    )
     max_age_days: int | None = Field(
         None,
         ge=1,
@@ -103,6 +125,17 @@ class Release(Section):
         """What it lacks to say who made a release: "a creator", "a contact"."""
         creator = [] if "creators" in self.model_fields_set else ["a creator"]
         return creator + ([] if self.contact or self.homepage else ["a contact"])
+
+    def published_at(self, source: str) -> PublishedAt:
+        """DOI and address of a folder, as far as they are given."""
+        return self.published.get(source, PublishedAt())
+
+    @field_validator("published")
+    @classmethod
+    def _known_folders(cls, value: dict[str, PublishedAt]) -> dict[str, PublishedAt]:
+        if unknown := sorted(set(value) - set(PUBLISHED)):
+            raise ValueError(f"names {unknown[0]!r}; known: {', '.join(PUBLISHED)}")
+        return value
 
     @field_validator("licenses")
     @classmethod
