@@ -28,7 +28,8 @@ def test_publish_says_where_each_draft_is(
         done = here("release", "publish", *words, "--only", "pairs", env=env)
         number, url = next(iter(store(service).by_id)), service.servers["zenodo"].url
     assert done.code == 0, done.err
-    assert done.out.splitlines()[0] == f"pairs  draft  {number}  {url}/deposit/{number}"
+    reserved = f"10.5072/zenodo.{number}"
+    assert done.out.splitlines()[0] == f"pairs  draft  {number}  {reserved}  {url}/deposit/{number}"
 
 
 def test_everything_is_said_at_once(tmp_path: Path, here: Here) -> None:

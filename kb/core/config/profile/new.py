@@ -135,7 +135,7 @@ def _keys(prefix: str, section: type[BaseModel], known: Mapping[str, Any]) -> It
     for name, field in section.model_fields.items():
         key = f"{prefix}.{name}" if prefix else name
         inner = model_in(field.annotation)
-        listed = typing.get_origin(field.annotation) is tuple
+        listed = typing.get_origin(field.annotation) in (tuple, dict)
         if inner is not None and not listed:
             deeper.append((key, inner))
         elif name != "path" and key not in ("name", *_FIRST):
