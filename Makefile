@@ -9,7 +9,7 @@ KB := exec "$(HERE).ci/kb"
 .DEFAULT_GOAL := help
 .PHONY: help setup demo youtube-crawl youtube-filter youtube-export wiki-crawl wiki-filter wiki-export \
 	reddit-crawl reddit-import reddit-filter reddit-export reddit-reconstruct restore \
-	models annotate pairs tasks clips label links release report index status test test-fast test-label chaos lint types bench lock reference
+	models annotate pairs tasks clips label links release report explore index status test test-fast test-label chaos lint types bench lock reference
 
 # What is no target: said in one line, before anything is set up.
 .DEFAULT:
@@ -63,6 +63,8 @@ release: setup            ## checks, metadata and checksums around release/
 	@$(KB) release $(ARGS)
 report: setup             ## figures and one HTML page of what was collected
 	@$(KB) report $(ARGS)
+explore: setup            ## look at rows, stages and pairs in a browser, on this machine
+	@$(KB) explore $(ARGS)
 index: setup              ## one local index over everything that is clean, for kb search
 	@$(KB) index $(ARGS)
 status: setup             ## progress, quota, age of the data, what is left

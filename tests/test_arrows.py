@@ -39,8 +39,9 @@ ALLOWED: dict[str, set[str]] = {
     "clips": {"pairs", *DATA},  # over the pairs' tokens
     "reader": {"clips"} | ASKING | DATA,
     "mcp": {"reader"} | ASKING | DATA,
+    "explore": {"mcp", "reader"} | ASKING | DATA,
     "sandbox": ROOMS | GROUND | {"core"},
-    "cli": ROOMS | ASKING | GROUND | {"core", "crawl", *MADE, "sandbox", "mcp"},
+    "cli": ROOMS | ASKING | GROUND | {"core", "crawl", *MADE, "sandbox", "mcp", "explore"},
     "pipelines": ROOMS | ASKING | GROUND | {"core", "crawl", *MADE, "sandbox"},
 }
 

@@ -50,6 +50,11 @@ TREE = {
             ),
             ("query", "query", "Run SQL over the tables with DuckDB."),
             (
+                "explore",
+                "explore",
+                "Look at rows, stages and pairs in a browser, on this machine.",
+            ),
+            (
                 "refresh",
                 "sources.refresh",
                 "Re-read data that the services' terms require fresh.",

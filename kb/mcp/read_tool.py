@@ -14,6 +14,8 @@ from kb.core.sources import SPECS
 from kb.mcp.references import SourceLocation
 from kb.mcp.untrusted_text import AnswerPart, Fence
 from kb.reader.open_tables import OpenTables
+from kb.reader.screenshots import Box
+from kb.store.tables.remote_files import RemoteFolder
 
 
 class DocumentPart(NamedTuple):
@@ -25,6 +27,18 @@ class DocumentPart(NamedTuple):
     text: str
 
 
+class DocumentScreenshot(NamedTuple):
+    """Where a screenshot is, as kb.reader.screenshots.stored_png takes it; its size, and the
+    boxes of what stands at the place, in CSS pixels.
+    """
+
+    home: Path | RemoteFolder
+    path: str
+    width: float
+    height: float
+    boxes: list[Box]
+
+
 class AgentDocument(NamedTuple):
     """A document in parts; `nearest` has their numbers, from the place outward."""
 
@@ -32,15 +46,22 @@ class AgentDocument(NamedTuple):
     title: str
     parts: list[DocumentPart]
     nearest: list[int]
+    screenshot: DocumentScreenshot | None = None
 
 
-def run_read(root: Path, place: SourceLocation, size: int) -> str:
-    """The place and its surroundings, in at most `size` characters. Raises KbError."""
+def surroundings(root: Path, place: SourceLocation) -> AgentDocument:
+    """The document of a place. Raises UsageError for an unknown place, DamagedData."""
     tables = OpenTables([table_catalog.read(root)])
     agent = SPECS[place.source].agent
     if agent is None:
         raise UsageError(f"`read` does not support {place.source}", hint="use `query`")
     document: AgentDocument = SPECS[place.source].load(agent.reader)(tables, place)
+    return document
+
+
+def run_read(root: Path, place: SourceLocation, size: int) -> str:
+    """The place and its surroundings, in at most `size` characters. Raises KbError."""
+    document = surroundings(root, place)
     fence = Fence()
     head = f"{fence.note}\n{document.facts}"
     answer_parts = [

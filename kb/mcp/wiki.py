@@ -5,10 +5,17 @@ from typing import Any
 from urllib.parse import SplitResult, urlunsplit
 
 from kb.core.errors import UsageError
-from kb.mcp.read_tool import AgentDocument, DocumentPart, first_row, outward
+from kb.mcp.read_tool import (
+    AgentDocument,
+    DocumentPart,
+    DocumentScreenshot,
+    first_row,
+    outward,
+)
 from kb.mcp.references import SourceLocation, anchor
 from kb.mcp.search_tool import revision
 from kb.reader.open_tables import OpenTables
+from kb.reader.screenshots import Box, box
 from kb.search.passage import plain
 from kb.search.wiki_passages import grid, link, sections
 
@@ -40,8 +47,10 @@ def document(opened: OpenTables, place: SourceLocation) -> AgentDocument:
     tables = grid(rows("cells", "table_id, row_index, column_index"))
     alts = {one["element_id"]: plain(one["alt_text"]).strip() for one in rows("images", "ALL")}
     parts: list[DocumentPart] = []
+    made_from: list[list[int]] = []  # the elements of each part
     centre = -1
-    for section in sections(rows("elements", "reading_order"), tables, alts):
+    elements = rows("elements", "reading_order")
+    for section in sections(elements, tables, alts):
         lines = [
             *section.lines,
             *("\n".join(table) for table in section.tables),
@@ -56,6 +65,7 @@ def document(opened: OpenTables, place: SourceLocation) -> AgentDocument:
         text = "\n\n".join([*([section.path] if section.path else []), *lines])
         label = "section" if section.anchor else "top of the page"
         parts.append(DocumentPart(SourceLocation("wiki", str(key), at), label, url, text))
+        made_from.append(section.elements)
     if centre < 0 and place.at:
         raise UsageError(
             f"the page {key} has no section {anchor(place.at)[:200]!r}",
@@ -66,4 +76,23 @@ def document(opened: OpenTables, place: SourceLocation) -> AgentDocument:
         f"wiki page · {row['revision_timestamp'].date()} · {revision(url)} ·"
         f" licence {row.get('license') or 'none given'} · {url}"
     )
-    return AgentDocument(facts, plain(row["title"]), parts, outward(max(centre, 0), len(parts)))
+    chosen = set(made_from[centre]) if centre >= 0 else set()
+    boxes = [box(one) for one in elements if one["element_id"] in chosen]
+    return AgentDocument(
+        facts,
+        plain(row["title"]),
+        parts,
+        outward(max(centre, 0), len(parts)),
+        _screenshot(opened, key, boxes),
+    )
+
+
+def _screenshot(opened: OpenTables, key: int, boxes: list[Box]) -> DocumentScreenshot | None:
+    """The screenshot of a page, from the first table that names one."""
+    sql = "SELECT screenshot_path, page_width, page_height FROM {} WHERE page_id = ?"
+    for one in opened.ranked("wiki_pages"):
+        for row in opened.rows(sql.format(one.full), [key]).to_pylist():
+            if all(row.values()):
+                path, width, height = row.values()
+                return DocumentScreenshot(one.home, path, width, height, boxes)
+    return None

@@ -82,7 +82,7 @@ def screenshot(home: Path | RemoteFolder, row: dict[str, Any]) -> Picture:
     needs("PIL", install="pillow")
     from PIL import Image
 
-    data, where = _bytes(home, row["screenshot_path"])
+    data, where = stored_png(home, row["screenshot_path"])
     scale = row["device_pixel_ratio"]
     wanted = [round(row["page_width"] * scale), round(row["page_height"] * scale)]
     size = _size(data)
@@ -117,8 +117,10 @@ def outlined(image: Picture, boxes: Iterable[Box], scale: float) -> Picture:
     return copy
 
 
-def _bytes(home: Path | RemoteFolder, path: str) -> tuple[bytes, str]:
-    """A file's bytes, and where they are: `<tar>/<member>` of a release, or a data root's file."""
+def stored_png(home: Path | RemoteFolder, path: str) -> tuple[bytes, str]:
+    """A screenshot's bytes, and where they are: `<tar>/<member>` of a release, or a data root's
+    file. Raises DamagedData.
+    """
     tar, slash, member = path.partition("/")
     if isinstance(home, RemoteFolder):
         return _remote_member(home, tar, member), f"{home}/{tar}: {member}"

@@ -26,10 +26,11 @@ _ANCHOR = "!$'()*,-./:;=?@_~"  # what a fragment may hold as it is
 
 @dataclass
 class PageSection:
-    """What stands under one heading."""
+    """What stands under one heading; `elements` are the ids of what it was made from."""
 
     anchor: str = ""
     path: str = ""
+    elements: list[int] = field(default_factory=list)
     lines: list[str] = field(default_factory=list)
     alts: list[str] = field(default_factory=list)
     tables: list[list[str]] = field(default_factory=list)
@@ -77,11 +78,13 @@ def sections(
             continue
         level = one["heading_level"]
         if alts.get(key):
+            section.elements.append(key)
             if alts[key] not in section.alts:
                 section.alts.append(alts[key])
         elif one["kind"] == "table":
             taken.add(key)
             if tables.get(key):
+                section.elements.append(key)
                 section.tables.append(tables[key])
         elif one["kind"] == "text" and one["tag"] == "caption" and section.tables and text:
             section.tables[-1].insert(0, text)
@@ -89,12 +92,14 @@ def sections(
             continue
         elif level is None:
             taken.add(key)
+            section.elements.append(key)
             section.lines.append(text)
         else:
             taken.add(key)
             yield section
             headings = [*((n, name) for n, name in headings if n < level), (level, text)]
             section = _begun(headings, anchors)
+            section.elements.append(key)
     yield section
 
 

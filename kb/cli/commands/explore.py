@@ -1,0 +1,48 @@
+"""`kb explore`: web pages over the data, on this machine."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from kb.cli.framework.command import command, group
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+
+app = group("Search, rows, stages and pairs in a browser, on this machine.")
+
+
+@command(
+    app,
+    without=("json",),
+    needs_data=True,
+    resumable=False,
+    examples=[
+        "kb explore                                 opens the pages in your browser",
+        "kb explore --data downloaded --port 8080 --no-browser",
+    ],
+)
+def explore(
+    run: Run,
+    port: Annotated[
+        int, typer.Option("--port", min=0, max=65_535, metavar="N", help="0: a free port.")
+    ] = 0,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Print the address only.")
+    ] = False,
+) -> None:
+    """Serve web pages over a data root or a downloaded release, until Ctrl-C.
+
+    Pages: search with what surrounds an answer, the funnel of each source, its kept and dropped
+    rows with the stage and value that decided, and the pairs of a keyword. Search reads the index
+    that `kb index` builds. Prints the address on stdout. Listens on 127.0.0.1 only,
+    reads only, and asks no service; links to videos, threads and pages open when you follow them.
+    Needs the extra `explore`.
+    """
+    from kb.artifacts.table_catalog import read
+    from kb.explore.server import serve
+
+    root = read(run.root).path
+    serve(root, port, browser=not no_browser, say=lambda address: print(address, flush=True))

@@ -1,0 +1,112 @@
+"""The web application: routes, security headers, and errors as pages.
+
+A page is asked for with GET and made from the tables as they are. Another Host than this machine is
+refused, so that no web site can reach the pages through a name of its own (DNS rebinding), and the
+content security policy lets no script run but the one in static/.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, RedirectResponse, Response
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from kb.core.errors import KbError, UsageError
+from kb.core.templates import environment
+from kb.explore import funnel, pairs, rows, search
+from kb.explore.tables import CurrentTables
+
+HOST = "127.0.0.1"
+_HOSTS = [HOST, "localhost"]  # with any port
+_HERE = Path(__file__).parent
+_HEADERS = {
+    "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self';"
+    " img-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "referrer-policy": "no-referrer",
+    "x-content-type-options": "nosniff",
+    "cache-control": "no-store",
+}
+_FILTERS: dict[str, Callable[[Any], str]] = {
+    "commas": lambda n: f"{n:,}",
+    "percent": lambda share: f"{share:.1%}",
+    "seconds": lambda s: f"{int(s) // 60}:{int(s) % 60:02d}",
+}
+PAGES = {"/": "Funnel", "/search": "Search", "/rows": "Rows", "/pairs": "Pairs"}
+
+Page = Callable[[Path, Mapping[str, str]], Any]
+
+
+def make(root: Path) -> Starlette:
+    """The application over a data root or a release."""
+    templates = environment(_HERE / "templates", _FILTERS, autoescape=True)
+
+    def html(name: str, status: int = 200, **values: Any) -> HTMLResponse:
+        text = templates.get_template(f"{name}.html.jinja").render(
+            **values, root=str(root), nav=PAGES
+        )
+        return HTMLResponse(text, status)
+
+    def page(name: str, read: Page) -> Callable[[Request], Response]:
+        def answer(request: Request) -> Response:
+            data = read(root, request.query_params)
+            return html(name, path=request.url.path, page=data)
+
+        return answer
+
+    def picture(request: Request) -> Response:
+        return Response(search.screenshot(root, request.query_params), media_type="image/png")
+
+    def problem(request: Request, error: Exception) -> Response:
+        status = getattr(error, "status_code", 400 if isinstance(error, UsageError) else 500)
+        what = error.detail if isinstance(error, HTTPException) else str(error)
+        hint = getattr(error, "hint", "")
+        headers = getattr(error, "headers", None)
+        answer = html("error", status, path=request.url.path, what=what, hint=hint)
+        answer.headers.update(headers or {})
+        return answer
+
+    return Starlette(
+        routes=[
+            Route("/", page("funnel", lambda at, _: funnel.read(CurrentTables(at)))),
+            Route("/search", page("search", search.read)),
+            Route("/document", page("document", search.document)),
+            Route("/screenshot", picture),
+            Route("/rows", page("rows", lambda at, q: rows.read(CurrentTables(at), rows.parse(q)))),
+            Route("/pairs", page("pairs", lambda at, q: pairs.read(CurrentTables(at), q))),
+            Route("/favicon.ico", lambda _: RedirectResponse("/static/icon.svg")),
+            Mount("/static", StaticFiles(directory=_HERE / "static")),
+        ],
+        middleware=[
+            Middleware(_SecurityHeaders),
+            Middleware(TrustedHostMiddleware, allowed_hosts=_HOSTS, www_redirect=False),
+        ],
+        exception_handlers={KbError: problem, HTTPException: problem},
+    )
+
+
+class _SecurityHeaders:
+    """Adds the headers to every answer, also to refusals."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                added = [(name.encode(), value.encode()) for name, value in _HEADERS.items()]
+                message["headers"] = [*message["headers"], *added]
+            await send(message)
+
+        await self._app(scope, receive, with_headers)

@@ -1,0 +1,60 @@
+"""How many rows of each source were crawled, and how many each stage left over."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from kb.core.sources import RELEASES, SPECS
+from kb.explore.tables import CurrentTables
+from kb.store.tables.row_counts import VERDICTS
+
+
+class FunnelStep(NamedTuple):
+    """Rows that are left after a stage, and their share of all that were crawled."""
+
+    name: str
+    left: int
+    dropped: int
+    share: float
+
+
+class SourceFunnel(NamedTuple):
+    """A source's steps in order, and its rows by verdict."""
+
+    source: str
+    title: str
+    steps: list[FunnelStep]
+    verdicts: dict[str, int]
+
+
+def read(tables: CurrentTables) -> list[SourceFunnel]:
+    """The funnel of each source that has rows. Raises DamagedData."""
+    return [made for name in SPECS if (made := _funnel(tables, name)) is not None]
+
+
+def _funnel(tables: CurrentTables, source: str) -> SourceFunnel | None:
+    spec = SPECS[source]
+    kept = sum(_count(tables, f"{source}_{table}") for table in spec.tables)
+    verdicts = {verdict: _count(tables, f"{source}_{verdict}") for verdict in VERDICTS}
+    crawled = kept + sum(verdicts.values())
+    if not crawled:
+        return None
+    dropped: dict[str, int] = {}
+    if f"{source}_rejected" in tables:
+        by_stage = "SELECT stage::VARCHAR AS stage, count(*) AS n FROM {table} GROUP BY 1"
+        counted = tables.rows(f"{source}_rejected", by_stage)
+        dropped = dict(zip(*(column.to_pylist() for column in counted.columns), strict=True))
+    order = [*RELEASES[source].stages]
+    stages = [*(one for one in order if one in dropped), *sorted(set(dropped) - set(order))]
+    left = crawled - verdicts["failed"] - verdicts["pending"]
+    steps = [FunnelStep("judged", left, 0, left / crawled)]
+    for stage in stages:
+        left -= dropped[stage]
+        steps.append(FunnelStep(stage, left, dropped[stage], left / crawled))
+    return SourceFunnel(source, spec.report.title, steps, {"kept": kept, **verdicts})
+
+
+def _count(tables: CurrentTables, name: str) -> int:
+    if name not in tables:
+        return 0
+    return int(tables.rows(name, "SELECT count(*) AS n FROM {table}")["n"][0].as_py())

@@ -1,0 +1,165 @@
+"""Rows of a source by verdict: what was kept, and what was dropped at which stage and why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import urlencode
+
+from kb.core.errors import UsageError
+from kb.core.sources import SPECS
+from kb.explore.tables import CurrentTables, quoted
+from kb.store.tables.row_counts import VERDICTS
+
+PAGE = 50  # rows
+_KEPT = "kept"
+_LONGEST = 300  # characters of a cell
+_DEEPEST = 100_000  # rows that may be skipped: whoever wants more sorts or filters
+
+
+@dataclass(frozen=True)
+class RowsQuery:
+    """What the page's address asks for. `table` is for kept rows, `stage` and `reason` for others;
+    `text` is looked for in every text column.
+    """
+
+    source: str
+    verdict: str = _KEPT
+    table: str = ""
+    stage: str = ""
+    reason: str = ""
+    text: str = ""
+    sort: str = ""
+    descending: bool = False
+    page: int = 1
+
+    @property
+    def name(self) -> str:
+        """The bare name of the table that holds the rows."""
+        last = self.table if self.verdict == _KEPT else self.verdict
+        return f"{self.source}_{last}"
+
+    def address(self, **changes: Any) -> str:
+        """The page's address with other values. The first page, unless `page` is given."""
+        values = {**vars(self), "page": 1, **changes}
+        given = {name: int(v) if isinstance(v, bool) else v for name, v in values.items() if v}
+        return f"/rows?{urlencode(given)}"
+
+
+@dataclass(frozen=True)
+class RowsPage:
+    """Rows as the page shows them: texts in the order of `columns`. `total` are all that match."""
+
+    asked: RowsQuery
+    columns: list[str]
+    rows: list[list[str]]
+    total: int
+    tables: list[str]
+    verdicts: list[str]
+    reasons: list[tuple[str, str, int]]
+    sources: tuple[str, ...] = tuple(SPECS)
+
+    @property
+    def pages(self) -> int:
+        """How many pages can be turned."""
+        return max(1, -(-min(self.total, _DEEPEST) // PAGE))
+
+
+def parse(query: Mapping[str, str]) -> RowsQuery:
+    """The question in an address. Raises UsageError for a value that no page has."""
+    source = query.get("source", next(iter(SPECS)))
+    verdict = query.get("verdict", _KEPT)
+    if source not in SPECS:
+        raise UsageError(f"unknown source {source!r}", hint=f"use one of {', '.join(SPECS)}")
+    if verdict not in (_KEPT, *VERDICTS):
+        raise UsageError(f"unknown verdict {verdict!r}")
+    tables = [*SPECS[source].tables]
+    table = query.get("table") or tables[0]
+    if table not in tables:
+        raise UsageError(f"unknown table {table!r}", hint=f"use one of {', '.join(tables)}")
+    page = query.get("page", "1")
+    if not page.isascii() or not page.isdigit() or not 1 <= int(page) <= _DEEPEST // PAGE:
+        raise UsageError(f"there is no page {page!r}")
+    return RowsQuery(
+        source,
+        verdict,
+        table,
+        query.get("stage", ""),
+        query.get("reason", ""),
+        query.get("text", ""),
+        query.get("sort", ""),
+        query.get("descending", "") not in ("", "0"),
+        int(page),
+    )
+
+
+def read(tables: CurrentTables, asked: RowsQuery) -> RowsPage:
+    """The rows of a page. Raises UsageError for a column that the table lacks, DamagedData."""
+    verdicts = [
+        verdict
+        for verdict in (_KEPT, *VERDICTS)
+        if any(_holds(tables, asked.source, verdict, table) for table in SPECS[asked.source].tables)
+    ]
+    shown = [one for one in SPECS[asked.source].tables if f"{asked.source}_{one}" in tables]
+    if asked.name not in tables:
+        return RowsPage(asked, [], [], 0, shown, verdicts, [])
+    with tables.asked(asked.name) as con:
+        full = tables.view(asked.name).full
+        kinds = {name: kind for name, kind, *_ in con.sql(f"DESCRIBE {full}").fetchall()}
+        columns = _columns(asked, kinds)
+        where, values = _where(asked, kinds)
+        if asked.sort and asked.sort not in kinds:
+            raise UsageError(f"unknown column {asked.sort!r}")
+        order = f"ORDER BY {quoted(asked.sort)}{' DESC' if asked.descending else ''} NULLS LAST"
+        listed = ", ".join(f"({quoted(name)}::VARCHAR)[:{_LONGEST}]" for name in columns)
+        total = con.execute(f"SELECT count(*) FROM {full} WHERE {where}", values).fetchall()[0][0]
+        rows = con.execute(
+            f"SELECT {listed} FROM {full} WHERE {where} {order if asked.sort else ''}"
+            f" LIMIT {PAGE} OFFSET {(asked.page - 1) * PAGE}",
+            values,
+        ).fetchall()
+        reasons = []
+        if asked.verdict != _KEPT:
+            stage = "stage" if "stage" in kinds else "''"
+            reasons = con.execute(
+                f"SELECT {stage}, coalesce(reason, ''), count(*) AS n FROM {full} GROUP BY ALL"
+                " ORDER BY ALL"
+            ).fetchall()
+    return RowsPage(
+        asked,
+        columns,
+        [["" if value is None else value for value in row] for row in rows],
+        total,
+        shown,
+        verdicts,
+        reasons,
+    )
+
+
+def _holds(tables: CurrentTables, source: str, verdict: str, table: str) -> bool:
+    return f"{source}_{table if verdict == _KEPT else verdict}" in tables
+
+
+def _columns(asked: RowsQuery, kinds: Mapping[str, str]) -> list[str]:
+    """Those that say most: of kept rows the report's samples, of others all."""
+    if asked.verdict != _KEPT:
+        return [*kinds]
+    samples = SPECS[asked.source].report.samples.get(f"{asked.source}/{asked.table}", ())
+    key = next(iter(kinds))
+    chosen = [key, *(name for name in samples if name in kinds and name != key)]
+    return chosen if len(chosen) > 1 else [*kinds][:12]
+
+
+def _where(asked: RowsQuery, kinds: Mapping[str, str]) -> tuple[str, list[str]]:
+    conditions, values = ["true"], []
+    for name in ("stage", "reason"):
+        if (wanted := getattr(asked, name)) and name in kinds:
+            conditions.append(f"{name} = ?")
+            values.append(wanted)
+    if asked.text:
+        texts = [name for name, kind in kinds.items() if kind == "VARCHAR"]
+        found = " OR ".join(f"contains(lower({quoted(name)}), lower(?))" for name in texts)
+        conditions.append(f"({found or 'false'})")
+        values += [asked.text] * len(texts)
+    return " AND ".join(conditions), values

@@ -1,0 +1,44 @@
+"""Serves the pages on 127.0.0.1 until a signal ends it."""
+
+from __future__ import annotations
+
+import socket
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+
+from kb.core.errors import SettingError
+from kb.core.installation import require
+
+
+def serve(root: Path, port: int, *, browser: bool, say: Callable[[str], None]) -> None:
+    """`port` 0 takes a free one; `say` is told the address when requests are answered.
+
+    Raises MissingExtra, SettingError for a port that is taken.
+    """
+    require("explore", "starlette", "uvicorn")
+    import uvicorn
+
+    from kb.explore.app import HOST, make  # noqa: PLC0415  it needs the extra
+
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((HOST, port))
+    except OSError as error:
+        raise SettingError(
+            f"port {port} can't be used: {error.strerror}", hint="leave --port out, or take another"
+        ) from None
+    address = f"http://{HOST}:{listening.getsockname()[1]}/"
+
+    class Announced(uvicorn.Server):  # type: ignore[misc]  # read without its types
+        """Tells the address once requests are answered."""
+
+        async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+            await super().startup(sockets)
+            say(address)
+            if browser:
+                webbrowser.open(address)
+
+    config = uvicorn.Config(make(root), log_config=None, access_log=False, lifespan="off")
+    Announced(config).run(sockets=[listening])

@@ -1,0 +1,55 @@
+"""What the pages read: the tables as they are at this moment, for one question.
+
+The folder is listed anew for each page, so that a filter, export or purge that ran meanwhile shows
+at once.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import duckdb
+import pyarrow as pa
+
+from kb.artifacts.table_catalog import Catalog, View, bare
+from kb.query.views import connect
+from kb.store.tables.reading import reading
+
+Parameters = Sequence[Any]
+
+
+class CurrentTables:
+    """The tables of a data root or release, by full and by bare name."""
+
+    def __init__(self, root: Path) -> None:
+        self.catalog = Catalog(root)
+        views = self.catalog.views
+        self._named = {view.full: view for view in views} | bare(views)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._named
+
+    def view(self, name: str) -> View:
+        """A table by its name. Raises KeyError."""
+        return self._named[name]
+
+    @contextmanager
+    def asked(self, *names: str) -> Iterator[duckdb.DuckDBPyConnection]:
+        """A connection that reads these tables and nothing else. Raises DamagedData."""
+        views = [self.view(name) for name in names]
+        files = [path for view in views for path in view.files]
+        with reading(files), connect(None, views) as con:
+            yield con
+
+    def rows(self, name: str, sql: str, parameters: Parameters = ()) -> pa.Table:
+        """The result of a query over one table, which it calls {table}. Raises DamagedData."""
+        with self.asked(name) as con:
+            query = sql.format(table=self.view(name).full)
+            found: pa.Table = con.sql(query, params=list(parameters)).to_arrow_table()
+            return found
+
+
+def quoted(column: str) -> str:
+    """A column's name in SQL."""
+    return '"' + column.replace('"', '""') + '"'

@@ -1,0 +1,83 @@
+"""`kb explore` in a process of its own, and a browser."""
+
+import http.client
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from tests.cli.conftest import clean_environment
+from tests.conftest import ROOT
+from tests.report.test_browser import browser  # noqa: F401  the fixture
+
+
+class Answer(NamedTuple):
+    """Status, headers in lower case, and text."""
+
+    status: int
+    headers: dict[str, str]
+    text: str
+
+
+class Explored:
+    """A running server."""
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self.port = int(address.rstrip("/").rpartition(":")[2] or 0)  # "" where it did not start
+
+    def ask(self, path: str, method: str = "GET", **headers: str) -> Answer:
+        """One request."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
+        connection.request(method, path, headers=headers)
+        answer = connection.getresponse()
+        text = answer.read().decode()
+        connection.close()
+        named = {name.lower(): value for name, value in answer.getheaders()}
+        return Answer(answer.status, named, text)
+
+    def image(self, path: str) -> tuple[int, bytes]:
+        """The status, and the first eight bytes of what comes."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
+        connection.request("GET", path)
+        answer = connection.getresponse()
+        start = answer.read()[:8]
+        connection.close()
+        return answer.status, start
+
+
+@contextmanager
+def explored(root: Path, *options: str) -> Iterator[Explored]:
+    """`kb explore` over a folder, until the block ends."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "kb", "explore", "--no-browser", "--data", str(root), *options],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**clean_environment(), "PYTHONPATH": str(ROOT)},
+        cwd=os.sep,
+    )
+    try:
+        assert process.stdout is not None
+        yield Explored(process.stdout.readline().strip())
+    finally:
+        process.terminate()
+        process.wait()
+
+
+@pytest.fixture(scope="session")
+def demo_pages(demo: Path) -> Iterator[Explored]:
+    """The pages over the demo's root."""
+    with explored(demo / "data" / "demo") as one:
+        yield one
+
+
+@pytest.fixture(scope="session")
+def release_pages(demo: Path) -> Iterator[Explored]:
+    """The pages over the demo's release, as somebody downloaded it."""
+    with explored(demo / "data" / "demo" / "release") as one:
+        yield one

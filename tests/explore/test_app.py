@@ -1,0 +1,73 @@
+"""The pages over HTTP: who may ask, what is answered, and that nothing is written."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.explore.conftest import Explored, explored
+
+PAGES = ("/", "/search", "/rows", "/rows?source=reddit&verdict=rejected", "/pairs")
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_every_page_answers_with_a_strict_policy(demo_pages: Explored, path: str) -> None:
+    answer = demo_pages.ask(path)
+    assert answer.status == 200
+    policy = answer.headers["content-security-policy"]
+    assert policy.startswith("default-src 'none'; script-src 'self'; style-src 'self'")
+    assert "unsafe" not in policy
+    assert answer.headers["referrer-policy"] == "no-referrer"
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    assert "<style" not in answer.text
+    assert " style=" not in answer.text
+    assert "onclick" not in answer.text
+
+
+@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example", "10.0.0.1"])
+def test_another_host_is_refused(demo_pages: Explored, host: str) -> None:
+    answer = demo_pages.ask("/", Host=host)
+    assert answer.status == 400
+    assert "content-security-policy" in answer.headers
+    assert demo_pages.ask("/", Host=f"localhost:{demo_pages.port}").status == 200
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH"])
+def test_nothing_but_reading_is_allowed(demo_pages: Explored, method: str) -> None:
+    assert demo_pages.ask("/rows", method).status == 405
+
+
+@pytest.mark.parametrize(
+    ("path", "status", "said"),
+    [
+        ("/nothing", 404, "Not Found"),
+        ("/rows?source=x", 400, "unknown source &#39;x&#39;; use one of youtube, wiki, reddit"),
+        ("/rows?page=0", 400, "there is no page &#39;0&#39;"),
+        ("/rows?sort=password", 400, "unknown column &#39;password&#39;"),
+        ("/pairs?page=x", 400, "there is no page &#39;x&#39;"),
+        ("/static/../app.py", 404, "Not Found"),
+    ],
+)
+def test_a_wrong_address_gets_one_clear_line(
+    demo_pages: Explored, path: str, status: int, said: str
+) -> None:
+    answer = demo_pages.ask(path)
+    assert answer.status == status
+    assert said in answer.text
+    assert "Traceback" not in answer.text
+
+
+def test_nothing_is_written_into_a_download(release_pages: Explored, demo: Path) -> None:
+    folder = demo / "data" / "demo" / "release"
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+    for path in PAGES:
+        assert release_pages.ask(path).status == 200
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
+
+
+def test_a_folder_without_tables_and_a_port_that_is_taken_are_refused(
+    demo_pages: Explored, demo: Path, tmp_path: Path
+) -> None:
+    with explored(tmp_path / "nothing") as nothing:
+        assert nothing.address == ""
+    with explored(demo / "data" / "demo", "--port", str(demo_pages.port)) as second:
+        assert second.address == ""
