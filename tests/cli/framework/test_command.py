@@ -76,6 +76,7 @@ WITHOUT = {
     "profile new": {"data", "profile"},
     "sandbox": {"json"},
     "mcp": {"json"},
+    "explore": {"json"},
 }
 
 
