@@ -37,8 +37,8 @@ def posts(p: Profile) -> tuple[Predicate, ...]:
         Present("title", stage="removed"),
         Present("over_18", stage="nsfw"),
         NotTrue("over_18", stage="nsfw", reason="over_18"),
-        AtLeast("score", p.section(RedditSection).min_score, stage="score"),
-        *none_above(p.toxicity.threshold("reddit"), POST),
+        AtLeast("score", p.section(RedditSection).min_score, "score", "reddit.min_score"),
+        *none_above(p.toxicity.threshold("reddit"), POST, "toxicity.thresholds.reddit"),
     )
 
 
@@ -51,7 +51,7 @@ def comments(p: Profile) -> tuple[Predicate, ...]:
         NotIn("post", ("absent", "not_kept"), stage="post"),
         NotIn("gone", GONE, stage="removed"),
         Present("body", stage="removed"),
-        *none_above(p.toxicity.threshold("reddit"), COMMENT),
+        *none_above(p.toxicity.threshold("reddit"), COMMENT, "toxicity.thresholds.reddit"),
     )
 
 

@@ -19,7 +19,7 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
 from kb.filters.chain import Chain, Clean, Follow, SideFiles
-from kb.filters.predicates import AtLeast, AtMost, Predicate, Present, RecordedReason, Waits
+from kb.filters.predicates import AtLeast, Predicate, Present, RecordedReason, Waits, none_above
 from kb.wiki.parse import tables
 from kb.wiki.parse.facts import MarkupRules
 from kb.wiki.parse.join import HELPERS, KINDS, assemble
@@ -36,8 +36,6 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
 
 def stages(p: Profile) -> tuple[Predicate, ...]:
     """What the crawl found out, then what a captured page must be like."""
-    most = p.toxicity.threshold("wiki")
-    clear = () if most is None else (AtMost("toxicity", most, stage="toxicity", null_passes=True),)
     return (
         Waits("state", ("unanswered",), stage="missing", reason="unanswered", verdict="failed"),
         RecordedReason("missing", stage="missing"),
@@ -45,8 +43,10 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
         RecordedReason("robots", value="said", stage="robots"),
         RecordedReason("render", value="said", stage="render"),
         Waits("captured", (False,), stage="render", reason="render"),
-        AtLeast("word_count", p.section(Wiki).min_words, stage="words"),
-        *clear,
+        AtLeast("word_count", p.section(Wiki).min_words, "words", "wiki.min_words"),
+        *none_above(
+            p.toxicity.threshold("wiki"), {"above": "toxicity"}, "toxicity.thresholds.wiki"
+        ),
     )
 
 

@@ -51,9 +51,11 @@ def gate(p: Profile) -> tuple[Predicate, ...]:
     """What a video of ours must pass before its transcript is worth three requests."""
     least = p.section(YouTubeSection)
     return (
-        AtLeast("view_count", least.min_views, stage="views"),
-        RatioAtLeast("width", "height", least.min_aspect_ratio, stage="aspect_ratio"),
-        AtLeast("duration_s", least.min_duration_s, stage="duration"),
+        AtLeast("view_count", least.min_views, "views", "youtube.min_views"),
+        RatioAtLeast(
+            "width", "height", least.min_aspect_ratio, "aspect_ratio", "youtube.min_aspect_ratio"
+        ),
+        AtLeast("duration_s", least.min_duration_s, "duration", "youtube.min_duration_s"),
         NotTrue("age_restricted", stage="age_restricted", reason="age_restricted"),
     )
 
@@ -65,7 +67,7 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
         THERE,
         Topic(section.game_ids, section.category_ids, section.words, gate(p)),
         *gate(p),
-        *none_above(limit, SCORES),
+        *none_above(limit, SCORES, "toxicity.thresholds.youtube"),
         *(transcript_required() if section.transcripts == "required" else ()),
     )
 

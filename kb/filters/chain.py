@@ -13,6 +13,7 @@ import pyarrow.compute as pc
 from kb.core.context import Run
 from kb.core.errors import SchemaMismatch
 from kb.filters.predicates import SCORED, Judgement, Predicate, one
+from kb.filters.thresholds import outcome_of_other_stages, thresholds
 from kb.schema.tables import table
 from kb.store.tables.partition import RawKind
 
@@ -126,7 +127,7 @@ def judge_chain(
     """
     out: dict[str, list[pa.Table]] = {verdict: [] for verdict in VERDICTS}
     joined = False
-    for stage in chain.stages:
+    for position, stage in enumerate(chain.stages):
         if until and stage.stage == until:
             break
         if stage.stage == SCORED and not joined:
@@ -144,7 +145,9 @@ def judge_chain(
         judged = stage.judge(rows)
         out_of = pc.is_valid(judged.reason)
         if pc.any(out_of).as_py():
-            for verdict, result in _verdicts(rows, judged, out_of, chain, stage.stage):
+            for verdict, result in _verdicts(
+                rows.filter(out_of), judged.filter(out_of), chain, position
+            ):
                 out[verdict].append(result)
             rows = rows.filter(pc.invert(out_of))
     if not until and not joined:
@@ -157,21 +160,22 @@ def judge_chain(
 
 
 def _verdicts(
-    rows: pa.Table, judged: Judgement, out_of: Any, chain: Chain, stage: str
+    rows: pa.Table, judged: Judgement, chain: Chain, position: int
 ) -> Iterator[tuple[str, pa.Table]]:
+    """The rows that a stage drops, as rows of shared/<verdict>."""
+    stage, nulls = chain.stages[position].stage, pa.nulls(rows.num_rows, pa.string())
     key = pc.binary_join_element_wise(
         chain.prefix, rows.column(chain.key).cast(pa.string()).combine_chunks(), ""
     )
-    size = rows.num_rows
-    nulls = pa.nulls(size, pa.string())
     described = set(chain.described_by).intersection(rows.column_names)
     verdicts = pa.table(
         {
             "key": key,
-            "stage": pa.repeat(stage, size),
+            "stage": pa.repeat(stage, rows.num_rows),
             "reason": judged.reason,
             "value": judged.value,
-            "threshold": pa.repeat(pa.scalar(judged.threshold, pa.string()), size),
+            "threshold": pa.repeat(pa.scalar(judged.threshold, pa.string()), rows.num_rows),
+            **_about_threshold(rows, chain, position),
             **{
                 name: one(rows, name).cast(pa.string()) if name in described else nulls
                 for name in DESCRIBED_BY
@@ -181,17 +185,28 @@ def _verdicts(
         }
     )
     for verdict in VERDICTS:
-        hit = (
-            pc.and_(out_of, pc.equal(judged.verdict, verdict))
-            if isinstance(judged.verdict, pa.Array)
-            else out_of
-        )
-        if isinstance(judged.verdict, str) and judged.verdict != verdict:
-            continue
         schema = table(f"shared/{verdict}").arrow()
-        hits = verdicts.filter(hit).select(schema.names)
+        if isinstance(judged.verdict, str):
+            hits = verdicts if judged.verdict == verdict else verdicts.slice(0, 0)
+        else:
+            hits = verdicts.filter(pc.equal(judged.verdict, verdict))
         if hits.num_rows:
-            yield verdict, hits.cast(schema)
+            yield verdict, hits.select(schema.names).cast(schema)
+
+
+def _about_threshold(rows: pa.Table, chain: Chain, position: int) -> dict[str, pa.Array[Any]]:
+    """What `kb explore` needs to try another threshold; nulls of a stage without one."""
+    stage = chain.stages[position].stage
+    for threshold in thresholds(chain.stages):
+        if threshold.stage == stage:
+            number = threshold.numbers(rows)
+            outcome = outcome_of_other_stages(rows, chain.stages, position, tuple(chain.scores))
+            known = pc.if_else(pc.is_valid(number), outcome, pa.scalar(None, pa.string()))
+            return {"number": number, "other_stages": known}
+    return {
+        "number": pa.nulls(rows.num_rows, pa.float64()),
+        "other_stages": pa.nulls(rows.num_rows, pa.string()),
+    }
 
 
 def declared_columns(rows: pa.Table, chain: Chain) -> pa.Table:

@@ -34,6 +34,13 @@ class Judgement(NamedTuple):
     matched: pa.Array[Any] | None = None
     unmatched: pa.Array[Any] | None = None
 
+    def filter(self, mask: pa.Array[Any]) -> Judgement:
+        """The answers of some rows."""
+        parts: list[Any] = [
+            part.filter(mask) if isinstance(part, pa.Array) else part for part in self
+        ]
+        return Judgement(*parts)
+
 
 class Predicate(Protocol):
     """One stage of a chain."""
@@ -44,6 +51,28 @@ class Predicate(Protocol):
     @property
     def reads(self) -> frozenset[str]: ...
     def judge(self, rows: pa.Table) -> Judgement: ...
+
+
+class ThresholdPredicate(Predicate, Protocol):
+    """A predicate that compares a number of each row with a threshold.
+
+    `setting` is the threshold's key in the profile ("youtube.min_views"), "" where it has none.
+    """
+
+    @property
+    def setting(self) -> str: ...
+
+    @property
+    def limit(self) -> float: ...
+
+    @property
+    def at_least(self) -> bool:
+        """Whether numbers from the limit upwards pass; else those up to it do."""
+        ...
+
+    def measured(self, rows: pa.Table) -> pa.Array[Any]:
+        """The number of each row, float64; null where it is absent or malformed."""
+        ...
 
 
 def compared(
@@ -117,6 +146,10 @@ def nothing(rows: pa.Table) -> pa.Array[Any]:
     return pa.nulls(rows.num_rows, pa.string())
 
 
+def _as_double(values: pa.Array[Any]) -> pa.Array[Any]:
+    return values.cast(pa.float64())
+
+
 @dataclass(frozen=True)
 class _OfOne:
     """A predicate of one column."""
@@ -134,6 +167,16 @@ class AtLeast(_OfOne):
 
     least: float
     stage: str
+    setting: str = ""
+    at_least = True
+
+    @property
+    def limit(self) -> float:
+        return self.least
+
+    def measured(self, rows: pa.Table) -> pa.Array[Any]:
+        """The column."""
+        return _as_double(one(rows, self.column))
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`below`, `absent` or `malformed`."""
@@ -151,26 +194,37 @@ class RatioAtLeast:
     bottom: str
     least: float
     stage: str
+    setting: str = ""
+    at_least = True
+
+    @property
+    def limit(self) -> float:
+        return self.least
 
     @property
     def reads(self) -> frozenset[str]:
         return frozenset({self.top, self.bottom})
 
+    def measured(self, rows: pa.Table) -> pa.Array[Any]:
+        """The ratio; null unless both are positive."""
+        top, bottom = (_as_double(one(rows, name)) for name in (self.top, self.bottom))
+        usable = pc.fill_null(pc.and_(pc.greater(top, 0), pc.greater(bottom, 0)), False)
+        ratio: pa.Array[Any] = pc.if_else(
+            usable, pc.divide(top, pc.if_else(usable, bottom, 1.0)), None
+        )
+        return ratio
+
     def judge(self, rows: pa.Table) -> Judgement:
         """`below`, `absent` or `malformed`; the value is the ratio,
         or "top x bottom" of what is malformed.
         """
-        top, bottom = (
-            one(rows, self.top).cast(pa.float64()),
-            one(rows, self.bottom).cast(pa.float64()),
-        )
-        usable = pc.fill_null(pc.and_(pc.greater(top, 0), pc.greater(bottom, 0)), False)
-        ratio = pc.if_else(usable, pc.divide(top, pc.if_else(usable, bottom, 1.0)), None)
+        ratio = self.measured(rows)
         below = pc.less(ratio, self.least)
         judged = compared(
             rows, pc.round(ratio, 4), below, "below", self.least, (self.top, self.bottom)
         )
-        empty = pc.and_(pc.and_(pc.is_valid(top), pc.is_valid(bottom)), pc.invert(usable))
+        both = pc.and_(*(pc.is_valid(one(rows, name)) for name in (self.top, self.bottom)))
+        empty = pc.and_(both, pc.is_null(ratio))
         shape = pc.binary_join_element_wise(
             text(one(rows, self.top)), text(one(rows, self.bottom)), " x "
         )
@@ -186,6 +240,18 @@ class AtMost(_OfOne):
     stage: str
     null_passes: bool = False
     reason: str = "above"
+    setting: str = ""
+    at_least = False
+
+    @property
+    def limit(self) -> float:
+        return self.most
+
+    def measured(self, rows: pa.Table) -> pa.Array[Any]:
+        """The column. A float32 is rounded to six decimals, so that 0.3 does not exceed 0.3."""
+        values = one(rows, self.column)
+        numbers = _as_double(values)
+        return pc.round(numbers, 6) if kinds.is_float32(values.type) else numbers
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`reason`, and without `null_passes` also `absent` or `malformed`."""
@@ -195,14 +261,17 @@ class AtMost(_OfOne):
         return compared(rows, values, pc.greater(values, limit), self.reason, self.most, needed)
 
 
-def none_above(limit: float | None, scores: Mapping[str, str]) -> tuple[Predicate, ...]:
+def none_above(
+    limit: float | None, scores: Mapping[str, str], setting: str = ""
+) -> tuple[Predicate, ...]:
     """The scores (text → its column) at most `limit`; a text without a score passes, and without
     a limit every text.
     """
     if limit is None:
         return ()
     return tuple(
-        AtMost(column, limit, SCORED, null_passes=True, reason=of) for of, column in scores.items()
+        AtMost(column, limit, SCORED, null_passes=True, reason=of, setting=setting)
+        for of, column in scores.items()
     )
 
 

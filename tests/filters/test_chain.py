@@ -60,6 +60,8 @@ def test_a_pipeline_of_one_s_own_with_scores(root: Path, tmp_path: Path) -> None
             "reason": "above",
             "value": "0.68",
             "threshold": "0.31",
+            "number": pytest.approx(0.68),
+            "other_stages": "kept",
             "title": "Minecraft, a long title of a video",
             "channel_id": "UC1",
             "channel_title": None,

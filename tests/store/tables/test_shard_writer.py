@@ -25,7 +25,7 @@ def rejected(keys: list[str]) -> pa.Table:
             "threshold": ["100"] * len(keys),
             **{
                 name: pa.nulls(len(keys), REJECTED.arrow().field(name).type)
-                for name in ("title", "channel_id", "channel_title", "type", "matched", "unmatched")
+                for name in REJECTED.names()[5:]
             },
         }
     )
