@@ -120,6 +120,7 @@ class AgentSpec:
     hosts       endings of the hosts whose URLs `link` takes; none for any other host
     note        a sentence about licences; "" when rows name their own
     prefixes    prefixes that are taken off a key and a position
+    item        URL of an item, with {key}
     """
 
     time: tuple[str, str]
@@ -130,6 +131,7 @@ class AgentSpec:
     hosts: tuple[str, ...] = ()
     note: str = ""
     prefixes: tuple[str, str] = ("", "")
+    item: str = ""
 
 
 @dataclass(frozen=True)

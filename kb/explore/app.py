@@ -21,9 +21,10 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from kb.core.config.profile import Profile
 from kb.core.errors import KbError, UsageError
 from kb.core.templates import environment
-from kb.explore import funnel, pairs, rows, search
+from kb.explore import funnel, pairs, rows, search, thresholds
 from kb.explore.tables import CurrentTables
 
 HOST = "127.0.0.1"
@@ -31,7 +32,8 @@ _HOSTS = [HOST, "localhost"]  # with any port
 _HERE = Path(__file__).parent
 _HEADERS = {
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self';"
-    " img-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'",
+    " img-src 'self'; connect-src 'self'; form-action 'self'; base-uri 'none';"
+    " frame-ancestors 'none'",
     "cross-origin-opener-policy": "same-origin",
     "cross-origin-resource-policy": "same-origin",
     "referrer-policy": "no-referrer",
@@ -41,15 +43,25 @@ _HEADERS = {
 _FILTERS: dict[str, Callable[[Any], str]] = {
     "commas": lambda n: f"{n:,}",
     "percent": lambda share: f"{share:.1%}",
+    "number": lambda n: f"{n:,.0f}" if n == int(n) else f"{n:,.6g}",
     "seconds": lambda s: f"{int(s) // 60}:{int(s) % 60:02d}",
 }
-PAGES = {"/": "Funnel", "/search": "Search", "/rows": "Rows", "/pairs": "Pairs"}
+PAGES = {
+    "/": "Funnel",
+    "/search": "Search",
+    "/rows": "Rows",
+    "/thresholds": "Thresholds",
+    "/pairs": "Pairs",
+    "/status": "Status",
+}
 
 Page = Callable[[Path, Mapping[str, str]], Any]
 
 
-def make(root: Path) -> Starlette:
-    """The application over a data root or a release."""
+def make(root: Path, profile: Profile, status: Callable[[], list[str]]) -> Starlette:
+    """The application over a data root or a release; `profile` has its thresholds, and `status`
+    returns the lines of `kb status`.
+    """
     templates = environment(_HERE / "templates", _FILTERS, autoescape=True)
 
     def html(name: str, status: int = 200, **values: Any) -> HTMLResponse:
@@ -84,6 +96,11 @@ def make(root: Path) -> Starlette:
             Route("/document", page("document", search.document)),
             Route("/screenshot", picture),
             Route("/rows", page("rows", lambda at, q: rows.read(CurrentTables(at), rows.parse(q)))),
+            Route(
+                "/thresholds",
+                page("thresholds", lambda at, q: thresholds.read(CurrentTables(at), profile, q)),
+            ),
+            Route("/status", page("status", lambda _, __: status())),
             Route("/pairs", page("pairs", lambda at, q: pairs.read(CurrentTables(at), q))),
             Route("/favicon.ico", lambda _: RedirectResponse("/static/icon.svg")),
             Mount("/static", StaticFiles(directory=_HERE / "static")),

@@ -7,12 +7,22 @@ import webbrowser
 from collections.abc import Callable
 from pathlib import Path
 
+from kb.core.config.profile import Profile
 from kb.core.errors import SettingError
 from kb.core.installation import require
 
 
-def serve(root: Path, port: int, *, browser: bool, say: Callable[[str], None]) -> None:
-    """`port` 0 takes a free one; `say` is told the address when requests are answered.
+def serve(
+    root: Path,
+    profile: Profile,
+    status: Callable[[], list[str]],
+    port: int,
+    *,
+    browser: bool,
+    say: Callable[[str], None],
+) -> None:
+    """`port` 0 takes a free one; `say` is told the address when requests are answered. The rest is
+    as in `kb.explore.app.make`.
 
     Raises MissingExtra, SettingError for a port that is taken.
     """
@@ -40,5 +50,7 @@ def serve(root: Path, port: int, *, browser: bool, say: Callable[[str], None]) -
             if browser:
                 webbrowser.open(address)
 
-    config = uvicorn.Config(make(root), log_config=None, access_log=False, lifespan="off")
+    config = uvicorn.Config(
+        make(root, profile, status), log_config=None, access_log=False, lifespan="off"
+    )
     Announced(config).run(sockets=[listening])

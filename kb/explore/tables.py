@@ -11,6 +11,7 @@ from typing import Any
 
 import duckdb
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from kb.artifacts.table_catalog import Catalog, View, bare
 from kb.query.views import connect
@@ -33,6 +34,12 @@ class CurrentTables:
     def view(self, name: str) -> View:
         """A table by its name. Raises KeyError."""
         return self._named[name]
+
+    def columns(self, name: str) -> frozenset[str]:
+        """The columns of a table. Raises KeyError, DamagedData."""
+        first = self.view(name).files[0]
+        with reading([first]):
+            return frozenset(pq.read_schema(first).names)
 
     @contextmanager
     def asked(self, *names: str) -> Iterator[duckdb.DuckDBPyConnection]:

@@ -73,6 +73,7 @@ SPEC = SourceSpec(
         hosts=(".reddit.com",),
         note="texts are their authors', Reddit gives no licence",
         prefixes=("t3_", "t1_"),
+        item="https://www.reddit.com/comments/{key}/",
     ),
     annotate_help=CommandHelp(
         "Score titles, bodies and comments.",

@@ -88,6 +88,7 @@ SPEC = SourceSpec(
         ref="youtube:VIDEO@61",
         between="@",
         hosts=(".youtube.com",),
+        item="https://www.youtube.com/watch?v={key}",
     ),
     annotate_help=CommandHelp(
         "Score titles and descriptions of crawled videos.",

@@ -20,7 +20,9 @@ PAGES = (
     "search",
     "rows?source=youtube&verdict=rejected",
     "rows?source=reddit",
+    "thresholds?source=youtube&stage=toxicity",
     "pairs?keyword=creeper",
+    "status",
 )
 
 
@@ -36,12 +38,14 @@ def hostile(tmp_path: Path, make_rows: Any) -> Iterator[Explored]:
         yield pages
 
 
-@pytest.mark.parametrize("path", ["", "rows?source=youtube", "pairs", f"pairs?keyword={HOSTILE}"])
+@pytest.mark.parametrize(
+    "path", ["", "rows?source=youtube", "thresholds", "pairs", f"pairs?keyword={HOSTILE}"]
+)
 def test_no_script_of_the_data_runs(browser: Any, hostile: Explored, path: str) -> None:
     browser.get(hostile.address + path)
     assert "owned" not in browser.title
     assert not browser.find_elements(By.CSS_SELECTOR, "main script, main img")
-    if path in ("rows?source=youtube", "pairs"):
+    if path in ("rows?source=youtube", "thresholds", "pairs"):
         assert "<script>" in browser.find_element(By.TAG_NAME, "main").text
 
 
@@ -93,3 +97,20 @@ def test_keys_turn_pages_and_go_from_pair_to_pair(browser: Any, demo_pages: Expl
     browser.get(demo_pages.address)
     press(Keys.TAB)
     assert browser.switch_to.active_element.text == "Skip to the content"
+
+
+def test_the_slider_shows_the_figures_of_its_position(browser: Any, demo_pages: Explored) -> None:
+    browser.get(f"{demo_pages.address}thresholds?source=youtube&stage=views")
+    slider = browser.find_element(By.CSS_SELECTOR, "#slider input[type=range]")
+    before = browser.find_element(By.ID, "figures").text
+    slider.send_keys(*[Keys.ARROW_RIGHT] * 10)
+    WebDriverWait(browser, 20).until(
+        lambda _: f"step={slider.get_attribute('value')}" in browser.current_url
+    )
+    figures = browser.find_element(By.ID, "figures").text
+    value = browser.find_element(By.CSS_SELECTOR, "#exact input[name=value]").get_attribute("value")
+    assert figures != before
+    assert browser.find_element(By.ID, "line").text == f"min_views = {value}"
+    assert browser.find_element(By.ID, "copy").is_displayed()
+    browser.get(f"{demo_pages.address}thresholds?source=youtube&stage=views&value={value}")
+    assert browser.find_element(By.ID, "figures").text == figures

@@ -35,14 +35,27 @@ def explore(
 ) -> None:
     """Serve web pages over a data root or a downloaded release, until Ctrl-C.
 
-    Pages: search with what surrounds an answer, the funnel of each source, its kept and dropped
-    rows with the stage and value that decided, and the pairs of a keyword. Search reads the index
-    that `kb index` builds. Prints the address on stdout. Listens on 127.0.0.1 only,
-    reads only, and asks no service; links to videos, threads and pages open when you follow them.
-    Needs the extra `explore`.
+    Pages: search with what surrounds an answer, the funnel of each source, its kept and rejected
+    rows with the stage and value that decided, what another threshold would keep, and the pairs of
+    a keyword. Search reads the index that `kb index` builds. Prints the address on stdout. Listens
+    on 127.0.0.1 only, reads only, and asks no service; links to videos, threads and pages open when
+    you follow them. Needs the extra `explore`.
     """
     from kb.artifacts.table_catalog import read
+    from kb.cli.commands.status.command import lines
+    from kb.cli.commands.status.overview import overview
+    from kb.core.config.profile import load_profile
+    from kb.core.installation import PROFILE_FILE
     from kb.explore.server import serve
 
-    root = read(run.root).path
-    serve(root, port, browser=not no_browser, say=lambda address: print(address, flush=True))
+    catalog = read(run.root)
+    used = [one.path / PROFILE_FILE for one in catalog.releases if catalog.is_download]
+    profile = next((load_profile(path) for path in used if path.is_file()), run.profile)
+    serve(
+        catalog.path,
+        profile,
+        lambda: lines(overview(run)),
+        port,
+        browser=not no_browser,
+        say=lambda address: print(address, flush=True),
+    )

@@ -31,12 +31,13 @@ def status(options: Options) -> None:
     if options.json:
         print(json.dumps(about, default=str))
     else:
-        for line in _lines(about):
+        for line in lines(about):
             show(line)
 
 
-def _lines(about: dict[str, Any]) -> list[str]:
-    lines = [
+def lines(about: dict[str, Any]) -> list[str]:
+    """The overview as a person reads it."""
+    shown = [
         (
             f"{'download' if about['download'] else 'data root'} {about['data']},"
             f" profile {about['profile']}, {terminal.size(about['disk_bytes_total'])}"
@@ -44,7 +45,7 @@ def _lines(about: dict[str, Any]) -> list[str]:
     ]
     if not (about["sources"] or any(about["pairs"].values()) or about["links"]):
         return [
-            *lines,
+            *shown,
             (
                 "nothing collected yet; try `kb demo` to see the whole job,"
                 " `kb youtube crawl --plan` to see what a crawl costs,"
@@ -52,22 +53,22 @@ def _lines(about: dict[str, Any]) -> list[str]:
             ),
         ]
     for source, facts in about["sources"].items():
-        lines += ["", *_source(source, facts)]
+        shown += ["", *_source(source, facts)]
     if made := [f"{n:,} {schema}" for schema, n in about["pairs"].items() if n]:
-        lines += ["", f"pairs: {', '.join(made)}"]
+        shown += ["", f"pairs: {', '.join(made)}"]
     if about["tasks"]:
-        lines += ["", f"tasks: {about['tasks']:,}"]
+        shown += ["", f"tasks: {about['tasks']:,}"]
     if links := about["links"]:
-        lines += ["", f"links: {_linked(links)}"]
+        shown += ["", f"links: {_linked(links)}"]
     disk = ", ".join(f"{name} {terminal.size(n)}" for name, n in about["disk_bytes"].items())
-    lines += ["", f"disk: {disk}"]
-    lines += [f"next: {step}" for step in about["next"]]
+    shown += ["", f"disk: {disk}"]
+    shown += [f"next: {step}" for step in about["next"]]
     if about["download"]:
-        lines.append("next: `kb restore` restores its content; `kb search` and `kb query` read it")
+        shown.append("next: `kb restore` restores its content; `kb search` and `kb query` read it")
     elif not about["next"]:
         running = any(facts["running_pid"] for facts in about["sources"].values())
-        lines.append("next: wait for the running command" if running else "nothing is left to do")
-    return lines
+        shown.append("next: wait for the running command" if running else "nothing is left to do")
+    return shown
 
 
 def _linked(links: dict[str, Any]) -> str:
