@@ -47,14 +47,15 @@ def number(text: str) -> int:
 
 def comments_of_the_same_posts(before: Path, after: Path, limit: float) -> int:
     """Comments within the limit, of the posts that were kept before."""
-    old, new = (f"read_parquet('{one}/clean/reddit/{{}}/*.parquet')" for one in (before, after))
+    old, new = (str(one / "clean/reddit/{}/*.parquet") for one in (before, after))
     (count,) = duckdb.sql(
-        f"""SELECT count(*) FROM (
-            SELECT comment_id FROM {new.format("comments")}
-            SEMI JOIN {old.format("posts")} USING (post_id)
-            UNION ALL SELECT comment_id FROM {old.format("comments")}
-            ANTI JOIN {new.format("posts")} USING (post_id)
-            WHERE coalesce(toxicity_body <= {limit}, true))"""
+        f"""WITH old AS (SELECT * FROM read_parquet('{old.format("comments")}')),
+            new AS (SELECT * FROM read_parquet('{new.format("comments")}')),
+            posts_before AS (SELECT post_id FROM read_parquet('{old.format("posts")}')),
+            posts_after AS (SELECT post_id FROM read_parquet('{new.format("posts")}'))
+        SELECT (SELECT count(*) FROM new WHERE post_id IN (FROM posts_before))
+            + (SELECT count(*) FROM old WHERE post_id NOT IN (FROM posts_after)
+                AND coalesce(toxicity_body <= {limit}, true))"""
     ).fetchall()[0]
     return int(count)
 
