@@ -39,7 +39,7 @@ ALLOWED: dict[str, set[str]] = {
     "clips": {"pairs", *DATA},  # over the pairs' tokens
     "reader": {"clips"} | ASKING | DATA,
     "mcp": {"reader"} | ASKING | DATA,
-    "explore": {"mcp", "reader"} | ASKING | DATA,
+    "explore": {"filters", "mcp", "reader"} | ASKING | DATA,
     "sandbox": ROOMS | GROUND | {"core"},
     "cli": ROOMS | ASKING | GROUND | {"core", "crawl", *MADE, "sandbox", "mcp", "explore"},
     "pipelines": ROOMS | ASKING | GROUND | {"core", "crawl", *MADE, "sandbox"},

@@ -34,8 +34,8 @@ def read(tables: CurrentTables) -> list[SourceFunnel]:
 
 def _funnel(tables: CurrentTables, source: str) -> SourceFunnel | None:
     spec = SPECS[source]
-    kept = sum(_count(tables, f"{source}_{table}") for table in spec.tables)
-    verdicts = {verdict: _count(tables, f"{source}_{verdict}") for verdict in VERDICTS}
+    kept = sum(tables.count(f"{source}_{table}") for table in spec.tables)
+    verdicts = {verdict: tables.count(f"{source}_{verdict}") for verdict in VERDICTS}
     crawled = kept + sum(verdicts.values())
     if not crawled:
         return None
@@ -52,9 +52,3 @@ def _funnel(tables: CurrentTables, source: str) -> SourceFunnel | None:
         left -= dropped[stage]
         steps.append(FunnelStep(stage, left, dropped[stage], left / crawled))
     return SourceFunnel(source, spec.report.title, steps, {"kept": kept, **verdicts})
-
-
-def _count(tables: CurrentTables, name: str) -> int:
-    if name not in tables:
-        return 0
-    return int(tables.rows(name, "SELECT count(*) AS n FROM {table}")["n"][0].as_py())

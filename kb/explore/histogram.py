@@ -83,24 +83,26 @@ def draw(
     value: float,
     at_least: bool,
 ) -> Histogram:
-    """The rows of the table `numbers` by edge. A bar has its left edge where rows pass with the
-    limit or more, else its right one.
+    """The rows of the table `numbers` between two edges each. A row on an edge belongs to the bar
+    whose rows pass with that edge as the limit.
     """
-    counts = con.execute(
-        f"""SELECT coalesce(position, 0) AS bar, count(*) FILTER (kept),
-        count(*) FILTER (NOT kept AND outcome != 'rejected'),
-        count(*) FILTER (NOT kept AND outcome = 'rejected')
-        FROM numbers ASOF LEFT JOIN
-            (SELECT unnest(?::DOUBLE[]) AS edge, unnest(range(?)) AS position) AS edges
-            ON number {">=" if at_least else ">"} edge
-        WHERE number IS NOT NULL GROUP BY 1""",
-        [edges, len(edges)],
-    ).fetchall()
-    by_bar = {bar: (kept, deciding, others) for bar, kept, deciding, others in counts}
-    highest = max((sum(numbers) for numbers in by_bar.values()), default=1)
+    # histogram() counts up to and including each bin; mirrored, from each bin on.
+    sign, bins = ("-", [-edge for edge in reversed(edges)]) if at_least else ("", edges)
+    of_parts = con.execute(
+        f"""SELECT histogram({sign}number, $bins) FILTER (kept),
+        histogram({sign}number, $bins) FILTER (NOT kept AND outcome != 'rejected'),
+        histogram({sign}number, $bins) FILTER (NOT kept AND outcome = 'rejected') FROM numbers""",
+        {"bins": bins},
+    ).fetchall()[0]
+    counts = []
+    for part in of_parts:
+        by_bin = part or {}
+        bars = [by_bin.get(edge, 0) for edge in bins[1:]]
+        counts.append(bars[::-1] if at_least else bars)
+    highest = max(map(sum, zip(*counts, strict=True)), default=0) or 1
     bars = [
-        Bar(low, high, *by_bar.get(place, (0, 0, 0)), scale=highest)
-        for place, (low, high) in enumerate(pairwise(edges))
+        Bar(low, high, kept, deciding, others, highest)
+        for (low, high), kept, deciding, others in zip(pairwise(edges), *counts, strict=True)
     ]
     nearest = min(range(len(edges)), key=lambda place: abs(edges[place] - value))
     return Histogram(bars, edges, edges.index(current), nearest)

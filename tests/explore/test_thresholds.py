@@ -122,9 +122,12 @@ def test_the_current_threshold_changes_nothing(demo_pages: Explored) -> None:
     addresses = [html.unescape(one) for one in re.findall(r'href="(/thresholds\?.*?)"', text)]
     assert len(addresses) == 8
     for address in addresses:
-        then, now, waiting = figures(demo_pages.ask(address).text)
+        text = demo_pages.ask(address).text
+        then, now, waiting = figures(text)
         assert then == now > 0
         assert waiting == 0
+        places = [html.unescape(one) for one in re.findall(r'href="(/document\?.*?)"', text)]
+        assert demo_pages.ask(places[0]).status == 200
 
 
 def test_examples_stand_on_both_sides_of_the_line(demo_pages: Explored) -> None:
