@@ -145,13 +145,13 @@ def rows_of(tables: CurrentTables, stage: StageOfTable) -> ThresholdRows:
 
 
 _TEXTS = ("key", "title", "outcome", "group", "threshold")
-_NONE = pa.schema(
-    [
-        *(pa.field(name, pa.string()) for name in _TEXTS),
-        pa.field("number", pa.float64()),
-        pa.field("kept", pa.bool_()),
-    ]
-).empty_table()
+_NONE = pa.table(
+    {
+        **{name: pa.array([], pa.string()) for name in _TEXTS},
+        "number": pa.array([], pa.float64()),
+        "kept": pa.array([], pa.bool_()),
+    }
+)
 
 
 def _rejected(tables: CurrentTables, stage: StageOfTable) -> pa.Table:
