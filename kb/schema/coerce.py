@@ -11,7 +11,8 @@ import json
 import re
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
+from itertools import accumulate
 from types import NoneType
 from typing import Any
 
@@ -46,7 +47,7 @@ def coerce(
     `clean` is the caller's word that no text holds a NUL.
     """
     if kind.item is not None:
-        return lists(values, kind, clean=clean)
+        return (records if kind.item.fields else lists)(values, kind, clean=clean)
     if kind.text.startswith("timestamp"):
         return unix_times(values) if "number" in types(schema) else times(values)
     if kind.text == "bool":
@@ -159,6 +160,68 @@ def lists(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa
         pass
     column, bad = _each(values, kind.arrow(), _strings)
     return pc.fill_null(column, pa.scalar(empty, kind.arrow())) if bad else column, bad
+
+
+def records(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa.Array[Any], Bad]:
+    """Lists of fixed rows ([[start, duration, text], …]) as lists of structs, null where absent.
+
+    Fields are numbers and texts; the last ones may be lists of numbers, which a row may leave out.
+    A list of numbers that can't be read is empty, and its row stays.
+    """
+    try:
+        return _records(values, kind, clean=clean), []
+    except (ValueError, TypeError, IndexError, OverflowError):  # Arrow's errors are among them
+        return _each(values, kind.arrow(), partial(_rows, kind=kind))
+
+
+def _records(values: Sequence[Any], kind: Type, *, clean: bool) -> pa.Array[Any]:
+    """Raises ValueError, TypeError, IndexError or OverflowError for an odd list."""
+    assert kind.item is not None
+    fields = kind.item.fields
+    rows = [a_list(row) for value in values if value is not None for row in a_list(value)]
+    if any(len(row) > len(fields) for row in rows):
+        raise ValueError("a row is too long")
+    columns: list[pa.Array[Any]] = []
+    for place, (_, inner) in enumerate(fields):
+        if inner.item is None:
+            column = flat = pa.array([row[place] for row in rows], inner.arrow())
+        else:
+            cells = [row[place] if place < len(row) else None for row in rows]
+            column = pa.array(cells, inner.arrow())
+            flat = pc.list_flatten(column)
+        if flat.null_count or (inner.text == "string" and not clean and _holds_nul(flat)):
+            raise ValueError("a cell is odd")
+        columns.append(column)
+    sizes = (0 if value is None else len(value) for value in values)
+    return pa.ListArray.from_arrays(
+        pa.array(accumulate(sizes, initial=0), pa.int32()),
+        pa.StructArray.from_arrays(columns, names=[name for name, _ in fields]),
+        type=kind.arrow(),
+        mask=pa.array([value is None for value in values], pa.bool_()),
+    )
+
+
+def _rows(value: Any, kind: Type) -> list[dict[str, Any]]:
+    """A list of fixed rows, cell by cell."""
+    assert kind.item is not None
+    fields = kind.item.fields
+    least = sum(inner.item is None for _, inner in fields)
+    rows = [a_list(row) for row in a_list(value)]
+    if not all(least <= len(row) <= len(fields) for row in rows):
+        raise ValueError("a row of another length")
+    return [
+        {name: _cell(cell, inner) for (name, inner), cell in zip(fields, row, strict=False)}
+        for row in rows
+    ]
+
+
+def _cell(value: Any, kind: Type) -> Any:
+    if kind.item is None:
+        return a_text(value) if kind.text == "string" else a_number(value)
+    try:
+        return None if value is None else [a_number(one) for one in a_list(value)]
+    except (ValueError, TypeError, OverflowError):
+        return []
 
 
 def _holds_nul(texts: pa.Array[Any]) -> bool:
