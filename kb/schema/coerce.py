@@ -11,7 +11,7 @@ import json
 import re
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 from itertools import accumulate
 from types import NoneType
 from typing import Any
@@ -47,7 +47,7 @@ def coerce(
     `clean` is the caller's word that no text holds a NUL.
     """
     if kind.item is not None:
-        return (records if kind.item.fields else lists)(values, kind, clean=clean)
+        return records(values, kind, clean=clean) if kind.item.fields else lists(values, kind)
     if kind.text.startswith("timestamp"):
         return unix_times(values) if "number" in types(schema) else times(values)
     if kind.text == "bool":
@@ -76,38 +76,24 @@ def integers(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array[Any], B
     """Counts: decimal digits in a string and, where the schema allows it, JSON integers;
     never negative.
     """
-
-    def one(value: Any) -> int:
-        return _count(value, allowed)
-
     try:
         if "integer" in allowed and not set(map(type, values)) - {int, NoneType}:
             integers = pa.array(values, pa.int64())
             if (pc.min(integers).as_py() or 0) >= 0:
                 return integers, []
-        if "string" not in allowed:
-            raise pa.ArrowTypeError
-        column = pa.array(values, pa.string())
+        elif "string" in allowed:
+            column = pa.array(values, pa.string())
+            short = pc.less_equal(pc.binary_length(column), 18)
+            if pc.all(pc.and_(pc.ascii_is_decimal(column), short)).as_py() is not False:
+                return column.cast(pa.int64()), []
     except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError, OverflowError):
-        return _each(values, pa.int64(), one)
-    plain = pc.and_(pc.ascii_is_decimal(column), pc.less_equal(pc.binary_length(column), 18))
-    strange = pc.fill_null(pc.invert(plain), False)
-    odd = pc.indices_nonzero(strange).to_pylist()
-    if not odd:
-        return column.cast(pa.int64()), []
-    made = pc.if_else(plain, column, None).cast(pa.int64())
-    few, bad = _each([values[row] for row in odd], pa.int64(), one)
-    return pc.replace_with_mask(made, strange, few), [(odd[row], text) for row, text in bad]
+        pass
+    return _each(values, pa.int64(), partial(_count, allowed=allowed))
 
 
 def durations(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
     """ISO 8601 durations → whole seconds: weeks, days, hours, minutes, seconds; P0D is 0."""
-    try:  # there are few distinct ones
-        column = pa.array(values, pa.string()).dictionary_encode()
-        made = pa.array([_seconds(text) for text in column.dictionary.to_pylist()], pa.int64())
-        return made.take(column.indices), []
-    except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError, ValueError):
-        return _each(values, pa.int64(), _duration)
+    return _each(values, pa.int64(), _duration)
 
 
 def times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
@@ -131,34 +117,19 @@ def booleans(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array[Any], B
     """Booleans, or the strings "true" and "false" where the schema says string."""
     words = {"true": True, "false": False} if "string" in allowed else {}
     native = not allowed or "boolean" in allowed
-    try:
-        if not words:
-            return pa.array(values, pa.bool_()), []
-        column = pa.array(values, pa.string())
-        if pc.all(pc.is_in(column, pa.array([*words, None]))).as_py() is not False:
-            return pc.equal(column, "true"), []
-    except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
-        pass
-    return _each(
-        values,
-        pa.bool_(),
-        lambda value: value if native and isinstance(value, bool) else words[value],
-    )
+
+    def one(value: Any) -> bool:
+        return value if native and isinstance(value, bool) else words[value]
+
+    return _each(values, pa.bool_(), one)
 
 
-def lists(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa.Array[Any], Bad]:
+def lists(values: Sequence[Any], kind: Type) -> tuple[pa.Array[Any], Bad]:
     """Lists of strings; an absent one is empty."""
     empty: list[str] = []
-    values = [empty if value is None else value for value in values]
-    try:
-        if str in set(map(type, values)):  # Arrow would take it as a list of letters
-            raise pa.ArrowTypeError
-        column = pa.array(values, kind.arrow())
-        if clean or not _holds_nul(pc.list_flatten(column)):
-            return column, []
-    except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
-        pass
-    column, bad = _each(values, kind.arrow(), _strings)
+    column, bad = _each(
+        [empty if value is None else value for value in values], kind.arrow(), _strings
+    )
     return pc.fill_null(column, pa.scalar(empty, kind.arrow())) if bad else column, bad
 
 
@@ -285,23 +256,16 @@ def _count(value: Any, allowed: set[str]) -> int:
     return count
 
 
-@lru_cache(100_000)
-def _seconds(text: str) -> int:
-    match = _DURATION.fullmatch(text)
-    if match is None or not text.isascii():
-        raise ValueError(text)
+def _duration(value: Any) -> int:
+    match = _DURATION.fullmatch(value)
+    if match is None or not value.isascii():
+        raise ValueError(value)
     total = sum(
         int(number) * size for number, size in zip(match.groups(), _SECONDS, strict=True) if number
     )
     if total > _LARGEST:
-        raise ValueError(text)
+        raise ValueError(value)
     return total
-
-
-def _duration(value: Any) -> int:
-    if not isinstance(value, str):
-        raise TypeError
-    return _seconds(value)
 
 
 def _moment(value: Any) -> datetime:
