@@ -14,17 +14,14 @@ from typing import Any
 from kb.annotate.detoxify_model import load_detoxify
 from kb.annotate.inference import TOKEN_BUDGET, Meta, ModelNetwork, Runner
 from kb.annotate.onnx_model import (
-    Compiled,
     find_compiled,
     graph_runner,
     int8_runner,
     make_compiled,
 )
-from kb.annotate.scores import PRECISIONS
 from kb.annotate.verified_checkpoint import Checkpoint
 from kb.core.errors import MissingModel, SettingError
 
-DEVICES = ("auto", "cpu", "cuda")
 # Within this of a threshold a reduced score may fall on the other side; half of it was measured, on
 # random weights. It ends between two rounded scores, so that none lies on its edge.
 REACH = {"fp32": 0.0, "bf16": 0.04005, "int8": 0.15005}
@@ -35,9 +32,8 @@ def open_runner(
 ) -> Runner:
     """ONNX Runtime for fp32 and int8 on a CPU, torch for all else and for a model without a graph.
 
-    Raises MissingExtra, MissingModel, SettingError (no such precision).
+    Raises MissingExtra, MissingModel.
     """
-    _check_precision(precision)
     os.environ.setdefault("RAYON_NUM_THREADS", str(threads))  # the tokenizer's own threads
     if device == "cuda" or precision == "bf16":
         return torch_runner(checkpoint, precision, device, threads)
@@ -56,23 +52,14 @@ def open_runner(
 
 def check_options(precision: str, device: str, here: bool) -> None:
     """Raise SettingError for options that can't work; `here`: this machine does the scoring."""
-    _check_precision(precision)
-    if device not in DEVICES:
-        raise SettingError(f"--device is {device!r}", hint=f"allowed: {', '.join(DEVICES)}")
     if precision == "int8" and device == "cuda":
         raise SettingError("--precision int8 runs on a CPU only", hint="use bf16 on a GPU")
     if here and device == "cuda":
         choose_device(device)
 
 
-def _check_precision(precision: str) -> None:
-    if precision not in PRECISIONS:
-        allowed = ", ".join(PRECISIONS)
-        raise SettingError(f"--precision is {precision!r}", hint=f"allowed: {allowed}")
-
-
-def prepare(checkpoint: Checkpoint) -> Compiled | None:
-    """The graph of the checkpoint, made now when there is none; None when it can't be made."""
+def prepare(checkpoint: Checkpoint) -> Path | None:
+    """The folder of the checkpoint's graph, made unless it is there; None when it can't be made."""
     return find_compiled(checkpoint) or make_compiled(checkpoint)
 
 

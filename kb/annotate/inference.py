@@ -19,11 +19,10 @@ near 0 and 1 move little with their logit. Reduced precisions are rounded and no
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Protocol
+
+import msgspec
 
 from kb.annotate.detoxify_model import WINDOW
 from kb.core.errors import MissingModel
@@ -33,8 +32,7 @@ ERROR = 1e-4  # of a logit in fp32; four times the largest measured difference
 TOKEN_BUDGET = 1024  # tokens per batch, padding included; measured by tests/bench/bench_toxicity.py
 
 
-@dataclass(frozen=True)
-class Meta:
+class Meta(msgspec.Struct, frozen=True):
     """What inference needs to know about a model besides its weights."""
 
     classes: tuple[str, ...]
@@ -61,18 +59,6 @@ class Meta:
             tuple(marks[1:]),
             tokenizer.pad_token_id,
             min(WINDOW, tokenizer.model_max_length),
-        )
-
-    @classmethod
-    def read(cls, path: Path) -> Meta:
-        """Read it from the JSON file beside an ONNX graph."""
-        data = json.loads(path.read_text(encoding="utf-8"))
-        return cls(
-            tuple(data["classes"]),
-            tuple(data["prefix"]),
-            tuple(data["suffix"]),
-            data["pad"],
-            data["window"],
         )
 
 

@@ -1,8 +1,7 @@
-"""The configuration and the tokenizer beside a checkpoint: whether they can be read and go
-together.
+"""The configuration and the tokenizer beside a checkpoint: whether they can be read.
 
-Looked at before anything is sent or written; whether they go with the weights shows when the model
-is loaded.
+Looked at before anything is sent or written; whether they go together and with the weights shows
+when the model is loaded.
 """
 
 import json
@@ -29,9 +28,7 @@ def tokenizer_files(folder: Path) -> list[Path]:
 
 
 def check_model_files(folder: Path, what_to_do: str) -> None:
-    """Raise MissingModel when configuration or tokenizer are missing, can't be read,
-    or don't go together.
-    """
+    """Raise MissingModel when configuration or tokenizer are missing or can't be read."""
     if not (folder / "config.json").is_file():
         raise MissingModel(f"there is no config.json in {folder}", hint=what_to_do)
     files = tokenizer_files(folder)
@@ -42,14 +39,6 @@ def check_model_files(folder: Path, what_to_do: str) -> None:
     )
     if problem:
         raise MissingModel(f"{folder}: {problem}", hint=what_to_do)
-    rows = _object(folder / "config.json").get("vocab_size")
-    for path in files:
-        largest = _largest_number(path)
-        if isinstance(rows, int) and largest >= rows:
-            raise MissingModel(
-                f"{path} has {largest + 1} tokens, but the model in its config.json knows {rows}",
-                hint=what_to_do,
-            )
 
 
 def problem_of(path: Path, name: str = "") -> str:
@@ -100,28 +89,3 @@ def _object(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ValueError(path.name)  # noqa: TRY004  as for what is no JSON
     return content
-
-
-def _largest_number(path: Path) -> int:
-    """The largest token number of a vocabulary file; -1 for files that say none."""
-    if path.name == "vocab.txt":
-        return len(path.read_text(encoding="utf-8").rstrip("\n").split("\n")) - 1
-    if path.name == "vocab.json":
-        return max(
-            (number for number in _object(path).values() if isinstance(number, int)), default=-1
-        )
-    if path.name == "tokenizer.json":
-        content = _object(path)
-        names = content["model"].get("vocab") or ()
-        known = (
-            [len(names) - 1]
-            if isinstance(names, list)
-            else [number for number in dict(names).values() if isinstance(number, int)]
-        )
-        added = [
-            entry.get("id", -1)
-            for entry in content.get("added_tokens") or ()
-            if isinstance(entry, dict)
-        ]
-        return max((*known, *added), default=-1)
-    return -1

@@ -12,9 +12,10 @@ import logging
 import tempfile
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import msgspec
 
 from kb.annotate.detoxify_model import load_detoxify
 from kb.annotate.inference import Meta, ModelNetwork, Runner
@@ -25,6 +26,7 @@ from kb.store.atomic import writing
 
 FORMAT = 6  # raise it when the folder's files change meaning
 TOLERANCE = 1e-4
+_GRAPH, _QUANTIZED = "model.onnx", "model.int8.onnx"
 PROBES = (
     "hello",
     "How to build a house in Minecraft",
@@ -32,17 +34,6 @@ PROBES = (
     "1 2 3 … ünïcode 方块",
     "a longer text about redstone, pistons and hoppers; " * 4,
 )
-
-
-@dataclass(frozen=True)
-class Compiled:
-    """A folder with model.onnx, tokenizer.json and meta.json (see `Meta`)."""
-
-    folder: Path
-
-    @property
-    def graph(self) -> Path:
-        return self.folder / "model.onnx"
 
 
 def cache_folder(checkpoint: Checkpoint) -> Path:
@@ -59,8 +50,8 @@ def cache_folder(checkpoint: Checkpoint) -> Path:
     return cache_root() / "compiled" / hashlib.sha256("\n".join(parts).encode()).hexdigest()[:24]
 
 
-def find_compiled(checkpoint: Checkpoint) -> Compiled | None:
-    """The graph from the cache, if it is complete."""
+def find_compiled(checkpoint: Checkpoint) -> Path | None:
+    """The cache folder with model.onnx, tokenizer.json and meta.json (see `Meta`), if complete."""
     folder = cache_folder(checkpoint)
     try:
         meta = json.loads((folder / "meta.json").read_text(encoding="utf-8"))
@@ -69,25 +60,25 @@ def find_compiled(checkpoint: Checkpoint) -> Compiled | None:
         )
     except (OSError, ValueError, KeyError):
         return None
-    return Compiled(folder) if is_complete else None
+    return folder if is_complete else None
 
 
-def make_compiled(checkpoint: Checkpoint) -> Compiled | None:
+def make_compiled(checkpoint: Checkpoint) -> Path | None:
     """Export the graph; None if it disagrees with Detoxify."""
     detoxify = load_detoxify(checkpoint)
     folder = cache_folder(checkpoint)
     try:
         with making(folder, lambda: find_compiled(checkpoint) is not None) as fresh:
             _export(detoxify, fresh)
-            if not _agrees(detoxify, Compiled(fresh)):
+            if not _agrees(detoxify, fresh):
                 raise _Differs
     except _Differs:
         return None
     except OSError:  # the cache is not writable: export for this run only
         fresh = Path(tempfile.mkdtemp(prefix="kb-compiled-"))
         _export(detoxify, fresh)
-        return Compiled(fresh) if _agrees(detoxify, Compiled(fresh)) else None
-    return Compiled(folder)
+        return fresh if _agrees(detoxify, fresh) else None
+    return folder
 
 
 class _Differs(Exception):
@@ -107,7 +98,7 @@ def _export(detoxify: Any, folder: Path) -> None:
         torch.onnx.export(
             detoxify.model,
             (ids, mask),
-            str(folder / "model.onnx"),
+            str(folder / _GRAPH),
             dynamo=False,
             opset_version=17,
             input_names=["input_ids", "attention_mask"],
@@ -117,20 +108,11 @@ def _export(detoxify: Any, folder: Path) -> None:
     detoxify.tokenizer.backend_tokenizer.save(str(folder / "tokenizer.json"))
     meta = Meta.of(detoxify)
     files = {path.name: sha256_of(path) for path in sorted(folder.iterdir())}
-    text = json.dumps(
-        {
-            "classes": meta.classes,
-            "prefix": meta.prefix,
-            "suffix": meta.suffix,
-            "pad": meta.pad,
-            "window": meta.window,
-            "files": files,
-        }
-    )
-    (folder / "meta.json").write_text(text, encoding="utf-8")
+    about = {**msgspec.structs.asdict(meta), "files": files}
+    (folder / "meta.json").write_bytes(msgspec.json.encode(about))
 
 
-def _agrees(detoxify: Any, compiled: Compiled) -> bool:
+def _agrees(detoxify: Any, compiled: Path) -> bool:
     runner = graph_runner(compiled, threads=1)
     own = runner.score(list(PROBES))
     for text, row in zip(PROBES, own, strict=True):
@@ -151,15 +133,15 @@ def _version(name: str) -> str:
 
 
 def graph_runner(
-    compiled: Compiled, threads: int, exact: Callable[[], ModelNetwork] | None = None
+    compiled: Path, threads: int, exact: Callable[[], ModelNetwork] | None = None
 ) -> Runner:
     """The graph in fp32; `exact` as in `Runner`."""
-    return _runner(compiled, compiled.graph, threads, exact)
+    return _runner(compiled, _GRAPH, threads, exact)
 
 
-def int8_runner(compiled: Compiled, threads: int) -> Runner:
+def int8_runner(compiled: Path, threads: int) -> Runner:
     """The graph with 8-bit weights, quantized once."""
-    quantized = compiled.folder / "model.int8.onnx"
+    quantized = compiled / _QUANTIZED
     if not quantized.exists():
         from onnxruntime.quantization import QuantType, quantize_dynamic
 
@@ -169,14 +151,14 @@ def int8_runner(compiled: Compiled, threads: int) -> Runner:
             # It advises to preprocess the graph, which changes nothing for BERT.
             root.setLevel(logging.ERROR)
             try:
-                quantize_dynamic(str(compiled.graph), str(fresh), weight_type=QuantType.QInt8)
+                quantize_dynamic(str(compiled / _GRAPH), str(fresh), weight_type=QuantType.QInt8)
             finally:
                 root.setLevel(before)
-    return _runner(compiled, quantized, threads)
+    return _runner(compiled, _QUANTIZED, threads)
 
 
 def _runner(
-    compiled: Compiled, graph: Path, threads: int, exact: Callable[[], ModelNetwork] | None = None
+    compiled: Path, graph: str, threads: int, exact: Callable[[], ModelNetwork] | None = None
 ) -> Runner:
     import onnxruntime
     from tokenizers import Tokenizer
@@ -185,13 +167,15 @@ def _runner(
     onnxruntime.set_default_logger_severity(3)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
-    session = onnxruntime.InferenceSession(str(graph), options, providers=["CPUExecutionProvider"])
+    session = onnxruntime.InferenceSession(
+        str(compiled / graph), options, providers=["CPUExecutionProvider"]
+    )
 
     def network(ids: Any, mask: Any) -> Any:
         return session.run(None, {"input_ids": ids, "attention_mask": mask})[0]
 
-    tokenizer = Tokenizer.from_file(str(compiled.folder / "tokenizer.json"))
+    tokenizer = Tokenizer.from_file(str(compiled / "tokenizer.json"))
     tokenizer.no_padding()
     tokenizer.no_truncation()
-    meta = Meta.read(compiled.folder / "meta.json")
+    meta = msgspec.json.decode((compiled / "meta.json").read_bytes(), type=Meta)
     return Runner("onnxruntime", network, tokenizer, meta, exact=exact)

@@ -38,6 +38,8 @@ CATEGORIES = (
     "sexual_explicit",
 )
 PRECISIONS = ("fp32", "bf16", "int8")  # the exact one first
+_SCORES: dict[str, pa.DataType] = dict.fromkeys(CATEGORIES, pa.float32())
+_SCHEMA = pa.schema({**_SCORES, "precision": pa.string()})
 _RANK = "CASE precision WHEN 'fp32' THEN 0 WHEN 'bf16' THEN 1 ELSE 2 END"
 
 
@@ -70,8 +72,7 @@ class Scores:
                 f" ORDER BY {_RANK}) = 1) s USING (text_hash) ORDER BY w.place",
                 params={"model": self.model, "revision": self.revision},
             ).to_arrow_table()
-        columns: list[tuple[str, pa.DataType]] = [(name, pa.float32()) for name in CATEGORIES]
-        return rows.cast(pa.schema([*columns, ("precision", pa.string())]))
+        return rows.cast(_SCHEMA)
 
     def missing(
         self,
@@ -192,6 +193,11 @@ class Scores:
             for path in Path(self.folder).glob("part-*.parquet")
         ]
         return 1 + max((int(match.group(1)) for match in numbers if match), default=-1)
+
+
+def unscored(size: int) -> pa.Table:
+    """What `Scores.lookup` gives of so many texts without a score."""
+    return pa.table({field.name: pa.nulls(size, field.type) for field in _SCHEMA})
 
 
 def drop_unused(root: Path, source: str, texts: Iterable[pa.Array[Any]]) -> int:

@@ -20,7 +20,7 @@ import pyarrow.compute as pc
 
 from kb.annotate.backends import check_options, prepare
 from kb.annotate.chunks import Chunks
-from kb.annotate.scores import CATEGORIES, Scores, text_hashes
+from kb.annotate.scores import CATEGORIES, Scores, text_hashes, unscored
 from kb.annotate.verified_checkpoint import Checkpoint, find_checkpoint, need_extra
 from kb.annotate.worker import ScoringJob, score_chunk
 from kb.core import signals
@@ -38,14 +38,6 @@ class AnnotationCounts:
     scored: int = 0
     known: int = 0
     exact_again: int = 0  # reduced scores near the threshold, computed again in fp32
-
-    def __add__(self, other: AnnotationCounts) -> AnnotationCounts:
-        return AnnotationCounts(
-            self.texts + other.texts,
-            self.scored + other.scored,
-            self.known + other.known,
-            self.exact_again + other.exact_again,
-        )
 
 
 @dataclass(frozen=True)
@@ -97,14 +89,7 @@ class ToxicityScorer:
 
     def lookup(self, hashes: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Table:
         """`CATEGORIES` and `precision` of each hash, in order; null where there is none."""
-        if self.scores is None:
-            return pa.table(
-                {
-                    **{name: pa.nulls(len(hashes), pa.float32()) for name in CATEGORIES},
-                    "precision": pa.nulls(len(hashes), pa.string()),
-                }
-            )
-        return self.scores.lookup(hashes)
+        return unscored(len(hashes)) if self.scores is None else self.scores.lookup(hashes)
 
     def columns(
         self,
@@ -212,10 +197,7 @@ def scores(
     `key` is what `check` gave.
     """
     if not key:
-        return pa.table({name: pa.nulls(len(texts), pa.float32()) for name in CATEGORIES})
+        return unscored(len(texts)).select(CATEGORIES)
     model, _, revision = key.rpartition("@")
-    return (
-        Scores(str(Layout(Path(root)).annotations(source)), model, revision)
-        .lookup(text_hashes(texts))
-        .select(list(CATEGORIES))
-    )
+    known = Scores(str(Layout(Path(root)).annotations(source)), model, revision)
+    return known.lookup(text_hashes(texts)).select(CATEGORIES)

@@ -4,6 +4,8 @@ import os
 import signal
 import sys
 
+from kb.core.signals import BOTH, handling
+
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point of the `kb` script: parse, run, and leave with the contract's exit code.
@@ -13,19 +15,15 @@ def main(arguments: list[str] | None = None) -> None:
     """
     ours = [
         number
-        for number in (signal.SIGINT, signal.SIGTERM)
+        for number in BOTH
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)
     ]
-    before = {number: signal.signal(number, _leave) for number in ours}
-    try:
+    with handling(_leave, ours):
         from kb.cli.app import app
         from kb.cli.framework.exit_codes import run_to_exit_code
 
         words = {"args": arguments, "prog_name": "kb", "standalone_mode": False}
         sys.exit(run_to_exit_code(lambda: app(**words)))
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _leave(number: int, frame: object) -> None:

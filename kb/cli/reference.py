@@ -143,6 +143,8 @@ def profile_keys() -> str:
 
 
 def _section(title: str, model: Any) -> Iterator[str]:
+    from kb.core.config.profile.base import model_in
+
     if title:
         yield f"\n## `[{title}]`\n"
         doc = (model.__doc__ or "").strip()
@@ -154,9 +156,10 @@ def _section(title: str, model: Any) -> Iterator[str]:
     for name, field in model.model_fields.items():
         if name == "path":
             continue
-        inner, many = _model_in(field.annotation)
+        inner = model_in(field.annotation)
         if inner is not None:
             full = f"{title}.{name}" if title else name
+            many = typing.get_origin(field.annotation) in (tuple, list, dict)
             deeper.append((f"[{full}]" if many else full, inner))
             continue
         default = (
@@ -170,20 +173,6 @@ def _section(title: str, model: Any) -> Iterator[str]:
         )
     for full, inner in deeper:
         yield from _section(full, inner)
-
-
-def _model_in(annotation: Any) -> tuple[Any, bool]:
-    """(the model inside a type, whether it may come several times)."""
-    from pydantic import BaseModel
-
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation, False
-    origin = typing.get_origin(annotation)
-    for inner in typing.get_args(annotation) if origin is not None else ():
-        model, _ = _model_in(inner)
-        if model is not None:
-            return model, origin in (tuple, list, dict)
-    return None, False
 
 
 def _type(annotation: Any) -> str:

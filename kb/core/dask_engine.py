@@ -84,8 +84,7 @@ def dask_executor(scheduler: str | None, workers: int = 1) -> Iterator[Executor]
         except (OSError, TimeoutError) as error:
             raise _unreachable(f"no Dask scheduler at {where} ({type(error).__name__})") from None
         stack.callback(_close, client)
-        _wait_for_workers(client, where)
-        pool = _Pool(client, where)
+        pool = _Pool(_Cluster(client, where))
         _same_lorecrawl(pool)
         try:
             yield pool
@@ -93,35 +92,76 @@ def dask_executor(scheduler: str | None, workers: int = 1) -> Iterator[Executor]
             pool.shutdown(cancel_futures=True)
 
 
+class _Cluster:
+    """A cluster whose scheduler may go away and that may lose its workers, or have none yet."""
+
+    def __init__(self, client: Any, where: str) -> None:
+        self.client, self._where = client, where
+        self._asked = clock.monotonic()
+        self._alone: float | None = None  # since when it has no worker
+        while not self.workers():
+            signals.stop.check()
+            self.check()
+            signals.stop.wait(SLICE_S)
+
+    def workers(self) -> int:
+        """How many workers the scheduler has now; 0 also when it doesn't answer."""
+        try:
+            return len(self.client.sync(self.client.scheduler.ncores, callback_timeout=LOOK_S))
+        except (OSError, TimeoutError, asyncio.CancelledError):
+            return 0
+
+    def check(self) -> None:
+        """Raise Unreachable when the scheduler is lost, or no worker was there for `WORKERS_S`."""
+        if self.client.status != "running":
+            raise self.lost()
+        now = clock.monotonic()
+        if now - self._asked < LOOK_S:
+            return
+        self._asked = now
+        if self.workers():
+            self._alone = None
+        elif self._alone is None:
+            self._alone = now
+            _log.warning("no Dask worker at %s; waiting %d s for one", self._where, WORKERS_S)
+        elif now - self._alone >= WORKERS_S:
+            raise _unreachable(f"no Dask worker at {self._where}")
+
+    def lost(self) -> Unreachable:
+        """The error of a scheduler that went away."""
+        return Unreachable(
+            f"the Dask scheduler at {self._where} went away",
+            hint="start it again; the same command resumes",
+        )
+
+
 class _Pool(Executor):
     """`concurrent.futures` in front of a Dask client."""
 
-    def __init__(self, client: Any, where: str) -> None:
-        self._inner, self._client, self._where = client.get_executor(pure=False), client, where
+    def __init__(self, cluster: _Cluster) -> None:
+        self._inner, self._cluster = cluster.client.get_executor(pure=False), cluster
         self._environment = {name: os.environ.get(name) for name in _SHARED}
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """A future of the call on some worker. Raises Unreachable when the scheduler is gone."""
-        if self._client.status != "running":
-            raise _lost(self._where)
+        if self._cluster.client.status != "running":
+            raise self._cluster.lost()
         return _Future(
-            self._inner.submit(_call, self._environment, fn, args, kwargs),
-            self._client,
-            self._where,
+            self._inner.submit(_call, self._environment, fn, args, kwargs), self._cluster
         )
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Forget what is still running; the cluster stays."""
-        if self._client.status == "running":
+        if self._cluster.client.status == "running":
             self._inner.shutdown(wait=wait and not cancel_futures)
 
 
 class _Future(Future[Any]):
     """A future whose errors are those of this project."""
 
-    def __init__(self, inner: Future[Any], client: Any, where: str) -> None:
+    def __init__(self, inner: Future[Any], cluster: _Cluster) -> None:
         super().__init__()
-        self._inner, self._client, self._where = inner, client, where
+        self._inner, self._cluster = inner, cluster
 
     def result(self, timeout: float | None = None) -> Any:
         """The task's result.
@@ -141,11 +181,11 @@ class _Future(Future[Any]):
             ) from error
         # What a task itself raises is not one of these.
         except (concurrent.futures.CancelledError, asyncio.CancelledError, CommClosedError):
-            raise _lost(self._where) from None
+            raise self._cluster.lost() from None
 
     def _wait(self, timeout: float | None) -> Any:
-        start = checked = clock.monotonic()
-        alone = stopped = None  # since when there is no worker, since when it was asked to stop
+        start = clock.monotonic()
+        stopped = None  # since when it was asked to stop
         while True:
             with contextlib.suppress(concurrent.futures.TimeoutError):
                 return self._inner.result(SLICE_S)
@@ -154,24 +194,11 @@ class _Future(Future[Any]):
             now = clock.monotonic()
             if timeout is not None and now - start >= timeout:
                 raise concurrent.futures.TimeoutError
-            if self._client.status != "running":
-                raise _lost(self._where)
+            self._cluster.check()
             if signals.stop.requested():
                 stopped = now if stopped is None else stopped
-                if alone is not None or now - stopped >= HAND_S or not _workers(self._client):
+                if now - stopped >= HAND_S or not self._cluster.workers():
                     signals.stop.check()
-            if now - checked < LOOK_S:
-                continue
-            checked = now
-            if _workers(self._client):
-                alone = None
-            elif alone is None:
-                alone = now
-                _log.warning(
-                    "no Dask worker is left at %s; waiting %d s for one", self._where, WORKERS_S
-                )
-            elif now - alone >= WORKERS_S:
-                raise _unreachable(f"no Dask worker is left at {self._where}")
 
     def cancel(self) -> bool:
         """Ask the cluster not to run it."""
@@ -193,34 +220,6 @@ def _hush() -> None:
         logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
-def _wait_for_workers(client: Any, where: str) -> None:
-    start = clock.monotonic()
-    warned = False
-    while not _workers(client):
-        signals.stop.check()
-        spent = clock.monotonic() - start
-        if client.status != "running":
-            raise _lost(where)
-        if spent >= WORKERS_S:
-            raise _unreachable(f"the Dask scheduler at {where} has no workers")
-        if spent >= LOOK_S and not warned:
-            warned = True
-            _log.warning(
-                "the Dask scheduler at %s has no workers yet; waiting %d s for one",
-                where,
-                WORKERS_S,
-            )
-        signals.stop.wait(SLICE_S)
-
-
-def _workers(client: Any) -> int:
-    """How many workers the scheduler has now; 0 also when it doesn't answer."""
-    try:
-        return len(client.sync(client.scheduler.ncores, callback_timeout=LOOK_S))
-    except Exception:  # noqa: BLE001  a connection that broke has many names; the client's status tells them apart
-        return 0
-
-
 def _close(client: Any) -> None:
     """End the client; one whose scheduler is gone has nobody left to tell."""
     with contextlib.suppress(Exception):
@@ -229,13 +228,6 @@ def _close(client: Any) -> None:
 
 def _unreachable(what: str) -> Unreachable:
     return Unreachable(what, hint="start it, and its workers; then run the same command to resume")
-
-
-def _lost(where: str) -> Unreachable:
-    return Unreachable(
-        f"the Dask scheduler at {where} went away",
-        hint="start it again; the same command resumes",
-    )
 
 
 def _call(

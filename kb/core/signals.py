@@ -4,10 +4,13 @@ import contextlib
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 
 from kb.core.errors import Interrupted
 
+BOTH = (signal.SIGINT, signal.SIGTERM)
+Handler = Callable[[int, Any], Any]
 _STEP_S = 1.0  # seconds until a signal is heard at the latest
 
 
@@ -54,21 +57,30 @@ stop = Stop()
 
 
 @contextlib.contextmanager
+def handling(handler: Handler, numbers: Iterable[int] = BOTH) -> Iterator[None]:
+    """Call `handler` for these signals during the block; only the main thread may set it."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
+
+
+@contextlib.contextmanager
 def stop_on_signals() -> Iterator[Stop]:
     """Turn SIGINT and SIGTERM into a request to stop; a second SIGINT ends at once."""
-    if threading.current_thread() is not threading.main_thread():
-        yield stop
-        return
 
     def handle(number: int, frame: object) -> None:
         if stop.requested() and number == signal.SIGINT:
             signal.default_int_handler(number, None)
         stop.request(signal.Signals(number).name)
 
-    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-        stop.clear()
+    with handling(handle):
+        try:
+            yield stop
+        finally:
+            stop.clear()

@@ -5,6 +5,8 @@ marks that turn the direction of writing, and line breaks that forge a line. Non
 a terminal, a log line or an error as it is; files keep the data exactly.
 """
 
+from collections.abc import Sequence
+
 _DIRECTION = "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
 _BREAKS = "\u2028\u2029"
 _NAMED = {"\n": "\\n", "\r": "\\r", "\t": "\\t"}
@@ -39,6 +41,14 @@ def lines(text: str) -> str:
 def json(text: str) -> str:
     """JSON with the same written as JSON itself escapes it: its values stay what they are."""
     return text.translate(_JSON)
+
+
+def table(rows: Sequence[Sequence[str]], least: int = 0) -> list[str]:
+    """Rows of cells in columns: the first one to the left, the others at least `least` wide."""
+    first, *rest = (max(map(len, column)) for column in zip(*rows, strict=True))
+    widths = [max(least, width) for width in rest]
+    cells = ((head.ljust(first), *map(str.rjust, others, widths)) for head, *others in rows)
+    return ["  ".join(line).rstrip() for line in cells]
 
 
 _UNITS = (("TB", 10**12), ("GB", 10**9), ("MB", 10**6), ("kB", 10**3))

@@ -32,7 +32,7 @@ from urllib.parse import unquote
 import msgspec
 
 from kb.core.errors import SchemaMismatch
-from kb.schema.raw import kinds, raw
+from kb.schema.raw import raw
 
 Params = dict[str, Any]
 RemovedNames = Mapping[str, Collection[str]]  # by `of`; "" has the keys
@@ -95,28 +95,6 @@ def keys_of(kind: str) -> KeyDeclaration:
         return msgspec.convert(raw(kind).get("x-keys", {}), KeyDeclaration)
     except msgspec.ValidationError as error:
         raise SchemaMismatch(f"schemas/raw/{kind}.json: x-keys: {error}") from None
-
-
-def fields(kind: str) -> frozenset[str]:
-    """The names of the fields where the keys of a kind stand, alone or between commas; none where
-    they don't tell: other names go with a key, something stands before it, or it is no known kind.
-    """
-    if kind not in kinds():
-        return frozenset()
-    declared = keys_of(kind)
-    places = [
-        *declared.subject,
-        *declared.request,
-        *(place for each in declared.entries for place in each.keys),
-    ]
-    names = frozenset(place.at.rpartition(".")[2] for place in places)
-    plain = all(
-        not place.of and not place.prefix and place.split in (None, ",") and place.parallel is None
-        for place in places
-    )
-    if declared.renamed is not None or not plain or any(map(str.isdigit, names)):
-        return frozenset()
-    return names
 
 
 def without(

@@ -11,7 +11,8 @@ import json
 import re
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
-from functools import cache, lru_cache
+from functools import cache, partial
+from itertools import accumulate
 from types import NoneType
 from typing import Any
 
@@ -46,7 +47,7 @@ def coerce(
     `clean` is the caller's word that no text holds a NUL.
     """
     if kind.item is not None:
-        return lists(values, kind, clean=clean)
+        return records(values, kind, clean=clean) if kind.item.fields else lists(values, kind)
     if kind.text.startswith("timestamp"):
         return unix_times(values) if "number" in types(schema) else times(values)
     if kind.text == "bool":
@@ -75,38 +76,24 @@ def integers(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array[Any], B
     """Counts: decimal digits in a string and, where the schema allows it, JSON integers;
     never negative.
     """
-
-    def one(value: Any) -> int:
-        return _count(value, allowed)
-
     try:
         if "integer" in allowed and not set(map(type, values)) - {int, NoneType}:
             integers = pa.array(values, pa.int64())
             if (pc.min(integers).as_py() or 0) >= 0:
                 return integers, []
-        if "string" not in allowed:
-            raise pa.ArrowTypeError
-        column = pa.array(values, pa.string())
+        elif "string" in allowed:
+            column = pa.array(values, pa.string())
+            short = pc.less_equal(pc.binary_length(column), 18)
+            if pc.all(pc.and_(pc.ascii_is_decimal(column), short)).as_py() is not False:
+                return column.cast(pa.int64()), []
     except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError, OverflowError):
-        return _each(values, pa.int64(), one)
-    plain = pc.and_(pc.ascii_is_decimal(column), pc.less_equal(pc.binary_length(column), 18))
-    strange = pc.fill_null(pc.invert(plain), False)
-    odd = pc.indices_nonzero(strange).to_pylist()
-    if not odd:
-        return column.cast(pa.int64()), []
-    made = pc.if_else(plain, column, None).cast(pa.int64())
-    few, bad = _each([values[row] for row in odd], pa.int64(), one)
-    return pc.replace_with_mask(made, strange, few), [(odd[row], text) for row, text in bad]
+        pass
+    return _each(values, pa.int64(), partial(_count, allowed=allowed))
 
 
 def durations(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
     """ISO 8601 durations → whole seconds: weeks, days, hours, minutes, seconds; P0D is 0."""
-    try:  # there are few distinct ones
-        column = pa.array(values, pa.string()).dictionary_encode()
-        made = pa.array([_seconds(text) for text in column.dictionary.to_pylist()], pa.int64())
-        return made.take(column.indices), []
-    except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError, ValueError):
-        return _each(values, pa.int64(), _duration)
+    return _each(values, pa.int64(), _duration)
 
 
 def times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
@@ -130,35 +117,82 @@ def booleans(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array[Any], B
     """Booleans, or the strings "true" and "false" where the schema says string."""
     words = {"true": True, "false": False} if "string" in allowed else {}
     native = not allowed or "boolean" in allowed
+
+    def one(value: Any) -> bool:
+        return value if native and isinstance(value, bool) else words[value]
+
+    return _each(values, pa.bool_(), one)
+
+
+def lists(values: Sequence[Any], kind: Type) -> tuple[pa.Array[Any], Bad]:
+    """Lists of strings; an absent one is empty."""
+    empty: list[str] = []
+    column, bad = _each(
+        [empty if value is None else value for value in values], kind.arrow(), _strings
+    )
+    return pc.fill_null(column, pa.scalar(empty, kind.arrow())) if bad else column, bad
+
+
+def records(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa.Array[Any], Bad]:
+    """Lists of fixed rows ([[start, duration, text], …]) as lists of structs, null where absent.
+
+    Fields are numbers and texts; the last ones may be lists of numbers, which a row may leave out.
+    A list of numbers that can't be read is empty, and its row stays.
+    """
     try:
-        if not words:
-            return pa.array(values, pa.bool_()), []
-        column = pa.array(values, pa.string())
-        if pc.all(pc.is_in(column, pa.array([*words, None]))).as_py() is not False:
-            return pc.equal(column, "true"), []
-    except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
-        pass
-    return _each(
-        values,
-        pa.bool_(),
-        lambda value: value if native and isinstance(value, bool) else words[value],
+        return _records(values, kind, clean=clean), []
+    except (ValueError, TypeError, IndexError, OverflowError):  # Arrow's errors are among them
+        return _each(values, kind.arrow(), partial(_rows, kind=kind))
+
+
+def _records(values: Sequence[Any], kind: Type, *, clean: bool) -> pa.Array[Any]:
+    """Raises ValueError, TypeError, IndexError or OverflowError for an odd list."""
+    assert kind.item is not None
+    fields = kind.item.fields
+    rows = [a_list(row) for value in values if value is not None for row in a_list(value)]
+    if any(len(row) > len(fields) for row in rows):
+        raise ValueError("a row is too long")
+    columns: list[pa.Array[Any]] = []
+    for place, (_, inner) in enumerate(fields):
+        if inner.item is None:
+            column = flat = pa.array([row[place] for row in rows], inner.arrow())
+        else:
+            cells = [row[place] if place < len(row) else None for row in rows]
+            column = pa.array(cells, inner.arrow())
+            flat = pc.list_flatten(column)
+        if flat.null_count or (inner.text == "string" and not clean and _holds_nul(flat)):
+            raise ValueError("a cell is odd")
+        columns.append(column)
+    sizes = (0 if value is None else len(value) for value in values)
+    return pa.ListArray.from_arrays(
+        pa.array(accumulate(sizes, initial=0), pa.int32()),
+        pa.StructArray.from_arrays(columns, names=[name for name, _ in fields]),
+        type=kind.arrow(),
+        mask=pa.array([value is None for value in values], pa.bool_()),
     )
 
 
-def lists(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa.Array[Any], Bad]:
-    """Lists of strings; an absent one is empty."""
-    empty: list[str] = []
-    values = [empty if value is None else value for value in values]
+def _rows(value: Any, kind: Type) -> list[dict[str, Any]]:
+    """A list of fixed rows, cell by cell."""
+    assert kind.item is not None
+    fields = kind.item.fields
+    least = sum(inner.item is None for _, inner in fields)
+    rows = [a_list(row) for row in a_list(value)]
+    if not all(least <= len(row) <= len(fields) for row in rows):
+        raise ValueError("a row of another length")
+    return [
+        {name: _cell(cell, inner) for (name, inner), cell in zip(fields, row, strict=False)}
+        for row in rows
+    ]
+
+
+def _cell(value: Any, kind: Type) -> Any:
+    if kind.item is None:
+        return a_text(value) if kind.text == "string" else a_number(value)
     try:
-        if str in set(map(type, values)):  # Arrow would take it as a list of letters
-            raise pa.ArrowTypeError
-        column = pa.array(values, kind.arrow())
-        if clean or not _holds_nul(pc.list_flatten(column)):
-            return column, []
-    except (pa.ArrowTypeError, pa.ArrowInvalid, UnicodeEncodeError):
-        pass
-    column, bad = _each(values, kind.arrow(), _strings)
-    return pc.fill_null(column, pa.scalar(empty, kind.arrow())) if bad else column, bad
+        return None if value is None else [a_number(one) for one in a_list(value)]
+    except (ValueError, TypeError, OverflowError):
+        return []
 
 
 def _holds_nul(texts: pa.Array[Any]) -> bool:
@@ -222,23 +256,16 @@ def _count(value: Any, allowed: set[str]) -> int:
     return count
 
 
-@lru_cache(100_000)
-def _seconds(text: str) -> int:
-    match = _DURATION.fullmatch(text)
-    if match is None or not text.isascii():
-        raise ValueError(text)
+def _duration(value: Any) -> int:
+    match = _DURATION.fullmatch(value)
+    if match is None or not value.isascii():
+        raise ValueError(value)
     total = sum(
         int(number) * size for number, size in zip(match.groups(), _SECONDS, strict=True) if number
     )
     if total > _LARGEST:
-        raise ValueError(text)
+        raise ValueError(value)
     return total
-
-
-def _duration(value: Any) -> int:
-    if not isinstance(value, str):
-        raise TypeError
-    return _seconds(value)
 
 
 def _moment(value: Any) -> datetime:

@@ -1,21 +1,39 @@
-"""Tables as declared in `schemas/tables/<source>/<table>.toml`: in types, and in Arrow's."""
+"""Tables as declared in `schemas/tables/<source>/<table>.toml`: in types, and in Arrow's.
 
+A file has the keys of `Table`, then one `[[column]]` block a column with the keys of `Column`. An
+`[[input]]` block has the same keys and stands for a value that parsing reads and a later rule uses
+up: it is in no table. A block with `each`, a list of words, stands for one column a word, put in
+place of {}; `values = ["<source>"]` stands for the name of every source.
+"""
+
+import re
 import tomllib
-from dataclasses import dataclass, field
+from collections import Counter
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, NamedTuple, Self
 
 import pyarrow as pa
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from kb.core.errors import SchemaMismatch, UsageError
 from kb.core.installation import folder
-from kb.schema.declaration import blocks, check_table
+from kb.core.sources import SOURCES
 from kb.schema.types import Type, parse_type
 
+Text = Annotated[str, Field(pattern=r"\S")]
+Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 
-@dataclass(frozen=True)
-class Origin:
+
+class Origin(NamedTuple):
     """Where a value comes from: `kind` is a raw kind, "envelope", "annotation" or "rule"."""
 
     kind: str
@@ -25,21 +43,72 @@ class Origin:
         return f"{self.kind}: {self.path}"
 
 
-@dataclass(frozen=True)
-class Column:
-    name: str
+def _origin(text: str) -> Origin:
+    kind, _, path = str(text).partition(":")
+    if not (kind.strip() and path.strip()):
+        raise ValueError(f"{text!r} must read `<raw kind>: <path>` or `rule: <how>`")
+    return Origin(kind.strip(), path.strip())
+
+
+Source = Annotated[Origin, BeforeValidator(_origin)]
+
+
+class Column(BaseModel):
+    """A column of a table.
+
+    type        see kb.schema.types
+    unit        what a number counts ("s", "px", "views"); absent for text and ids
+    doc         one line
+    from        "<raw kind>: <path>", "envelope: <field>", "annotation: <what>" or "rule: <how>"
+    null        why the value may be absent; without it the column is never null
+    released    true where the column goes into release/
+    content     true for what people wrote (titles, texts, addresses, names)
+    dictionary  true for low-cardinality columns that Parquet stores with a dictionary
+    values      the words that a text column may hold; the release gate refuses others
+    pattern     a regular expression that each whole text of the column has; checked there as well
+    also        further raw kinds that have the value, each as in `from`
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: Name
     type: str
-    unit: str
-    doc: str
-    source: Origin
-    why_null: str = ""
+    unit: str = ""
+    doc: Annotated[str, Field(pattern=r"^[^\n]*\S[^\n]*$")]
+    source: Source = Field(alias="from")
+    why_null: Text = Field("", alias="null")
     released: bool = False
     content: bool = False
     dictionary: bool = False
-    values: tuple[str, ...] = ()
+    values: tuple[str, ...] = Field((), min_length=1)
     pattern: str = ""
-    also: tuple[Origin, ...] = ()
-    parsed: Type = field(repr=False, compare=False, default=None)  # type: ignore[assignment]
+    also: tuple[Source, ...] = ()
+
+    @field_validator("type")
+    @classmethod
+    def _is_type(cls, text: str) -> str:
+        parse_type(text)
+        return text
+
+    @field_validator("pattern")
+    @classmethod
+    def _is_pattern(cls, text: str) -> str:
+        try:
+            re.compile(text)
+        except re.error as error:
+            raise ValueError(f"is not a regular expression: {error}") from None
+        return text
+
+    @model_validator(mode="after")
+    def _is_text(self) -> Self:
+        if (self.values or self.pattern) and self.type != "string":
+            raise ValueError("`values` and `pattern` are for columns of type string")
+        return self
+
+    @cached_property
+    def parsed(self) -> Type:
+        """Its type."""
+        return parse_type(self.type)
 
     @property
     def nullable(self) -> bool:
@@ -50,17 +119,27 @@ class Column:
         return next((one for one in (self.source, *self.also) if one.kind == kind), None)
 
 
-@dataclass(frozen=True)
-class Table:
-    """A declared table. `name` is "<source>/<table>"."""
+class Table(BaseModel):
+    """A declared table. `name` is "<source>/<table>"; `key` and `sort_by` name columns."""
 
-    name: str
-    doc: str
-    columns: tuple[Column, ...]
-    key: tuple[str, ...]
-    sort_by: tuple[str, ...]
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: Text
+    doc: Text
+    columns: tuple[Column, ...] = Field(min_length=1, alias="column")
+    key: tuple[str, ...] = Field(min_length=1)
+    sort_by: tuple[str, ...] = Field(min_length=1)
     released: bool = False
-    inputs: tuple[Column, ...] = ()
+    inputs: tuple[Column, ...] = Field((), alias="input")
+
+    @model_validator(mode="after")
+    def _names_fit(self) -> Self:
+        names = Counter(one.name for one in (*self.columns, *self.inputs))
+        if twice := [name for name, count in names.items() if count > 1]:
+            raise ValueError(f"declared twice: {', '.join(twice)}")
+        if unknown := {*self.key, *self.sort_by} - set(self._by_name):
+            raise ValueError(f"`key` or `sort_by` name {', '.join(sorted(unknown))}, not a column")
+        return self
 
     @property
     def source(self) -> str:
@@ -142,39 +221,35 @@ def load_table(path: Path) -> Table:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise SchemaMismatch(f"{path}: not readable as TOML: {error}") from None
-    problems = check_table(data)
-    if problems:
-        raise SchemaMismatch(f"{path}: " + "; ".join(problems))
-    columns = tuple(_column(block) for block in blocks(data, "column"))
-    inputs = tuple(_column(block) for block in blocks(data, "input"))
-    plain = {key: data[key] for key in ("name", "doc", "released") if key in data}
-    return Table(
-        columns=columns,
-        inputs=inputs,
-        key=tuple(data["key"]),
-        sort_by=tuple(data["sort_by"]),
-        **plain,
-    )
+    for what in ("column", "input"):
+        data[what] = [one for block in data.get(what, ()) for one in _blocks(block)]
+    try:
+        return Table.model_validate(data)
+    except ValidationError as error:
+        problems = (_problem(one, data) for one in error.errors(include_url=False))
+        raise SchemaMismatch(f"{path}: " + "; ".join(problems)) from None
 
 
-def _column(block: dict[str, Any]) -> Column:
-    return Column(
-        name=block["name"],
-        type=block["type"],
-        unit=block.get("unit", ""),
-        doc=block["doc"],
-        source=_origin(block["from"]),
-        why_null=block.get("null", ""),
-        released=block.get("released", False),
-        content=block.get("content", False),
-        dictionary=block.get("dictionary", False),
-        values=tuple(block.get("values", ())),
-        pattern=block.get("pattern", ""),
-        also=tuple(map(_origin, block.get("also", ()))),
-        parsed=parse_type(block["type"]),
-    )
+def _blocks(block: dict[str, Any]) -> list[dict[str, Any]]:
+    """The block, or one for each word of its `each`."""
+    made = {key: value for key, value in block.items() if key != "each"}
+    if made.get("values") == ["<source>"]:
+        made["values"] = list(SOURCES)
+    return [_filled(made, word) for word in block["each"]] if "each" in block else [made]
 
 
-def _origin(text: str) -> Origin:
-    kind, _, path = text.partition(":")
-    return Origin(kind.strip(), path.strip())
+def _filled(value: Any, word: str) -> Any:
+    if isinstance(value, dict):
+        return {key: _filled(one, word) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_filled(one, word) for one in value]
+    return value.replace("{}", word) if isinstance(value, str) else value
+
+
+def _problem(error: Any, data: dict[str, Any]) -> str:
+    """A problem with the name of its block, as "column views: unit: Input should be …"."""
+    place = list(error["loc"])
+    if len(place) > 1 and isinstance(place[1], int):
+        block = data[place[0]][place[1]]
+        place[:2] = [f"{place[0]} {block.get('name', place[1] + 1)}"]
+    return ": ".join(map(str, [*place, error["msg"].removeprefix("Value error, ")]))

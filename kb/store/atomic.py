@@ -13,13 +13,6 @@ from kb.store import process
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 FULL_HINT = "free some space and run the same command again"
-SQLITE_FULL = {
-    "SQLITE_FULL",
-    "SQLITE_IOERR_WRITE",
-    "SQLITE_IOERR_FSYNC",
-    "SQLITE_IOERR_TRUNCATE",
-    "SQLITE_IOERR_SHMSIZE",
-}
 
 
 @contextlib.contextmanager
@@ -31,10 +24,6 @@ def full_disk_is_resumable(path: Path) -> Iterator[None]:
         if error.errno in _FULL or any(
             f"[errno {number}]" in str(error).lower() for number in _FULL
         ):
-            raise DiskFull(f"no space left to write {path}", hint=FULL_HINT) from error
-        raise
-    except Exception as error:
-        if getattr(error, "sqlite_errorname", "") in SQLITE_FULL:
             raise DiskFull(f"no space left to write {path}", hint=FULL_HINT) from error
         raise
 

@@ -116,10 +116,6 @@ class Layout:
         """The keys of a purge that is not finished."""
         return self.state_folder() / f"{source}.purge.json"
 
-    def purged_rows(self, source: str) -> Path:
-        """How many rows a purge that is not finished has removed."""
-        return self.state_folder() / f"{source}.purged-rows.json"
-
     def repairing(self, source: str) -> Path:
         """There while a repair reads lost raw data again and has not filtered them yet."""
         return self.state_folder() / f"{source}.repair"

@@ -11,11 +11,11 @@ import zstandard
 from kb.core.errors import DamagedData
 from kb.store.layout import BELOW, CAPTURED, Layout
 from kb.store.rawlog import damaged_answers, quarantine, rawlog, sidefiles
+from kb.store.state.sqlite import REBUILT
 from kb.store.tables import checksums, reading
 from kb.verify.findings import Findings
 
 _CAPTURE = ("extraction.json.zst", "page.html.zst", "screenshot.png")
-_STATE = "move it away; the next run rebuilds it from the raw data"
 
 
 class _Extraction(msgspec.Struct):
@@ -97,7 +97,7 @@ def state(findings: Findings, path: Path) -> None:
     if not path.stat().st_size:
         result = ["it is empty"]  # to SQLite, a database without tables
     what = "" if result == ["ok"] else f"can't be read: {result[0]}"
-    findings.checked("state", path, what, _STATE)
+    findings.checked("state", path, what, REBUILT)
 
 
 def side_file(findings: Findings, path: Path) -> None:

@@ -18,7 +18,6 @@ BESIDE = {
     ),
     "empty vocabulary": ("vocab.txt", "", "[UNK]"),
     "vocabulary in another code": ("vocab.txt", "[UNK]\nfünf", "UTF-8"),
-    "larger vocabulary": ("vocab.txt", "[UNK]\n" + "x\n" * 9000, "9001 tokens"),
     "a tokenizer that is none": ("tokenizer.json", "{}", "tokenizer.json is no tokenizer"),
     "a web page": ("spiece.model", "<!DOCTYPE html><p>log in", "web page"),
 }

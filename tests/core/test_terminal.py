@@ -95,3 +95,9 @@ def test_an_answer_on_a_terminal_and_in_a_pipe(
         assert TEXT in piped  # exactly
     if format == "table":
         assert not [one for one in piped if acts(one) and one != "\n"]
+
+
+def test_a_table_has_its_first_column_to_the_left() -> None:
+    rows = [("kind", "files", "bytes"), ("state", "1", "20")]
+    assert terminal.table(rows) == ["kind   files  bytes", "state      1     20"]
+    assert terminal.table(rows, 7) == ["kind     files    bytes", "state        1       20"]

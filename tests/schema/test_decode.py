@@ -3,13 +3,14 @@
 import json
 from typing import Any
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from kb.core.errors import DamagedData
 from kb.schema import coerce, table
 from kb.schema.decode import ColumnReader
 from kb.schema.types import parse_type
-from kb.youtube.parse import answers as parse
 from tests.schema.json_values import (
     anything,
     digits,
@@ -19,7 +20,7 @@ from tests.schema.json_values import (
 
 @settings(max_examples=150)
 @given(st.lists(transcript, min_size=1, max_size=4))
-def test_typed_and_patient_decoding_give_equal_tables(responses: list[Any]) -> None:
+def test_no_answer_changes_another(responses: list[Any]) -> None:
     reader = ColumnReader(table("youtube/transcripts"), "transcripts", note_absent=False)
     lines = [
         json.dumps(
@@ -33,13 +34,16 @@ def test_typed_and_patient_decoding_give_equal_tables(responses: list[Any]) -> N
         ).encode()
         for response in responses
     ]
-    together = parse.with_cues(reader.table([reader.answer(line) for line in lines]))
-    patient = parse.with_cues(reader.table([reader._patient(line) for line in lines]))
-    assert repr(together.to_pylist()) == repr(patient.to_pylist())
-    assert together.schema == patient.schema
-    # And none of them changes another.
-    apart = [parse.with_cues(reader.table([reader.answer(line)])).to_pylist()[0] for line in lines]
-    assert repr(together.to_pylist()) == repr(apart)
+    together = reader.table([reader.answer(line) for line in lines]).to_pylist()
+    apart = [reader.table([reader.answer(line)]).to_pylist()[0] for line in lines]
+    assert repr(together) == repr(apart)
+
+
+@pytest.mark.parametrize("line", [b"{", b"[]", b"null", b'{"request": 3}', b'{"text": "\xff"}'])
+def test_a_line_that_is_no_envelope_is_damage(line: bytes) -> None:
+    reader = ColumnReader(table("youtube/transcripts"), "transcripts")
+    with pytest.raises(DamagedData, match="not an envelope"):
+        reader.answer(line)
 
 
 @given(

@@ -18,6 +18,7 @@ import typer
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import fail
 from kb.cli.framework.options import Options
+from kb.core import signals
 from kb.core.errors import KbError, SettingError
 
 if TYPE_CHECKING:
@@ -177,12 +178,8 @@ def _run(words: list[str], settings: dict[str, str]) -> int:
         if number != signal.SIGINT or not sys.stdin.isatty():
             child.send_signal(number)
 
-    before = {number: signal.signal(number, pass_on) for number in (signal.SIGTERM, signal.SIGINT)}
-    try:
+    with signals.handling(pass_on):
         code = child.wait()
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
     return code if code >= 0 else 128 - code
 
 

@@ -11,6 +11,7 @@ import typer
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show, with_options
 from kb.cli.framework.options import pipeline
+from kb.core import terminal
 from kb.core.errors import DamagedData, UsageError
 from kb.core.summary import Summary
 
@@ -71,7 +72,8 @@ def verify(
     repaired: list[str]
     report, repaired = room.repair(run) if repair else (room.verify(run, place), [])
     run.progress.close()
-    _print_table(list(report.table()))
+    for line in terminal.table(list(report.table())):
+        typer.echo(line)
     for one in report.entries:
         show(with_options(f"{one.state}: {one.path}: {one.what}; {one.advice}"))
     for line in repaired:
@@ -88,10 +90,3 @@ def verify(
         error.summary = summary
         raise error
     return summary
-
-
-def _print_table(rows: list[tuple[str, ...]]) -> None:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for first, *rest in rows:
-        cells = [first.ljust(widths[0]), *map(str.rjust, rest, widths[1:])]
-        typer.echo("  ".join(cells).rstrip())

@@ -22,7 +22,6 @@ printed as the command's summary; None prints nothing. A `KbError` may carry the
 import contextlib
 import inspect
 import signal
-import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, get_type_hints
@@ -34,7 +33,7 @@ from kb.cli.framework.command_classes import Command, Group
 from kb.cli.framework.exit_codes import report
 from kb.cli.framework.options import COMMON, RUNNING, SHARED, Options, shared_option
 from kb.cli.framework.usage_errors import UsageProblem
-from kb.core import startup
+from kb.core import signals, startup
 from kb.core.errors import SettingError
 
 # Types in signatures whose modules are imported only when a command runs.
@@ -222,25 +221,12 @@ def _check_plan_options(
 def _signals(resumable: bool) -> Iterator[None]:
     """A resumable command finishes the current item; SIGINT and SIGTERM end any other at once."""
     if resumable:
-        from kb.core.signals import stop_on_signals
-
-        with stop_on_signals():
+        with signals.stop_on_signals():
             yield
         return
-    if threading.current_thread() is not threading.main_thread():
+    heeded = [one for one in signals.BOTH if signal.getsignal(one) is not signal.SIG_IGN]
+    with signals.handling(signal.default_int_handler, heeded):
         yield
-        return
-    numbers = [
-        number
-        for number in (signal.SIGINT, signal.SIGTERM)
-        if signal.getsignal(number) is not signal.SIG_IGN
-    ]
-    before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _refuse_group_options(context: Any) -> None:

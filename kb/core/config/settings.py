@@ -12,10 +12,8 @@ from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
 from pydantic import Field, SecretStr, ValidationError, ValidationInfo, field_validator
-from pydantic.fields import FieldInfo
 from pydantic_settings import (
     BaseSettings,
-    EnvSettingsSource,
     PydanticBaseSettingsSource,
     SettingsConfigDict,
 )
@@ -36,28 +34,6 @@ _MAY_BE_EMPTY = (
     *("youtube_api_key", "reddit_client_id", "reddit_client_secret"),
     *("zenodo_token", "hf_token"),
 )
-
-
-class _Texts(PydanticBaseSettingsSource):
-    """The texts that stand in the environment or in `.env`, by field.
-
-    No setting has others within it, and to look for them in each field's type takes longer than
-    all else.
-    """
-
-    def __init__(self, source: PydanticBaseSettingsSource) -> None:
-        super().__init__(source.settings_cls)
-        assert isinstance(source, EnvSettingsSource)
-        self._texts = source.env_vars
-
-    def get_field_value(self, field: FieldInfo, field_name: str) -> tuple[Any, str, bool]:
-        """As pydantic-settings asks."""
-        return self._texts.get(field_name), field_name, False
-
-    def __call__(self) -> dict[str, Any]:
-        """What is set."""
-        texts = {name: self._texts.get(name) for name in self.settings_cls.model_fields}
-        return {name: text for name, text in texts.items() if text is not None}
 
 
 class Settings(BaseSettings):
@@ -126,7 +102,7 @@ class Settings(BaseSettings):
         file_secret_settings: PydanticBaseSettingsSource,
     ) -> tuple[PydanticBaseSettingsSource, ...]:
         """The first that has a value wins."""
-        return init_settings, _Texts(env_settings), _Texts(dotenv_settings)
+        return init_settings, env_settings, dotenv_settings
 
     @field_validator("*", mode="before")
     @classmethod

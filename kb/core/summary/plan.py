@@ -60,12 +60,11 @@ def table(summary: Mapping[str, Any]) -> str:
     """A plan for a person: a line a phase, the sums, and what was assumed."""
     rows = list(summary["phases"])
     sums = {name: sum(row[name] for row in rows) for name in _COLUMNS if name != "items"}
-    width = max(len(name) for name in ("phase", "all", *(row["phase"] for row in rows)))
     lines = [f"{summary['command']}: nothing is sent"]
-    lines.append("  " + "phase".ljust(width) + "".join(name.rjust(12) for name in _COLUMNS))
+    cells = [("phase", *_COLUMNS)]
     for row in (*rows, {"phase": "all", "items": "", **sums}):
-        cells = "".join(_cell(name, row[name]).rjust(12) for name in _COLUMNS)
-        lines.append("  " + row["phase"].ljust(width) + cells)
+        cells.append((row["phase"], *(_cell(name, row[name]) for name in _COLUMNS)))
+    lines += [f"  {line}" for line in terminal.table(cells, 10)]
     more = [vocabulary.phrase(name, summary.get(name), dict(summary)) for name in _MORE]
     if any(more):
         lines.append("  " + ", ".join(filter(None, more)))

@@ -15,7 +15,6 @@ from werkzeug.wrappers import Request, Response
 from kb.sandbox.faults import Faults
 from kb.sandbox.world import World
 from kb.sandbox.youtube import resources as answers
-from kb.sandbox.youtube import resources as errors
 from kb.sandbox.youtube.web import YouTubeWeb
 
 KEY = "sandbox-youtube-key-that-opens-nothing"
@@ -50,8 +49,8 @@ def app(world: World, faults: Faults) -> Any:
 class ApiRefusal(Exception):
     """An error answer."""
 
-    def __init__(self, answer: errors.Answer) -> None:
-        self.answer = answer
+    def __init__(self, name: str, value: object = "") -> None:
+        self.answer = answers.refusal(name, value)
 
 
 class DataApi:
@@ -66,7 +65,7 @@ class DataApi:
         method = request.path.removeprefix("/youtube/v3/")
         try:
             if method not in PARTS:
-                raise ApiRefusal(errors.not_found(request.path))
+                raise ApiRefusal("not_found", request.path)
             self._spend(
                 request,
                 {"search": "search", "videos:batchGetStats": "stats"}.get(method, "general"),
@@ -86,26 +85,23 @@ class DataApi:
     def _spend(self, request: Request, bucket: str) -> None:
         given = request.args.get("key") or request.headers.get("X-Goog-Api-Key")
         if not given:
-            raise ApiRefusal(errors.key_missing())
+            raise ApiRefusal("key_missing")
         if given != KEY:
-            raise ApiRefusal(errors.key_invalid())
+            raise ApiRefusal("key_invalid")
         with self._lock:
             day = self.world.pacific_day()
             if self.world.used[day, bucket] >= self.world.quota[bucket]:
-                raise ApiRefusal(
-                    errors.search_spent(self.world.quota[bucket])
-                    if bucket == "search"
-                    else errors.general_spent()
-                )
+                name = "search_spent" if bucket == "search" else "general_spent"
+                raise ApiRefusal(name, self.world.quota[bucket])
             self.world.used[day, bucket] += 1
         request.environ |= {"sandbox.units": 1, "sandbox.bucket": bucket}
 
     def _parts(self, request: Request, known: set[str]) -> set[str]:
         parts = set(_list(request, "part"))
         for part in sorted(parts - known):
-            raise ApiRefusal(errors.bad_part(part))
+            raise ApiRefusal("bad_part", part)
         if not parts:
-            raise ApiRefusal(errors.no_filter())
+            raise ApiRefusal("no_filter")
         return parts
 
     def _search(self, request: Request, parts: set[str]) -> dict[str, Any]:
@@ -127,9 +123,9 @@ class DataApi:
     def _playlistItems(self, request: Request, parts: set[str]) -> dict[str, Any]:
         playlist = request.args.get("playlistId", "")
         if not playlist:
-            raise ApiRefusal(errors.no_filter())
+            raise ApiRefusal("no_filter")
         if playlist not in self.world.youtube.by_playlist:
-            raise ApiRefusal(errors.no_playlist())
+            raise ApiRefusal("no_playlist")
         entries = list(enumerate(self.world.youtube.by_playlist[playlist][1]))
         page, tokens, size = _paged(request, entries)
         items = []
@@ -187,9 +183,9 @@ def _list(request: Request, name: str) -> list[str]:
 def _ids(request: Request) -> list[str]:
     ids = _list(request, "id")
     if not ids:
-        raise ApiRefusal(errors.no_filter())
+        raise ApiRefusal("no_filter")
     if len(ids) > 50:
-        raise ApiRefusal(errors.too_many_ids())
+        raise ApiRefusal("too_many_ids")
     return ids
 
 
@@ -197,13 +193,13 @@ def _paged(request: Request, all_items: list[Any]) -> tuple[list[Any], dict[str,
     """(items of the page, its tokens, its size). Tokens are opaque and hold the offset."""
     given = request.args.get("maxResults", "5")
     if not given.isdigit() or int(given) > 50:
-        raise ApiRefusal(errors.bad_size(given))
+        raise ApiRefusal("bad_size", given)
     size, start = int(given), 0
     if token := request.args.get("pageToken"):
         try:
             start = int(base64.urlsafe_b64decode(token.encode()).decode().removeprefix("at:"))
         except (ValueError, binascii.Error):
-            raise ApiRefusal(errors.bad_page_token()) from None
+            raise ApiRefusal("bad_page_token") from None
     tokens = {}
     if start + size < len(all_items):
         tokens["nextPageToken"] = base64.urlsafe_b64encode(b"at:%06d" % (start + size)).decode()

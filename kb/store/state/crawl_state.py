@@ -15,7 +15,7 @@ import msgspec
 
 from kb.core import clock
 from kb.core.errors import DamagedData
-from kb.store.atomic import full_disk_is_resumable, writing
+from kb.store.atomic import writing
 from kb.store.state import sqlite
 
 VERSION = 2
@@ -51,24 +51,31 @@ class State:
         self.path = path
         self._lock = threading.RLock()
         self._depth = 0
-        if readonly:
-            self._db = sqlite.connect(path, readonly=True)
-            return
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._db = sqlite.connect(path)
-        try:
-            self._db.execute("PRAGMA journal_mode = WAL")
-            self._db.execute(f"PRAGMA synchronous = {SYNCHRONOUS}")
-            self._db.execute("PRAGMA secure_delete = ON")  # what is removed leaves its page
-            # Millions of items in one transaction would be written again and again with the 2 MiB
-            # that SQLite takes by itself.
-            self._db.execute(f"PRAGMA cache_size = -{_CACHE_KIB}")
-            self._prepare()
-            # Whatever was in flight when the last writer ended is asked again.
-            self._db.execute(f"UPDATE items SET {PUT_BACK} WHERE status = 'in_progress'")
-        except BaseException:
-            self._db.close()
-            raise
+        with sqlite.explained(path):
+            if readonly:
+                self._db = sqlite.connect(path, readonly=True)
+                return
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._db = sqlite.connect(path)
+            try:
+                self._db.execute("PRAGMA journal_mode = WAL")
+                self._db.execute(f"PRAGMA synchronous = {SYNCHRONOUS}")
+                self._db.execute("PRAGMA secure_delete = ON")  # what is removed leaves its page
+                # Millions of items in one transaction would be written again and again with the
+                # 2 MiB that SQLite takes by itself.
+                self._db.execute(f"PRAGMA cache_size = -{_CACHE_KIB}")
+                self._prepare()
+                # Whatever was in flight when the last writer ended is asked again.
+                self._db.execute(f"UPDATE items SET {PUT_BACK} WHERE status = 'in_progress'")
+            except BaseException:
+                self._db.close()
+                raise
+
+    @contextlib.contextmanager
+    def _access(self) -> Iterator[None]:
+        """One thread at a time. Raises KbError (kb.store.state.sqlite)."""
+        with self._lock, sqlite.explained(self.path):
+            yield
 
     def _prepare(self) -> None:
         version = self._db.execute("PRAGMA user_version").fetchone()[0]
@@ -98,7 +105,7 @@ class State:
 
         Raises DiskFull.
         """
-        with self._lock, full_disk_is_resumable(self.path):
+        with self._access():
             self._db.execute("VACUUM")
             self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
             for backup in self.path.parent.glob(f"{self.path.name}.v*.bak"):
@@ -111,7 +118,7 @@ class State:
     @contextlib.contextmanager
     def transaction(self) -> Iterator[None]:
         """All or nothing; may be nested (the outermost one commits)."""
-        with self._lock, full_disk_is_resumable(self.path):
+        with self._access():
             if self._depth == 0:
                 self._db.execute("BEGIN IMMEDIATE")
             self._depth += 1
@@ -142,7 +149,7 @@ class State:
 
         It is one of the type `of`, else of its default's. Raises DamagedData when it is not.
         """
-        with self._lock:
+        with self._access():
             row = self._db.execute("SELECT value FROM cursors WHERE name = ?", (name,)).fetchone()
         try:
             value = default if row is None else msgspec.json.decode(row[0])
@@ -184,7 +191,7 @@ class State:
 
     def spent(self, bucket: str, day: str) -> int:
         """Units of a bucket spent on a day."""
-        with self._lock:
+        with self._access():
             return int(
                 self._db.execute(
                     "SELECT coalesce(sum(units), 0) FROM ledger WHERE bucket = ? AND day = ?",
@@ -194,7 +201,7 @@ class State:
 
     def ledger(self) -> list[tuple[str, str, str, int, int]]:
         """(day, bucket, endpoint, requests, units), by day."""
-        with self._lock:
+        with self._access():
             return self._db.execute(
                 "SELECT day, bucket, endpoint, count(*), sum(units) FROM ledger"
                 " GROUP BY 1, 2, 3 ORDER BY 1, 2, 3"
@@ -202,7 +209,7 @@ class State:
 
     def requests(self) -> tuple[int, int]:
         """(requests, units) of all time."""
-        with self._lock:
+        with self._access():
             row = self._db.execute(
                 "SELECT count(*), coalesce(sum(units), 0) FROM ledger"
             ).fetchone()
@@ -210,7 +217,7 @@ class State:
 
     def offset(self, kind: str, segment: str) -> int:
         """How far a raw segment was taken into the frontier, in bytes."""
-        with self._lock:
+        with self._access():
             row = self._db.execute(
                 "SELECT offset FROM offsets WHERE kind = ? AND segment = ?", (kind, segment)
             ).fetchone()
@@ -218,7 +225,7 @@ class State:
 
     def offsets(self) -> dict[tuple[str, str], int]:
         """How far each raw segment was taken in, by (kind, segment)."""
-        with self._lock:
+        with self._access():
             rows = self._db.execute("SELECT kind, segment, offset FROM offsets").fetchall()
         return {(kind, segment): self._number(offset) for kind, segment, offset in rows}
 

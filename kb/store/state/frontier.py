@@ -86,12 +86,12 @@ class Frontier(State):
 
     def last(self, kind: str) -> int:
         """The last place in the queue of a kind; what fails later goes behind it."""
-        with self._lock:
+        with self._access():
             return int(self._db.execute(LAST, (kind,)).fetchone()[0])
 
     def answered(self, kind: str) -> Item | None:
         """An item that the service has answered, None when there is none."""
-        with self._lock:
+        with self._access():
             row = self._db.execute(
                 "SELECT key, payload FROM items WHERE kind = ? AND status = 'done'"
                 " ORDER BY seq DESC LIMIT 1",
@@ -152,7 +152,7 @@ class Frontier(State):
 
     def get(self, kind: str, key: str) -> tuple[str, Any, str | None] | None:
         """(status, payload, reason) of an item, None when it is not known."""
-        with self._lock:
+        with self._access():
             row = self._db.execute(
                 "SELECT status, payload, reason FROM items WHERE kind = ? AND key = ?", (kind, key)
             ).fetchone()
@@ -163,7 +163,7 @@ class Frontier(State):
         their list is held in memory.
         """
         marks = f"AND status IN ({', '.join('?' * len(statuses))})" if statuses else ""
-        with self._lock:
+        with self._access():
             rows = self._db.execute(
                 f"SELECT key, status, reason, payload FROM items WHERE kind = ? {marks}"
                 " ORDER BY seq",
@@ -197,7 +197,7 @@ class Frontier(State):
 
     def counts(self, kind: str) -> dict[str, int]:
         """How many items of a kind have which status; statuses without items are left out."""
-        with self._lock:
+        with self._access():
             return dict(
                 self._db.execute(
                     "SELECT status, count(*) FROM items WHERE kind = ? GROUP BY status", (kind,)
@@ -208,7 +208,7 @@ class Frontier(State):
         """How many items of a kind `take` would give,
         counted up to `most`: quick however many there are.
         """
-        with self._lock:
+        with self._access():
             row = self._db.execute(
                 "SELECT count(*) FROM (SELECT 1 FROM items WHERE kind = ?"
                 " AND status = ? AND seq <= ? LIMIT ?)",
@@ -228,7 +228,7 @@ class Frontier(State):
     def kinds(self) -> dict[str, dict[str, int]]:
         """Counts by status of every kind, by name."""
         kinds: dict[str, dict[str, int]] = {}
-        with self._lock:
+        with self._access():
             rows = self._db.execute(
                 "SELECT kind, status, count(*) FROM items GROUP BY 1, 2 ORDER BY 1, 2"
             ).fetchall()

@@ -17,8 +17,6 @@ from kb.core.errors import DamagedData
 from kb.store.artifact_registry import rebuild_hint
 from kb.store.tables import checksums
 
-# Files of earlier versions have a checksum of themselves in the footer.
-_EARLIER = b"lorebase.crc32"
 _BATCH = 1024  # rows that are decoded at a time
 
 
@@ -79,15 +77,8 @@ def decode(path: Path) -> None:
 def content_digest(path: Path) -> str:
     """What tells a file from one with other content, wherever and whenever it was copied: its
     SHA-256, which is computed only where it is not recorded.
-
-    Of a file of earlier versions it is the size and the checksum in the footer, as those versions
-    noted it.
     """
     entry = checksums.recorded(path)
     if entry is not None and entry.size in (0, path.stat().st_size):
         return entry.sha256
-    with contextlib.suppress(pa.ArrowException, OSError):
-        about = pq.read_metadata(path).metadata or {}
-        if _EARLIER in about:
-            return f"{path.stat().st_size}-{about[_EARLIER].decode(errors='replace')}"
     return checksums.digest(path)

@@ -3,14 +3,12 @@
 from collections.abc import Iterable, Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from kb.store.layout import parquet_files
-from kb.store.tables import parquet
-from kb.store.tables.reading import reading
+from kb.store.tables import database, parquet
+from kb.store.tables.reading import reading, scan
 
 VERDICTS = ("rejected", "failed", "pending")
 
@@ -51,17 +49,12 @@ def _keys(folder: Path, tables: Mapping[str, str], stage: str = "") -> dict[str,
     files = parquet_files(folder)
     if not files:
         return {}
-    counts = dict.fromkeys(tables, 0)
-    with reading(files):
-        for path in files:
-            with parquet.open_file(path) as file:
-                for batch in file.iter_batches(columns=["key", "stage"] if stage else ["key"]):
-                    keys = batch["key"]
-                    if stage:
-                        keys = keys.filter(pc.equal(batch["stage"], stage))
-                    for name, prefix in tables.items():
-                        counts[name] += pc.sum(pc.starts_with(keys, prefix)).as_py() or 0
-    return counts
+    counts = (f"count(*) FILTER (starts_with(key, '{prefix}'))" for prefix in tables.values())
+    sql = f"SELECT {', '.join(counts)} FROM {scan(files)}"
+    with reading(files), database.over(files) as con:
+        parquet.check(*files)
+        row = con.execute(f"{sql} WHERE stage = '{stage}'" if stage else sql).fetchone()
+    return dict(zip(tables, row or (), strict=True))
 
 
 def span(
@@ -69,34 +62,13 @@ def span(
 ) -> tuple[datetime | None, datetime | None, int]:
     """The first and last time of a column, and how many are before `limit`.
 
-    From the files' footers; rows are read only where the limit falls into a row group. Nothing for
-    files without that column. Raises DamagedData.
+    Nothing for files without that column. Raises DamagedData.
     """
-    times: list[datetime] = []
-    before = 0
-    for path in files:
-        footer = pq.read_metadata(path)
-        names = footer.schema.to_arrow_schema().names
-        for group in range(footer.num_row_groups if column in names else 0):
-            statistics = _statistics(footer.row_group(group), column)
-            if statistics is not None and statistics.has_min_max:
-                low, high, count = statistics.min, statistics.max, statistics.num_values
-                before += count if high < limit else 0
-                times += (low, high)
-                if not low < limit <= high:
-                    continue
-            with parquet.open_file(path) as file:
-                read = file.read_row_group(group, [column])[column].to_pylist()
-            known = [time for time in read if time is not None]
-            times += known
-            before += sum(time < limit for time in known)
-    return min(times, default=None), max(times, default=None), before
-
-
-def _statistics(group: Any, column: str) -> Any:
-    """What a row group's footer says of a column, None where it says nothing."""
-    for number in range(group.num_columns):
-        chunk = group.column(number)
-        if chunk.path_in_schema == column:
-            return chunk.statistics
-    return None
+    having = [path for path in files if column in pq.read_schema(path).names]
+    if not having:
+        return None, None, 0
+    with reading(having), database.over(having) as con:
+        sql = f"min({column}) AS first, max({column}) AS last, count(*) FILTER ({column} < ?) AS n"
+        rows = con.sql(f"SELECT {sql} FROM {scan(having)}", params=[limit]).to_arrow_table()
+    row = rows.to_pylist()[0]
+    return row["first"], row["last"], row["n"]

@@ -10,14 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from functools import cache
-from typing import Any, cast
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.schema.coerce import inner, times
 from kb.schema.decode import ColumnReader, DecodedAnswer, problems
-from kb.schema.struct_lists import records
 from kb.schema.tables import table
 from kb.store.rawlog.rawlog import Envelope
 
@@ -71,9 +70,9 @@ def _with_missing(
 def transcripts(lines: Iterable[bytes], rows: int = 512) -> Iterator[pa.Table]:
     """Outcomes of transcripts → one row each.
 
-    Columns: `video_id`, `outcome`, `kind`, `language`, `cues` (as JSON text: see `with_cues`),
-    `player_width`, `player_height` (px), `player_fps`, `game_label_id`, `game_label`, `fetched_at`,
-    `problems`, and `final`: false for an outcome that is tried again.
+    Columns: `video_id`, `outcome`, `kind`, `language`, `cues`, `player_width`, `player_height`
+    (px), `player_fps`, `game_label_id`, `game_label`, `fetched_at`, `problems`, and `final`: false
+    for an outcome that is tried again.
     """
     for got, _ in _reader("youtube/transcripts", "transcripts", note_absent=False).tables(
         lines, rows
@@ -84,36 +83,6 @@ def transcripts(lines: Iterable[bytes], rows: int = 512) -> Iterator[pa.Table]:
 def is_final(outcome: Any) -> Any:
     """Which outcomes are not tried again; no outcome is none of these."""
     return pc.and_(pc.is_valid(outcome), pc.invert(pc.is_in(outcome, AGAIN)))
-
-
-def with_cues(rows: pa.Table) -> pa.Table:
-    """Rows of `transcripts` with `cues` as a column, and those that can't be read among the
-    problems.
-    """
-    kind = table("youtube/transcripts").column("cues").parsed
-    made: list[pa.Array[Any]] = [pa.array([], kind.arrow())]
-    bad: dict[int, str] = {}
-    done = 0
-    for texts in rows["cues"].chunks:
-        cues, odd = records(texts, kind)
-        made.append(cues)
-        bad |= {done + row: text for row, text in odd}
-        done += len(texts)
-    if bad:
-        noted = _with_problems(cast("list[Any]", rows["problems"].to_pylist()), bad)
-        rows = rows.set_column(rows.column_names.index("problems"), "problems", noted)
-    return rows.set_column(rows.column_names.index("cues"), "cues", pa.chunked_array(made))
-
-
-def _with_problems(noted: list[list[dict[str, Any]]], bad: dict[int, str]) -> pa.Array[Any]:
-    names = ("column", "reason", "value")
-    by_row = {
-        row: [tuple(entry[name] for name in names) for entry in entries]
-        for row, entries in enumerate(noted)
-    }
-    for row, text in bad.items():
-        by_row[row].append(("cues", "malformed", text))
-    return problems(by_row, len(noted))
 
 
 def requested(params: dict[str, Any]) -> list[str]:

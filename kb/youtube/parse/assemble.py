@@ -145,7 +145,7 @@ def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.
             (column.name, column.parsed.arrow()) for column in (*names.columns, *names.inputs)
         ]
         return pa.schema([*fields, ("word_count", pa.int64())]).empty_table()
-    rows = parse.with_cues(rows.filter(pc.is_valid(rows["video_id"])))
+    rows = rows.filter(pc.is_valid(rows["video_id"]))
     complete = pc.and_(
         pc.and_(pc.is_valid(rows["cues"]), pc.is_valid(rows["kind"])),
         pc.is_valid(rows["language"]),

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.schema.coerce import records
 from kb.schema.decode import ColumnReader, problems
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog
@@ -203,7 +204,7 @@ def _outcomes(outcomes: list[_Found]) -> pa.Table:
         "kind": [kind and kind.kind for kind in kinds],
         "language": [kind and kind.language for kind in kinds],
         "original_kind": [kind and kind.original for kind in kinds],
-        "cues": [one[3] if one[3] is not None else "null" for one in outcomes],
+        "cues": [one[3] and json.loads(one[3]) for one in outcomes],
         "fetched_at": [one[4] for one in outcomes],
         "final": [True] * len(outcomes),
     }
@@ -211,6 +212,9 @@ def _outcomes(outcomes: list[_Found]) -> pa.Table:
     for name, arrow in _types().items():
         if name == "problems":
             columns[name] = problems({}, len(outcomes))
+        elif name == "cues":
+            kind = table("youtube/transcripts").column(name).parsed
+            columns[name], _ = records(own[name], kind, clean=True)
         else:
             columns[name] = pa.array(own.get(name, [None] * len(outcomes)), arrow)
     return pa.table(columns)

@@ -75,7 +75,7 @@ def test_answers_have_the_recorded_form(
     ],
 )
 def test_errors_have_the_recorded_form(recorded: Path, file: str, make: str) -> None:
-    code, made = getattr(errors, make)()
+    code, made = errors.refusal(make)
     real = json.loads((recorded / "youtube" / file).read_text(encoding="utf-8"))
     assert code == real["error"]["code"]
     assert lacking(form(real), form(made)) == []

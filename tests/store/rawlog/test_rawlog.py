@@ -13,7 +13,7 @@ from hypothesis import strategies as some
 
 from kb.core.errors import DamagedData, DiskFull
 from kb.net import redact
-from kb.store.rawlog import quarantine, rawlog
+from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request, Segment
 from kb.store.rawlog.recorder import Recorder, recover
 from kb.store.state.frontier import Frontier
@@ -180,17 +180,6 @@ def test_the_torn_tail_of_an_open_segment_is_no_damage(tmp_path):
     assert len(list(rawlog.read(tmp_path, "youtube", "videos"))) == 1
     path.write_bytes(path.read_bytes()[: offsets[0] - 1])
     assert not rawlog.any_answer(tmp_path, "youtube")
-
-
-def test_answers_with_a_checksum_are_looked_at_without_being_decoded(tmp_path, monkeypatch):
-    written(tmp_path, 3)
-    [path] = rawlog.segments(tmp_path, "youtube", "videos")
-    old = zstandard.ZstdCompressor().compress(rawlog.encode(envelope(9)))
-    path.write_bytes(path.read_bytes() + old)
-    seen, decode = [], rawlog._is_envelope
-    monkeypatch.setattr(rawlog, "_is_envelope", lambda line: seen.append(line) or decode(line))
-    assert quarantine.gaps(path, path.stat().st_size) == []
-    assert seen == [rawlog.encode(envelope(9))]
 
 
 def test_a_line_that_is_no_envelope_says_so():

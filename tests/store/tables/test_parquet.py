@@ -88,16 +88,6 @@ def test_the_same_rows_give_the_same_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
 
 
-def test_a_file_of_an_earlier_version_is_read_and_known_by_its_footer(tmp_path: Path) -> None:
-    path = tmp_path / "a.parquet"
-    with pq.ParquetWriter(path, pa.schema([("a", pa.int64())])) as file:
-        file.write_table(pa.table({"a": [1]}))
-        file.add_key_value_metadata({"lorebase.footer": "0" * 8, "lorebase.crc32": "1f2e3d4c"})
-    parquet.check(path)
-    assert parquet.read_table(path).to_pylist() == [{"a": 1}]
-    assert parquet.content_digest(path) == f"{path.stat().st_size}-1f2e3d4c"
-
-
 def test_a_file_without_any_checksum_is_known_by_its_bytes(tmp_path: Path) -> None:
     for name, text in (("a", b"1"), ("b", b"1"), ("c", b"2")):
         (tmp_path / name).write_bytes(text)

@@ -11,8 +11,8 @@ import pytest
 
 from kb.sandbox.server import Sandbox, Server
 from kb.sandbox.world import World
-from kb.sandbox.youtube import resources as errors
 from kb.sandbox.youtube import service
+from kb.sandbox.youtube.resources import refusal
 from tests.sandbox.domains import of_case
 from tests.youtube import walls
 from tests.youtube.connector.test_fetch import CRAWL, check, finish, no_patience
@@ -24,7 +24,7 @@ ODD = {
     "body": {"error": {"code": 400, "message": "m", "errors": [{"reason": "badRequest"}]}},
 }
 TIMEOUT = {"status": 408, "body": "<html>Request Timeout</html>"}
-BURST = {"status": 429, "body": errors.burst_429()[1]}
+BURST = {"status": 429, "body": refusal("burst_429")[1]}
 LATER = "2027-01-10T12:00:00Z"
 
 
@@ -69,7 +69,7 @@ def test_payloads_without_their_newer_fields_go_on(job: Job) -> None:
 
 
 @pytest.mark.parametrize(
-    "what", [BURST, {"status": 403, "body": errors.burst()[1]}], ids=["429", "403"]
+    "what", [BURST, {"status": 403, "body": refusal("burst")[1]}], ids=["429", "403"]
 )
 def test_a_burst_without_end_is_a_block_and_found_out_by_one_request(
     job: Job, what: dict[str, Any]
@@ -94,7 +94,7 @@ def test_a_refresh_is_blocked_as_well_and_counts_what_failed(job: Job) -> None:
     summary = job.done("refresh", "youtube", code=3, KB_NOW=LATER)
     assert (summary["failed"], summary["left"], len(job.sandbox.ledger)) == (0, total, before + 2)
     job.sandbox.faults.remove(fault)
-    job.sandbox.faults.add("/v3/videos", times=None, status=404, body=errors.no_playlist()[1])
+    job.sandbox.faults.add("/v3/videos", times=None, status=404, body=refusal("no_playlist")[1])
     assert job.done("refresh", "youtube", KB_NOW=LATER, code=3)["failed"] == total
     job.sandbox.faults.clear()
     assert job.done("refresh", "youtube", KB_NOW=LATER)["crawled"] == total

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from kb.sandbox.server import Sandbox
-from kb.sandbox.youtube import resources as errors
+from kb.sandbox.youtube.resources import refusal
 from kb.sandbox.youtube.service import KEY
 from tests.sandbox.domains import of_case
 from tests.youtube import walls
@@ -58,9 +58,9 @@ def test_no_key(job: Job) -> None:
     assert not job.root.exists()
 
 
-@pytest.mark.parametrize("form", [errors.key_invalid, errors.key_not_valid])
-def test_a_refused_key_ends_the_run_after_the_first_answer(job: Job, form: Any) -> None:
-    status, body = form()
+@pytest.mark.parametrize("form", ["key_invalid", "key_not_valid"])
+def test_a_refused_key_ends_the_run_after_the_first_answer(job: Job, form: str) -> None:
+    status, body = refusal(form)
     job.sandbox.faults.add("/youtube/v3/", status=status, body=body, times=None)
     result = job.kb(*CRAWL, "--debug", YOUTUBE_API_KEY="AIza-somebody-elses-key")
     assert result.returncode == 1
@@ -111,9 +111,7 @@ def test_what_passes_is_tried_again(job: Job) -> None:
     one crawl.
     """
     now = {"Retry-After": "0"}
-    burst, burst_429, down = (
-        make() for make in (errors.burst, errors.burst_429, errors.unavailable)
-    )
+    burst, burst_429, down = (refusal(name) for name in ("burst", "burst_429", "unavailable"))
     for path, what in (
         ("/v3/search", {"status": burst[0], "body": burst[1], "headers": now}),
         ("/v3/search", {"after": 2, "cut": 0.6, "honest": True}),
@@ -245,7 +243,7 @@ def test_the_key_is_in_no_process_list_and_no_debug_log(job: Job) -> None:
         else ""
     )
     seen += Path(f"/proc/{child.pid}/cmdline").read_text()
-    job.sandbox.faults.add("/v3/videos", status=400, body=errors.key_invalid()[1], times=None)
+    job.sandbox.faults.add("/v3/videos", status=400, body=refusal("key_invalid")[1], times=None)
     held.release()
     out, err = child.communicate(timeout=120)
     assert KEY not in seen + out + err

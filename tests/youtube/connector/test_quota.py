@@ -14,7 +14,7 @@ from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.sandbox.server import Sandbox
-from kb.sandbox.youtube import resources as errors
+from kb.sandbox.youtube.resources import refusal
 from kb.youtube.connector.quota import PACIFIC
 from pipelines import youtube
 from tests.youtube.connector.test_fetch import CRAWL
@@ -69,7 +69,7 @@ def test_wait_sleeps_as_long_as_the_service_asks(few: Sandbox, tmp_path: Path, d
 
 
 def test_wait_with_a_set_date_sees_the_next_day(job: Job) -> None:
-    status, body = errors.general_spent()
+    status, body = refusal("general_spent")
     job.sandbox.faults.add("/v3/videos", status=status, body=body)
     assert job.done(*CRAWL, "--wait", KB_NOW="2026-11-21T07:59:58Z")["left"] == 0
     with sqlite3.connect(job.root / "state" / "youtube.sqlite") as state:

@@ -223,7 +223,7 @@ def test_transcripts_of_every_outcome() -> None:
     assert assemble({"transcripts": table}, words=word_count_of_lists)["youtube/transcripts"][
         "video_id"
     ].to_pylist() == ["a"]
-    a, b, c, d = parse.with_cues(table).to_pylist()
+    a, b, c, d = table.to_pylist()
     assert a["cues"] == [
         {"start_s": 0.0, "duration_s": 1.5, "text": "hi", "word_start_s": None},
         {"start_s": 1.0, "duration_s": 2.0, "text": "a\ufffdb", "word_start_s": None},

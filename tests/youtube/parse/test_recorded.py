@@ -155,7 +155,7 @@ def test_transcripts_of_recorded_timed_text(recorded: Path) -> None:
         "cues": cues,
         "player": player,
     }
-    row = parse.with_cues(next(parse.transcripts([line(answer)]))).to_pylist()[0]
+    row = next(parse.transcripts([line(answer)])).to_pylist()[0]
     assert [list(cue.values()) for cue in row["cues"]] == [[*cue, None] for cue in cues]
     assert len(cues) == 4
     assert (row["player_width"], row["player_height"], row["player_fps"]) == (3840, 2160, 24)

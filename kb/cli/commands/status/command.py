@@ -152,9 +152,5 @@ def _is_extra(name: str, facts: dict[str, Any]) -> bool:
 def _table(head: str, columns: list[str], rows: dict[str, list[int]]) -> list[str]:
     if not rows:
         return []
-    width = max(len(head), *(len(name) for name in rows))
-    lines = [f"  {head:<{width}}" + "".join(f"{column:>12}" for column in columns)]
-    return lines + [
-        f"  {name:<{width}}" + "".join(f"{value:>12,}" for value in values)
-        for name, values in rows.items()
-    ]
+    cells = [(name, *(f"{value:,}" for value in values)) for name, values in rows.items()]
+    return [f"  {line}" for line in terminal.table([(head, *columns), *cells], 10)]

@@ -4,9 +4,9 @@ import difflib
 import re
 import types
 import typing
-from typing import Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 
 from kb.core.config import value_errors
@@ -27,6 +27,15 @@ class Section(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, str_strip_whitespace=True, allow_inf_nan=False
     )
+
+
+def _without_empty(value: tuple[str, ...]) -> tuple[str, ...]:
+    if not all(phrase.strip() for phrase in value):
+        raise ValueError("holds an empty phrase")
+    return value
+
+
+Phrases = Annotated[tuple[str, ...], AfterValidator(_without_empty)]
 
 
 class ProfileProblem(NamedTuple):

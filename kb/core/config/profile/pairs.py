@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from kb.core.config.profile.base import Section
+from kb.core.config.profile.base import Phrases, Section
 
 
 class Pairs(Section):
@@ -24,10 +24,8 @@ class Pairs(Section):
         " unmistakable keyword), `never` (makes no pair) or `always` (an everyday word that is"
         " meant)",
     )
-    include: tuple[str, ...] = Field(
-        (), description="further phrases to match; their kind is `phrase`"
-    )
-    exclude: tuple[str, ...] = Field(
+    include: Phrases = Field((), description="further phrases to match; their kind is `phrase`")
+    exclude: Phrases = Field(
         (), description="phrases that never match, including keywords inside them"
     )
     near_words: int = Field(
@@ -56,13 +54,6 @@ class Pairs(Section):
         description="seconds between two clips of a video; negative: they may overlap by that much",
     )
     max_pairs_per_video: int = Field(0, ge=0, description="maximum pairs per video; 0: no limit")
-
-    @field_validator("include", "exclude")
-    @classmethod
-    def _words(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        if any(not phrase.strip() for phrase in value):
-            raise ValueError("holds an empty phrase")
-        return value
 
     @field_validator("keyword_files")
     @classmethod

@@ -1,10 +1,13 @@
 """[reddit]: which subreddit, which posts are kept, what links are images or videos."""
 
-from pydantic import Field, field_validator
+from typing import Literal, get_args
+
+from pydantic import Field
 
 from kb.core.config.profile.base import Section
 
-_SPANS = ("all", "year", "month", "week", "day", "hour")
+Listing = Literal["new", "top", "controversial", "hot", "rising"]
+Span = Literal["all", "year", "month", "week", "day", "hour"]
 
 
 class Links(Section):
@@ -44,12 +47,9 @@ class RedditSection(Section):
     search: tuple[str, ...] = Field(
         (), description="search terms in the subreddit, besides its listings"
     )
-    listings: tuple[str, ...] = Field(
-        ("new", "top", "controversial", "hot", "rising"), description="listings to read"
-    )
-    spans: tuple[str, ...] = Field(
-        _SPANS,
-        description="time spans of top and controversial",
+    listings: tuple[Listing, ...] = Field(get_args(Listing), description="listings to read")
+    spans: tuple[Span, ...] = Field(
+        get_args(Span), description="time spans of top and controversial"
     )
     min_score: int = Field(5, description="minimum score of a kept post")
     links: Links = Links()
@@ -62,18 +62,3 @@ class RedditSection(Section):
     max_tries: int = Field(
         5, ge=1, le=20, description="attempts per request before its items count as failed"
     )
-
-    @field_validator("listings")
-    @classmethod
-    def _known(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        allowed = {"new", "top", "controversial", "hot", "rising"}
-        if set(value) - allowed:
-            raise ValueError(f"allowed: {', '.join(sorted(allowed))}")
-        return value
-
-    @field_validator("spans")
-    @classmethod
-    def _known_spans(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        if set(value) - set(_SPANS):
-            raise ValueError(f"allowed: {', '.join(_SPANS)}")
-        return value

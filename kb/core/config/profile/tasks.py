@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
-from kb.core.config.profile.base import Section
+from kb.core.config.profile.base import Phrases, Section
 
 
 class Tasks(Section):
@@ -13,7 +13,7 @@ class Tasks(Section):
     table = "tasks"
     about = "Tasks: titles that say what is done in a video, as prompts"
 
-    verbs: tuple[str, ...] = Field(
+    verbs: Phrases = Field(
         (
             *("make makes making made", "build builds building built", "create creates creating"),
             *("draw draws drawing drew", "cook cooks cooking cooked", "grow grows growing grew"),
@@ -23,7 +23,7 @@ class Tasks(Section):
         ),
         description="verbs of tasks with their other forms; a prompt has the first form",
     )
-    lead_ins: tuple[str, ...] = Field(
+    lead_ins: Phrases = Field(
         (
             *("how to", "how i", "how we", "how you can", "learn to", "learn how to", "let's"),
             *("i show you how to", "i will show you how to", "i'll show you how to"),
@@ -31,7 +31,7 @@ class Tasks(Section):
         ),
         description="phrases before the verb that are no part of a prompt",
     )
-    talk: tuple[str, ...] = Field(
+    talk: Phrases = Field(
         (
             *("in this video", "in this episode", "in todays video", "in today's video", "today"),
             *("tutorial", "guide", "walkthrough", "step by step", "easy tutorial", "full tutorial"),
@@ -40,7 +40,7 @@ class Tasks(Section):
         ),
         description="channel talk that is removed from titles; # stands for a number",
     )
-    never: tuple[str, ...] = Field(
+    never: Phrases = Field(
         (
             *("vs", "versus", "but", "or", "# days", "# hours"),
             *("battle", "challenge", "competition", "speedrun"),
@@ -49,11 +49,11 @@ class Tasks(Section):
         ),
         description="words and phrases that make a title no task; # stands for a number",
     )
-    fillers: tuple[str, ...] = Field(
+    fillers: Phrases = Field(
         ("a", "an", "the", "your", "own", "some", "this", "these", "any"),
         description="words that do not tell two prompts apart, nor belong to an object",
     )
-    joints: tuple[str, ...] = Field(
+    joints: Phrases = Field(
         (
             *("in", "on", "at", "with", "without", "from", "for", "to", "of", "by", "and", "into"),
             *("inside", "under", "over", "using", "as", "that", "so"),
@@ -67,10 +67,3 @@ class Tasks(Section):
         le=3600,
         description="seconds without a mention of the object after which the subject has changed",
     )
-
-    @field_validator("verbs", "lead_ins", "talk", "never", "fillers", "joints")
-    @classmethod
-    def _words(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        if any(not phrase.strip() for phrase in value):
-            raise ValueError("holds an empty phrase")
-        return value

@@ -2,9 +2,9 @@
 
 from typing import Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
-from kb.core.config.profile.base import Section
+from kb.core.config.profile.base import Phrases, Section
 
 
 class YouTubeSection(Section):
@@ -13,8 +13,8 @@ class YouTubeSection(Section):
     table = "youtube"
     about = "YouTube: which channels are searched, which videos are kept"
 
-    keywords: tuple[str, ...] = Field(min_length=1, description="searches that find channels")
-    topic_keywords: tuple[str, ...] = Field(
+    keywords: Phrases = Field(min_length=1, description="searches that find channels")
+    topic_keywords: Phrases = Field(
         (),
         description="whole words that indicate the topic without a label; default: keywords",
     )
@@ -58,13 +58,6 @@ class YouTubeSection(Section):
     )
     units_per_day: int = Field(10_000, ge=1, description="quota of the general bucket, in units")
     searches_per_day: int = Field(100, ge=1, description="quota of the search bucket, in searches")
-
-    @field_validator("keywords", "topic_keywords")
-    @classmethod
-    def _words(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        if any(not word.strip() for word in value):
-            raise ValueError("holds an empty keyword")
-        return value
 
     @property
     def words(self) -> tuple[str, ...]:

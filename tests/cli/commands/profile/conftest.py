@@ -89,7 +89,7 @@ ERRORS = [
     toml("[reddit]", '[wiki.markup]\nslot = ".a["\n[reddit]', 9, ".a[", "must be a CSS selector"),
     toml("[reddit]", '[wiki.markup]\nroot = "#a >"\n[reddit]', 9, "#a >", "before its last part"),
     toml('"rockgarden"', '"rockgarden"\nmin_score = 2_000_000', 10, "nothing passes", "points"),
-    toml('"rockgarden"', '"rockgarden"\nspans = ["weekly"]', 10, "'reddit.spans'", "allowed: all"),
+    toml('"rockgarden"', '"rockgarden"\nspans = ["weekly"]', 10, "'reddit.spans[1]'", "must be"),
     toml("[release]", "min_clip_s = 20\n[release]", 10, "min_clip_s is above max_clip_s"),
     toml("[release]", "min_tokens = 70\nmax_tokens = 60\n[release]", 10, "min_tokens is above"),
     toml("[release]", "[toxicity.thresholds]\nreddit = 0\n[release]", 13, "nothing passes"),

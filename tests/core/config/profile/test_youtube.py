@@ -58,7 +58,7 @@ from tests.core.config.profile.refused import refuse
         (
             '["roses"]',
             '["roses", ""]',
-            ['\'youtube.keywords\' is ["roses", ""]: holds an empty keyword'],
+            ['\'youtube.keywords\' is ["roses", ""]: holds an empty phrase'],
         ),
         (
             '["roses"]',

@@ -1,0 +1,45 @@
+"""Tests of `kb.core.signals`."""
+
+import os
+import signal
+import threading
+
+import pytest
+
+from kb.core import signals
+from kb.core.errors import Interrupted
+
+
+@pytest.mark.parametrize("number", signals.BOTH)
+def test_a_signal_asks_the_run_to_stop_and_the_block_forgets_it(number: int) -> None:
+    before = signal.getsignal(number)
+    with signals.stop_on_signals() as stop:
+        assert not stop.requested()
+        os.kill(os.getpid(), number)
+        assert stop.wait(10)
+        with pytest.raises(Interrupted, match=signal.Signals(number).name):
+            stop.check()
+    assert signal.getsignal(number) is before
+    assert not signals.stop.requested()
+
+
+def test_a_second_sigint_ends_the_block() -> None:
+    with pytest.raises(KeyboardInterrupt), signals.stop_on_signals() as stop:
+        stop.request("SIGINT")
+        os.kill(os.getpid(), signal.SIGINT)
+        stop.wait(10)
+    assert not signals.stop.requested()
+
+
+def test_another_thread_sets_no_handler() -> None:
+    before = [signal.getsignal(number) for number in signals.BOTH]
+    inside: list[object] = []
+
+    def run() -> None:
+        with signals.stop_on_signals():
+            inside.extend(signal.getsignal(number) for number in signals.BOTH)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    assert inside == before
