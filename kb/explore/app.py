@@ -44,6 +44,7 @@ _FILTERS: dict[str, Callable[[Any], str]] = {
     "commas": lambda n: f"{n:,}",
     "percent": lambda share: f"{share:.1%}",
     "number": lambda n: f"{n:,.0f}" if n == int(n) else f"{n:,.6g}",
+    "short": lambda value: f"{value:.4g}" if isinstance(value, float) else str(value),
     "seconds": lambda s: f"{int(s) // 60}:{int(s) % 60:02d}",
 }
 PAGES = {

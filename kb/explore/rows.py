@@ -142,9 +142,11 @@ def _holds(tables: CurrentTables, source: str, verdict: str, table: str) -> bool
 
 
 def _columns(asked: RowsQuery, kinds: Mapping[str, str]) -> list[str]:
-    """Those that say most: of kept rows the report's samples, of others all."""
+    """Those that say most: of kept rows the report's samples, of others all but `number`, which
+    repeats the value.
+    """
     if asked.verdict != _KEPT:
-        return [*kinds]
+        return [name for name in kinds if name != "number"]
     samples = SPECS[asked.source].report.samples.get(f"{asked.source}/{asked.table}", ())
     key = next(iter(kinds))
     chosen = [key, *(name for name in samples if name in kinds and name != key)]

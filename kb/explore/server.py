@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import webbrowser
 from collections.abc import Callable
@@ -53,4 +54,5 @@ def serve(
     config = uvicorn.Config(
         make(root, profile, status), log_config=None, access_log=False, lifespan="off"
     )
-    Announced(config).run(sockets=[listening])
+    with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C and SIGTERM are how it ends
+        Announced(config).run(sockets=[listening])

@@ -27,8 +27,10 @@ class Answer(NamedTuple):
 class Explored:
     """A running server."""
 
-    def __init__(self, address: str) -> None:
-        self.address = address
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        assert process.stdout is not None
+        self.process = process
+        self.address = address = process.stdout.readline().strip()
         self.port = int(address.rstrip("/").rpartition(":")[2] or 0)  # "" where it did not start
 
     def ask(self, path: str, method: str = "GET", **headers: str) -> Answer:
@@ -62,8 +64,7 @@ def explored(root: Path, *options: str) -> Iterator[Explored]:
         cwd=os.sep,
     )
     try:
-        assert process.stdout is not None
-        yield Explored(process.stdout.readline().strip())
+        yield Explored(process)
     finally:
         process.terminate()
         process.wait()

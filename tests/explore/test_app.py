@@ -1,12 +1,16 @@
 """The pages over HTTP: who may ask, what is answered, and that nothing is written."""
 
+import signal
 from pathlib import Path
 
 import pytest
 
 from tests.explore.conftest import Explored, explored
 
-PAGES = ("/", "/search", "/rows", "/rows?source=reddit&verdict=rejected", "/pairs")
+PAGES = (
+    *("/", "/search", "/rows", "/rows?source=reddit&verdict=rejected", "/thresholds", "/pairs"),
+    "/status",
+)
 
 
 @pytest.mark.parametrize("path", PAGES)
@@ -71,3 +75,11 @@ def test_a_folder_without_tables_and_a_port_that_is_taken_are_refused(
         assert nothing.address == ""
     with explored(demo / "data" / "demo", "--port", str(demo_pages.port)) as second:
         assert second.address == ""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_as_done(demo: Path, number: signal.Signals) -> None:
+    with explored(demo / "data" / "demo") as pages:
+        assert pages.ask("/").status == 200
+        pages.process.send_signal(number)
+        assert pages.process.wait(30) == 0
