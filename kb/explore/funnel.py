@@ -1,4 +1,4 @@
-"""How many rows of each source were crawled, and how many each stage left over."""
+"""How many rows of each source were crawled, and how many are left after each stage."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class FunnelStep(NamedTuple):
 
     name: str
     left: int
-    dropped: int
+    rejected: int
     share: float
 
 
@@ -39,16 +39,16 @@ def _funnel(tables: CurrentTables, source: str) -> SourceFunnel | None:
     crawled = kept + sum(verdicts.values())
     if not crawled:
         return None
-    dropped: dict[str, int] = {}
+    rejected: dict[str, int] = {}
     if f"{source}_rejected" in tables:
         by_stage = "SELECT stage::VARCHAR AS stage, count(*) AS n FROM {table} GROUP BY 1"
         counted = tables.rows(f"{source}_rejected", by_stage)
-        dropped = dict(zip(*(column.to_pylist() for column in counted.columns), strict=True))
+        rejected = dict(zip(*(column.to_pylist() for column in counted.columns), strict=True))
     order = [*RELEASES[source].stages]
-    stages = [*(one for one in order if one in dropped), *sorted(set(dropped) - set(order))]
+    stages = [*(one for one in order if one in rejected), *sorted(set(rejected) - set(order))]
     left = crawled - verdicts["failed"] - verdicts["pending"]
     steps = [FunnelStep("judged", left, 0, left / crawled)]
     for stage in stages:
-        left -= dropped[stage]
-        steps.append(FunnelStep(stage, left, dropped[stage], left / crawled))
+        left -= rejected[stage]
+        steps.append(FunnelStep(stage, left, rejected[stage], left / crawled))
     return SourceFunnel(source, spec.report.title, steps, {"kept": kept, **verdicts})

@@ -12,7 +12,7 @@ _BARS = 60
 _DIGITS = 3  # of an edge
 
 
-class Bar(NamedTuple):
+class HistogramBar(NamedTuple):
     """A bar of rows from one edge to the next, its parts as shares of the highest bar."""
 
     low: float
@@ -39,7 +39,7 @@ class Histogram(NamedTuple):
     `current` and `position` are those of the current threshold and of the one that is tried.
     """
 
-    bars: list[Bar]
+    bars: list[HistogramBar]
     edges: list[float]
     current: int
     position: int
@@ -101,7 +101,7 @@ def draw(
         counts.append(bars[::-1] if at_least else bars)
     highest = max(map(sum, zip(*counts, strict=True)), default=0) or 1
     bars = [
-        Bar(low, high, kept, deciding, others, highest)
+        HistogramBar(low, high, kept, deciding, others, highest)
         for (low, high), kept, deciding, others in zip(pairwise(edges), *counts, strict=True)
     ]
     nearest = min(range(len(edges)), key=lambda place: abs(edges[place] - value))

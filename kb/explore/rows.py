@@ -1,4 +1,4 @@
-"""Rows of a source by verdict: what was kept, and what was dropped at which stage and why."""
+"""Rows of a source by verdict: what was kept, and what was rejected at which stage and why."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from kb.explore.tables import CurrentTables, quoted
 from kb.store.tables.row_counts import VERDICTS
 
 PAGE = 50  # rows
+_LAST = 1_000_000_000  # the number of a page
 _KEPT = "kept"
 _LONGEST = 300  # characters of a cell
-_DEEPEST = 100_000  # rows that may be skipped: whoever wants more sorts or filters
+_SORTED = 5_000  # rows that sorted pages reach: DuckDB keeps so few in a heap, and sorts no table
 
 
 @dataclass(frozen=True)
@@ -61,9 +62,14 @@ class RowsPage:
     sources: tuple[str, ...] = tuple(SPECS)
 
     @property
+    def reached(self) -> int:
+        """How many of the rows pages show: sorted ones end early."""
+        return min(self.total, _SORTED) if self.asked.sort else self.total
+
+    @property
     def pages(self) -> int:
         """How many pages can be turned."""
-        return max(1, -(-min(self.total, _DEEPEST) // PAGE))
+        return max(1, -(-self.reached // PAGE))
 
 
 def parse(query: Mapping[str, str]) -> RowsQuery:
@@ -79,7 +85,9 @@ def parse(query: Mapping[str, str]) -> RowsQuery:
     if table not in tables:
         raise UsageError(f"unknown table {table!r}", hint=f"use one of {', '.join(tables)}")
     page = query.get("page", "1")
-    if not page.isascii() or not page.isdigit() or not 1 <= int(page) <= _DEEPEST // PAGE:
+    sort = query.get("sort", "")
+    last = _SORTED // PAGE if sort else _LAST
+    if not page.isascii() or not page.isdigit() or not 1 <= int(page) <= last:
         raise UsageError(f"there is no page {page!r}")
     return RowsQuery(
         source,
@@ -88,7 +96,7 @@ def parse(query: Mapping[str, str]) -> RowsQuery:
         query.get("stage", ""),
         query.get("reason", ""),
         query.get("text", ""),
-        query.get("sort", ""),
+        sort,
         query.get("descending", "") not in ("", "0"),
         int(page),
     )

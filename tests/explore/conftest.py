@@ -2,6 +2,7 @@
 
 import http.client
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -82,3 +83,21 @@ def release_pages(demo: Path) -> Iterator[Explored]:
     """The pages over the demo's release, as somebody downloaded it."""
     with explored(demo / "data" / "demo" / "release") as one:
         yield one
+
+
+def total(text: str) -> int:
+    found = re.search(r"<p>([\d,]+) rows", text)
+    assert found
+    return int(found[1].replace(",", ""))
+
+
+def figures(text: str) -> tuple[int, int, int]:
+    """Kept with the threshold, kept now, and rows that wait for something."""
+    words = re.sub(r"<.*?>", "", text.partition('id="figures"')[2].partition("</p>")[0])
+    then, now = re.findall(r"([\d,]+) kept instead of ([\d,]+)", words)[0]
+    waiting = re.findall(r"; ([\d,]+) (?:wait|count)", words)
+    return number(then), number(now), sum(map(number, waiting))
+
+
+def number(text: str) -> int:
+    return int(text.replace(",", ""))

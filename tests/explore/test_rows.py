@@ -2,13 +2,11 @@
 
 import html
 import re
-import shutil
 from pathlib import Path
 
 import duckdb
-import pyarrow.parquet as pq
 
-from tests.explore.conftest import Explored, explored
+from tests.explore.conftest import Explored, total
 
 
 def cells(text: str) -> list[list[str]]:
@@ -18,12 +16,6 @@ def cells(text: str) -> list[list[str]]:
         [html.unescape(one) for one in re.findall(r"<td>(.*?)</td>", row, re.DOTALL)]
         for row in body.split("</tr>")[:-1]
     ]
-
-
-def total(text: str) -> int:
-    found = re.search(r"<p>([\d,]+) rows", text)
-    assert found
-    return int(found[1].replace(",", ""))
 
 
 def test_rejected_rows_by_stage_and_reason(demo_pages: Explored, demo: Path) -> None:
@@ -68,17 +60,3 @@ def test_text_is_looked_for_literally(demo_pages: Explored, demo: Path) -> None:
 def test_what_a_release_lacks_is_empty_and_no_error(release_pages: Explored) -> None:
     answer = release_pages.ask("/rows?source=youtube&verdict=rejected")
     assert (answer.status, total(answer.text)) == (200, 0)
-
-
-def test_a_row_that_is_gone_disappears_from_the_next_page(demo: Path, tmp_path: Path) -> None:
-    root = tmp_path / "root"
-    for name in ("clean/youtube", "state"):
-        shutil.copytree(demo / "data" / "demo" / name, root / name)
-    with explored(root) as pages:
-        before = total(pages.ask("/rows?source=youtube").text)
-        folder = root / "clean" / "youtube"
-        (folder / "_manifest.json").unlink()
-        part = next(iter((folder / "videos").glob("*.parquet")))
-        rows = pq.read_table(part)
-        pq.write_table(rows.slice(1), part)
-        assert total(pages.ask("/rows?source=youtube").text) == before - 1

@@ -7,11 +7,10 @@ import shutil
 from pathlib import Path
 
 import duckdb
-import pyarrow.parquet as pq
 import pytest
 
 from tests.conftest import ROOT
-from tests.explore.conftest import Explored, explored
+from tests.explore.conftest import Explored, figures, number
 from tests.inprocess import Here
 
 KEYS = {
@@ -31,18 +30,6 @@ def root(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     copy = tmp_path_factory.mktemp("thresholds") / "demo"
     shutil.copytree(demo / "data" / "demo", copy)
     return copy
-
-
-def figures(text: str) -> tuple[int, int, int]:
-    """Kept with the threshold, kept now, and rows that wait for something."""
-    words = re.sub(r"<.*?>", "", text.partition('id="figures"')[2].partition("</p>")[0])
-    then, now = re.findall(r"([\d,]+) kept instead of ([\d,]+)", words)[0]
-    waiting = re.findall(r"; ([\d,]+) (?:wait|count)", words)
-    return number(then), number(now), sum(map(number, waiting))
-
-
-def number(text: str) -> int:
-    return int(text.replace(",", ""))
 
 
 def comments_of_the_same_posts(before: Path, after: Path, limit: float) -> int:
@@ -117,34 +104,6 @@ def test_figures_are_those_of_a_filter_with_that_threshold(
         assert tally["pending"] == waiting
 
 
-def test_the_current_threshold_changes_nothing(demo_pages: Explored) -> None:
-    text = demo_pages.ask("/thresholds").text
-    addresses = [html.unescape(one) for one in re.findall(r'href="(/thresholds\?.*?)"', text)]
-    assert len(addresses) == 8
-    for address in addresses:
-        text = demo_pages.ask(address).text
-        then, now, waiting = figures(text)
-        assert then == now > 0
-        assert waiting == 0
-        places = [html.unescape(one) for one in re.findall(r'href="(/document\?.*?)"', text)]
-        assert demo_pages.ask(places[0]).status == 200
-
-
-def test_examples_stand_on_both_sides_of_the_line(demo_pages: Explored) -> None:
-    text = demo_pages.ask("/thresholds?source=youtube&stage=views&value=500").text
-    sides = [
-        [
-            number(views)
-            for views in re.findall(r'<td class="n">([\d,]+)</td><td class="word">', part)
-        ]
-        for part in text.partition("Just outside</h3>")[2].split("Just inside</h3>")
-    ]
-    assert [len(side) for side in sides] == [20, 20]
-    assert sides[0] == sorted(sides[0], reverse=True)
-    assert sides[1] == sorted(sides[1])
-    assert sides[0][0] < 500 <= sides[1][0]
-
-
 def test_changes_by_channel_add_up(demo_pages: Explored) -> None:
     text = demo_pages.ask("/thresholds?source=youtube&stage=toxicity&value=0.99").text
     then, now, _ = figures(text)
@@ -158,16 +117,6 @@ def test_a_release_can_only_be_made_stricter(release_pages: Explored) -> None:
     then, now, _ = figures(text)
     assert then < now
     assert figures(release_pages.ask("/thresholds?source=youtube&value=1").text)[0] == now
-
-
-def test_a_release_is_read_with_its_own_profile(demo: Path, tmp_path: Path) -> None:
-    release = tmp_path / "release"
-    shutil.copytree(demo / "data" / "demo" / "release", release)
-    profile = release / "youtube" / "profile.toml"
-    for path in release.glob("*/profile.toml"):
-        path.write_text(profile.read_text().replace("min_views = 100", "min_views = 150"))
-    with explored(release) as pages:
-        assert "views ≥ 150" in pages.ask("/thresholds?stage=views").text
 
 
 @pytest.mark.parametrize(
@@ -184,15 +133,3 @@ def test_a_wrong_question_is_refused(demo_pages: Explored, query: str, message: 
     answer = demo_pages.ask(f"/thresholds?{query}")
     assert answer.status == 400
     assert message in html.unescape(answer.text)
-
-
-def test_tables_of_an_older_version_are_named(demo: Path, tmp_path: Path) -> None:
-    root = tmp_path / "root"
-    shutil.copytree(demo / "data" / "demo" / "clean" / "wiki", root / "clean" / "wiki")
-    (root / "clean" / "wiki" / "_manifest.json").unlink()
-    for path in (root / "clean" / "wiki" / "rejected").glob("*.parquet"):
-        pq.write_table(pq.read_table(path).drop_columns(["number", "other_stages"]), path)
-    with explored(root) as pages:
-        answer = pages.ask("/thresholds?source=wiki&value=5")
-    assert (answer.status, figures(answer.text)[0]) == (200, 21)
-    assert "run <code>kb wiki filter</code> again" in answer.text
