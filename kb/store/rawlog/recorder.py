@@ -78,17 +78,8 @@ class Recorder:
 
         Raises DiskFull, with nothing half-kept.
         """
-        # The frontier sees what is on disk, as it would from a replay.
-        envelope, line = rawlog.storable(
-            Envelope(clock.stamp(), Request(endpoint, params), status, response)
-        )
-        with self._lock:
-            if kind not in self._segments:
-                self._segments[kind] = Segment(rawlog.folder(self._root, self._source, kind))
-            name, offset = self._segments[kind].append(line)
-            with self._frontier.transaction():
-                self._apply(self._frontier, kind, envelope)
-                self._frontier.set_offset(kind, name, offset)
+        answer = Envelope(clock.stamp(), Request(endpoint, params), status, response)
+        [(envelope, _)] = self._keep(kind, [answer])
         return envelope
 
     def record_all(self, kind: str, answers: Iterable[Envelope]) -> list[bytes]:
@@ -96,17 +87,20 @@ class Recorder:
 
         Raises DiskFull, with nothing half-kept.
         """
+        return [line for _, line in self._keep(kind, answers)]
+
+    def _keep(self, kind: str, answers: Iterable[Envelope]) -> list[tuple[Envelope, bytes]]:
+        # The frontier sees what is on disk, as it would from a replay.
         kept = [rawlog.storable(answer) for answer in answers]
-        lines = [line for _, line in kept]
         with self._lock:
             if kind not in self._segments:
                 self._segments[kind] = Segment(rawlog.folder(self._root, self._source, kind))
-            name, offset = self._segments[kind].append(*lines)
+            name, offset = self._segments[kind].append(*(line for _, line in kept))
             with self._frontier.transaction():
                 for envelope, _ in kept:
                     self._apply(self._frontier, kind, envelope)
                 self._frontier.set_offset(kind, name, offset)
-        return lines
+        return kept
 
     def close(self) -> None:
         """Close the open segments."""
