@@ -201,11 +201,7 @@ def read(root: Path, source: str, kind: str) -> Iterator[Envelope]:
 
 def any_answer(root: Path, source: str) -> bool:
     """Whether a source has answers on disk, readable or not."""
-    return any(
-        _holds_answers(path)
-        for kind in kinds(root, source)
-        for path in segments(root, source, kind)
-    )
+    return any(map(_holds_answers, all_segments(root, source)))
 
 
 def _holds_answers(path: Path) -> bool:

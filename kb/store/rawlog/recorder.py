@@ -18,7 +18,7 @@ from kb.core.errors import DamagedData
 from kb.store.atomic import sync_folder
 from kb.store.rawlog import damaged_answers, rawlog
 from kb.store.rawlog.damaged_answers import Apply
-from kb.store.rawlog.rawlog import Envelope, Frames, Request, Segment, kinds, segments
+from kb.store.rawlog.rawlog import Envelope, Request, Segment
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 
@@ -123,19 +123,18 @@ class Recorder:
 
     def _replay(self) -> None:
         """Take in what the frontier has not seen: a tail after a crash, or copied segments."""
-        for kind in rawlog.kinds(self._root, self._source):
-            for path in rawlog.segments(self._root, self._source, kind):
-                try:
-                    self._replay_one(kind, path)
-                except DamagedData as error:
-                    if getattr(error, "path", None) != path:
-                        raise
-                    damaged_answers.quarantine_segment(path, kind, self._frontier)
-                    self._replay_one(kind, path)
+        for path in rawlog.all_segments(self._root, self._source):
+            try:
+                self._replay_one(path)
+            except DamagedData as error:
+                if getattr(error, "path", None) != path:
+                    raise
+                damaged_answers.quarantine_segment(path, self._frontier)
+                self._replay_one(path)
 
-    def _replay_one(self, kind: str, path: Path) -> None:
+    def _replay_one(self, path: Path) -> None:
         """Raises DamagedData, with nothing taken in, where something can't be read."""
-        name = rawlog.base_name(path)
+        kind, name = path.parent.name, rawlog.base_name(path)
         start = self._frontier.offset(kind, name)
         if start >= path.stat().st_size:
             return
@@ -153,19 +152,18 @@ def recover(root: Path, source: str) -> None:
     `kb.store.rawlog.damaged_answers` took out committed answers that can't be read: only bytes
     that no state knows are cut.
     """
-    for kind in kinds(root, source):
-        for path in segments(root, source, kind):
-            if not path.name.endswith(".open"):
-                continue
-            frames = Frames(path, mending=True)
-            for _ in frames:
-                pass
-            if frames.torn:
-                with path.open("r+b") as file:
-                    file.truncate(frames.good)
-                    os.fsync(file.fileno())
-            if frames.good == 0:
-                path.unlink()
-            else:
-                os.rename(path, path.with_name(path.name.removesuffix(".open")))
-            sync_folder(path.parent)
+    for path in rawlog.all_segments(root, source):
+        if not path.name.endswith(".open"):
+            continue
+        frames = rawlog.Frames(path, mending=True)
+        for _ in frames:
+            pass
+        if frames.torn:
+            with path.open("r+b") as file:
+                file.truncate(frames.good)
+                os.fsync(file.fileno())
+        if frames.good == 0:
+            path.unlink()
+        else:
+            os.rename(path, path.with_name(path.name.removesuffix(".open")))
+        sync_folder(path.parent)
