@@ -9,7 +9,6 @@ import re
 from functools import cache
 from pathlib import Path
 from typing import Any
-from urllib.parse import SplitResult, urlsplit
 
 from pydantic import Field, SecretStr, ValidationError, ValidationInfo, field_validator
 from pydantic_settings import (
@@ -20,11 +19,12 @@ from pydantic_settings import (
 
 from kb.core import clock, terminal
 from kb.core.config import value_errors
-from kb.core.config.addresses import NOT_HTTPS, in_the_clear
+from kb.core.config.addresses import root_of
 from kb.core.errors import MissingCredential, SettingError
 
 _log = logging.getLogger("kb.settings")
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
+_LATIN = re.compile("[\x00-\xff]*")
 _ADDRESSES = ("_endpoint", "_web", "_url")  # a name and a password may stand in them
 _CONTACT = re.compile(
     r"[^\s@<>]+@[^\s@<>]+\.[^\s@<>.]|https?://[^\s/]+\.[^\s/.]|\bwww\.[^\s/]+\.\w"
@@ -130,7 +130,7 @@ class Settings(BaseSettings):
     )
     @classmethod
     def _fits_a_header(cls, value: object) -> object:
-        if isinstance(value, str) and not _fits(value, "latin-1"):
+        if isinstance(value, str) and not _LATIN.fullmatch(value):
             raise ValueError(
                 "must be of Latin letters, digits and signs, as it is sent in a header"
             )
@@ -147,25 +147,7 @@ class Settings(BaseSettings):
     )
     @classmethod
     def _is_root(cls, value: str | None) -> str | None:
-        if not value:
-            return None
-        parts = urlsplit(value)
-        if (
-            parts.scheme not in ("http", "https")
-            or not parts.hostname
-            or " " in value
-            or not _fits(parts.hostname, "idna")
-        ):
-            raise ValueError("must be an address like http://127.0.0.1:8000")
-        if parts.username is not None or parts.password is not None:
-            raise ValueError("must not hold a user name or password")
-        if "?" in value or "#" in value:
-            raise ValueError("must be a root, without ? or #")
-        if not _has_port(parts):
-            raise ValueError("must have a port from 1 to 65535, or none")
-        if in_the_clear(value):
-            raise ValueError(NOT_HTTPS)
-        return value.rstrip("/")
+        return root_of(value, "http://127.0.0.1:8000") if value else None
 
     @field_validator("kb_now")
     @classmethod
@@ -247,22 +229,6 @@ def _warn_of_short(name: str) -> None:
         name,
         terminal.SHORTEST_SECRET,
     )
-
-
-def _fits(text: str, encoding: str) -> bool:
-    try:
-        text.encode(encoding)
-    except UnicodeError:
-        return False
-    return True
-
-
-def _has_port(parts: SplitResult) -> bool:
-    """Whether the port is one that can be connected to, or is left to the scheme."""
-    try:
-        return parts.port != 0
-    except ValueError:
-        return False
 
 
 def _describe(error: ValidationError) -> str:
