@@ -3,13 +3,16 @@
 Names and meanings are the contract's; `.env.example` lists them.
 """
 
+import difflib
 import logging
 import os
 import re
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from dotenv import dotenv_values
 from pydantic import Field, SecretStr, ValidationError, ValidationInfo, field_validator
 from pydantic_settings import (
     BaseSettings,
@@ -24,6 +27,8 @@ from kb.core.errors import MissingCredential, SettingError
 
 _log = logging.getLogger("kb.settings")
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
+_OURS = ("KB_", "YOUTUBE_", "REDDIT_", "ZENODO_")  # what names of settings begin with
+_OF_TESTS = ("KB_TEST_", "KB_BENCH_", "KB_RECORDED")
 _LATIN = re.compile("[\x00-\xff]*")
 _ADDRESSES = ("_endpoint", "_web", "_url")  # a name and a password may stand in them
 _CONTACT = re.compile(
@@ -269,3 +274,28 @@ def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
         # The clock reads the environment, so that worker processes see the same date.
         os.environ["KB_NOW"] = settings.kb_now
     return settings
+
+
+def unknown_names(*, dotenv: bool = True) -> list[str]:
+    """One line for each name, with the nearest right one, and never with its value.
+
+    Other programs have settings that begin with YOUTUBE_ or REDDIT_: in the environment only
+    KB_ is ours.
+    """
+    lines = []
+    if dotenv and Path(".env").is_file():
+        lines += _lines(".env", dotenv_values(".env", interpolate=False), _OURS)
+    return lines + _lines("the environment", os.environ, ("KB_",))
+
+
+def _lines(where: str, names: Iterable[str], prefixes: tuple[str, ...]) -> list[str]:
+    known = [name.upper() for name in Settings.model_fields]
+    lines = []
+    for name in names:
+        upper = name.upper()
+        if not upper.startswith(prefixes) or upper in known or upper.startswith(_OF_TESTS):
+            continue
+        near = difflib.get_close_matches(upper, known, n=1, cutoff=0.6)
+        guess = f"; did you mean {near[0]}?" if near else "; see .env.example"
+        lines.append(f"{name} in {where} is no setting and has no effect{guess}")
+    return lines
