@@ -166,18 +166,11 @@ class Settings(BaseSettings):
                 raise ValueError("must be a date and time") from None
         return value
 
-    def secrets(self) -> dict[str, str]:
-        """The literal secrets that are set, by their variables."""
-        fields = {name: getattr(self, name) for name in type(self).model_fields}
-        return {
-            name.upper(): value.get_secret_value()
-            for name, value in fields.items()
-            if isinstance(value, SecretStr) and value.get_secret_value()
-        }
-
     def secret_values(self) -> list[str]:
         """The literal secrets that must never leave, for redaction and the release gate."""
-        return list(self.secrets().values())
+        values = (getattr(self, name) for name in type(self).model_fields)
+        texts = (one.get_secret_value() for one in values if isinstance(one, SecretStr))
+        return [text for text in texts if text]
 
     def need(self, field: str) -> str:
         """The secret or text of `field`. Raises as `require`."""
