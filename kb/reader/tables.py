@@ -20,9 +20,8 @@ from kb.core.errors import MissingExtra, UsageError
 from kb.reader import html
 from kb.reader.error_hints import with_hints
 from kb.store.tables import parquet
-from kb.store.tables.parquet_dataset import parquet_dataset
 from kb.store.tables.reading import reading
-from kb.store.tables.remote_files import reading_at
+from kb.store.tables.remote_files import parquet_dataset, reading_at
 
 if TYPE_CHECKING:
     import pandas

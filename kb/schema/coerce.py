@@ -23,7 +23,7 @@ from kb.schema.raw import types
 from kb.schema.types import Type
 
 Bad = list[tuple[int, str]]
-_UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
+UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
 _DURATION = re.compile(
     r"P(?=.)(?:(\d+)W)?(?:(\d+)D)?(?:T(?=.)(?:(\d+)H)?(?:(\d+)M)?(?:(\d+)(?:\.\d+)?S)?)?"
 )
@@ -210,7 +210,7 @@ def shown(value: Any) -> str:
     """A bad value as text for `rejected.value`; long ones are cut."""
     value = value.value if isinstance(value, WrongShape) else value
     text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=repr)
-    text = _UNHOLDABLE.sub("\ufffd", text)
+    text = UNHOLDABLE.sub("\ufffd", text)
     return text if len(text) <= 200 else text[:197] + "..."
 
 
@@ -232,7 +232,7 @@ def a_text(value: Any) -> str:
     """A string as Arrow can hold it. Raises TypeError for anything else."""
     if not isinstance(value, str):
         raise TypeError
-    return _UNHOLDABLE.sub("\ufffd", value)
+    return UNHOLDABLE.sub("\ufffd", value)
 
 
 def a_number(value: Any) -> float:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import chain, repeat
 from typing import Any, NamedTuple
 
@@ -14,10 +13,8 @@ import pyarrow.compute as pc
 
 from kb.core.errors import DamagedData
 from kb.schema import raw
-from kb.schema.coerce import WrongShape, coerce, times
+from kb.schema.coerce import UNHOLDABLE, WrongShape, coerce, times
 from kb.schema.tables import Table
-
-_UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
 
 
 class DecodedAnswer(NamedTuple):
@@ -167,12 +164,17 @@ def _follow(record: Any, path: list[str]) -> Any:
     return record
 
 
-def holdable(value: Any) -> Any:
-    """The same JSON value with U+FFFD for what Arrow can't hold: NUL and lone surrogates."""
+def holdable(value: Any, change: Callable[[str], str] = str) -> Any:
+    """The same JSON value with U+FFFD for what Arrow can't hold: NUL and lone surrogates.
+
+    `change` is called on each text after that.
+    """
     if isinstance(value, str):
-        return _UNHOLDABLE.sub("\ufffd", value)
+        return change(UNHOLDABLE.sub("\ufffd", value))
     if isinstance(value, dict):
-        return {holdable(key): holdable(inner) for key, inner in value.items()}
+        return {holdable(key, change): holdable(inner, change) for key, inner in value.items()}
     if isinstance(value, list):
-        return [holdable(inner) for inner in value]
+        return [holdable(inner, change) for inner in value]
+    if isinstance(value, msgspec.Raw):
+        return holdable(msgspec.json.decode(value), change)
     return value

@@ -18,7 +18,7 @@ from kb.store.rawlog import rawlog, sidefiles
 from kb.store.tables import checksums
 from kb.store.tables.reading import broken
 from kb.verify import raw
-from kb.verify.findings import Findings
+from kb.verify.findings import KINDS, Findings
 
 # Beside the folders of commands: other roots and what belongs to a checkout.
 NEIGHBOURS = {"demo", "dumps", "profiles", "demo-finished", ".gitignore", ".gitkeep"}
@@ -87,19 +87,8 @@ class FileVerifier:
         elif match := artifact_of(path):
             self._artifact(path, match[1])
         elif path.name not in NEIGHBOURS:
-            kinds = (
-                "clean",
-                "pairs",
-                "tasks",
-                "labels",
-                "links",
-                "index",
-                "annotations",
-                "export",
-                "restored",
-            )
             findings.advance(path.stat().st_size)
-            self._foreign(parts[0] if parts[0] in kinds else "other", path)
+            self._foreign(parts[0] if parts[0] in KINDS else "other", path)
 
     def _raw(self, path: Path, parts: tuple[str, ...]) -> None:
         findings, known = self._findings, parts[1] in SOURCES

@@ -1,6 +1,5 @@
 """The findings of `kb verify`: counts by kind, and damaged, missing and foreign files."""
 
-import copy
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -52,31 +51,27 @@ class Findings:
     def __init__(self, advance: Callable[[int], None]) -> None:
         self.advance = advance
         self.entries: list[VerifyFinding] = []
-        self._counts: dict[str, dict[str, tuple[int, int]]] = {}
+        self._intact: dict[str, tuple[int, int]] = {}  # files and bytes by kind
 
     def retrying(self, step: Callable[[], object]) -> None:
         """Retry a step if a file that it reads is replaced meanwhile."""
         for _ in range(_TRIES):
-            length, counts = len(self.entries), copy.deepcopy(self._counts)
+            length, intact = len(self.entries), dict(self._intact)
             try:
                 step()
                 return
             except FileNotFoundError:
                 del self.entries[length:]
-                self._counts = counts
+                self._intact = intact
 
     def drop(self, stale: Collection[VerifyFinding]) -> None:
         """Remove findings that no longer apply."""
-        for one in stale:
-            files, size = self._counts[one.kind][one.state]
-            self._counts[one.kind][one.state] = files - 1, size - one.size
-            if files == 1:
-                del self._counts[one.kind][one.state]
         self.entries = [one for one in self.entries if one not in stale]
 
     def intact(self, kind: str, path: Path) -> None:
         """Count an intact file."""
-        self._count(kind, "whole", path.stat().st_size)
+        files, size = self._intact.get(kind, (0, 0))
+        self._intact[kind] = files + 1, size + path.stat().st_size
 
     def checked(self, kind: str, path: Path, what: str, advice: str) -> None:
         """Add a damaged file if `what` says how it is damaged, else count an intact one."""
@@ -87,24 +82,36 @@ class Findings:
 
     def damaged(self, kind: str, path: Path, what: str, advice: str) -> None:
         """Add a file whose content differs from what was written."""
-        self._add(VerifyFinding(kind, "damaged", path, _size(path), what, advice))
+        self.entries.append(VerifyFinding(kind, "damaged", path, _size(path), what, advice))
 
     def missing(self, kind: str, path: Path, advice: str, what: str = "is not there") -> None:
         """Add a file that another file refers to and that does not exist."""
-        self._add(VerifyFinding(kind, "missing", path, 0, what, advice))
+        self.entries.append(VerifyFinding(kind, "missing", path, 0, what, advice))
 
     def foreign(self, kind: str, path: Path, what: str, advice: str) -> None:
         """Add a file that no command has written."""
-        self._add(VerifyFinding(kind, "foreign", path, _size(path), what, advice))
+        self.entries.append(VerifyFinding(kind, "foreign", path, _size(path), what, advice))
 
     def of(self, *kinds: str, state: str = "") -> list[VerifyFinding]:
         """The findings of these kinds."""
         return [one for one in self.entries if one.kind in kinds and state in ("", one.state)]
 
-    def total(self, state: str) -> tuple[int, int]:
-        """(files, bytes) in a state."""
-        cells = [counts[state] for counts in self._counts.values() if state in counts]
-        return sum(files for files, _ in cells), sum(size for _, size in cells)
+    def total(self, state: str, kinds: Collection[str] = KINDS) -> tuple[int, int]:
+        """(files, bytes) of these kinds in a state."""
+        if state == "whole":
+            sizes = [self._intact[kind] for kind in kinds if kind in self._intact]
+        else:
+            sizes = [(1, one.size) for one in self.of(*kinds, state=state)]
+        return sum(files for files, _ in sizes), sum(size for _, size in sizes)
+
+    def _by_kind(self) -> dict[str, dict[str, tuple[int, int]]]:
+        """(files, bytes) by kind and state, without those that have none."""
+        counts = {kind: {state: self.total(state, [kind]) for state in STATES} for kind in KINDS}
+        some = {
+            kind: {state: count for state, count in states.items() if count[0]}
+            for kind, states in counts.items()
+        }
+        return {kind: states for kind, states in some.items() if states}
 
     def summary(self, folder: Path) -> dict[str, Any]:
         """For `--json`: counts, and each finding."""
@@ -115,10 +122,9 @@ class Findings:
             "kinds": {
                 kind: {
                     state: {"files": files, "bytes": size}
-                    for state, (files, size) in self._counts[kind].items()
+                    for state, (files, size) in states.items()
                 }
-                for kind in KINDS
-                if self._counts.get(kind)
+                for kind, states in self._by_kind().items()
             },
             "found": [{**one._asdict(), "path": str(one.path)} for one in self.entries],
         }
@@ -126,20 +132,9 @@ class Findings:
     def table(self) -> Iterator[tuple[str, ...]]:
         """Lines of cells: a head, a line a kind, all together; files and bytes of each state."""
         yield ("kind", *STATES)
-        for kind in KINDS:
-            if self._counts.get(kind):
-                counts = self._counts[kind]
-                yield (kind, *(_cell(*counts.get(state, (0, 0))) for state in STATES))
+        for kind, counts in self._by_kind().items():
+            yield (kind, *(_cell(*counts.get(state, (0, 0))) for state in STATES))
         yield ("all", *(_cell(*self.total(state)) for state in STATES))
-
-    def _add(self, one: VerifyFinding) -> None:
-        self.entries.append(one)
-        self._count(one.kind, one.state, one.size)
-
-    def _count(self, kind: str, state: str, size: int) -> None:
-        counts = self._counts.setdefault(kind, {})
-        files, total = counts.get(state, (0, 0))
-        counts[state] = files + 1, total + size
 
 
 def _size(path: Path) -> int:

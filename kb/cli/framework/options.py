@@ -115,8 +115,7 @@ class Options:
         from kb.cli.commands.profile.check import refuse
         from kb.cli.framework import progress
         from kb.cli.framework.demo_root import in_demo_root
-        from kb.core.config.settings import load_settings
-        from kb.core.config.unknown_settings import unknown_names
+        from kb.core.config.settings import load_settings, unknown_names
         from kb.core.context import Run, default_workers
         from kb.net import redact
 

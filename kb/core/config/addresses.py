@@ -1,9 +1,37 @@
 """Addresses of services: which are on this machine, and which may be asked in the clear."""
 
 import ipaddress
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
-NOT_HTTPS = "must begin with https://; plain http is for services on this machine alone"
+_NOT_HTTPS = "must begin with https://; plain http is for services on this machine alone"
+
+
+def root_of(value: str, example: str) -> str:
+    """A service's root without a slash at its end. Raises ValueError that says what it must be."""
+    parts = urlsplit(value)
+    try:
+        host = (parts.hostname or "").encode("idna")
+    except UnicodeError:
+        host = b""
+    if parts.scheme not in ("http", "https") or not host or " " in value:
+        raise ValueError(f"must be an address like {example}")
+    if parts.username is not None or parts.password is not None:
+        raise ValueError("must not hold a user name or password")
+    if "?" in value or "#" in value:
+        raise ValueError("must be a root, without ? or #")
+    if not _has_port(parts):
+        raise ValueError("must have a port from 1 to 65535, or none")
+    if in_the_clear(value):
+        raise ValueError(_NOT_HTTPS)
+    return value.rstrip("/")
+
+
+def _has_port(parts: SplitResult) -> bool:
+    """Whether the port is one that can be connected to, or is left to the scheme."""
+    try:
+        return parts.port != 0
+    except ValueError:
+        return False
 
 
 def is_loopback(url: str) -> bool:

@@ -3,14 +3,16 @@
 Names and meanings are the contract's; `.env.example` lists them.
 """
 
+import difflib
 import logging
 import os
 import re
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
-from urllib.parse import SplitResult, urlsplit
 
+from dotenv import dotenv_values
 from pydantic import Field, SecretStr, ValidationError, ValidationInfo, field_validator
 from pydantic_settings import (
     BaseSettings,
@@ -20,11 +22,14 @@ from pydantic_settings import (
 
 from kb.core import clock, terminal
 from kb.core.config import value_errors
-from kb.core.config.addresses import NOT_HTTPS, in_the_clear
+from kb.core.config.addresses import root_of
 from kb.core.errors import MissingCredential, SettingError
 
 _log = logging.getLogger("kb.settings")
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
+_OURS = ("KB_", "YOUTUBE_", "REDDIT_", "ZENODO_")  # what names of settings begin with
+_OF_TESTS = ("KB_TEST_", "KB_BENCH_", "KB_RECORDED")
+_LATIN = re.compile("[\x00-\xff]*")
 _ADDRESSES = ("_endpoint", "_web", "_url")  # a name and a password may stand in them
 _CONTACT = re.compile(
     r"[^\s@<>]+@[^\s@<>]+\.[^\s@<>.]|https?://[^\s/]+\.[^\s/.]|\bwww\.[^\s/]+\.\w"
@@ -130,7 +135,7 @@ class Settings(BaseSettings):
     )
     @classmethod
     def _fits_a_header(cls, value: object) -> object:
-        if isinstance(value, str) and not _fits(value, "latin-1"):
+        if isinstance(value, str) and not _LATIN.fullmatch(value):
             raise ValueError(
                 "must be of Latin letters, digits and signs, as it is sent in a header"
             )
@@ -147,25 +152,7 @@ class Settings(BaseSettings):
     )
     @classmethod
     def _is_root(cls, value: str | None) -> str | None:
-        if not value:
-            return None
-        parts = urlsplit(value)
-        if (
-            parts.scheme not in ("http", "https")
-            or not parts.hostname
-            or " " in value
-            or not _fits(parts.hostname, "idna")
-        ):
-            raise ValueError("must be an address like http://127.0.0.1:8000")
-        if parts.username is not None or parts.password is not None:
-            raise ValueError("must not hold a user name or password")
-        if "?" in value or "#" in value:
-            raise ValueError("must be a root, without ? or #")
-        if not _has_port(parts):
-            raise ValueError("must have a port from 1 to 65535, or none")
-        if in_the_clear(value):
-            raise ValueError(NOT_HTTPS)
-        return value.rstrip("/")
+        return root_of(value, "http://127.0.0.1:8000") if value else None
 
     @field_validator("kb_now")
     @classmethod
@@ -179,18 +166,11 @@ class Settings(BaseSettings):
                 raise ValueError("must be a date and time") from None
         return value
 
-    def secrets(self) -> dict[str, str]:
-        """The literal secrets that are set, by their variables."""
-        fields = {name: getattr(self, name) for name in type(self).model_fields}
-        return {
-            name.upper(): value.get_secret_value()
-            for name, value in fields.items()
-            if isinstance(value, SecretStr) and value.get_secret_value()
-        }
-
     def secret_values(self) -> list[str]:
         """The literal secrets that must never leave, for redaction and the release gate."""
-        return list(self.secrets().values())
+        values = (getattr(self, name) for name in type(self).model_fields)
+        texts = (one.get_secret_value() for one in values if isinstance(one, SecretStr))
+        return [text for text in texts if text]
 
     def need(self, field: str) -> str:
         """The secret or text of `field`. Raises as `require`."""
@@ -249,22 +229,6 @@ def _warn_of_short(name: str) -> None:
     )
 
 
-def _fits(text: str, encoding: str) -> bool:
-    try:
-        text.encode(encoding)
-    except UnicodeError:
-        return False
-    return True
-
-
-def _has_port(parts: SplitResult) -> bool:
-    """Whether the port is one that can be connected to, or is left to the scheme."""
-    try:
-        return parts.port != 0
-    except ValueError:
-        return False
-
-
 def _describe(error: ValidationError) -> str:
     """Every problem: the name, what was given if it can't hold a secret, what is expected."""
     return "; ".join(_problem(one) for one in error.errors(include_url=False))
@@ -303,3 +267,28 @@ def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
         # The clock reads the environment, so that worker processes see the same date.
         os.environ["KB_NOW"] = settings.kb_now
     return settings
+
+
+def unknown_names(*, dotenv: bool = True) -> list[str]:
+    """One line for each name, with the nearest right one, and never with its value.
+
+    Other programs have settings that begin with YOUTUBE_ or REDDIT_: in the environment only
+    KB_ is ours.
+    """
+    lines = []
+    if dotenv and Path(".env").is_file():
+        lines += _lines(".env", dotenv_values(".env", interpolate=False), _OURS)
+    return lines + _lines("the environment", os.environ, ("KB_",))
+
+
+def _lines(where: str, names: Iterable[str], prefixes: tuple[str, ...]) -> list[str]:
+    known = [name.upper() for name in Settings.model_fields]
+    lines = []
+    for name in names:
+        upper = name.upper()
+        if not upper.startswith(prefixes) or upper in known or upper.startswith(_OF_TESTS):
+            continue
+        near = difflib.get_close_matches(upper, known, n=1, cutoff=0.6)
+        guess = f"; did you mean {near[0]}?" if near else "; see .env.example"
+        lines.append(f"{name} in {where} is no setting and has no effect{guess}")
+    return lines

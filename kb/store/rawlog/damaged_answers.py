@@ -86,18 +86,17 @@ def quarantine_damage(root: Path, source: str, frontier: Frontier, *, every: boo
     suspects = {(kind, segment) for kind, segment in frontier.cursor(_SUSPECTS, [], of=_PAIRS)}
     suspects |= {(lost.kind, lost.segment) for lost in _load(frontier) if lost.items is None}
     known = frontier.offsets()
-    for kind in rawlog.kinds(root, source):
-        for path in rawlog.segments(root, source, kind):
-            name, size = rawlog.base_name(path), path.stat().st_size
-            committed = known.pop((kind, name), 0)
-            sure = committed in (0, size) and not path.name.endswith(".open")
-            if committed > size:
-                with frontier.transaction():
-                    _note(frontier, [LostRange(kind, name, size, committed)])
-                    frontier.set_offset(kind, name, size)
-                committed = size
-            if every or not sure or (kind, name) in suspects:
-                quarantine_segment(path, kind, frontier, committed)
+    for path in rawlog.all_segments(root, source):
+        kind, name, size = path.parent.name, rawlog.base_name(path), path.stat().st_size
+        committed = known.pop((kind, name), 0)
+        sure = committed in (0, size) and not path.name.endswith(".open")
+        if committed > size:
+            with frontier.transaction():
+                _note(frontier, [LostRange(kind, name, size, committed)])
+                frontier.set_offset(kind, name, size)
+            committed = size
+        if every or not sure or (kind, name) in suspects:
+            quarantine_segment(path, frontier, committed)
     for (kind, name), committed in known.items():
         with frontier.transaction():
             _note(frontier, [LostRange(kind, name, 0, committed)] if committed else [])
@@ -105,12 +104,12 @@ def quarantine_damage(root: Path, source: str, frontier: Frontier, *, every: boo
     frontier.set_cursor(_SUSPECTS, None)
 
 
-def quarantine_segment(path: Path, kind: str, frontier: Frontier, committed: int = 0) -> None:
+def quarantine_segment(path: Path, frontier: Frontier, committed: int = 0) -> None:
     """Set aside what can't be read of a segment of which the state knows so many bytes.
 
     Raises DiskFull.
     """
-    name = rawlog.base_name(path)
+    kind, name = path.parent.name, rawlog.base_name(path)
     if not (gaps := quarantine.gaps(path, committed)):
         return
     named = [(start, end, quarantine.quarantine_name(path, start, end)) for start, end in gaps]
@@ -139,10 +138,9 @@ def requeue_lost_items(
     rebuilt = Frontier(scratch / "state.sqlite", payloads=frontier.payloads)
     try:
         with rebuilt.transaction():
-            for kind in rawlog.kinds(root, source):
-                for path in rawlog.segments(root, source, kind):
-                    for _, line in rawlog.Frames(path, mending=True):
-                        apply(rebuilt, kind, rawlog.decode(line))
+            for path in rawlog.all_segments(root, source):
+                for _, line in rawlog.Frames(path, mending=True):
+                    apply(rebuilt, path.parent.name, rawlog.decode(line))
         items = [
             (kind, key)
             for kind in asked
@@ -201,18 +199,14 @@ def check(root: Path, source: str) -> None:
     with reading.state(path) as frontier:
         losses = [lost for lost in _load(frontier) if _open(frontier, lost)]
         known = frontier.offsets()
-    for kind in rawlog.kinds(root, source):
-        for segment in rawlog.segments(root, source, kind):
-            name, size = rawlog.base_name(segment), segment.stat().st_size
-            committed = known.pop((kind, name), 0)
-            if committed > size:
-                losses.append(LostRange(kind, name, size, committed))
-            elif segment.name.endswith(".open"):
-                # Readers take its end for a torn one; the state knows better.
-                losses += [
-                    LostRange(kind, name, start, end)
-                    for start, end in quarantine.gaps(segment, committed)
-                ]
+    for segment in rawlog.all_segments(root, source):
+        place, size = (segment.parent.name, rawlog.base_name(segment)), segment.stat().st_size
+        committed = known.pop(place, 0)
+        if committed > size:
+            losses.append(LostRange(*place, size, committed))
+        elif segment.name.endswith(".open"):
+            # Readers take its end for a torn one; the state knows better.
+            losses += [LostRange(*place, *gap) for gap in quarantine.gaps(segment, committed)]
     losses += [LostRange(*place, 0, committed) for place, committed in known.items() if committed]
     if losses:
         raise _error(root, source, losses)

@@ -31,11 +31,6 @@ def intact_frames(file: BinaryIO, at: int) -> Iterator[tuple[int, int, bytes]]:
         rest = rest or file.read(_CHUNK)
 
 
-def content(frame: bytes) -> bytes:
-    """What a frame that was whole before holds. Raises ZstdError."""
-    return _engine().decompressobj().decompress(frame)
-
-
 def _engine() -> zstandard.ZstdDecompressor:
     return zstandard.ZstdDecompressor(max_window_size=_WINDOW)
 

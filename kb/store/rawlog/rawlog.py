@@ -22,6 +22,7 @@ import zstandard
 
 from kb.core.errors import DamagedData
 from kb.net import redact
+from kb.schema.decode import holdable
 from kb.store.atomic import full_disk_is_resumable, sync_folder
 from kb.store.layout import Layout
 from kb.store.rawlog.frames import intact_frames
@@ -59,7 +60,6 @@ class _Outline(msgspec.Struct):
 _outline = msgspec.json.Decoder(_Outline)
 _encoder = msgspec.json.Encoder()
 _decoder = msgspec.json.Decoder(Envelope)
-_UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
 
 
 def encode(envelope: Envelope) -> bytes:
@@ -77,23 +77,13 @@ def storable(envelope: Envelope) -> tuple[Envelope, bytes]:
             return envelope, line + b"\n"
     except UnicodeEncodeError:
         pass
-    params, response = _holdable(envelope.request.params), _holdable(envelope.response)
+    params, response = (
+        holdable(part, redact.literal) for part in (envelope.request.params, envelope.response)
+    )
     kept = Envelope(
         envelope.fetched_at, Request(envelope.request.endpoint, params), envelope.status, response
     )
     return kept, _encoder.encode(kept) + b"\n"
-
-
-def _holdable(value: Any) -> Any:
-    if isinstance(value, str):
-        return redact.literal(_UNHOLDABLE.sub("�", value))
-    if isinstance(value, dict):
-        return {_holdable(key): _holdable(inner) for key, inner in value.items()}
-    if isinstance(value, list):
-        return [_holdable(inner) for inner in value]
-    if isinstance(value, msgspec.Raw):
-        return _holdable(msgspec.json.decode(value))
-    return value
 
 
 def decode(line: bytes) -> Envelope:
@@ -211,11 +201,7 @@ def read(root: Path, source: str, kind: str) -> Iterator[Envelope]:
 
 def any_answer(root: Path, source: str) -> bool:
     """Whether a source has answers on disk, readable or not."""
-    return any(
-        _holds_answers(path)
-        for kind in kinds(root, source)
-        for path in segments(root, source, kind)
-    )
+    return any(map(_holds_answers, all_segments(root, source)))
 
 
 def _holds_answers(path: Path) -> bool:

@@ -18,7 +18,7 @@ from kb.core.errors import DamagedData
 from kb.store.atomic import sync_folder
 from kb.store.rawlog import damaged_answers, rawlog
 from kb.store.rawlog.damaged_answers import Apply
-from kb.store.rawlog.rawlog import Envelope, Frames, Request, Segment, kinds, segments
+from kb.store.rawlog.rawlog import Envelope, Request, Segment
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 
@@ -78,17 +78,8 @@ class Recorder:
 
         Raises DiskFull, with nothing half-kept.
         """
-        # The frontier sees what is on disk, as it would from a replay.
-        envelope, line = rawlog.storable(
-            Envelope(clock.stamp(), Request(endpoint, params), status, response)
-        )
-        with self._lock:
-            if kind not in self._segments:
-                self._segments[kind] = Segment(rawlog.folder(self._root, self._source, kind))
-            name, offset = self._segments[kind].append(line)
-            with self._frontier.transaction():
-                self._apply(self._frontier, kind, envelope)
-                self._frontier.set_offset(kind, name, offset)
+        answer = Envelope(clock.stamp(), Request(endpoint, params), status, response)
+        [(envelope, _)] = self._keep(kind, [answer])
         return envelope
 
     def record_all(self, kind: str, answers: Iterable[Envelope]) -> list[bytes]:
@@ -96,17 +87,20 @@ class Recorder:
 
         Raises DiskFull, with nothing half-kept.
         """
+        return [line for _, line in self._keep(kind, answers)]
+
+    def _keep(self, kind: str, answers: Iterable[Envelope]) -> list[tuple[Envelope, bytes]]:
+        # The frontier sees what is on disk, as it would from a replay.
         kept = [rawlog.storable(answer) for answer in answers]
-        lines = [line for _, line in kept]
         with self._lock:
             if kind not in self._segments:
                 self._segments[kind] = Segment(rawlog.folder(self._root, self._source, kind))
-            name, offset = self._segments[kind].append(*lines)
+            name, offset = self._segments[kind].append(*(line for _, line in kept))
             with self._frontier.transaction():
                 for envelope, _ in kept:
                     self._apply(self._frontier, kind, envelope)
                 self._frontier.set_offset(kind, name, offset)
-        return lines
+        return kept
 
     def close(self) -> None:
         """Close the open segments."""
@@ -129,19 +123,18 @@ class Recorder:
 
     def _replay(self) -> None:
         """Take in what the frontier has not seen: a tail after a crash, or copied segments."""
-        for kind in rawlog.kinds(self._root, self._source):
-            for path in rawlog.segments(self._root, self._source, kind):
-                try:
-                    self._replay_one(kind, path)
-                except DamagedData as error:
-                    if getattr(error, "path", None) != path:
-                        raise
-                    damaged_answers.quarantine_segment(path, kind, self._frontier)
-                    self._replay_one(kind, path)
+        for path in rawlog.all_segments(self._root, self._source):
+            try:
+                self._replay_one(path)
+            except DamagedData as error:
+                if getattr(error, "path", None) != path:
+                    raise
+                damaged_answers.quarantine_segment(path, self._frontier)
+                self._replay_one(path)
 
-    def _replay_one(self, kind: str, path: Path) -> None:
+    def _replay_one(self, path: Path) -> None:
         """Raises DamagedData, with nothing taken in, where something can't be read."""
-        name = rawlog.base_name(path)
+        kind, name = path.parent.name, rawlog.base_name(path)
         start = self._frontier.offset(kind, name)
         if start >= path.stat().st_size:
             return
@@ -159,19 +152,18 @@ def recover(root: Path, source: str) -> None:
     `kb.store.rawlog.damaged_answers` took out committed answers that can't be read: only bytes
     that no state knows are cut.
     """
-    for kind in kinds(root, source):
-        for path in segments(root, source, kind):
-            if not path.name.endswith(".open"):
-                continue
-            frames = Frames(path, mending=True)
-            for _ in frames:
-                pass
-            if frames.torn:
-                with path.open("r+b") as file:
-                    file.truncate(frames.good)
-                    os.fsync(file.fileno())
-            if frames.good == 0:
-                path.unlink()
-            else:
-                os.rename(path, path.with_name(path.name.removesuffix(".open")))
-            sync_folder(path.parent)
+    for path in rawlog.all_segments(root, source):
+        if not path.name.endswith(".open"):
+            continue
+        frames = rawlog.Frames(path, mending=True)
+        for _ in frames:
+            pass
+        if frames.torn:
+            with path.open("r+b") as file:
+                file.truncate(frames.good)
+                os.fsync(file.fileno())
+        if frames.good == 0:
+            path.unlink()
+        else:
+            os.rename(path, path.with_name(path.name.removesuffix(".open")))
+        sync_folder(path.parent)

@@ -6,7 +6,6 @@ with reading(files):                    # what a library says of a broken file b
 """
 
 import contextlib
-import json
 import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
@@ -20,6 +19,7 @@ from kb.core.errors import DamagedData
 from kb.schema.tables import table, tables
 from kb.store.artifact_registry import rebuild_hint
 from kb.store.layout import Layout
+from kb.store.state import json_files
 from kb.store.state.frontier import Frontier
 from kb.store.tables import parquet
 
@@ -98,19 +98,8 @@ def _plain(kind: pa.DataType) -> pa.DataType:
 def filtered(root: Path, source: str) -> dict[str, Any]:
     """The summary of the source's last filter, {} when there was none. Raises DamagedData."""
     path = Layout(root).summary(source)
-    if not path.is_file():
-        return {}
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        document, why = None, str(error)
-    else:
-        why = "it is not an object"
-    if not isinstance(document, dict):
-        raise DamagedData(
-            f"{path} can't be read: {why}", hint=rebuild_hint(path.parent / "videos" / path.name)
-        )
-    return document
+    fix = rebuild_hint(path.parent / "videos" / path.name)
+    return json_files.read(path, dict[str, Any], fix=fix) or {}
 
 
 def scan(files: Iterable[Path | str]) -> str:

@@ -26,12 +26,15 @@ from fsspec.implementations.cached import CachingFileSystem
 from kb.core.errors import DamagedData, FatalError, KbError, MissingExtra, SettingError
 from kb.core.installation import install_extra
 from kb.store.tables.checksums import MISMATCH, SUMS, parsed
-from kb.store.tables.parquet_dataset import parquet_dataset
 
 _EXTRAS = {"s3": "s3", "s3a": "s3", "hf": "hub"}
 # What clients raise for a refused or missing credential, by the name of its class.
 _REFUSED = {"PermissionError", "NoCredentialsError", "GatedRepoError", "PartialCredentialsError"}
 _PAGE = "page integrity"  # in Arrow's message of a page with another checksum
+# Every page that is read is verified.
+_VERIFIED = ds.ParquetFileFormat(
+    default_fragment_scan_options=ds.ParquetFragmentScanOptions(page_checksum_verification=True)
+)
 UNREACHABLE = "check the address and the network"
 
 
@@ -77,6 +80,13 @@ class RemoteFolder:
             handler = _RangeHandler(self.system)  # type: ignore[abstract]  # stubs miss them
             paths = [f"{self.path}/{name}" for name in names]
             return parquet_dataset(paths, pyarrow.fs.PyFileSystem(handler))
+
+
+def parquet_dataset(
+    files: Sequence[str], system: pyarrow.fs.FileSystem | None = None
+) -> ds.Dataset:
+    """The files, in order, of this machine or of another file system."""
+    return ds.dataset(list(files), format=_VERIFIED, filesystem=system)
 
 
 class _RangeHandler(pyarrow.fs.FSSpecHandler):

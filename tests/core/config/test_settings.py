@@ -2,7 +2,7 @@
 
 import pytest
 
-from kb.core.config.settings import REDDIT, Settings, load_settings
+from kb.core.config.settings import REDDIT, Settings, load_settings, unknown_names
 from kb.core.errors import MissingCredential, SettingError
 from kb.net.session import HttpSession
 
@@ -256,3 +256,28 @@ def test_a_contact_is_a_mail_or_web_address_where_it_is_needed(monkeypatch, cont
             use()
         assert "me@example.org" in error.value.hint
         assert error.value.exit_code == 2
+
+
+def test_names_that_are_no_settings_are_told_with_the_nearest_one(empty_place, monkeypatch):
+    (empty_place / ".env").write_text(
+        "YOUTUBE_APIKEY=hunter2\nREDDIT_CLIENT=hunter2\nKB_PROFILES=hunter2\nKB_XYZZY=hunter2\n"
+        "ZENODO_TOKEN=hunter2\nyoutube_api_key=hunter2\nPATH_TO_IT=hunter2\nexport KB_DAT=hunter2\n"
+    )
+    monkeypatch.setenv("KB_CONTACTS", "hunter2")
+    monkeypatch.setenv("REDDIT_USER", "another program's")
+    told = unknown_names()
+    assert [line.split(" is no setting")[0] for line in told] == [
+        "YOUTUBE_APIKEY in .env",
+        "REDDIT_CLIENT in .env",
+        "KB_PROFILES in .env",
+        "KB_XYZZY in .env",
+        "KB_DAT in .env",
+        "KB_CONTACTS in the environment",
+    ]
+    assert told[0].endswith("did you mean YOUTUBE_API_KEY?")
+    assert told[1].endswith("did you mean REDDIT_CLIENT_ID?")
+    assert told[2].endswith("did you mean KB_PROFILE?")
+    assert told[3].endswith("see .env.example")
+    assert told[5].endswith("did you mean KB_CONTACT?")
+    assert "hunter2" not in "".join(told)
+    assert unknown_names(dotenv=False) == told[5:]

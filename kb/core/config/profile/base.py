@@ -69,7 +69,7 @@ def _problem(problem: Any, model: type[BaseModel]) -> ProfileProblem:
     key = _key(problem["loc"])
     kind = problem["type"]
     if kind == "extra_forbidden":
-        names = list(_fields(model, parents))
+        names = _fields(model, parents)
         close = difflib.get_close_matches(str(last), names, n=1, cutoff=0.5)
         if close:
             return ProfileProblem(key, f"unknown key '{key}'", f"did you mean '{close[0]}'?", ", ")
@@ -118,19 +118,13 @@ def field_of(model: type[BaseModel], parts: Any) -> FieldInfo | None:
     return field
 
 
-def _fields(model: type[BaseModel], parents: list[Any]) -> dict[str, Any]:
+def _fields(model: type[BaseModel], parents: list[Any]) -> list[str]:
     """The keys allowed where an unknown one was found."""
-    for part in parents:
-        if isinstance(part, int):
-            continue
-        field = model.model_fields.get(str(part))
-        if field is None:
-            return {}
-        inner = model_in(field.annotation)
-        if inner is None:
-            return {}
-        model = inner
-    return {name: field for name, field in model.model_fields.items() if name != "path"}
+    inner: type[BaseModel] | None = model
+    if any(isinstance(part, str) for part in parents):
+        field = field_of(model, parents)
+        inner = model_in(field.annotation) if field is not None else None
+    return [name for name in inner.model_fields if name != "path"] if inner is not None else []
 
 
 def model_in(annotation: Any) -> type[BaseModel] | None:

@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from kb.core.config.profile import Profile, plausibility
 from kb.core.config.profile.base import ProfileProblem, field_of, problems
 from kb.core.config.profile.check_finding import ERROR, Finding
+from kb.core.config.profile.pairs import is_list_name
 
 _AT = re.compile(r" \((?:at line (\d+), column (\d+)|at end of document)\)$")
 _IN_WORDS = (  # what tomllib says, in a user's words
@@ -151,7 +152,7 @@ def _lists(data: dict[str, Any]) -> tuple[str, ...]:
     names = section.get("keyword_files") if isinstance(section, dict) else None
     if not isinstance(names, list):
         return ()
-    return tuple(one for one in names if isinstance(one, str) and plausibility.is_beside(one))
+    return tuple(one for one in names if isinstance(one, str) and is_list_name(one))
 
 
 def _unread(path: Path, what: str, fix: str) -> Checked:

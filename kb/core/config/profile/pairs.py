@@ -11,6 +11,11 @@ from pydantic import Field, field_validator, model_validator
 from kb.core.config.profile.base import Phrases, Section
 
 
+def is_list_name(name: str) -> bool:
+    """Whether it names a keyword list in the profile's own folder."""
+    return name.endswith(".tsv") and not name.startswith("/") and ".." not in name.split("/")
+
+
 class Pairs(Section):
     """The pairs part of a profile (MineDojo paper, data collection appendix: video-text pairs)."""
 
@@ -59,7 +64,7 @@ class Pairs(Section):
     @classmethod
     def _inside_folder(cls, value: tuple[str, ...]) -> tuple[str, ...]:
         for name in value:
-            if not name.endswith(".tsv") or name.startswith("/") or ".." in name.split("/"):
+            if not is_list_name(name):
                 raise ValueError(f"names {name!r}; it must be a .tsv file in the profile's folder")
         return value
 

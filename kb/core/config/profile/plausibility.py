@@ -73,11 +73,6 @@ def subreddit_meant(given: Any) -> str:
     return f'write it without r/: "{match[1]}"' if match else ""
 
 
-def is_beside(name: str) -> bool:
-    """Whether it is a keyword file in the profile's own folder."""
-    return name.endswith(".tsv") and not name.startswith("/") and ".." not in name.split("/")
-
-
 def _left_open(key: str, value: Any) -> Iterator[Remark]:
     """Words to fill in that are text as good as any."""
     if isinstance(value, dict):
@@ -169,7 +164,7 @@ def _addresses(profile: Profile) -> Iterator[Remark]:
             yield ERROR, "wiki.url", message, "write an address like https://minecraft.wiki"
         elif host.endswith(_EXAMPLES):
             yield WARNING, "wiki.url", f"'wiki.url' is the example {wiki.url}", "write your wiki's"
-        if parts.query or parts.fragment or parts.path.endswith(".php"):
+        if parts.path.endswith(".php"):
             message = f"'wiki.url' is \"{wiki.url}\", which is no root"
             yield ERROR, "wiki.url", message, f'write "{parts.scheme}://{parts.netloc}"'
         elif re.match(r"/(w|wiki)/.", parts.path):

@@ -1,11 +1,10 @@
 """[wiki]: which wiki, how its pages are shown and measured, which are kept."""
 
 import re
-from urllib.parse import urlsplit
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from kb.core.config.addresses import NOT_HTTPS, in_the_clear
+from kb.core.config.addresses import root_of
 from kb.core.config.profile.base import Section
 
 _REGIONS = {
@@ -174,12 +173,7 @@ class Wiki(Section):
     @field_validator("url")
     @classmethod
     def _address(cls, value: str) -> str:
-        parts = urlsplit(value)
-        if parts.scheme not in ("http", "https") or not parts.hostname or parts.username:
-            raise ValueError("must be an address like https://minecraft.wiki")
-        if in_the_clear(value):
-            raise ValueError(NOT_HTTPS)
-        return value.rstrip("/")
+        return root_of(value, "https://minecraft.wiki")
 
     @property
     def rules(self) -> dict[str, object]:
