@@ -13,7 +13,7 @@ from kb.store.rawlog import rawlog, sidefiles
 from kb.store.rawlog.sidefiles import is_captured_path
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
-from kb.wiki.connector.ids import read_names
+from kb.wiki.connector.ids import NAMES
 from kb.wiki.connector.reduce import LEFT
 from kb.wiki.parse import extraction, tables
 
@@ -140,7 +140,7 @@ def forget(purge: Purge) -> None:
 
 RULES = PurgeRules(
     "wiki",
-    read_names,
+    NAMES.read,
     rows=(
         *(location_of(name, "page_id") for name in ("wiki/pages", *tables.PARTS)),
         *shared_locations("wiki"),

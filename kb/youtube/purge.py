@@ -1,15 +1,13 @@
 """What a purge has to know about YouTube: videos that vanished leave everything."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 from kb.artifacts.measures import count_pairs, read_measures
 from kb.artifacts.purge import Purge, PurgeRules
 from kb.artifacts.purge_rows import RowLocation, location_of, shared_locations
-from kb.crawl.id_list import IdList
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog
-from kb.youtube.connector.ids import read_ids
+from kb.youtube.connector.ids import RULES as IDS
 from kb.youtube.connector.reduce import (
     RAW_SECOND_TRACKS,
     RAW_STATISTICS,
@@ -22,12 +20,6 @@ from kb.youtube.connector.reduce import (
     VIDEOS,
 )
 from kb.youtube.parse import answers as parse
-
-
-def read_list(path: Path, say: Callable[[str], None] | None = None) -> IdList:
-    """The ids that a list names. Raises SettingError."""
-    keys, bad_lines = read_ids(path, say)
-    return IdList(keys, bad_lines=bad_lines)
 
 
 def find(purge: Purge) -> dict[str, str]:
@@ -59,7 +51,7 @@ def repair(purge: Purge) -> None:
 
 RULES = PurgeRules(
     "youtube",
-    read_list,
+    IDS.read,
     rows=(
         *(location_of(f"youtube/{name}", "video_id") for name in ("videos", "transcripts")),
         location_of("pairs/pairs", "video_id"),
