@@ -12,6 +12,7 @@ from kb.schema.nested_elements import is_outermost
 from kb.schema.tables import table
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog.sidefiles import captured_path
+from kb.store.tables.columns import put
 from kb.wiki import media_urls
 from kb.wiki.parse import extraction, facts
 
@@ -65,8 +66,7 @@ def read_pages(
                     parts[name].append(part)
         for name, column in columns.items():
             column.append(values.get(name))
-    place = pages.schema.get_field_index("render")
-    pages = pages.set_column(place, pages.schema.field(place), pa.array(render, pa.string()))
+    pages = put(pages, "render", pa.array(render, pa.string()))
     types = {column.name: column.parsed.arrow() for column in table("wiki/pages").columns}
     for name, column in columns.items():
         pages = pages.append_column(name, pa.array(column, types.get(name, pa.string())))

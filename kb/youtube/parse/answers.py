@@ -20,6 +20,7 @@ from kb.schema.decode import ColumnReader, DecodedAnswer, problems
 from kb.schema.struct_lists import records
 from kb.schema.tables import table
 from kb.store.rawlog.rawlog import Envelope
+from kb.store.tables.columns import put
 
 PO_TOKEN = "po_token"  # outcome: the track can be had only with a proof-of-origin token
 AGAIN = pa.array(["failed", PO_TOKEN])  # outcomes that are tried again
@@ -101,8 +102,8 @@ def with_cues(rows: pa.Table) -> pa.Table:
         done += len(texts)
     if bad:
         noted = _with_problems(cast("list[Any]", rows["problems"].to_pylist()), bad)
-        rows = rows.set_column(rows.column_names.index("problems"), "problems", noted)
-    return rows.set_column(rows.column_names.index("cues"), "cues", pa.chunked_array(made))
+        rows = put(rows, "problems", noted)
+    return put(rows, "cues", pa.chunked_array(made))
 
 
 def _with_problems(noted: list[list[dict[str, Any]]], bad: dict[int, str]) -> pa.Array[Any]:

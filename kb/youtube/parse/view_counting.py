@@ -19,7 +19,7 @@ import pyarrow.compute as pc
 
 from kb.store.layout import parquet_files
 from kb.store.tables import parquet
-from kb.youtube.parse.join import array_of
+from kb.store.tables.columns import array_of
 
 WATCH_TIME, PLAYBACK_START = "watch_time", "playback_start"
 _ALL_VIDEOS = datetime(2026, 8, 27, tzinfo=UTC)
