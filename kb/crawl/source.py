@@ -1,11 +1,12 @@
 """The interface of a source: phases, answers, and the methods that a crawl calls."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import msgspec
 
+from kb.core import clock
 from kb.core.context import Run
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
@@ -66,24 +67,28 @@ class Answer:
     complete: bool = True
 
 
-class Opened(Protocol):
-    """What a source may use of its open data root; a session is one. Thread-safe."""
+@dataclass(kw_only=True)
+class Opened:
+    """What a source may use of its open data root. A crawl's session is one; this is a source that
+    asks alone, outside of a crawl. Thread-safe.
+
+    `purged` has the keys of purged items.
+    """
 
     run: Run
     frontier: Frontier
-    purged: set[str]
+    purged: set[str] = field(default_factory=set)
 
     def probing(self, service: str) -> bool:
         """Whether the first refusal ends the work on a service, as it blocked us before."""
-        ...
+        return False
 
     def check(self, service: str) -> None:
         """Call before a request. Raises Blocked when another thread was blocked."""
-        ...
 
     def sleep(self, service: str, seconds: float) -> None:
         """Wait between two attempts. Raises what ended the service meanwhile, and Interrupted."""
-        ...
+        clock.sleep(seconds)
 
 
 class Source(Protocol):

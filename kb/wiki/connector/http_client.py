@@ -54,7 +54,10 @@ class Reply:
 class WikiHosts:
     """The hosts of one wiki. Thread-safe. Only `root` and `hosts` are ever requested."""
 
-    def __init__(self, run: Run, root: str, hosts: tuple[str, ...], pause: float) -> None:
+    def __init__(
+        self, run: Run, root: str, hosts: tuple[str, ...], pause: float, tries: int = 0
+    ) -> None:
+        self._tries = tries or TRIES
         self.agent = user_agent(run.settings.kb_contact)
         self.run, self.root = run, root
         schemes = {"https", urlsplit(root).scheme}
@@ -126,7 +129,7 @@ class WikiHosts:
         """
         patience = math.inf if self.run.wait else retry.PATIENCE_S
         return retry.attempt(
-            call, tries=TRIES, patience=patience, service=service, sleep=self.sleep
+            call, tries=self._tries, patience=patience, service=service, sleep=self.sleep
         )
 
     def rest(self, after: float | None) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any, cast
 
@@ -11,8 +11,10 @@ import pyarrow.compute as pc
 
 from kb.schema.tables import table
 from kb.store.layout import Layout
+from kb.store.rawlog import rawlog
 from kb.store.tables import reading
 from kb.store.tables.columns import aligned, array_of, lists, put
+from kb.store.tables.latest import newest
 from kb.store.tables.partition import RawKind
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.join import FROM_FILE, one_row_each
@@ -34,7 +36,7 @@ WATCH = "https://www.youtube.com/watch?v="
 
 
 def assemble(
-    newest: dict[str, pa.Table],
+    latest: dict[str, pa.Table],
     words: Callable[[Any], pa.Array[Any]],
     language: TrackLanguage = ENGLISH,
 ) -> dict[str, pa.Table]:
@@ -45,11 +47,11 @@ def assemble(
     the embed frame's), `fps`, `view_rule`, `age_restricted`, `game_label_id`, `game_label`,
     `transcript_outcome` (null: not asked), `transcript_kind`, `word_count`.
     """
-    videos = one_row_each(newest.get("videos"), newest.get("ytdlp_info"), newest.get("statistics"))
+    videos = one_row_each(latest.get("videos"), latest.get("ytdlp_info"), latest.get("statistics"))
     outcomes = tracks.with_imported(
-        newest.get("transcripts"),
-        newest.get("ytdlp_subtitles"),
-        newest.get("ytdlp_info"),
+        latest.get("transcripts"),
+        latest.get("ytdlp_subtitles"),
+        latest.get("ytdlp_info"),
         language,
     )
     transcripts = _usable(outcomes, words)
@@ -199,3 +201,21 @@ def _renamed(problems: pa.Array[Any]) -> pa.Array[Any]:
         [column, flat.field("reason"), flat.field("value")], names=["column", "reason", "value"]
     )
     return lists(pc.list_value_length(problems), renamed)
+
+
+def second_tracks(
+    root: Path, ids: Collection[str], words: Callable[[Any], pa.Array[Any]]
+) -> Iterator[pa.Table]:
+    """The tracks that were fetched of these videos, at most one each, some hundred at a time.
+
+    `words` counts the words of each list of texts. Columns: those of youtube/transcripts; word
+    times are checked. Raises DamagedData.
+    """
+    left = pa.array(sorted(ids), pa.string())
+    for path in rawlog.segments(root, "youtube", "second_tracks"):
+        for rows in parse.transcripts(line for _, line in rawlog.Frames(path)):
+            tracks = assemble({"transcripts": rows}, words)["youtube/transcripts"]
+            tracks = tracks.filter(pc.is_in(tracks["video_id"], value_set=left))
+            yield newest(tracks, ("video_id",), ())
+            found = tracks["video_id"].combine_chunks()
+            left = left.filter(pc.invert(pc.is_in(left, value_set=found)))
