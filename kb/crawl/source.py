@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 
@@ -91,8 +91,9 @@ class Opened:
         clock.sleep(seconds)
 
 
-class Source(Protocol):
-    """One source. It keeps its own state; the frame calls it from the threads of its services.
+class Source:
+    """One source, to inherit from. It keeps its own state; the frame calls it from the threads of
+    its services.
 
     name       the folder under raw/, the file under state/
     phases     of a crawl, in order of priority: nearest to a complete item first; they also request
@@ -100,80 +101,45 @@ class Source(Protocol):
     payloads   the type of each kind's payload in the frontier; kinds without payload are left out
     """
 
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def phases(self) -> Sequence[Phase]: ...
-
-    @property
-    def payloads(self) -> Mapping[str, type[msgspec.Struct]]: ...
+    name: str
+    phases: Sequence[Phase]
+    payloads: Mapping[str, type[msgspec.Struct]] = {}
+    opened: Opened
 
     def identity(self) -> dict[str, str]:
         """Hosts, subreddit or wiki that the data root is bound to.
 
         Raises UsageError when a setting that every request needs is missing.
         """
-        ...
+        raise NotImplementedError
 
     def begin(self, opened: Opened) -> None:
         """The data root is open; before the raw tail is replayed. Sends nothing."""
-        ...
+        self.opened = opened
 
     def discover(self, frontier: Frontier) -> None:
         """Add the seeds, and what a new round starts with. Sends nothing."""
-        ...
+        raise NotImplementedError
 
     def leave_out(self, phase: Phase, item: Item) -> str | None:
-        """Why an item is not to be asked for; None when it is."""
-        ...
-
-    def pack(self, phase: Phase, items: list[Item]) -> list[Item]:
-        """Those of the items that one fetch can take together; the others wait."""
-        ...
-
-    def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
-        """Ask for the items. Raises what kb.core.errors sorts by consequence."""
-        ...
-
-    def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
-        """Take an answer into the frontier; the same live and in a replay, so idempotent."""
-        ...
-
-    def advice(self, phase: Phase, reason: str) -> str:
-        """What to do when every item of a phase failed, most of them for this reason."""
-        ...
-
-    def close(self) -> None:
-        """Close connections and programs."""
-        ...
-
-
-class Plain:
-    """What most sources say of themselves, to inherit from."""
-
-    payloads: Mapping[str, type[msgspec.Struct]] = {}
-    opened: Opened
-
-    def begin(self, opened: Opened) -> None:
-        """Keep what may be used later."""
-        self.opened = opened
-
-    def leave_out(self, phase: Phase, item: Item) -> str | None:
-        """Nothing is left out."""
+        """Why an item is not to be asked for; None when it is, as by default."""
         return None
 
     def pack(self, phase: Phase, items: list[Item]) -> list[Item]:
-        """All together."""
+        """Those of the items that one fetch can take together, by default all; the others wait."""
         return items
 
+    def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
+        """Ask for the items. Raises what kb.core.errors sorts by consequence."""
+        raise NotImplementedError
+
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
-        """Every source has its own."""
+        """Take an answer into the frontier; the same live and in a replay, so idempotent."""
         raise NotImplementedError
 
     def advice(self, phase: Phase, reason: str) -> str:
-        """Try again."""
+        """What to do when every item of a phase failed, most of them for this reason."""
         return "the same command tries again what failed"
 
     def close(self) -> None:
-        """Nothing to close."""
+        """Close connections and programs."""

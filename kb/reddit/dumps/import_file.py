@@ -53,7 +53,6 @@ class ImportJob(msgspec.Struct):
     until: float
     limit: int
     segment_bytes: int = SEGMENT_BYTES
-    round: str = ""
     lease: str = ""
     ids: str = ""
     home: str = ""
@@ -70,7 +69,7 @@ def import_file(job: ImportJob, executor: Executor | None = None, window: int = 
     With an `executor` its workers share the lines of the dump. Raises DiskFull.
     """
     root, name = Path(job.root), job.name
-    cursor = load_cursor(root, name, job.file, job.round)
+    cursor = load_cursor(root, name, job.file)
     base = rawlog.folder(root, "reddit", KIND)
     publish_segment(base, cursor)
     cursor.fresh = 0

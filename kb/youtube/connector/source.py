@@ -29,7 +29,7 @@ from kb.core.summary import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
-from kb.crawl.source import Answer, Opened, Phase, Plain
+from kb.crawl.source import Answer, Opened, Phase, Source
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
 from kb.youtube.connector.client import GOOGLE
@@ -112,7 +112,7 @@ def _promising(worth: Worth, videos: pa.Table) -> list[str]:
     return cast("list[str]", rows.filter(worth(rows))["video_id"].to_pylist())
 
 
-class YouTubeSource(Plain):
+class YouTubeSource(Source):
     """One run's source. Raises SettingError for ids that can't be read.
 
     `chosen` are the phases of this run; `counts` what it had, by the names of its summary.
