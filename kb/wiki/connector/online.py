@@ -59,7 +59,7 @@ def _some_pages(api: WikiApi, web: WikiHosts, namespace: int) -> Iterator[str]:
     ):
         with contextlib.suppress(ItemFinal):
             if web.allowed(url):
-                text = web.get(url, {}).body.decode("utf-8", "replace")
+                text = web.get(url, {}).content.decode("utf-8", "replace")
                 if "wgArticleId" in text:  # else it is no page of the wiki: a challenge, say
                     yield text
 
