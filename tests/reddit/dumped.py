@@ -16,6 +16,7 @@ from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.reddit.connector.importer import import_dumps
 from kb.reddit.dumps.import_file import ImportJob, import_file
+from kb.reddit.parse import answers as parse
 from kb.store.rawlog import rawlog
 from tests import processes
 
@@ -133,3 +134,21 @@ def records(number: int, size: int = 40) -> list[dict[str, Any]]:
 
 def took(root: Path, files: list[Path], **options: Any) -> dict[str, Any]:
     return import_dumps(run_in(root, **options), files)
+
+
+def imported_rows(root):
+    """The rows of an import, with `fetched_at` as text."""
+    links = load_profile("minecraft").reddit.links
+    lines = map(rawlog.encode, rawlog.read(root, "reddit", "dumps"))
+    found = [row for part in parse.rows(lines, "dumps", links) for row in part.to_pylist()]
+    for row in found:
+        row["fetched_at"] = row["fetched_at"] and f"{row['fetched_at']:%Y-%m-%dT%H:%M:%SZ}"
+    return found
+
+
+def archived(path: Path, *keys: str) -> Path:
+    """A dump with a window of 2^31 bytes, as the archives make them: one block as it is."""
+    content = b"".join(json.dumps(post(key)).encode() + b"\n" for key in keys)
+    header = b"\x28\xb5\x2f\xfd" + bytes([0, (31 - 10) << 3])
+    path.write_bytes(header + ((len(content) << 3) | 1).to_bytes(3, "little") + content)
+    return path

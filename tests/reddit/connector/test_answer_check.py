@@ -10,9 +10,7 @@ import pytest
 from kb.core.errors import Unreachable
 from kb.reddit.connector import refresh
 from kb.reddit.connector.errors import problem
-from kb.sandbox.server import Sandbox
 from kb.store.rawlog import rawlog
-from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post
 from tests.reddit.work import LATER, Work
 
@@ -26,12 +24,6 @@ ODD = [
     [listing()],
     BUSY,
 ]
-
-
-@pytest.fixture
-def few(tmp_path: Any) -> Any:
-    with Sandbox(small_world(24, width=12, depth=12), services=["reddit"]) as sandbox:
-        yield Work(sandbox, tmp_path, listings=("new",), search=())
 
 
 @pytest.mark.parametrize(

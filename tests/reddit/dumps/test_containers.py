@@ -14,6 +14,7 @@ from kb.reddit.dumps import containers
 from kb.reddit.dumps.containers import ReadProgress, memory
 from kb.store.rawlog import rawlog
 from tests.reddit.dumped import (
+    archived,
     block,
     blocks,
     import_killed,
@@ -171,14 +172,6 @@ def test_a_block_that_would_fill_the_memory_is_damage(
         progress = ReadProgress()
         assert len(list(containers.pieces(tmp_path / "x", progress))) == 1
         assert "damaged block" in progress.problem
-
-
-def archived(path: Path, *keys: str) -> Path:
-    """A dump with a window of 2^31 bytes, as the archives make them: one block as it is."""
-    content = b"".join(json.dumps(post(key)).encode() + b"\n" for key in keys)
-    header = b"\x28\xb5\x2f\xfd" + bytes([0, (31 - 10) << 3])
-    path.write_bytes(header + ((len(content) << 3) | 1).to_bytes(3, "little") + content)
-    return path
 
 
 def test_the_window_of_a_dump_counts(tmp_path: Path) -> None:

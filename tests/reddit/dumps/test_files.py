@@ -20,6 +20,8 @@ def test_a_named_file_that_is_no_dump_is_wrong_usage(tmp_path: Path, data: bytes
     (tmp_path / "x.zst").write_bytes(data)
     with pytest.raises(SettingError, match=r"x\.zst is not a dump"):
         took(tmp_path / "data", [tmp_path / "x.zst"])
+    with pytest.raises(SettingError, match="nowhere"):
+        took(tmp_path / "data", [tmp_path / "nowhere"])
     assert not (tmp_path / "data").exists()
 
 
