@@ -33,7 +33,7 @@ from kb.youtube.connector.second_tracks import (
     plan_second_tracks,
     with_both,
 )
-from kb.youtube.parse.second_tracks import second_tracks
+from kb.youtube.parse.assemble import second_tracks
 
 
 def pairs(run: Run, layout: str) -> Summary:

@@ -14,7 +14,7 @@ from kb.core.summary import Summary
 from kb.export import layouts
 from kb.store.layout import Layout
 from kb.tasks.build import build, check
-from kb.youtube.ytdlp.playlists import playlists
+from kb.youtube.ytdlp.info import playlists
 
 
 def tasks(run: Run, layout: str) -> Summary:

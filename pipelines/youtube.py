@@ -30,8 +30,7 @@ from kb.filters.predicates import (
 from kb.filters.topic import Topic
 from kb.youtube.connector.ids import Part
 from kb.youtube.parse.assemble import HELPERS, KINDS, assemble, unanswered
-from kb.youtube.parse.view_counting import kept_rules
-from kb.youtube.parse.word_times import kept_word_times
+from kb.youtube.parse.view_counting import kept_counts
 from kb.youtube.ytdlp.tracks import TrackLanguage
 
 DESCRIBED_BY = ("title", "channel_id", "channel_title")  # of a video that is left out
@@ -95,13 +94,8 @@ def clean(p: Profile) -> Clean:
         follow=(Follow("youtube/transcripts", of="youtube/videos", on="video_id"),),
         scorer=toxicity,
         unanswered=unanswered,
-        figures=_figures,
+        figures=kept_counts,
     )
-
-
-def _figures(clean: Path) -> dict[str, dict[str, int]]:
-    """Kept videos by `view_rule` and automatic transcripts by `word_times`."""
-    return kept_rules(clean) | kept_word_times(clean)
 
 
 def export(run: Run, format: str) -> Summary:

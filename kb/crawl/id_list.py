@@ -46,6 +46,17 @@ class ListedId(NamedTuple):
     record: Mapping[str, Any] = {}
 
 
+class IdList(NamedTuple):
+    """`keys` each once, in order; `numbers` those that the list gives as numbers.
+
+    `bad_lines` entries are no ids.
+    """
+
+    keys: list[str]
+    numbers: frozenset[str] = frozenset()
+    bad_lines: int = 0
+
+
 @dataclass(frozen=True)
 class IdRules:
     """How ids of one source are read.
@@ -67,61 +78,50 @@ class IdRules:
     parse: Callable[[ListedId], str | None]
     files: str = ""
 
+    def read(self, path: Path, say: Callable[[str], None] | None = None) -> IdList:
+        """All ids of a list. `say` gets one line when some entries are no ids.
 
-class IdList(NamedTuple):
-    """`keys` each once, in order; `numbers` those that the list gives as numbers.
+        Raises SettingError.
+        """
+        keys: dict[str, None] = {}
+        numbers, bad, first = set(), 0, ""
+        for entry in self.entries(path):
+            key = self.parse(entry)
+            if key is None:
+                bad, first = bad + 1, first or str(entry.value)
+            elif key != LEFT_OUT:
+                keys[key] = None
+                if isinstance(entry.value, int):
+                    numbers.add(key)
+        if bad and say is not None:
+            lines = "1 bad line" if bad == 1 else f"{bad:,} bad lines"
+            what = f"{lines} skipped (not {self.noun}); the first is {first[:60]!r}"
+            say(f"{self.option} {path}: {what}")
+        return IdList(list(keys), frozenset(numbers), bad)
 
-    `bad_lines` entries are no ids.
-    """
+    def read_some(self, path: Path, say: Callable[[str], None] | None = None) -> IdList:
+        """The same for a command that has nothing to do without one. Raises SettingError also when
+        there is none.
+        """
+        listed = self.read(path, say)
+        if not listed.keys:
+            bad = f"; bad lines: {listed.bad_lines:,}" if listed.bad_lines else ""
+            raise SettingError(f"{self.option} {path} contains no {self.noun}{bad}", hint=self.hint)
+        return listed
 
-    keys: list[str]
-    numbers: frozenset[str] = frozenset()
-    bad_lines: int = 0
+    def entries(self, path: Path, more: Sequence[str] = ()) -> Iterator[ListedId]:
+        """The entries of a list one by one. `more` are columns of Parquet that records are to hold.
 
-
-def read(path: Path, rules: IdRules, say: Callable[[str], None] | None = None) -> IdList:
-    """All ids of a list. `say` gets one line when some entries are no ids. Raises SettingError."""
-    keys: dict[str, None] = {}
-    numbers, bad, first = set(), 0, ""
-    for entry in entries(path, rules):
-        key = rules.parse(entry)
-        if key is None:
-            bad, first = bad + 1, first or str(entry.value)
-        elif key != LEFT_OUT:
-            keys[key] = None
-            if isinstance(entry.value, int):
-                numbers.add(key)
-    if bad and say is not None:
-        lines = "1 bad line" if bad == 1 else f"{bad:,} bad lines"
-        what = f"{lines} skipped (not {rules.noun}); the first is {first[:60]!r}"
-        say(f"{rules.option} {path}: {what}")
-    return IdList(list(keys), frozenset(numbers), bad)
-
-
-def read_some(path: Path, rules: IdRules, say: Callable[[str], None] | None = None) -> IdList:
-    """The same for a command that has nothing to do without one. Raises SettingError also when
-    there is none.
-    """
-    listed = read(path, rules, say)
-    if not listed.keys:
-        bad = f"; bad lines: {listed.bad_lines:,}" if listed.bad_lines else ""
-        raise SettingError(f"{rules.option} {path} contains no {rules.noun}{bad}", hint=rules.hint)
-    return listed
-
-
-def entries(path: Path, rules: IdRules, more: Sequence[str] = ()) -> Iterator[ListedId]:
-    """The entries of a list one by one. `more` are columns of Parquet that records are to hold.
-
-    Raises SettingError when the list can't be read or is of another form.
-    """
-    with readable(path, rules.option):
-        for file in files_of(path, rules):
-            if is_parquet(file):
-                yield from _of_parquet(file, rules, more)
-            elif path.is_dir():
-                yield from _of_record(_metadata(file), rules)
-            else:
-                yield from _of_text(file, rules)
+        Raises SettingError when the list can't be read or is of another form.
+        """
+        with readable(path, self.option):
+            for file in files_of(path, self):
+                if is_parquet(file):
+                    yield from _of_parquet(file, self, more)
+                elif path.is_dir():
+                    yield from _of_record(_metadata(file), self)
+                else:
+                    yield from _of_text(file, self)
 
 
 def files_of(path: Path, rules: IdRules) -> list[Path]:

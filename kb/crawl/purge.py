@@ -1,9 +1,5 @@
 """The first part of a purge, which needs a source's raw answers and state under its lock."""
 
-from collections.abc import Callable
-from functools import partial
-from pathlib import Path
-
 from kb.artifacts import purge as steps
 from kb.artifacts import purge_raw
 from kb.artifacts.purge import Purge, PurgeList, PurgeRules
@@ -11,7 +7,7 @@ from kb.artifacts.purge_rows import location_of, shared_locations
 from kb.core.context import Run
 from kb.core.errors import DamagedData
 from kb.core.source_spec import SourceSpec
-from kb.crawl.id_list import IdList, IdRules, ListedId, read
+from kb.crawl.id_list import IdRules, ListedId
 from kb.crawl.session import open_session
 from kb.schema.tables import table
 from kb.store.layout import Layout
@@ -44,10 +40,6 @@ def _as_text(entry: ListedId) -> str | None:
     return str(entry.value) if entry.value else None
 
 
-def _read_list(rules: IdRules, path: Path, say: Callable[[str], None] | None = None) -> IdList:
-    return read(path, rules, say)
-
-
 def rules_by_name(spec: SourceSpec) -> PurgeRules:
     """The rules of a source whose items are removed by name only."""
     rows = [(short, prefix, table(f"{spec.name}/{short}")) for short, prefix in spec.tables.items()]
@@ -61,7 +53,7 @@ def rules_by_name(spec: SourceSpec) -> PurgeRules:
     )
     return PurgeRules(
         spec.name,
-        partial(_read_list, ids),
+        ids.read,
         rows=(
             *(location_of(one.name, one.key[0], prefix) for _, prefix, one in rows),
             *shared_locations(spec.name),

@@ -14,7 +14,7 @@ from kb.artifacts import domain_binding
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import Blocked, Retryable
-from kb.crawl.source import Answer, Source
+from kb.crawl.source import Answer, Opened, Source
 from kb.store import lock
 from kb.store.layout import Layout
 from kb.store.rawlog.rawlog import Envelope
@@ -26,17 +26,11 @@ BLOCKED = "blocked:"  # cursor: when the service blocked us
 _STEP_S = 0.5  # how soon a waiting thread notices that the work on its service has ended
 
 
-@dataclass
-class CrawlSession:
-    """What the phases of one run share. Thread-safe.
+@dataclass(kw_only=True)
+class CrawlSession(Opened):
+    """What the phases of one run share. Thread-safe."""
 
-    `purged` has the keys of purged items.
-    """
-
-    run: Run
     source: Source
-    frontier: Frontier
-    purged: set[str]
     recorder: Recorder = field(init=False)
     _spent: tuple[int, int] = (0, 0)
     _probing: set[str] = field(default_factory=set)

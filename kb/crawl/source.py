@@ -1,11 +1,12 @@
 """The interface of a source: phases, answers, and the methods that a crawl calls."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, field
+from typing import Any
 
 import msgspec
 
+from kb.core import clock
 from kb.core.context import Run
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
@@ -66,28 +67,33 @@ class Answer:
     complete: bool = True
 
 
-class Opened(Protocol):
-    """What a source may use of its open data root; a session is one. Thread-safe."""
+@dataclass(kw_only=True)
+class Opened:
+    """What a source may use of its open data root. A crawl's session is one; this is a source that
+    asks alone, outside of a crawl. Thread-safe.
+
+    `purged` has the keys of purged items.
+    """
 
     run: Run
     frontier: Frontier
-    purged: set[str]
+    purged: set[str] = field(default_factory=set)
 
     def probing(self, service: str) -> bool:
         """Whether the first refusal ends the work on a service, as it blocked us before."""
-        ...
+        return False
 
     def check(self, service: str) -> None:
         """Call before a request. Raises Blocked when another thread was blocked."""
-        ...
 
     def sleep(self, service: str, seconds: float) -> None:
         """Wait between two attempts. Raises what ended the service meanwhile, and Interrupted."""
-        ...
+        clock.sleep(seconds)
 
 
-class Source(Protocol):
-    """One source. It keeps its own state; the frame calls it from the threads of its services.
+class Source:
+    """One source, to inherit from. It keeps its own state; the frame calls it from the threads of
+    its services.
 
     name       the folder under raw/, the file under state/
     phases     of a crawl, in order of priority: nearest to a complete item first; they also request
@@ -95,80 +101,45 @@ class Source(Protocol):
     payloads   the type of each kind's payload in the frontier; kinds without payload are left out
     """
 
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def phases(self) -> Sequence[Phase]: ...
-
-    @property
-    def payloads(self) -> Mapping[str, type[msgspec.Struct]]: ...
+    name: str
+    phases: Sequence[Phase]
+    payloads: Mapping[str, type[msgspec.Struct]] = {}
+    opened: Opened
 
     def identity(self) -> dict[str, str]:
         """Hosts, subreddit or wiki that the data root is bound to.
 
         Raises UsageError when a setting that every request needs is missing.
         """
-        ...
+        raise NotImplementedError
 
     def begin(self, opened: Opened) -> None:
         """The data root is open; before the raw tail is replayed. Sends nothing."""
-        ...
+        self.opened = opened
 
     def discover(self, frontier: Frontier) -> None:
         """Add the seeds, and what a new round starts with. Sends nothing."""
-        ...
+        raise NotImplementedError
 
     def leave_out(self, phase: Phase, item: Item) -> str | None:
-        """Why an item is not to be asked for; None when it is."""
-        ...
-
-    def pack(self, phase: Phase, items: list[Item]) -> list[Item]:
-        """Those of the items that one fetch can take together; the others wait."""
-        ...
-
-    def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
-        """Ask for the items. Raises what kb.core.errors sorts by consequence."""
-        ...
-
-    def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
-        """Take an answer into the frontier; the same live and in a replay, so idempotent."""
-        ...
-
-    def advice(self, phase: Phase, reason: str) -> str:
-        """What to do when every item of a phase failed, most of them for this reason."""
-        ...
-
-    def close(self) -> None:
-        """Close connections and programs."""
-        ...
-
-
-class Plain:
-    """What most sources say of themselves, to inherit from."""
-
-    payloads: Mapping[str, type[msgspec.Struct]] = {}
-    opened: Opened
-
-    def begin(self, opened: Opened) -> None:
-        """Keep what may be used later."""
-        self.opened = opened
-
-    def leave_out(self, phase: Phase, item: Item) -> str | None:
-        """Nothing is left out."""
+        """Why an item is not to be asked for; None when it is, as by default."""
         return None
 
     def pack(self, phase: Phase, items: list[Item]) -> list[Item]:
-        """All together."""
+        """Those of the items that one fetch can take together, by default all; the others wait."""
         return items
 
+    def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
+        """Ask for the items. Raises what kb.core.errors sorts by consequence."""
+        raise NotImplementedError
+
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
-        """Every source has its own."""
+        """Take an answer into the frontier; the same live and in a replay, so idempotent."""
         raise NotImplementedError
 
     def advice(self, phase: Phase, reason: str) -> str:
-        """Try again."""
+        """What to do when every item of a phase failed, most of them for this reason."""
         return "the same command tries again what failed"
 
     def close(self) -> None:
-        """Nothing to close."""
+        """Close connections and programs."""

@@ -1,7 +1,7 @@
 """The one way out: every request of ours and of the libraries we use goes through `HttpSession`.
 
 A request goes, in this order: is its host one that was asked for, and may it be asked in the clear
-→ the pace → the ledger's row → out → the row's outcome. Redirects are requests of their own.
+→ the ledger's row → out → the row's outcome. Redirects are requests of their own.
 Nothing is tried again here: that is kb.net.retry's, for what `failure` and `refusal` call
 Retryable.
 """
@@ -20,7 +20,6 @@ from kb.core.config.addresses import in_the_clear
 from kb.core.config.settings import Settings
 from kb.core.errors import FatalError, ItemFinal, KbError, Retryable
 from kb.net import redact
-from kb.net.rate import Pace
 from kb.net.retry import retry_after
 
 PRODUCT = "lorecrawl"  # our name in the User-Agent and in robots.txt
@@ -103,22 +102,19 @@ class Door(HTTPAdapter):
         self,
         *,
         hosts: Collection[str] | None = None,
-        pace: Pace | None = None,
         ledger: Ledger | None = None,
         stray: Stray | None = None,
     ) -> None:
         super().__init__()
         self._hosts = None if hosts is None else frozenset(hosts)
-        self._pace, self._ledger, self._stray = pace, ledger, stray or _stray
+        self._ledger, self._stray = ledger, stray or _stray
 
     def send(self, request: requests.PreparedRequest, *arguments: Any, **options: Any) -> Any:
         """One request on the wire.
 
-        Raises what `stray` makes, and what the pace and the ledger raise.
+        Raises what `stray` makes, and what the ledger raises.
         """
         self.check(request.url or "")
-        if self._pace is not None:
-            self._pace.wait()
         note = self._ledger(request) if self._ledger is not None else None
         try:
             response = self.pass_on(request, *arguments, **options)

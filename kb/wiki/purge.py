@@ -13,9 +13,9 @@ from kb.store.rawlog import rawlog, sidefiles
 from kb.store.rawlog.sidefiles import is_captured_path
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
-from kb.wiki.connector.ids import read_names
+from kb.wiki.connector.ids import NAMES
 from kb.wiki.connector.reduce import LEFT
-from kb.wiki.parse import extraction, tables
+from kb.wiki.parse import tables
 
 _PURGED = "purged titles"  # cursor of the frontier
 
@@ -102,7 +102,7 @@ def names(purge: Purge) -> Names:
         shown[removed] |= {file["key"]: file["title"] for file in answer["files"]}
         folder = root / answer["folder"]
         if is_captured_path(root, answer["folder"]) and (folder / "extraction.json.zst").exists():
-            sprites = extraction.read(root, folder)["sprites"]
+            sprites = tables.read_extraction(root, folder)["sprites"]
             paths[removed] |= {str(BELOW.images / f"{name}.png") for name in sprites.values()}
     addresses = shown[True].keys() - shown[False].keys()
     files = {name for name in shown[True].values() if name} - set(shown[False].values())
@@ -140,7 +140,7 @@ def forget(purge: Purge) -> None:
 
 RULES = PurgeRules(
     "wiki",
-    read_names,
+    NAMES.read,
     rows=(
         *(location_of(name, "page_id") for name in ("wiki/pages", *tables.PARTS)),
         *shared_locations("wiki"),

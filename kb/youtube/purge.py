@@ -1,15 +1,10 @@
 """What a purge has to know about YouTube: videos that vanished leave everything."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 from kb.artifacts.measures import count_pairs, read_measures
 from kb.artifacts.purge import Purge, PurgeRules
 from kb.artifacts.purge_rows import RowLocation, location_of, shared_locations
-from kb.crawl.id_list import IdList
 from kb.store.layout import BELOW, Layout
-from kb.store.rawlog import rawlog
-from kb.youtube.connector.ids import read_ids
+from kb.youtube.connector.ids import RULES as IDS
 from kb.youtube.connector.reduce import (
     RAW_SECOND_TRACKS,
     RAW_STATISTICS,
@@ -21,33 +16,15 @@ from kb.youtube.connector.reduce import (
     TRANSCRIPTS,
     VIDEOS,
 )
-from kb.youtube.parse import answers as parse
-
-
-def read_list(path: Path, say: Callable[[str], None] | None = None) -> IdList:
-    """The ids that a list names. Raises SettingError."""
-    keys, bad_lines = read_ids(path, say)
-    return IdList(keys, bad_lines=bad_lines)
+from kb.youtube.connector.refresh import newest
 
 
 def find(purge: Purge) -> dict[str, str]:
     """Videos that the API no longer returns ("vanished"), and those that the user named."""
     named = purge.listed.keys if purge.listed else ()
-    return dict.fromkeys(vanished(purge.root), "vanished") | dict.fromkeys(named, "named")
-
-
-def vanished(root: Path) -> set[str]:
-    """Videos that are missing in the newest answer that asked for them."""
-    newest: dict[str, tuple[str, bool]] = {}
-    for path in rawlog.segments(root, "youtube", RAW_VIDEOS):
-        for _, line in rawlog.Frames(path, checked=True):
-            envelope = rawlog.decode(line)
-            params, at = envelope.request.params, envelope.fetched_at or ""
-            missing = set(parse.missing(params, envelope.response))
-            for key in parse.requested(params):
-                if newest.get(key, ("", False))[0] <= at:
-                    newest[key] = (at, key in missing)
-    return {key for key, (_, missing) in newest.items() if missing}
+    read = newest(purge.root, RAW_VIDEOS)
+    vanished = (key for key, last in read.items() if not last.there)
+    return dict.fromkeys(vanished, "vanished") | dict.fromkeys(named, "named")
 
 
 def repair(purge: Purge) -> None:
@@ -59,7 +36,7 @@ def repair(purge: Purge) -> None:
 
 RULES = PurgeRules(
     "youtube",
-    read_list,
+    IDS.read,
     rows=(
         *(location_of(f"youtube/{name}", "video_id") for name in ("videos", "transcripts")),
         location_of("pairs/pairs", "video_id"),

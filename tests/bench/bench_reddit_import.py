@@ -28,7 +28,7 @@ import zstandard
 from kb.core import clock
 from kb.reddit.dumps.id_search import write_index
 from kb.reddit.dumps.import_file import ImportJob, import_file
-from tests.reddit.dumps.test_containers import blocks
+from tests.reddit.dumped import blocks
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(1800)]
 LINES = int(os.environ.get("KB_BENCH_LINES", "400000"))

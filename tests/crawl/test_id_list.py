@@ -10,8 +10,8 @@ import pytest
 
 from kb.core.errors import SettingError
 from kb.reddit.connector.ids import read_wanted
-from kb.wiki.connector.ids import read_names, read_titles
-from kb.youtube.connector.ids import read_ids, some_ids
+from kb.wiki.connector.ids import NAMES, read_titles
+from kb.youtube.connector.ids import RULES as VIDEO_IDS
 
 A, B = "aaaaaaaaaaa", "b-b_bbbbbbb"
 
@@ -45,20 +45,20 @@ VIDEOS = {
 
 @pytest.mark.parametrize("form", VIDEOS)
 def test_video_ids(tmp_path: Path, form: str) -> None:
-    assert read_ids(written(tmp_path, VIDEOS[form])) == ([A, B], 0)
+    assert VIDEO_IDS.read(written(tmp_path, VIDEOS[form]))[::2] == ([A, B], 0)
 
 
 def test_entries_that_are_no_ids_are_counted_and_one_line_says_so(tmp_path: Path) -> None:
     said: list[str] = []
     path = written(tmp_path, f"youtube {A}\nvimeo 123456789\nnot an id\n")
-    assert read_ids(path, said.append) == ([A], 2)
+    assert VIDEO_IDS.read(path, said.append)[::2] == ([A], 2)
     (line,) = said
     assert "2 bad lines" in line
     assert "vimeo 123456789" in line
     odd = json.dumps([{"title": "x"}, None, A, {"id": None}, [], {}])
-    assert read_ids(written(tmp_path, odd)) == ([A], 4)
+    assert VIDEO_IDS.read(written(tmp_path, odd))[::2] == ([A], 4)
     with pytest.raises(SettingError):
-        some_ids(written(tmp_path, "vimeo 1\n"))
+        VIDEO_IDS.read_some(written(tmp_path, "vimeo 1\n"))
 
 
 TITLES = {
@@ -118,14 +118,14 @@ def test_a_wiki_full_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["<mediawiki>\n<page>", '\ufeff\n<?xml version="1.0"?>\n<x/>'])
 def test_xml_is_refused(tmp_path: Path, text: str) -> None:
     path = written(tmp_path, text, "dump.xml")
-    for read in (read_titles, read_names, read_ids, read_wanted):
+    for read in (read_titles, NAMES.read, VIDEO_IDS.read, read_wanted):
         with pytest.raises(SettingError, match="XML") as error:
             read(path)
         assert error.value.exit_code == 2
 
 
 def test_pages_by_id_are_told_from_titles_that_are_numbers(tmp_path: Path) -> None:
-    found = read_names(written(tmp_path, json.dumps([7, "2048", {"page_id": 9, "title": "x"}])))
+    found = NAMES.read(written(tmp_path, json.dumps([7, "2048", {"page_id": 9, "title": "x"}])))
     assert (found.keys, found.numbers) == (["7", "2048", "9"], {"7", "9"})
 
 
@@ -133,15 +133,15 @@ def test_reddit_names_and_trees(tmp_path: Path) -> None:
     lines = "t3_abc\nT1_DEF\nhttps://www.reddit.com/r/x/comments/ghi/a_title/\n"
     lines += "https://old.reddit.com/r/x/comments/ghi/a_title/jkl/?context=3\nhello\n"
     wanted = read_wanted(written(tmp_path, lines))
-    assert wanted.names == ["t3_abc", "t1_def", "t3_ghi", "t1_jkl"]
+    assert list(wanted.names) == ["t3_abc", "t1_def", "t3_ghi", "t1_jkl"]
     assert (wanted.trees, wanted.bad_lines) == ([], 1)
     wanted = read_wanted(written(tmp_path, "n,comment_id\n1,abc\n2,t1_def\n"))
-    assert wanted.names == ["t1_abc", "t1_def"]
+    assert list(wanted.names) == ["t1_abc", "t1_def"]
     wanted = read_wanted(written(tmp_path, json.dumps([{"id": "abc", "type": "text"}, "t3_def"])))
-    assert (wanted.names, wanted.trees) == ([], ["abc", "def"])
+    assert ([*wanted.names], wanted.trees) == ([], ["abc", "def"])
 
 
-@pytest.mark.parametrize("read", [some_ids, read_titles, read_wanted])
+@pytest.mark.parametrize("read", [VIDEO_IDS.read_some, read_titles, read_wanted])
 def test_what_cannot_be_read_is_a_wrong_option(read, tmp_path: Path) -> None:
     other = tmp_path / "other.parquet"
     pq.write_table(pa.table({"n": [1]}), other)

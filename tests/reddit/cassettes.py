@@ -8,6 +8,10 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 import requests
 from requests.adapters import BaseAdapter
 
+from kb.core.config.profile import load_profile
+from kb.reddit.parse import answers as parse
+from kb.store.rawlog.rawlog import Envelope, Request, encode
+
 
 class Exchange(NamedTuple):
     """One recorded request and its answer."""
@@ -80,3 +84,38 @@ class Cassette(BaseAdapter):
 
     def close(self) -> None:
         """Nothing is open."""
+
+
+Row = dict[str, Any]
+LINKS = load_profile("minecraft").section("reddit").links
+
+
+def _kind(exchange: Exchange) -> str:
+    for part, kind in (
+        ("api/info", "info"),
+        ("morechildren", "morechildren"),
+        ("/comments/", "comments"),
+    ):
+        if part in exchange.path:
+            return kind if not exchange.path.startswith("/r/") else "listings"
+    return "listings"
+
+
+def read_rows(kind: str, line: bytes) -> list[Row]:
+    """The rows of an answer but for the marks of what was read."""
+    rows = [row for part in parse.rows([line], kind, LINKS) for row in part.to_pylist()]
+    return [row for row in rows if row["state"] not in parse.MARKS]
+
+
+def rows_of(cassette: Path) -> list[Row]:
+    """Rows of all answers of a cassette."""
+    found: list[Row] = []
+    for exchange in read(cassette):
+        if exchange.status != 200 or "access_token" in exchange.path:
+            continue
+        kind, params = _kind(exchange), {**exchange.query, **exchange.form}
+        if kind == "comments":
+            params["article"] = exchange.path.split("/")[2]
+        request, answer = Request(exchange.path, params), json.loads(exchange.body)
+        found += read_rows(kind, encode(Envelope("2026-01-01T00:00:00Z", request, 200, answer)))
+    return found

@@ -57,3 +57,17 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Work]:
 def old(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """A pair of archive dumps of the same subreddit."""
     return dumps(Subreddit(0, 30), tmp_path_factory.mktemp("dumps"))
+
+
+@pytest.fixture
+def few(tmp_path: Path) -> Iterator[Work]:
+    """A fresh data root on each case once, with small trees and one listing."""
+    with Sandbox(small_world(24, width=12, depth=12), services=["reddit"]) as sandbox:
+        yield Work(sandbox, tmp_path, listings=("new",), search=())
+
+
+@pytest.fixture
+def tiny(few: Work) -> Work:
+    """The same, crawled."""
+    few.crawl()
+    return few

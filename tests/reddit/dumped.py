@@ -1,15 +1,22 @@
 """Dumps by hand, and what an import made of them."""
 
+import gzip
 import json
+import os
 import signal
+import struct
 import time
+from pathlib import Path
+from typing import Any
 
 import zstandard
 
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
+from kb.reddit.connector.importer import import_dumps
 from kb.reddit.dumps.import_file import ImportJob, import_file
+from kb.reddit.parse import answers as parse
 from kb.store.rawlog import rawlog
 from tests import processes
 
@@ -59,6 +66,7 @@ def imported(root):
 
 _IMPORT = """
 import sys
+from kb.reddit.connector.importer import import_dumps
 from kb.reddit.dumps.import_file import ImportJob, import_file
 import_file(ImportJob(sys.argv[2], sys.argv[1], "Minecraft", 0.0, float("inf"), 0, 60_000))
 """
@@ -75,3 +83,72 @@ def import_killed(root, dump, segments):
         assert child.wait() in (0, -signal.SIGKILL), child.output()
     job = ImportJob(str(root), str(dump), "Minecraft", 0.0, float("inf"), 0, 60_000)
     assert import_file(job).done
+
+
+def zstd(data: bytes) -> bytes:
+    """Two frames."""
+    half = data.find(b"\n", len(data) // 2) + 1
+    return b"".join(map(frame, filter(None, (data[:half], data[half:]))))
+
+
+def frame(data: bytes) -> bytes:
+    """With a checksum, as `zstd` writes it."""
+    return zstandard.ZstdCompressor(write_checksum=True).compress(data)
+
+
+def members(data: bytes) -> bytes:
+    """Two members, the first of which ends in the middle of a line."""
+    half = len(data) // 2
+    return gzip.compress(data[:half]) + gzip.compress(data[half:])
+
+
+def blocks(data: bytes, rows: int = 100) -> bytes:
+    lines = data.splitlines()
+    return b"".join(block(lines[at : at + rows]) for at in range(0, len(lines), rows))
+
+
+def block(rows: list[bytes]) -> bytes:
+    at, table = 0, [len(rows)]
+    for row in rows:
+        table += [at, len(row)]
+        at += len(row)
+    made = frame(struct.pack(f"<{len(table)}I", *table) + b"".join(rows))
+    return struct.pack("<I", len(made)) + made
+
+
+def joined(records: list[Any], end: bytes = b"\n") -> bytes:
+    return b"".join(json.dumps(record).encode() + end for record in records)
+
+
+def records(number: int, size: int = 40) -> list[dict[str, Any]]:
+    chance = os.urandom(size * number)
+    return [
+        post(
+            f"p{n:05d}",
+            selftext=chance[n * size : (n + 1) * size].hex(),
+            subreddit="Minecraft" if n % 3 else "gardening",
+        )
+        for n in range(number)
+    ]
+
+
+def took(root: Path, files: list[Path], **options: Any) -> dict[str, Any]:
+    return import_dumps(run_in(root, **options), files)
+
+
+def imported_rows(root):
+    """The rows of an import, with `fetched_at` as text."""
+    links = load_profile("minecraft").reddit.links
+    lines = map(rawlog.encode, rawlog.read(root, "reddit", "dumps"))
+    found = [row for part in parse.rows(lines, "dumps", links) for row in part.to_pylist()]
+    for row in found:
+        row["fetched_at"] = row["fetched_at"] and f"{row['fetched_at']:%Y-%m-%dT%H:%M:%SZ}"
+    return found
+
+
+def archived(path: Path, *keys: str) -> Path:
+    """A dump with a window of 2^31 bytes, as the archives make them: one block as it is."""
+    content = b"".join(json.dumps(post(key)).encode() + b"\n" for key in keys)
+    header = b"\x28\xb5\x2f\xfd" + bytes([0, (31 - 10) << 3])
+    path.write_bytes(header + ((len(content) << 3) | 1).to_bytes(3, "little") + content)
+    return path

@@ -12,20 +12,9 @@ from kb.reddit.purge import RULES
 from kb.sandbox.invented_ids import ELSEWHERE
 from kb.sandbox.reddit.service import dumps
 from kb.sandbox.reddit.subreddit import CASES
-from kb.sandbox.server import Sandbox
 from kb.store.layout import Layout
 from kb.store.state import tombstones
-from tests.reddit.conftest import small_world
 from tests.reddit.work import Work, texts
-
-
-@pytest.fixture
-def tiny(tmp_path: Path) -> Any:
-    """Each case once with small trees, crawled."""
-    with Sandbox(small_world(24, width=12, depth=12), services=["reddit"]) as sandbox:
-        work = Work(sandbox, tmp_path, listings=("new",), search=())
-        work.crawl()
-        yield work
 
 
 def test_a_purge_leaves_no_trace_in_any_file(tiny: Work, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,7 +23,6 @@ from kb.core.errors import (
     Retryable,
 )
 from kb.net.session import refusal
-from kb.reddit.parse.answer_tree import is_deeper
 from kb.schema.coerce import inner
 
 FACTS = {403: "forbidden", 404: "not_found", 410: "gone", 451: "legal"}
@@ -127,9 +126,6 @@ def refused(what: str) -> CredentialRefused:
     )
 
 
-# Lists and objects within each other: Python reads a thousand, its own calls included; a page of
-# Reddit's has 60.
-DEEPEST = 955
 _LISTINGS = frozenset({"new", "top", "controversial", "hot", "rising", "search"})
 
 
@@ -146,8 +142,6 @@ def problem(path: str, answer: Any) -> str:
             return f"error {first[0] if isinstance(first, list) and first else first}"
         if "error" in answer and "data" not in answer:
             return f"error {answer['error']}"
-    if is_deeper(answer, DEEPEST):
-        return "an answer nested too deeply to be read"
     return (
         ""
         if _expected(path.strip("/").split("/"), answer)

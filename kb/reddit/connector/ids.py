@@ -4,13 +4,10 @@ Full names (t3_…, t1_…) and addresses of posts and comments are asked for on
 JSON are those of MineDojo's `reddit.json`, which names no comments: whole trees are fetched.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import chain
 from pathlib import Path
 from typing import NamedTuple, cast
 
@@ -25,7 +22,6 @@ from kb.crawl.id_list import (
     column_of,
     files_of,
     is_parquet,
-    read_some,
     readable,
 )
 from kb.store.tables import parquet
@@ -63,12 +59,34 @@ RULES = IdRules(
 )
 
 
+class FullNames:
+    """Full names of lists, then those in Parquet files, which are read whenever they are iterated
+    and never held; one may come more than once. Raises SettingError.
+    """
+
+    def __init__(self, listed: Sequence[str], files: Sequence[Path]) -> None:
+        self.listed, self.files = listed, files
+        columns = [(path, column_of(path, RULES.option, tuple(_PREFIXES))) for path in files]
+        self._columns = [(path, column, _PREFIXES[column]) for path, column in columns]
+        self._rows = sum(pq.read_metadata(path).num_rows for path in files)
+
+    def __len__(self) -> int:
+        return len(self.listed) + self._rows
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self.listed
+        for path, column, prefix in self._columns:
+            with readable(path, RULES.option), parquet.open_file(path) as file:
+                for batch in file.iter_batches(columns=[column]):
+                    yield from (prefix + str(key) for key in batch.column(0).to_pylist())
+
+
 class WantedThings(NamedTuple):
     """`names`: full names to ask for by `info`. `trees`: bare ids of posts whose whole trees are to
     be fetched. `bad_lines` of text are neither.
     """
 
-    names: list[str] | IdFiles | Several
+    names: FullNames
     trees: list[str]
     bad_lines: int = 0
 
@@ -83,39 +101,6 @@ class WantedThings(NamedTuple):
                 digest.update(f'{"," if number else ""}"{name}"'.encode())
         digest.update(b"]]")
         return digest.hexdigest()[:16]
-
-
-class Several:
-    """Full names of several sources, one after the other; a name may stand in more than one."""
-
-    def __init__(self, parts: Sequence[list[str] | IdFiles | Several]) -> None:
-        self._parts = parts
-
-    def __len__(self) -> int:
-        return sum(map(len, self._parts))
-
-    def __iter__(self) -> Iterator[str]:
-        return chain.from_iterable(self._parts)
-
-
-class IdFiles:
-    """Full names in Parquet files: read whenever they are iterated, never held. Raises
-    SettingError.
-    """
-
-    def __init__(self, files: list[Path]) -> None:
-        columns = [(path, column_of(path, RULES.option, tuple(_PREFIXES))) for path in files]
-        self._columns = [(path, column, _PREFIXES[column]) for path, column in columns]
-        self._rows = sum(pq.read_metadata(path).num_rows for path in files)
-
-    def __len__(self) -> int:
-        return self._rows
-
-    def __iter__(self) -> Iterator[str]:
-        for path, column, prefix in self._columns:
-            with readable(path, RULES.option), parquet.open_file(path) as file:
-                for batch in file.iter_batches(columns=[column]):
-                    yield from (prefix + str(key) for key in batch.column(0).to_pylist())
 
 
 def asked_for(
@@ -133,20 +118,17 @@ def asked_for(
                 hint="name what to bring back, as in `kb reddit reconstruct --ids release/reddit`, "
                 "or make one first with `kb reddit export`",
             )
-        return read_wanted(release, say), [release]
-    if isinstance(ids, (str, Path)):
-        return read_wanted(Path(ids), say), [Path(ids)]
-    ids = list(ids)
-    paths = [one for one in ids if isinstance(one, Path)]
-    if not paths:
-        return _named(cast("list[str]", ids)), []
-    lists = [read_wanted(Path(one), say) for one in ids]
-    if len(lists) == 1:
-        return lists[0], paths
+        ids = release
+    given = [Path(ids)] if isinstance(ids, (str, Path)) else list(ids)
+    if not any(isinstance(one, Path) for one in given):
+        return _named(cast("list[str]", given)), []
+    paths = [Path(one) for one in given]
+    lists = [read_wanted(path, say) for path in paths]
+    listed = [name for one in lists for name in one.names.listed]
+    files = [file for one in lists for file in one.names.files]
     trees = dict.fromkeys(key for one in lists for key in one.trees)
     bad_lines = sum(one.bad_lines for one in lists)
-    names = Several([one.names for one in lists])
-    return WantedThings(names, list(trees), bad_lines), [Path(one) for one in ids]
+    return WantedThings(FullNames(listed, files), list(trees), bad_lines), paths
 
 
 def subreddit_of(sources: Sequence[Path]) -> str:
@@ -173,14 +155,14 @@ def read_wanted(path: Path, say: Callable[[str], None] | None = None) -> WantedT
     """
     with readable(path, RULES.option):
         if path.is_dir() or is_parquet(path):
-            files = IdFiles(files_of(path, RULES))
-            if not len(files):
+            names = FullNames([], files_of(path, RULES))
+            if not len(names):
                 raise SettingError(f"--ids {path} contains no ids", hint=RULES.hint)
-            return WantedThings(files, [])
-    listed = read_some(path, RULES, say)
+            return WantedThings(names, [])
+    listed = RULES.read_some(path, say)
     trees = [key for key in listed.keys if not _NAME.fullmatch(key)]
-    names = [key for key in listed.keys if _NAME.fullmatch(key)]
-    return WantedThings(names, trees, listed.bad_lines)
+    full = [key for key in listed.keys if _NAME.fullmatch(key)]
+    return WantedThings(FullNames(full, []), trees, listed.bad_lines)
 
 
 def _named(names: Iterable[str]) -> WantedThings:
@@ -190,7 +172,8 @@ def _named(names: Iterable[str]) -> WantedThings:
     if wrong is not None or not keys:
         what = f"{wrong[:40]!r} is not a full name" if wrong is not None else "no ids to ask for"
         raise SettingError(what, hint=RULES.hint)
-    return WantedThings(list(dict.fromkeys(key for key in keys.values() if key is not None)), [])
+    full = dict.fromkeys(key for key in keys.values() if key is not None)
+    return WantedThings(FullNames([*full], []), [])
 
 
 class Released(NamedTuple):
@@ -221,10 +204,7 @@ def _column_of(sources: Sequence[Path], short: str, key: str, name: str) -> pa.T
     tables = []
     columns: list[tuple[str, pa.DataType]] = [(key, pa.string()), (name, pa.int64())]
     for file in files:
-        with file.open("rb") as opened:
-            if opened.read(4) != b"PAR1":
-                continue
-        if {key, name} <= set(pq.read_schema(file).names):
+        if is_parquet(file) and {key, name} <= set(pq.read_schema(file).names):
             rows = parquet.read_table(file, columns=[key, name])
             tables.append(rows.cast(pa.schema(columns)))
     return pa.concat_tables(tables) if tables else None

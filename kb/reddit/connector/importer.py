@@ -76,13 +76,14 @@ def import_files(run: Run, job: ImportJob, files: Sequence[Path]) -> Summary:
             run.progress.say(f"{file}: same dump as {jobs[name].file}, read once")
             continue
         jobs[name] = msgspec.structs.replace(job, file=str(file.absolute()))
-    round = begin_round(run.root, [*jobs]) if run.again else ""
+    if run.again:
+        begin_round(run.root, jobs)
 
     def cursors() -> list[DumpCursor]:
         """As noted on disk: a worker that dies after its file is done is replaced by one that has
         nothing to do.
         """
-        return [load_cursor(run.root, name, one.file, round) for name, one in jobs.items()]
+        return [load_cursor(run.root, name, one.file) for name, one in jobs.items()]
 
     before = cursors()
 
@@ -98,7 +99,7 @@ def import_files(run: Run, job: ImportJob, files: Sequence[Path]) -> Summary:
                 " imports it again"
             )
         else:
-            todo.append(msgspec.structs.replace(one, round=round))
+            todo.append(one)
     try:
         if todo:
             _import(run, todo)

@@ -5,8 +5,6 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-import pyarrow.parquet as pq
-
 from kb.core.config.addresses import is_loopback
 from kb.core.config.profile.reddit import RedditSection
 from kb.core.context import Run
@@ -15,7 +13,7 @@ from kb.core.summary.plan import PlanPhase, plan, to_read
 from kb.reddit.connector.client import IDS, ROOT
 from kb.reddit.connector.ids import Ids, asked_for
 from kb.reddit.connector.reduce import PAGES
-from kb.reddit.connector.refresh import due_parts, oldest_due
+from kb.reddit.connector.refresh import due, oldest_due
 from kb.reddit.dumps.files import find_dumps
 from kb.reddit.parse.latest_state import latest_state
 from kb.store.layout import Layout
@@ -74,9 +72,9 @@ def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
         tempfile.TemporaryDirectory(prefix="lorecrawl-plan-") as scratch,
         latest_state(run, Path(scratch, "known")) as things,
     ):
-        parts = due_parts(things, tombstones.keys(run.root, "reddit"), oldest, run.again)
-        due = sum(pq.read_metadata(part).num_rows for part in parts)
-    return Summary(_of_ids(run, "refresh reddit", [("posts and comments to refresh", due)]))
+        purged = tombstones.keys(run.root, "reddit")
+        items = sum(rows.num_rows for rows in due(things, purged, oldest, run.again))
+    return Summary(_of_ids(run, "refresh reddit", [("posts and comments to refresh", items)]))
 
 
 def plan_rebuild(run: Run, ids: Ids, dumps: Sequence[Path] = ()) -> Summary:

@@ -7,16 +7,12 @@ reddit` removes what was deleted, removed or is missing.
 
 import logging
 from collections.abc import Collection, Iterator
-from contextlib import closing
 from dataclasses import replace
 from datetime import datetime, timedelta
 from functools import cached_property
-from pathlib import Path
-from typing import Literal
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from kb.core import clock
 from kb.core.context import Run
@@ -33,12 +29,15 @@ from kb.reddit.parse.latest_state import LatestState, latest_state
 from kb.reddit.spec import SPEC
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.state.frontier import ROUND, Frontier, Item, going_on
-from kb.store.tables import parquet
-from kb.store.tables.merge import Merge
-from kb.store.tables.shard_writer import PAGE
+from kb.store.tables import database, parquet, reading
 
-_ORDER = ["place", "fullname"]
-_COLUMNS = [*_ORDER, "there"]
+_COLUMNS: dict[str, pa.DataType] = {
+    "is_comment": pa.bool_(),
+    "post_id": pa.string(),
+    "fullname": pa.string(),
+    "there": pa.bool_(),
+}
+_DUE = pa.schema(_COLUMNS)
 # If nearly all of at least so many ids are missing, the subreddit is more likely closed.
 _MANY, _MOST = 100, 0.9
 _NONE_OF = 10  # an answer without any of at least so many known things is not believed
@@ -156,14 +155,19 @@ class RedditRefresh(RedditSource):
         """Put what is due into the frontier."""
         oldest = oldest_due(self.days, self.older_than)
         with latest_state(self.run) as things:
-            parts = due_parts(things, self.opened.purged, oldest, self.run.again)
-            with closing(Merge(parts, _ORDER, _COLUMNS)) as due, frontier.transaction():
+            path = things.folder / "due.parquet"
+            with full_disk_is_resumable(path), parquet.writing(path, _DUE) as file:
+                for rows in due(things, self.opened.purged, oldest, self.run.again):
+                    file.write_table(rows)
+            con = database.over([path], things.folder, memory="1GB")
+            order = f"SELECT * FROM {reading.scan([path])} ORDER BY is_comment, post_id, fullname"
+            with con, frontier.transaction():
                 frontier.replace(
                     INFO.kind,
                     (
-                        (row["fullname"], RefreshItem(row["place"][1:], row["there"]))
-                        for rows in due
-                        for row in rows.to_pylist()
+                        (row["fullname"], RefreshItem(row["post_id"], row["there"]))
+                        for batch in con.sql(order).to_arrow_reader()
+                        for row in batch.to_pylist()
                     ),
                 )
                 frontier.set_cursor(ROUND, self.older_than)
@@ -174,18 +178,14 @@ def oldest_due(days: int, older_than: int | None) -> datetime | None:
     return None if older_than == 0 else clock.now() - timedelta(days=days)
 
 
-def due_parts(
+def due(
     things: LatestState, purged_names: Collection[str], oldest: datetime | None, with_missing: bool
-) -> list[Path]:
+) -> Iterator[pa.Table]:
     """The due things of each share; without `oldest` all that exist, with `with_missing` also those
     that were missing.
-
-    `place` is "0" or "1" and the post: posts first, then comments post by post.
     """
-    purged, parts = pa.array(sorted(purged_names), pa.string()), []
-    by: list[tuple[str, Literal["ascending", "descending"]]]
-    by = [(name, "ascending") for name in _ORDER]
-    for number, rows in enumerate(things):
+    purged = pa.array(sorted(purged_names), pa.string())
+    for rows in things:
         before = pa.scalar(oldest, rows["fetched_at"].type)
         # Without a bound, or without a date, everything counts as old.
         old = pc.or_(
@@ -193,25 +193,10 @@ def due_parts(
         )
         # Deletions by authors are final; moderators may restore what they removed.
         here = pc.and_(rows["there"], pc.fill_null(pc.not_equal(rows["gone"], "deleted"), True))
-        due = (
-            pc.or_(pc.and_(old, here), pc.invert(rows["there"]))
-            if with_missing
-            else pc.and_(old, here)
-        )
-        rows = rows.filter(pc.and_(due, pc.invert(pc.is_in(rows["fullname"], value_set=purged))))
-        rank = pc.if_else(pc.starts_with(rows["fullname"], "t3_"), "0", "1")
-        place = pc.binary_join_element_wise(rank, pc.fill_null(rows["post_id"], ""), "")
-        rows = pa.table([place, rows["fullname"], rows["there"]], names=_COLUMNS).sort_by(by)
-        parts.append(things.folder / f"due-{number:06d}.parquet")
-        with full_disk_is_resumable(parts[-1]):
-            marks = pq.SortingColumn.from_ordering(rows.schema, by, "at_end")
-            # Pages are small, as a merge has one of every part in memory; a dictionary of unique
-            # names is as large as they are.
-            parquet.write(
-                parts[-1],
-                rows,
-                sorting_columns=marks,
-                use_dictionary=False,
-                data_page_size=PAGE,
-            )
-    return parts
+        wanted = pc.and_(old, here)
+        if with_missing:
+            wanted = pc.or_(wanted, pc.invert(rows["there"]))
+        rows = rows.filter(pc.and_(wanted, pc.invert(pc.is_in(rows["fullname"], purged))))
+        is_comment = pc.starts_with(rows["fullname"], "t1_")
+        posts = pc.fill_null(rows["post_id"], "")
+        yield pa.table([is_comment, posts, rows["fullname"], rows["there"]], schema=_DUE)

@@ -15,7 +15,7 @@ from kb.core.summary import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
-from kb.crawl.source import Answer, Opened, Phase, Plain
+from kb.crawl.source import Answer, Opened, Phase, Source
 from kb.reddit.connector import discover, reduce
 from kb.reddit.connector.client import IDS, ROOT, Client
 from kb.reddit.connector.discover import KINDS
@@ -44,7 +44,7 @@ LISTING = Phase(kind="listing", unit="listings", feeds=("tree", "listing"), show
 INFO = Phase(kind="info", unit="posts and comments", batch=IDS, limited=True)
 
 
-class RedditSource(Plain):
+class RedditSource(Source):
     """The crawl of a subreddit. `since` and `until` bound the dates of posts (UTC, since included).
 
     `comments` counts the comments that this run has read.

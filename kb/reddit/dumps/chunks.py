@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import orjson
 
 from kb.reddit.dumps.containers import ReadProgress, pieces
-from kb.reddit.parse.answer_tree import is_deeper
 
 DEEPEST = 200  # nested lists and objects; Reddit's records have about ten levels
 LONGEST = 64 << 20  # bytes of a line; Reddit's longest records have some hundred thousand
@@ -103,4 +102,19 @@ def read_object(line: bytes) -> dict[str, Any] | None:
         return None
     # Few brackets can't be nested deep, and counting them is quick.
     brackets = line.count(b"[") + line.count(b"{")
-    return None if brackets > DEEPEST and is_deeper(value, DEEPEST) else value
+    return None if brackets > DEEPEST and _is_deeper(value, DEEPEST) else value
+
+
+def _is_deeper(value: Any, levels: int) -> bool:
+    """Whether more than `levels` lists and objects stand within each other; without recursion."""
+    level = [value] if isinstance(value, (dict, list)) else []
+    for _ in range(levels):
+        level = [
+            inner
+            for outer in level
+            for inner in (outer.values() if isinstance(outer, dict) else outer)
+            if isinstance(inner, (dict, list))
+        ]
+        if not level:
+            return False
+    return bool(level)

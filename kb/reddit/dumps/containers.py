@@ -11,6 +11,7 @@ first bytes, never by their names.
 A truncated or damaged file yields everything before the damage, and `ReadProgress` says so.
 """
 
+import gzip
 import struct
 import zlib
 from collections.abc import Callable, Iterator
@@ -26,13 +27,11 @@ from kb.core.errors import SettingError
 # Every chunk is searched several times, so it should fit the processor's cache (see tests/bench).
 CHUNK = 512 << 10  # decompressed bytes of a chunk, about
 _PIECE = 32 << 10  # compressed bytes that are read at once; zstd expands them 10 to 30 times
-_BLOCKS = 16  # zstd blocks that are read at once: each expands to at most 128 KiB
 _LARGEST = 256 << 20  # decompressed bytes of a block of zst_blocks; Arctic Shift's have about 1 MiB
 _HEAD = 18  # bytes of the longest header of a zstd frame
 _WORKSPACE = 32 << 20  # memory besides the window: a chunk and copies of it
-_FRAME, _SKIPPED, _REPEATED = b"\x28\xb5\x2f\xfd", b"\x2a\x4d\x18", 1
+_FRAME, _SKIPPED = b"\x28\xb5\x2f\xfd", b"\x2a\x4d\x18"
 _GZIP, _BOM = b"\x1f\x8b\x08", b"\xef\xbb\xbf"
-_WINDOW = 16 + zlib.MAX_WBITS  # a gzip header, not zlib's
 
 
 @dataclass
@@ -130,27 +129,14 @@ def _of_plain(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
 
 
 def _of_gzip(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
-    member, begun = zlib.decompressobj(_WINDOW), False
-    while rest := file.read(_PIECE):
-        while True:
-            if member.eof:
-                rest = rest.lstrip(b"\0")  # padding behind the last member, which gzip ignores too
-                if not rest:
-                    break
-                member = zlib.decompressobj(_WINDOW)
-            try:
-                data = member.decompress(rest, CHUNK)
-            except zlib.error as error:
-                progress.truncated, progress.problem = True, f"damaged gzip member: {error}"
-                return
-            if data:
-                yield data
-            begun = not member.eof
-            rest = member.unused_data if member.eof else member.unconsumed_tail
-            if not rest and len(data) < CHUNK:
-                break
-    if begun:
-        progress.truncated, progress.problem = True, "the last gzip member is cut off"
+    with gzip.GzipFile(fileobj=file) as members:
+        try:
+            while piece := members.read1(CHUNK):
+                yield piece
+        except EOFError:
+            progress.truncated, progress.problem = True, "the last gzip member is cut off"
+        except (OSError, zlib.error) as error:
+            progress.truncated, progress.problem = True, f"damaged gzip member: {error}"
 
 
 def _of_blocks(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
@@ -202,7 +188,7 @@ def _of_zstd(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
     """
     engine = zstandard.ZstdDecompressor(max_window_size=1 << 31)
     frame, fresh = engine.decompressobj(write_size=CHUNK), True
-    for rest in _compressed(file):
+    while rest := file.read(_PIECE):
         while rest:
             try:
                 data = frame.decompress(rest)
@@ -210,53 +196,10 @@ def _of_zstd(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:
                 progress.truncated, progress.problem = True, f"damaged frame: {error}"
                 return
             fresh = False
-            if data:
-                yield data
+            for at in range(0, len(data), CHUNK):
+                yield data[at : at + CHUNK]
             rest = frame.unused_data if frame.eof else b""
             if frame.eof:
                 frame, fresh = engine.decompressobj(write_size=CHUNK), True
     if not fresh:
         progress.truncated, progress.problem = True, "the last frame is cut off"
-
-
-def _compressed(file: BinaryIO) -> Iterator[bytes]:
-    """The file in pieces of a few blocks: a block of one repeated byte expands 30,000 times, and
-    the decompressor returns everything at once.
-
-    Other bytes are passed through, for the decompressor to report.
-    Source: https://www.rfc-editor.org/rfc/rfc8878#section-3.1
-    """
-    while head := file.read(4):
-        if head[1:] == _SKIPPED:
-            left = file.read(4)
-            yield head + left
-            end = file.tell() + int.from_bytes(left, "little")
-            while piece := file.read(min(_PIECE, end - file.tell())):
-                yield piece
-            continue
-        if head != _FRAME:
-            yield head
-            while piece := file.read(_PIECE):
-                yield piece
-            return
-        described = file.read(1)
-        flags = described[0] if described else 0
-        single, checksum = flags >> 5 & 1, 4 * (flags >> 2 & 1)
-        size = (1 - single) + (0, 1, 2, 4)[flags & 3] + (single, 2, 4, 8)[flags >> 6]
-        yield head + described + file.read(size)
-        head = file.read(3)
-        waiting, buffered = [head], 0
-        while len(head) == 3:
-            block = int.from_bytes(head, "little")
-            size = 1 if block >> 1 & 3 == _REPEATED else block >> 3
-            # The head of the next block comes along: one call for both, and no copy of a large one.
-            body = file.read(size + (checksum if block & 1 else 3))
-            waiting.append(body)
-            buffered += size
-            if block & 1:
-                break
-            if buffered >= _PIECE or len(waiting) == _BLOCKS:
-                yield body if len(waiting) == 1 else b"".join(waiting)
-                waiting, buffered = [], 0
-            head = body[-3:]
-        yield b"".join(waiting)

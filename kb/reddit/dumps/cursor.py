@@ -9,9 +9,10 @@ import hashlib
 import os
 import threading
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -45,7 +46,6 @@ class DumpCursor(msgspec.Struct):
     done: bool = False
     fresh: int = 0  # things of this run
     first_bad: int | None = None  # offset of the first damaged line
-    round: str = ""  # of --again
     changed: int = 0  # when the dump was last modified (ns), once it was read to its end
 
     @property
@@ -73,15 +73,15 @@ def cursor_name(file: Path, since: float, until: float) -> str:
     return f"{name}-{span[:8]}"
 
 
-def load_cursor(root: Path, name: str, file: str = "", round: str = "") -> DumpCursor:
-    """Where an import stopped: at the beginning without a note, in a new round of `--again`, and
-    for a damaged `file` that was modified since.
+def load_cursor(root: Path, name: str, file: str = "") -> DumpCursor:
+    """Where an import stopped: at the beginning without a note, and for a damaged `file` that was
+    modified since.
     """
     noted = json_files.read(_folder(root) / f"{name}.json", DumpCursor, fix=_REPAIR)
-    if noted is None or (round and noted.round != round):
-        return DumpCursor(file, round=round)
+    if noted is None:
+        return DumpCursor(file)
     if file and noted.done and noted.damaged and noted.changed != Path(file).stat().st_mtime_ns:
-        return DumpCursor(file, round=round)
+        return DumpCursor(file)
     return noted
 
 
@@ -120,15 +120,16 @@ def publish_segment(base: Path, cursor: DumpCursor) -> None:
         sync_folder(base)
 
 
-def begin_round(root: Path, names: Sequence[str]) -> str:
-    """The round of `--again` over these notes: a new one, or the same one if it was interrupted."""
-    path = _folder(root) / f"{_ROUND}.json"
-    noted = json_files.read(path, tuple[str, list[str]], fix=_REPAIR)
-    if noted and noted[1] == sorted(names):
-        return str(noted[0])
-    round = uuid.uuid4().hex[:8]
-    write_bytes(path, msgspec.json.encode((round, sorted(names))))
-    return round
+def begin_round(root: Path, names: Iterable[str]) -> None:
+    """Begin the round of `--again` over these notes, which are removed; a round of the same ones
+    that was interrupted goes on instead.
+    """
+    path, names = _folder(root) / f"{_ROUND}.json", sorted(names)
+    if json_files.read(path, list[Any], fix=_REPAIR) == names:
+        return
+    for name in names:
+        (_folder(root) / f"{name}.json").unlink(missing_ok=True)
+    write_bytes(path, msgspec.json.encode(names))
 
 
 def end_round(root: Path) -> None:

@@ -9,7 +9,7 @@ import msgspec
 
 from kb.reddit.dumps.chunks import Chunk
 from kb.reddit.dumps.id_search import ById, IdIndex
-from kb.reddit.dumps.subreddit_search import SearchState, SubredditSearch
+from kb.reddit.dumps.subreddit_search import SubredditSearch
 from kb.reddit.parse.anonymize import Scrubber, load_key
 from kb.reddit.parse.records import LATEST, retrieved
 from kb.reddit.parse.remove_ids import without
@@ -53,16 +53,12 @@ class ExtractedChunk(NamedTuple):
     records: list[ExtractedRecord]
 
 
-def extract(
-    chunks: list[Chunk], rules: RecordRules, state: SearchState, limit: int = 0
-) -> tuple[list[ExtractedChunk], SearchState]:
-    """The wanted records of consecutive chunks, and what the search has learned from them. Runs in
-    a worker.
+def extract(chunks: list[Chunk], rules: RecordRules, limit: int = 0) -> list[ExtractedChunk]:
+    """The wanted records of consecutive chunks. Runs in a worker.
 
-    `state` is what was learned before: the result depends on the file alone, not on what else this
-    worker has read. With a `limit` nothing behind that many records counts as read.
+    With a `limit` nothing behind that many records counts as read.
     """
-    search = _search(rules, state)
+    search = _search(rules.subreddit, rules.ids)
     extracted = []
     for chunk in chunks:
         one = _extract_chunk(search, chunk, rules)
@@ -73,13 +69,11 @@ def extract(
             break
         limit -= len(one.records) if limit else 0
         extracted.append(one)
-    return extracted, search.state()
+    return extracted
 
 
-def _search(rules: RecordRules, state: SearchState) -> SubredditSearch:
-    if rules.ids:
-        return ById(_id_index(rules.ids), rules.subreddit, state)
-    return SubredditSearch(rules.subreddit, state)
+def _search(subreddit: str, ids: str) -> SubredditSearch:
+    return ById(_id_index(ids), subreddit) if ids else SubredditSearch(subreddit)
 
 
 def _extract_chunk(search: SubredditSearch, chunk: Chunk, rules: RecordRules) -> ExtractedChunk:

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
-from kb.reddit.dumps.subreddit_search import SearchState, SubredditSearch, finder
+from kb.reddit.dumps.subreddit_search import SubredditSearch, finder
 from kb.reddit.parse import answer_tree
 from kb.store.atomic import replacing_folder, write_bytes
 
@@ -87,13 +87,11 @@ class IdIndex:
 class ById(SubredditSearch):
     """Finds posts and comments by id in chunks of a dump, and the comments of some posts.
 
-    With a `subreddit` only its lines are searched; `state` is what such a search has learned.
+    With a `subreddit` only its lines are searched.
     """
 
-    def __init__(
-        self, kept: IdIndex, subreddit: str = "", state: SearchState | None = None
-    ) -> None:
-        super().__init__(subreddit, state)
+    def __init__(self, kept: IdIndex, subreddit: str = "") -> None:
+        super().__init__(subreddit)
         self._kept, self._has = kept, kept.has
         self._ids = finder(b'"id":')
         self._links = finder(b'"link_id":') if kept.trees else None

@@ -28,7 +28,6 @@ from kb.reddit.dumps.cursor import (
     save_cursor,
 )
 from kb.reddit.dumps.extract import ExtractedChunk, ExtractedRecord, RecordRules, extract
-from kb.reddit.dumps.subreddit_search import SearchState
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import SEGMENT_BYTES, SUFFIX, Envelope, Request
@@ -36,8 +35,6 @@ from kb.store.state import tombstones
 
 THINGS = 100  # records of an envelope
 BLOCK = 4 << 20  # decompressed bytes that a worker gets at once
-
-Extracted = tuple[list[ExtractedChunk], SearchState]
 
 
 class ImportJob(msgspec.Struct):
@@ -56,7 +53,6 @@ class ImportJob(msgspec.Struct):
     until: float
     limit: int
     segment_bytes: int = SEGMENT_BYTES
-    round: str = ""
     lease: str = ""
     ids: str = ""
     home: str = ""
@@ -73,7 +69,7 @@ def import_file(job: ImportJob, executor: Executor | None = None, window: int = 
     With an `executor` its workers share the lines of the dump. Raises DiskFull.
     """
     root, name = Path(job.root), job.name
-    cursor = load_cursor(root, name, job.file, job.round)
+    cursor = load_cursor(root, name, job.file)
     base = rawlog.folder(root, "reddit", KIND)
     publish_segment(base, cursor)
     cursor.fresh = 0
@@ -108,24 +104,12 @@ def import_file(job: ImportJob, executor: Executor | None = None, window: int = 
 def _extracted(
     job: ImportJob, cursor: DumpCursor, progress: ReadProgress, executor: Executor, window: int
 ) -> Iterator[ExtractedChunk]:
-    """The records of the chunks in their order, the same for any number of workers.
-
-    A block is handed out with what the search has learned so far. If a block before it taught the
-    search something new, it is read again.
-    """
+    """The records of the chunks in their order, the same for any number of workers."""
     home = Path(job.home or job.root)
     stamp = tombstones.version(home, "reddit")
     rules = RecordRules(str(home), job.subreddit, job.since, job.until, stamp, job.ids)
-    state, limit = SearchState((), True), job.limit
-    waiting: deque[tuple[list[Chunk], SearchState, Future[Extracted]]] = deque()
-
-    def first_result() -> list[ExtractedChunk]:
-        nonlocal state
-        block, before, future = waiting.popleft()
-        if before != state:
-            future = executor.submit(extract, block, rules, state, limit)
-        extracted, state = future.result()
-        return extracted
+    limit = job.limit
+    waiting: deque[Future[list[ExtractedChunk]]] = deque()
 
     def may_go_on() -> bool:
         return not job.lease or Path(job.lease).exists()
@@ -134,17 +118,17 @@ def _extracted(
     # A limit may end anywhere: nothing behind it is read.
     least = BLOCK if window > 1 else 1 if job.limit else CHUNK // 2
     for block in _blocks(source, least):
-        waiting.append((block, state, executor.submit(extract, block, rules, state, limit)))
+        waiting.append(executor.submit(extract, block, rules, limit))
         if len(waiting) < window:
             continue
-        for chunk in first_result():
+        for chunk in waiting.popleft().result():
             yield chunk
             if job.limit:
                 limit -= len(chunk.records)
                 if limit <= 0:
                     return
     while waiting:
-        yield from first_result()
+        yield from waiting.popleft().result()
 
 
 def _blocks(source: Iterable[Chunk], least: int) -> Iterator[list[Chunk]]:

@@ -5,7 +5,7 @@ checked; of the others only the first and last characters are checked.
 """
 
 import io
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
@@ -32,38 +32,20 @@ do not fit the processor's cache, which costs as much as parsing them.
 """
 
 
-class SearchState(NamedTuple):
-    """What a search has learned: the subreddit's id and spellings, and whether ids are reliable."""
-
-    exact: tuple[str, ...]
-    ids_reliable: bool
-
-
 Finder = Callable[[bytes | memoryview], list[tuple[int, int, int]]]
 
 
 class SubredditSearch:
     """Finds the records of one subreddit in chunks of a dump, however its name is written.
 
-    The search ignores case until a record reveals the subreddit's id, which all its records share.
-    From then on it searches for the id and the spellings seen so far, unless a record has no id or
-    one of another subreddit. Lines with the name or id are parsed, as are lines that do not begin
-    and end like an object, every line of the first CHECKED bytes, and every line of chunks that are
-    mostly of the subreddit.
+    Lines with the name are parsed, as are lines that do not begin and end like an object, every
+    line of the first CHECKED bytes, and every line of chunks that are mostly of the subreddit.
     """
 
-    def __init__(self, subreddit: str, state: SearchState | None = None) -> None:
+    def __init__(self, subreddit: str) -> None:
         self._name = subreddit.lower()
         self._quoted = f'"{self._name}"'.encode()
-        self._places = finder(bytes(byte | _CASE for byte in self._quoted))
-        state = state or SearchState((), True)
-        # Finders of the id and the spellings.
-        self._exact = {text: finder(f'"{text}"'.encode()) for text in state.exact}
-        self._ids_reliable = state.ids_reliable
-
-    def state(self) -> SearchState:
-        """What it has learned, for another search to continue with."""
-        return SearchState(tuple(self._exact), self._ids_reliable)
+        self._folded = finder(bytes(byte | _CASE for byte in self._quoted))
 
     def __call__(self, chunk: Chunk, take: Take) -> ChunkMatches:
         """What a chunk holds; its records are given to `take`, in order."""
@@ -73,7 +55,7 @@ class SubredditSearch:
         taken = 0
         hits: set[int] = set()  # where lines begin that were read
         bad: list[int] = []
-        for place in self._candidates(data, begin, end):
+        for place in self._positions(data, begin, end):
             if place < stop:
                 continue  # a second hit in the same line
             first = data.rfind(b"\n", stop, place) + 1 or stop
@@ -101,45 +83,14 @@ class SubredditSearch:
 
     def _takes(self, record: dict[str, Any]) -> bool:
         """Whether a record is wanted. A title may contain the name: only the field decides."""
-        if str(record.get("subreddit", "")).lower() == self._name:
-            self._learn(record)
-            return True
-        if str(record.get("subreddit_id")) in self._exact:
-            self._ids_reliable = False  # not of this file
-        return False
-
-    def _learn(self, record: dict[str, Any]) -> None:
-        key = record.get("subreddit_id")
-        if not isinstance(key, str) or not key.startswith("t5_"):
-            self._ids_reliable = False
-            return
-        for text in (key, record["subreddit"]):
-            if text not in self._exact and self._ids_reliable:
-                self._exact[text] = finder(f'"{text}"'.encode())
-
-    def _candidates(self, data: bytes, begin: int, end: int) -> Iterator[int]:
-        """Positions to check; goes by the name once a record shows that ids are unreliable."""
-        by_id = bool(self._exact) and self._ids_reliable
-        for place in self._positions(data, begin, end):
-            yield place
-            if by_id and not self._ids_reliable:
-                yield from self._in_any_case(data, place, end)
-                return
+        return str(record.get("subreddit", "")).lower() == self._name
 
     def _positions(self, data: bytes, begin: int, end: int) -> Iterable[int]:
-        """Positions in data[begin:end] at which the quoted name or id may be, in order."""
-        if self._exact and self._ids_reliable:
-            part = memoryview(data)[begin:end]
-            return sorted(
-                begin + place for find in self._exact.values() for _, place, _ in find(part)
-            )
-        return self._in_any_case(data, begin, end)
-
-    def _in_any_case(self, data: bytes, begin: int, end: int) -> Iterator[int]:
+        """Positions in data[begin:end] at which the quoted name is, in order."""
         rest = begin
         if end - begin > _FEW:
             folded = _folded(data)
-            for _, place, _ in self._places(folded[begin:end]):
+            for _, place, _ in self._folded(folded[begin:end]):
                 yield begin + place
             # Folding ends at a multiple of eight bytes: the name may lie across its end.
             rest = max(begin, len(folded) - len(self._quoted) + 1)
@@ -152,9 +103,7 @@ class SubredditSearch:
 
 @lru_cache(maxsize=64)
 def finder(text: bytes) -> Finder:
-    """A search for one pattern, which is vectorized: several times faster than bytes.find, and than
-    one search for many spellings (tests/bench).
-    """
+    """A search for one pattern, which is vectorized: several times faster than bytes.find."""
     return BytesAhoCorasick([text]).find_matches_as_indexes
 
 
@@ -188,13 +137,9 @@ def _counted(chunk: Chunk) -> tuple[int, int]:
     """
     file = io.BytesIO(chunk.data)
     file.seek(chunk.begin)
-    try:
-        well_formed = [
-            line[0] == 0x7B and (line[-2] == 0x7D or line[-3:] == b"}\r\n") for line in file
-        ]
-    except IndexError:  # an empty line, or a part of one
-        file.seek(chunk.begin)
-        well_formed = [line[:1] == b"{" and line[-3:].rstrip(b"\r\n")[-1:] == b"}" for line in file]
+    well_formed = [
+        line[:1] == b"{" and (line[-2:] == b"}\n" or line[-3:] == b"}\r\n") for line in file
+    ]
     if chunk.end < len(chunk.data):
         well_formed.pop()  # a part of a line
     return len(well_formed), well_formed.count(True)

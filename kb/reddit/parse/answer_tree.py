@@ -42,21 +42,6 @@ def things(response: Any) -> Iterator[Thing]:
             stack.append(inner.get("things") if isinstance(inner, dict) else None)
 
 
-def is_deeper(value: Any, levels: int) -> bool:
-    """Whether more than `levels` lists and objects stand within each other; without recursion."""
-    level = [value] if isinstance(value, (dict, list)) else []
-    for _ in range(levels):
-        level = [
-            inner
-            for outer in level
-            for inner in (outer.values() if isinstance(outer, dict) else outer)
-            if isinstance(inner, (dict, list))
-        ]
-        if not level:
-            return False
-    return bool(level)
-
-
 def new_comments(response: Any, of: str | None = None) -> int:
     """How many comments an answer brings; a thread's page repeats `of`, which it continues."""
     return sum(thing.kind == COMMENT and thing.data.get("id") != of for thing in things(response))

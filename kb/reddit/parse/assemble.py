@@ -15,6 +15,7 @@ from kb.reddit.parse.answer_tree import depths
 from kb.reddit.parse.answers import KINDS, MARKS, OPEN, READ, schema
 from kb.store.layout import parquet_files
 from kb.store.tables import parquet
+from kb.store.tables.columns import put
 from kb.store.tables.latest import newest
 from kb.store.tables.reading import reading
 from kb.store.tables.shard_writer import write_table
@@ -92,11 +93,8 @@ def _named(rows: pa.Table) -> pa.Table:
     state = rows["state"]
     rows = rows.append_column("missing", pc.equal(state, "missing"))
     # What has no id has no state either: why is in its problems.
-    rows = rows.set_column(
-        rows.column_names.index("state"),
-        "state",
-        pc.if_else(pc.equal(state, "unknown"), pa.scalar(None, pa.string()), state),
-    )
+    known = pc.if_else(pc.equal(state, "unknown"), pa.scalar(None, pa.string()), state)
+    rows = put(rows, "state", known)
     rows = rows.append_column("score_source", pc.if_else(rows["live"], "live", "dump"))
     rows = rows.drop_columns(["dump"])
     return rows.rename_columns(["body" if name == "text" else name for name in rows.column_names])
@@ -155,14 +153,14 @@ def with_counts(kept: dict[str, pa.Table]) -> dict[str, pa.Table]:
         there = pc.is_in(pc.utf8_slice_codeunits(parent, 3), ids)
         # Every comment's post is there: the stage `post` saw to it.
         there = pc.or_(pc.starts_with(parent, "t3_"), there)
-        tables["reddit/comments"] = _with(comments, "parent_in_release", there)
+        tables["reddit/comments"] = put(comments, "parent_in_release", there)
     if posts is not None:
         below: pa.Array[Any] | pa.ChunkedArray[Any] = (
             pa.chunked_array([pa.repeat(pa.scalar(0, pa.int64()), posts.num_rows)])
             if comments is None
             else _count(posts, comments)
         )
-        tables["reddit/posts"] = _with(posts, "comments_released", below)
+        tables["reddit/posts"] = put(posts, "comments_released", below)
     return tables
 
 
@@ -187,7 +185,7 @@ def _count_again(folder: Path, name: str) -> None:
         for kind, rows in with_counts(old).items():
             if not rows.equals(old[kind]):
                 column = _COUNTED[kind][-1]
-                updated = _with(parquet.read_table(paths[kind]), column, rows[column])
+                updated = put(parquet.read_table(paths[kind]), column, rows[column])
                 write_table(paths[kind], updated, kind)
 
 
@@ -198,9 +196,3 @@ def _count(posts: pa.Table, below: pa.Table) -> pa.Array[Any]:
     counted = sums["count_all"].combine_chunks().take(place.combine_chunks())
     counts: pa.Array[Any] = pc.fill_null(counted, 0)
     return counts
-
-
-def _with(rows: pa.Table, name: str, values: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Table:
-    if name in rows.column_names:
-        return rows.set_column(rows.column_names.index(name), name, values)
-    return rows.append_column(name, values)

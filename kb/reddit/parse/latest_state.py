@@ -9,7 +9,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -22,6 +21,7 @@ from kb.store.atomic import full_disk_is_resumable
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.tables import partition
+from kb.store.tables.columns import aligned, put
 from kb.store.tables.latest import newest
 
 COLUMNS = ("fullname", "post_id", "state", "fetched_at", "live", "gone", "dump")
@@ -40,9 +40,8 @@ class LatestState:
         self.folder = folder
 
     def __iter__(self) -> Iterator[pa.Table]:
-        for path in sorted(self.folder.glob("*.arrow")):
-            with pa.ipc.open_file(str(path)) as file:
-                yield file.read_all()
+        for bucket in sorted(self.folder.glob("[0-9]*")):
+            yield _newest(sorted(bucket.glob("*.arrow")))
 
 
 @contextmanager
@@ -54,6 +53,7 @@ def latest_state(run: Run, folder: Path | None = None) -> Iterator[LatestState]:
     """
     folder = folder or Layout(run.root).known("reddit")
     shutil.rmtree(folder, ignore_errors=True)  # of a killed run
+    folder.mkdir(parents=True)
     try:
         segments = [
             (kind, path)
@@ -61,40 +61,24 @@ def latest_state(run: Run, folder: Path | None = None) -> Iterator[LatestState]:
             for path in rawlog.segments(run.root, "reddit", kind)
         ]
         size = sum(path.stat().st_size for _, path in segments)
-        number = partition.how_many(size)
+        links, number = run.profile.section(RedditSection).links, partition.how_many(size)
+        tasks = (
+            (kind, links, str(path), place, str(folder), number)
+            for place, (kind, path) in enumerate(segments)
+        )
         with (
-            full_disk_is_resumable(folder),
             make_executor(run.engine, run.processes(size), run.scheduler) as executor,
+            run.progress.task("read reddit", total=len(segments), unit="raw files") as task,
         ):
-            _spread(run, segments, folder / "rows", number, executor)
-            for _ in map_in_order(
-                executor,
-                reduce,
-                ((str(folder), bucket) for bucket in range(number)),
-                window=2 * run.workers,
-            ):
-                pass
+            for _ in map_in_order(executor, spread, tasks, window=2 * run.workers):
+                task.advance(1)
         yield LatestState(folder)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _spread(
-    run: Run, segments: list[tuple[str, Path]], folder: Path, number: int, executor: Any
-) -> None:
-    """Every segment of the raw log → `folder/<bucket>/<segment>.arrow`, of `number` buckets."""
-    links = run.profile.section(RedditSection).links
-    tasks = (
-        (kind, links, str(path), place, str(folder), number)
-        for place, (kind, path) in enumerate(segments)
-    )
-    with run.progress.task("read reddit", total=len(segments), unit="raw files") as task:
-        for _ in map_in_order(executor, spread, tasks, window=2 * run.workers):
-            task.advance(1)
-
-
 def spread(kind: str, links: Links, segment: str, place: int, folder: str, number: int) -> None:
-    """Spread one segment; runs in a worker."""
+    """Spread a segment: `folder/<bucket>/<place>.arrow` of `number` buckets; runs in a worker."""
     about = partition.RawKind(
         partial(_rows, kind=kind, links=links), key=("fullname",), bucket="fullname"
     )
@@ -109,33 +93,18 @@ def _rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]
         yield rows.filter(pc.is_in(rows["state"], value_set=states)).select(COLUMNS)
 
 
-def reduce(folder: str, number: int) -> None:
-    """One row a thing of a bucket → `folder/<bucket>.arrow`; runs in a worker."""
-    parts = []
-    for path in sorted(Path(folder, "rows", str(number)).glob("*.arrow")):
-        with pa.ipc.open_file(str(path)) as file:
-            parts.append(file.read_all())
-    if not parts:
-        return
+def _newest(paths: list[Path]) -> pa.Table:
+    """One row a thing of a bucket."""
     # As in assemble the later kind wins between answers of the same age: segments are in the order
     # of the kinds.
-    rows = pa.concat_tables(parts)
+    rows = pa.concat_tables(
+        [pa.ipc.open_file(pa.memory_map(str(path))).read_all() for path in paths]
+    )
     by = ("fetched_at", "live", "dump")
     latest = newest(rows, ["fullname"], by)
     # An answer that a comment is gone may not name its post; an older answer does.
-    with_post = newest(
-        rows.filter(pc.not_equal(pc.fill_null(rows["post_id"], ""), "")), ["fullname"], by
-    )
-    post = with_post["post_id"].take(
-        pc.index_in(latest["fullname"], with_post["fullname"].combine_chunks())
-    )
+    named = newest(rows.filter(pc.greater(pc.binary_length(rows["post_id"]), 0)), ["fullname"], by)
+    posts = aligned(named, "fullname", latest["fullname"])["post_id"]
     there = pc.equal(latest["state"], "there")
-    latest = latest.set_column(latest.column_names.index("post_id"), "post_id", post)
-    latest = latest.select(["fullname", "post_id", "fetched_at", "live", "gone"])
-    latest = latest.append_column("there", there)
-    with (
-        full_disk_is_resumable(Path(folder)),
-        pa.ipc.new_file(str(Path(folder, f"{number:06d}.arrow")), latest.schema) as file,
-    ):
-        file.write_table(latest)
-    shutil.rmtree(Path(folder, "rows", str(number)))
+    latest = latest.drop_columns(["state", "dump"]).append_column("there", there)
+    return put(latest, "post_id", posts)

@@ -10,7 +10,7 @@ import shutil
 from collections.abc import Collection
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -35,6 +35,7 @@ from kb.reddit.parse.assemble import assemble, newest_of, with_counts
 from kb.schema.tables import Table
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.rawlog import rawlog
+from kb.store.tables.columns import aligned, put
 from kb.store.tables.partition import Shuffle
 
 TABLES = (RestoredTable("reddit/posts", "t3_"), RestoredTable("reddit/comments", "t1_"))
@@ -137,7 +138,7 @@ def _answered(scratch: Path, number: int, answers: Answers) -> dict[str, Missing
             # Nobody read the tree of a post that was asked for by its id alone.
             trees = pc.is_in(rows["post_id"], pa.array(answers.wanted.trees, pa.string()))
             unread = pc.if_else(trees, rows["comments_unread"], pa.scalar(None, pa.int64()))
-            rows = _put(rows, "comments_unread", unread)
+            rows = put(rows, "comments_unread", unread)
             rows = _filled(rows, "post_id", "comments_unread", answers.released.unread)
         else:
             rows = _filled(rows, "comment_id", "depth", answers.released.depths)
@@ -155,7 +156,7 @@ def _with_counts(rows: dict[str, pa.Table]) -> dict[str, pa.Table]:
     keys = cast("list[str]", comments["comment_id"].to_pylist())
     known = depths(zip(keys, comments["parent_id"].to_pylist(), strict=True))
     computed = pa.array([known.get(key) for key in keys], pa.int64())
-    comments = _put(comments, "depth", pc.coalesce(comments["depth"], computed))
+    comments = put(comments, "depth", pc.coalesce(comments["depth"], computed))
     return with_counts({**rows, "reddit/comments": comments})
 
 
@@ -175,7 +176,7 @@ def _in_order(rows: pa.Table) -> pa.Table:
     is_removed = pc.is_valid(rows["gone"])
     undated = pc.and_(is_removed, pc.is_null(rows["fetched_at"]))
     forever = pa.scalar(FOREVER, rows.schema.field("fetched_at").type)
-    rows = _put(rows, "fetched_at", pc.if_else(undated, forever, rows["fetched_at"]))
+    rows = put(rows, "fetched_at", pc.if_else(undated, forever, rows["fetched_at"]))
     rows = rows.append_column("is_gone", is_removed)
     return rows.sort_by([("is_gone", "ascending"), ("dump", "ascending")]).drop_columns("is_gone")
 
@@ -209,12 +210,7 @@ def _filled(rows: pa.Table, key: str, name: str, known: pa.Table | None) -> pa.T
     """The column `name` where it is null from `known` (key, name)."""
     if known is None:
         return rows
-    place = pc.index_in(rows[key], value_set=known[key].combine_chunks())
-    return _put(rows, name, pc.coalesce(rows[name], known[name].take(place)))
-
-
-def _put(rows: pa.Table, name: str, values: pa.ChunkedArray[Any]) -> pa.Table:
-    return rows.set_column(rows.column_names.index(name), name, values)
+    return put(rows, name, pc.coalesce(rows[name], aligned(known, key, rows[key])[name]))
 
 
 def _reason(state: str, removed: str | None) -> str | None:

@@ -135,25 +135,26 @@ class WikiApi:
                 hint="open the URL in a browser",
             ) from None
         try:
-            value = msgspec.json.decode(answer.body)
+            value = msgspec.json.decode(answer.content)
         except (msgspec.DecodeError, RecursionError):
-            what = answers.quoted(answer.body[:1000].decode("utf-8", "replace"))
+            what = answers.quoted(answer.content[:1000].decode("utf-8", "replace"))
             # An HTML page instead of JSON is a challenge: we are being turned away.
-            page = answer.body.lstrip()[:1] == b"<"
+            page = answer.content.lstrip()[:1] == b"<"
             raise Retryable(f"{self.endpoint} returns no JSON but {what}", throttled=page) from None
+        after = retry.retry_after(answer.headers.get("Retry-After"))
         refusal = value.get("error") if isinstance(value, dict) else None
         if isinstance(refusal, dict) and refusal:
             code = str(refusal.get("code"))
             if code.startswith(_AGAIN):
-                raise Retryable(code, after=answer.after)
+                raise Retryable(code, after=after)
             if code in ("blocked", "autoblocked", "readapidenied"):
                 raise Blocked(f"the wiki's API refuses: {refusal.get('info', code)}")
             raise FatalError(
                 f"the wiki's API refuses {params.get('action')}: {refusal.get('info', code)}"
             )
         if wrong := answers.problem(params, value):
-            raise Retryable(f"{wrong} ({self.endpoint})", after=answer.after)
-        return answer.status, value
+            raise Retryable(f"{wrong} ({self.endpoint})", after=after)
+        return answer.status_code, value
 
 
 class _LoopDetector:
@@ -234,7 +235,7 @@ def find_endpoint(web: WikiHosts, url: str, *, known: bool = False) -> str:
     except ItemFinal as error:
         raise FatalError(f"{url} does not answer as a wiki: {error}") from None
     front = _FrontPage()
-    front.feed(page.body.decode("utf-8", "replace"))
+    front.feed(page.content.decode("utf-8", "replace"))
     if not front.href and (known or front.unlisted or web.foreign_robots):
         raise retry.blocked(f"{url} shows a page that is not the wiki's, as a challenge does")
     if not front.href:

@@ -19,7 +19,7 @@ from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 from kb.wiki.connector import reduce
 from kb.wiki.connector.reduce import SiteItem, Title
-from kb.wiki.parse import extraction
+from kb.wiki.parse.tables import is_foreign, read_extraction
 
 COMPARED = 3  # challenged pages before a challenge counts as one to all pages
 _IDENTIFIED = "identified"  # cursor: all captures are of the pages that they were stored for
@@ -185,7 +185,7 @@ def reopen_foreign(frontier: Frontier, root: Path) -> None:
     foreign = [
         key
         for key, content in _captured_pages(frontier, root)
-        if content is not None and extraction.is_foreign(content["page"], int(key))
+        if content is not None and is_foreign(content["page"], int(key))
     ]
     with frontier.transaction():
         frontier.mark("pages", foreign, "todo")
@@ -199,7 +199,7 @@ def _captured_pages(frontier: Frontier, root: Path) -> Iterator[tuple[str, dict[
             try:
                 yield (
                     key,
-                    extraction.read(root, Layout(root).captures / key / str(page.rendered[0])),
+                    read_extraction(root, Layout(root).captures / key / str(page.rendered[0])),
                 )
             except DamagedData:
                 yield key, None

@@ -4,7 +4,6 @@ import hashlib
 import math
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit, urlunsplit
@@ -41,20 +40,13 @@ _CHALLENGES = ("cf-mitigated", "x-amzn-waf-action")
 FILE_PAUSE = 0.1
 
 
-@dataclass(frozen=True)
-class Reply:
-    """A complete response. `after` is Retry-After in seconds, if the server sent one."""
-
-    status: int
-    body: bytes
-    url: str
-    after: float | None
-
-
 class WikiHosts:
     """The hosts of one wiki. Thread-safe. Only `root` and `hosts` are ever requested."""
 
-    def __init__(self, run: Run, root: str, hosts: tuple[str, ...], pause: float) -> None:
+    def __init__(
+        self, run: Run, root: str, hosts: tuple[str, ...], pause: float, tries: int = 0
+    ) -> None:
+        self._tries = tries or TRIES
         self.agent = user_agent(run.settings.kb_contact)
         self.run, self.root = run, root
         schemes = {"https", urlsplit(root).scheme}
@@ -91,10 +83,9 @@ class WikiHosts:
             answer = self.attempt(
                 lambda: self._fetch(robots_url(self.root), {}), service="the wiki"
             )
-            self.foreign_robots = answer.body.lstrip()[:1] == b"<"
-            self._robots = Robots.of_answer(
-                answer.status, answer.body.decode("utf-8", "replace"), self.agent
-            )
+            self.foreign_robots = answer.content.lstrip()[:1] == b"<"
+            text = answer.content.decode("utf-8", "replace")
+            self._robots = Robots.of_answer(answer.status_code, text, self.agent)
         except ItemFinal:
             self._robots = Robots.of_answer(404, "", self.agent)
         self.pace.at_least(self._robots.crawl_delay or 0.0)
@@ -113,7 +104,7 @@ class WikiHosts:
 
     # -- requests --------------------------------------------------------------------------------
 
-    def get(self, url: str, params: Mapping[str, str | int]) -> Reply:
+    def get(self, url: str, params: Mapping[str, str | int]) -> requests.Response:
         """One paced request. Raises Retryable or ItemFinal."""
         self.pace.wait()
         return self._fetch(url, params)
@@ -126,7 +117,7 @@ class WikiHosts:
         """
         patience = math.inf if self.run.wait else retry.PATIENCE_S
         return retry.attempt(
-            call, tries=TRIES, patience=patience, service=service, sleep=self.sleep
+            call, tries=self._tries, patience=patience, service=service, sleep=self.sleep
         )
 
     def rest(self, after: float | None) -> None:
@@ -159,17 +150,8 @@ class WikiHosts:
             self.requests += 1
         return self.ledger(request) if self.ledger else None
 
-    def _fetch(self, url: str, params: Mapping[str, str | int]) -> Reply:
-        with self._open(url, params, stream=False) as response:
-            return Reply(
-                response.status_code,
-                response.content,
-                response.url,
-                retry.retry_after(response.headers.get("retry-after")),
-            )
-
-    def _open(
-        self, url: str, params: Mapping[str, str | int], *, stream: bool
+    def _fetch(
+        self, url: str, params: Mapping[str, str | int], *, stream: bool = False
     ) -> requests.Response:
         if host_of(url) not in self._hosts:
             raise ItemFinal("other_host", urlsplit(url).netloc)
@@ -197,7 +179,7 @@ class WikiHosts:
         """
         self._files.wait()
         content, digest = bytearray(), hashlib.sha256()
-        with self._open(url, {}, stream=True) as response:
+        with self._fetch(url, {}, stream=True) as response:
             wanted = response.headers.get("content-length")
             if wanted and wanted.isdigit() and int(wanted) > limit:
                 raise ItemFinal("too_large", wanted)

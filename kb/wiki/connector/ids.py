@@ -6,7 +6,6 @@ from functools import partial
 from pathlib import Path
 from urllib.parse import parse_qs, unquote, urlsplit
 
-from kb.crawl import id_list
 from kb.crawl.id_list import LEFT_OUT, IdList, IdRules, ListedId
 
 LONGEST = 1024  # bytes; MediaWiki's own titles end at 255, and a namespace before them
@@ -47,12 +46,7 @@ def read_titles(
 
     Raises SettingError (exit 2) also when there are none.
     """
-    return id_list.read_some(path, _rules("--titles", namespaces or (0,), ("title",)), say)
-
-
-def read_names(path: Path, say: Callable[[str], None] | None = None) -> IdList:
-    """Titles, addresses and page ids (`numbers`) of `--ids`. Raises SettingError."""
-    return id_list.read(path, _rules("--ids", None, ("page_id", "pageid", "title")), say)
+    return _rules("--titles", namespaces or (0,), ("title",)).read_some(path, say)
 
 
 def _title(namespaces: Collection[int] | None, entry: ListedId) -> str | None:
@@ -86,3 +80,7 @@ def _of_address(name: str) -> str:
     if titles := parse_qs(parts.query).get("title"):
         return titles[0]
     return unquote(re.sub(r"^.*?/(?:wiki|w)/", "", parts.path).lstrip("/"))
+
+
+NAMES = _rules("--ids", None, ("page_id", "pageid", "title"))
+"""Titles, addresses and page ids (`IdList.numbers`) of `--ids`."""

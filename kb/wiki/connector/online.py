@@ -6,30 +6,20 @@ nothing is loaded.
 """
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator
-from typing import NamedTuple, TypeVar
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
 from kb.core.config import value_errors
 from kb.core.config.profile.check_finding import NOTE, OnlineAnswer, QuestionCost
 from kb.core.config.profile.wiki import Markup, Wiki
 from kb.core.context import Run
 from kb.core.errors import ItemFinal
-from kb.net import retry
 from kb.wiki.browser import chromium
 from kb.wiki.browser.browser import Browser
 from kb.wiki.connector.client import WikiApi, find_endpoint
 from kb.wiki.connector.http_client import WikiHosts
 
 PAGES = 5  # that are read, to try the selectors on
-Result = TypeVar("Result")
-
-
-class _Once(WikiHosts):
-    """A wiki that is asked once: users who wait for a check want no retries."""
-
-    def attempt(self, call: Callable[[], Result], *, service: str | None = None) -> Result:
-        """One try. Raises Unreachable or Blocked."""
-        return retry.attempt(call, tries=1, service=service or "the wiki")
 
 
 def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
@@ -37,7 +27,8 @@ def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
     run.settings.need("kb_contact")
     section = run.profile.section(Wiki)
     url = run.settings.kb_wiki_url or section.url
-    web = _Once(run, url, section.hosts, section.seconds_between)
+    # Users who wait for a check want no retries.
+    web = WikiHosts(run, url, section.hosts, section.seconds_between, tries=1)
     try:
         web.read_robots()
         api = WikiApi(find_endpoint(web, url), web)
@@ -68,7 +59,7 @@ def _some_pages(api: WikiApi, web: WikiHosts, namespace: int) -> Iterator[str]:
     ):
         with contextlib.suppress(ItemFinal):
             if web.allowed(url):
-                text = web.get(url, {}).body.decode("utf-8", "replace")
+                text = web.get(url, {}).content.decode("utf-8", "replace")
                 if "wgArticleId" in text:  # else it is no page of the wiki: a challenge, say
                     yield text
 

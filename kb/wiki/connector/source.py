@@ -25,7 +25,7 @@ from kb.crawl.id_list import IdList
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
-from kb.crawl.source import Answer, Opened, Phase, Plain
+from kb.crawl.source import Answer, Opened, Phase, Source
 from kb.net.session import Note
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state import tombstones
@@ -61,7 +61,7 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
     return work(run, source, source.summary, phases=source.wanted, facts=source.facts)
 
 
-class WikiSource(Plain):
+class WikiSource(Source):
     """The wiki of a profile, or the one that the settings name."""
 
     name = "wiki"

@@ -6,20 +6,53 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pyarrow as pa
+import zstandard
 
 from kb.schema.nested_elements import is_outermost
 from kb.schema.tables import table
 from kb.store.layout import BELOW, Layout
-from kb.store.rawlog.sidefiles import captured_path
+from kb.store.rawlog import sidefiles
+from kb.store.tables.columns import put
 from kb.wiki import media_urls
-from kb.wiki.parse import extraction, facts
+from kb.wiki.parse import facts
 
 Row = dict[str, Any]
 Files = Mapping[str, Row]
 
 PARTS = ("wiki/elements", "wiki/cells", "wiki/images", "wiki/facts", "wiki/recipes")
 LEAST_BYTES = 32 << 10  # counted for a small extraction: at most 256 pages to a bucket of 8 MB
+SIDES = ("x", "y", "width", "height")
+_FILE = "extraction.json.zst"
+# Pages that were captured before these were read have neither facts nor recipes.
+_LATER: dict[str, Any] = {"sprites": {}, "facts": [], "recipes": []}
+
+
+def read_extraction(root: Path, folder: Path) -> dict[str, Any]:
+    """The extraction in a page's folder: sizes of the `page`, its `elements` in document order,
+    `cells` of tables, `sprites`, `facts` and `recipes`.
+
+    Raises DamagedData, and notes the page for the next crawl.
+    """
+    path = folder / _FILE
+    try:
+        text = zstandard.ZstdDecompressor().decompressobj().decompress(path.read_bytes())
+        content: dict[str, Any] = msgspec.json.decode(text)
+    except (OSError, zstandard.ZstdError, msgspec.DecodeError) as error:
+        damage = sidefiles.lost(root, "wiki", [path])
+        damage.args = (f"{path} can't be read: {error}",)
+        raise damage from None
+    return _LATER | content
+
+
+def is_foreign(page: dict[str, Any], page_id: int) -> bool:
+    """Whether a capture shows another page than the one it was stored for.
+
+    Earlier versions stored challenge pages like this. `page` is what the extraction says about the
+    page; a capture without a page id is trusted.
+    """
+    return bool(page.get("page_id", page_id) != page_id)
 
 
 def size(root: Path) -> int:
@@ -50,8 +83,8 @@ def read_pages(
     for number, page in enumerate(described.to_pylist()):
         values: Row = {}
         if page["folder"] is not None:
-            seen = extraction.read(root, captured_path(root, page["folder"]))
-            if extraction.is_foreign(seen["page"], page["page_id"]):
+            seen = read_extraction(root, sidefiles.captured_path(root, page["folder"]))
+            if is_foreign(seen["page"], page["page_id"]):
                 render[number] = "challenge"
             else:
                 text = page_text(seen["elements"])
@@ -65,8 +98,7 @@ def read_pages(
                     parts[name].append(part)
         for name, column in columns.items():
             column.append(values.get(name))
-    place = pages.schema.get_field_index("render")
-    pages = pages.set_column(place, pages.schema.field(place), pa.array(render, pa.string()))
+    pages = put(pages, "render", pa.array(render, pa.string()))
     types = {column.name: column.parsed.arrow() for column in table("wiki/pages").columns}
     for name, column in columns.items():
         pages = pages.append_column(name, pa.array(column, types.get(name, pa.string())))
@@ -117,9 +149,7 @@ def elements(page_id: int, entries: list[Row], rules: facts.MarkupRules) -> pa.T
         # Images, hidden text and pages captured by earlier versions have no lines.
         boxes = entry.get("lines")
         lines.append(
-            None
-            if boxes is None
-            else [dict(zip(extraction.SIDES, box, strict=True)) for box in boxes]
+            None if boxes is None else [dict(zip(SIDES, box, strict=True)) for box in boxes]
         )
     order = list(range(len(entries)))
     return _made("wiki/elements", page_id, entries, text=texts, lines=lines, reading_order=order)
@@ -140,7 +170,7 @@ def _made(name: str, page_id: int, entries: list[Row], **made: list[Any]) -> pa.
         if column.name in made:
             values = made[column.name]
         elif field == "box":
-            side = extraction.SIDES.index(column.name)
+            side = SIDES.index(column.name)
             values = [entry["box"][side] for entry in entries]
         else:
             values = [entry[field] for entry in entries]

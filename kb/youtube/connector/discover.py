@@ -7,6 +7,7 @@ from pathlib import Path
 import pyarrow as pa
 
 from kb.core import clock
+from kb.core.config.profile.check import key_lines, line_of
 from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import FatalError
@@ -102,18 +103,11 @@ def no_channel(run: Run, barren: Collection[str], channels: int) -> FatalError |
 
 def _line(path: Path) -> str:
     """Where the keywords stand in a profile, as ", line 8"."""
-    section = ""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = key_lines(path.read_text(encoding="utf-8"))
     except OSError:
         return ""
-    for number, line in enumerate(lines, 1):
-        text = line.strip()
-        if text.startswith("["):
-            section = text
-        elif section == "[youtube]" and text.split("=")[0].strip() == "keywords":
-            return f", line {number}"
-    return ""
+    return f", line {line_of(lines, 'youtube.keywords')}"
 
 
 def judge_pending(reducer: Reducer, root: Path, frontier: Frontier) -> None:

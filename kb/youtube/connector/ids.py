@@ -3,9 +3,7 @@
 import hashlib
 import re
 from collections.abc import Callable
-from pathlib import Path
 
-from kb.crawl import id_list
 from kb.crawl.id_list import IdRules, ListedId
 
 Part = tuple[int, int] | None
@@ -29,24 +27,6 @@ RULES = IdRules(
     tables=(("videos",), ("pairs",)),
     parse=_video_id,
 )
-
-
-def read_ids(path: Path, say: Callable[[str], None] | None = None) -> tuple[list[str], int]:
-    """(ids in the list's order without duplicates, entries that are none). Raises SettingError.
-
-    Any form that kb.crawl.id_list reads; of lines ids, addresses, and yt-dlp's download archive.
-    `say` gets one line when there are entries that are no ids.
-    """
-    listed = id_list.read(path, RULES, say)
-    return listed.keys, listed.bad_lines
-
-
-def some_ids(path: Path, say: Callable[[str], None] | None = None) -> tuple[list[str], int]:
-    """The same for a crawl, which has nothing to do without one. Raises SettingError also when
-    there is none.
-    """
-    listed = id_list.read_some(path, RULES, say)
-    return listed.keys, listed.bad_lines
 
 
 def share(part: Part) -> Callable[[str], bool]:

@@ -1,15 +1,14 @@
 """The question of `kb profile check --online` to YouTube: one channel search."""
 
 import tempfile
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from kb.core import clock
 from kb.core.config import value_errors
 from kb.core.config.profile.check_finding import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
 from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
+from kb.crawl.source import Opened
 from kb.store.state.frontier import Frontier
 from kb.youtube.connector.client import YouTubeApi
 
@@ -22,7 +21,7 @@ def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
         ledger = Frontier(Path(place) / "ledger.sqlite")
         try:
             once = section.model_copy(update={"max_tries": 1})
-            api = YouTubeApi(run, once, _Alone(run, ledger), service="api")
+            api = YouTubeApi(run, once, Opened(run=run, frontier=ledger), service="api")
             cost.requests = cost.units = 1
             answer = api.search(q=words, type="channel", part="snippet", maxResults=5)
             api.close()
@@ -35,26 +34,6 @@ def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
         return OnlineAnswer(ERROR, "youtube.keywords", f"{searched} finds no channel", fix, WRONG)
     shown = ", ".join(titles[:3])
     return OnlineAnswer(NOTE, "youtube.keywords", f"{searched} finds channels such as {shown}")
-
-
-@dataclass
-class _Alone:
-    """What the Data API's client needs of an open data root, without one."""
-
-    run: Run
-    frontier: Frontier
-    purged: set[str] = field(default_factory=set)
-
-    def probing(self, service: str) -> bool:
-        """Nobody was turned away before."""
-        return False
-
-    def check(self, service: str) -> None:
-        """No other thread asks."""
-
-    def sleep(self, service: str, seconds: float) -> None:
-        """Between two tries."""
-        clock.sleep(seconds)
 
 
 def _title(item: dict[str, Any]) -> str:

@@ -20,7 +20,7 @@ from kb.store.rawlog import rawlog
 from kb.store.tables import reading
 from kb.youtube.connector import quota
 from kb.youtube.connector.fetch import PACK
-from kb.youtube.connector.ids import Part, share, some_ids
+from kb.youtube.connector.ids import RULES, Part, share
 from kb.youtube.connector.reduce import (
     CHANNELS,
     PAYLOADS,
@@ -187,7 +187,7 @@ def _left(profile: Any, state: dict[str, Any], rates: dict[str, float]) -> dict[
 def _left_of_ids(run: Run, ids: Path, part: Part, state: dict[str, Any]) -> dict[str, int]:
     """A known list: no searches and no lists."""
     mine = share(part)
-    wanted = {key for key in some_ids(ids)[0] if mine(key)}
+    wanted = {key for key in RULES.read_some(ids).keys if mine(key)}
     rates, _ = _measured(state)
     path = Layout(run.root).state("youtube")
     pending = 0

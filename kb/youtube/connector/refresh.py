@@ -85,25 +85,31 @@ class _Answer(msgspec.Struct, gc=False):
     response: _Returned
 
 
-def _about(kind: str, answer: _Answer) -> list[str]:
-    """The videos of which an answer says how they are: what videos.list leaves out is gone."""
-    if kind == RAW_VIDEOS:
-        return parse.requested(answer.request.params)
-    keys = [answer.response.id, *(item.id for item in answer.response.items)]
-    return [key for key in keys if isinstance(key, str)]
+class Reading(NamedTuple):
+    """When a video was last read (RFC 3339), and whether the answer had it."""
+
+    at: str
+    there: bool
 
 
-def newest(root: Path, kind: str) -> dict[str, str]:
-    """When each video was last read, by id, of answers of a raw kind."""
+def newest(root: Path, kind: str) -> dict[str, Reading]:
+    """The newest reading of each video in answers of a raw kind.
+
+    What videos.list leaves out is gone; of the others only what they have counts.
+    """
     decoder = msgspec.json.Decoder(_Answer)
-    times: dict[str, str] = {}
+    readings: dict[str, Reading] = {}
     for path in rawlog.segments(root, "youtube", kind):
-        for _, line in rawlog.Frames(path):
+        for _, line in rawlog.Frames(path, checked=True):
             answer = decoder.decode(line)
-            for key in _about(kind, answer):
-                if times.get(key, "") < answer.fetched_at:
-                    times[key] = answer.fetched_at
-    return times
+            shown = (answer.response.id, *(item.id for item in answer.response.items))
+            there = {key for key in shown if isinstance(key, str)}
+            asked = parse.requested(answer.request.params) if kind == RAW_VIDEOS else there
+            for key in asked:
+                before = readings.get(key)
+                if before is None or before.at <= answer.fetched_at:
+                    readings[key] = Reading(answer.fetched_at, key in there)
+    return readings
 
 
 def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
@@ -141,8 +147,8 @@ def _due(run: Run, profile: Profile, purged: Collection[str], older_than: int | 
         if key in purged:
             continue
         full = in_full.get(key)
-        counted = max(times.get(key, "") for times in (in_full, filed, statistics))
-        if clock.parse(full or filed[key]) < too_old:
+        counted = max(times[key].at for times in (in_full, filed, statistics) if key in times)
+        if clock.parse((full or filed[key]).at) < too_old:
             due.metadata.append(key)
         elif clock.parse(counted) < oldest or older_than == 0:
             # With 0 days also what was read in this very second.

@@ -29,13 +29,13 @@ from kb.core.summary import Summary
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
-from kb.crawl.source import Answer, Opened, Phase, Plain
+from kb.crawl.source import Answer, Opened, Phase, Source
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
 from kb.youtube.connector.client import GOOGLE
 from kb.youtube.connector.discover import extend, judge_pending, new_round, no_channel, reopen
 from kb.youtube.connector.fetch import API, PACK, WEB, YouTubeFetcher
-from kb.youtube.connector.ids import Part, share, some_ids
+from kb.youtube.connector.ids import RULES, Part, share
 from kb.youtube.connector.quota import GENERAL, SEARCH, limit, today
 from kb.youtube.connector.reduce import (
     BEYOND,
@@ -112,7 +112,7 @@ def _promising(worth: Worth, videos: pa.Table) -> list[str]:
     return cast("list[str]", rows.filter(worth(rows))["video_id"].to_pylist())
 
 
-class YouTubeSource(Plain):
+class YouTubeSource(Source):
     """One run's source. Raises SettingError for ids that can't be read.
 
     `chosen` are the phases of this run; `counts` what it had, by the names of its summary.
@@ -140,8 +140,7 @@ class YouTubeSource(Plain):
             replace(phase, workers=max(1, min(run.workers, phase.workers))) for phase in PHASES
         ]
         self.chosen = _chosen(self.phases, only, ids)
-        given: tuple[list[str] | None, int] = some_ids(ids, run.progress.say) if ids else (None, 0)
-        self._known, self._bad_lines = given
+        self._known = RULES.read_some(ids, run.progress.say) if ids else None
         self._wanted, self._mine = wanted, share(part)
         self.counts: Counter[str] = Counter()
         self._barren: list[str] = []
@@ -172,7 +171,7 @@ class YouTubeSource(Plain):
         if self._known is not None:
             purged = self.opened.purged
             frontier.add(
-                VIDEOS, [key for key in self._known if self._mine(key) and key not in purged]
+                VIDEOS, [key for key in self._known.keys if self._mine(key) and key not in purged]
             )
             return
         extend(frontier, self.profile, self._mine)
@@ -237,7 +236,7 @@ class YouTubeSource(Plain):
             po_token=with_po_token(frontier),
             requests=requests,
             units=units,
-            bad_lines=self._bad_lines,
+            bad_lines=self._known.bad_lines if self._known else 0,
             left=sum(left.values()),
             left_by=left,
         )

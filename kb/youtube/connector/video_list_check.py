@@ -25,7 +25,6 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase as Step
 from kb.core.summary.plan import plan as make_plan
-from kb.crawl import id_list
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
@@ -38,7 +37,7 @@ from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
 from kb.youtube.connector.fetch import API, PACK
-from kb.youtube.connector.ids import RULES, some_ids
+from kb.youtube.connector.ids import RULES
 from kb.youtube.connector.quota import GENERAL
 from kb.youtube.connector.source import YouTubeSource
 from kb.youtube.parse.answers import requested
@@ -74,7 +73,7 @@ def check(run: Run, ids: Path) -> Summary:
     A list that was checked before is not asked for again without `--again`. Raises SettingError
     and MissingCredential before anything is sent, Stopped (the same command goes on).
     """
-    listed, bad_lines = some_ids(ids, run.progress.say)
+    listed, _, bad_lines = RULES.read_some(ids, run.progress.say)
     name = hashlib.sha256("\n".join(listed).encode()).hexdigest()[:16]
     place = Layout(run.root).state_folder("youtube-check") / name
     kept = place.with_suffix(".json")
@@ -98,7 +97,7 @@ def check(run: Run, ids: Path) -> Summary:
 
 def plan(run: Run, ids: Path) -> Summary:
     """What a check would cost. Sends and writes nothing."""
-    listed, _ = some_ids(ids)
+    listed = RULES.read_some(ids).keys
     calls = math.ceil(len(listed) / PACK)
     a_day = run.profile.section(YouTubeSection).units_per_day
     step = Step("videos", len(listed), calls, calls)
@@ -203,7 +202,7 @@ def facts_of(path: Path) -> dict[str, Said]:
     Raises SettingError.
     """
     records: dict[str, Said] = {}
-    for entry in id_list.entries(path, RULES, _COMPARED):
+    for entry in RULES.entries(path, _COMPARED):
         key, row = RULES.parse(entry), entry.record
         if key is not None and any(row.get(name) is not None for name in _COMPARED):
             length = row.get("duration_s", row.get("duration"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any, cast
 
@@ -11,10 +11,13 @@ import pyarrow.compute as pc
 
 from kb.schema.tables import table
 from kb.store.layout import Layout
-from kb.store.state.frontier import Frontier
+from kb.store.rawlog import rawlog
+from kb.store.tables import reading
+from kb.store.tables.columns import aligned, array_of, lists, put
+from kb.store.tables.latest import newest
 from kb.store.tables.partition import RawKind
 from kb.youtube.parse import answers as parse
-from kb.youtube.parse.join import FROM_FILE, array_of, one_row_each
+from kb.youtube.parse.join import FROM_FILE, one_row_each
 from kb.youtube.parse.view_counting import view_rule
 from kb.youtube.parse.word_times import checked
 from kb.youtube.ytdlp import info, tracks
@@ -33,7 +36,7 @@ WATCH = "https://www.youtube.com/watch?v="
 
 
 def assemble(
-    newest: dict[str, pa.Table],
+    latest: dict[str, pa.Table],
     words: Callable[[Any], pa.Array[Any]],
     language: TrackLanguage = ENGLISH,
 ) -> dict[str, pa.Table]:
@@ -44,11 +47,11 @@ def assemble(
     the embed frame's), `fps`, `view_rule`, `age_restricted`, `game_label_id`, `game_label`,
     `transcript_outcome` (null: not asked), `transcript_kind`, `word_count`.
     """
-    videos = one_row_each(newest.get("videos"), newest.get("ytdlp_info"), newest.get("statistics"))
+    videos = one_row_each(latest.get("videos"), latest.get("ytdlp_info"), latest.get("statistics"))
     outcomes = tracks.with_imported(
-        newest.get("transcripts"),
-        newest.get("ytdlp_subtitles"),
-        newest.get("ytdlp_info"),
+        latest.get("transcripts"),
+        latest.get("ytdlp_subtitles"),
+        latest.get("ytdlp_info"),
         language,
     )
     transcripts = _usable(outcomes, words)
@@ -65,23 +68,13 @@ def unanswered(root: Path) -> Iterator[tuple[str, str]]:
     path = Layout(root).state("youtube")
     if not path.exists():
         return
-    frontier = Frontier(path, readonly=True)
-    try:
+    with reading.state(path) as frontier:
         for key, _, reason, _ in frontier.items(VIDEOS, "error", "skipped"):
             yield key, reason or "failed"
-    finally:
-        frontier.close()
 
 
 def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
-    at = pc.index_in(
-        videos["video_id"].combine_chunks(), value_set=transcripts["video_id"].combine_chunks()
-    )
-    side = (
-        transcripts.take(at).combine_chunks()
-        if transcripts.num_rows
-        else _nothing(transcripts, videos.num_rows)
-    )
+    side = aligned(transcripts, "video_id", array_of(videos, "video_id"))
     outcome = array_of(side, "outcome")
     if FROM_FILE in videos.column_names:
         # Nobody will read the label of a video that only a file tells of: keywords decide.
@@ -111,10 +104,7 @@ def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
         "problems": _renamed(array_of(videos, "problems")),
     }
     for name, column in own.items():
-        if name in videos.column_names:
-            videos = videos.set_column(videos.column_names.index(name), name, column)
-        else:
-            videos = videos.append_column(name, column)
+        videos = put(videos, name, column)
     return videos.append_column("view_rule", view_rule(videos))
 
 
@@ -151,12 +141,11 @@ def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.
         pc.is_valid(rows["language"]),
     )
     broken = pc.and_(pc.equal(rows["outcome"], "ok"), pc.invert(complete))
-    counted = _words(array_of(rows, "cues"), words)
+    cues = array_of(rows, "cues")
+    counted = words(lists(pc.list_value_length(cues), pc.list_flatten(cues).field("text")))
     empty = pc.and_(pc.equal(rows["outcome"], "ok"), pc.fill_null(pc.equal(counted, 0), False))
     outcome = pc.if_else(broken, "failed", pc.if_else(empty, "none", rows["outcome"]))
-    rows = rows.set_column(
-        rows.column_names.index("outcome"), "outcome", pc.fill_null(outcome, "failed")
-    )
+    rows = put(rows, "outcome", pc.fill_null(outcome, "failed"))
     return rows.append_column("word_count", counted)
 
 
@@ -169,14 +158,13 @@ def _tracks(transcripts: pa.Table, words: Callable[[Any], pa.Array[Any]]) -> pa.
     flat = pc.list_flatten(cues)
     original = pc.fill_null(pc.equal(array_of(transcripts, "original_kind"), "asr"), False)
     automatic = pc.fill_null(pc.equal(array_of(transcripts, "kind"), "asr"), False)
-    one_each = pa.ListArray.from_arrays(pa.array(range(len(flat) + 1), pa.int32()), flat.field(2))
+    one_each = lists(pa.repeat(pa.scalar(1), len(flat)), flat.field("text"))
     starts, verdict = checked(cues, automatic, words(one_each))
     fields = [flat.field("start_s"), _lengths(cues, flat, original), flat.field("text"), starts]
     names = ["start_s", "duration_s", "text", "word_start_s"]
-    sizes = pc.fill_null(pc.list_value_length(cues), 0).cast(pa.int32())
-    offsets = pa.concat_arrays([pa.array([0], pa.int32()), pc.cumulative_sum(sizes)])
+    made = pa.StructArray.from_arrays(fields, names=names)
     own = {
-        "cues": pa.ListArray.from_arrays(offsets, pa.StructArray.from_arrays(fields, names=names)),
+        "cues": lists(pc.list_value_length(cues), made),
         "word_times": pc.if_else(automatic, verdict, pa.scalar(None, pa.string())),
     }
     columns = {name: array_of(transcripts, name) for name in transcripts.column_names} | own
@@ -203,19 +191,6 @@ def _lengths(cues: pa.Array[Any], flat: Any, automatic: pa.Array[Any]) -> pa.Arr
     return pa.concat_arrays([before_last, length.slice(len(length) - 1)])
 
 
-def _words(cues: pa.Array[Any], words: Callable[[Any], pa.Array[Any]]) -> pa.Array[Any]:
-    """Words of the texts of each list of cues."""
-    flat = pc.list_flatten(cues)
-    counts = pc.list_value_length(cues)
-    starts = pc.cumulative_sum(pc.fill_null(counts, 0).cast(pa.int32()))
-    offsets = (
-        pa.concat_arrays([pa.array([0], pa.int32()), starts])
-        if len(cues)
-        else pa.array([0], pa.int32())
-    )
-    return words(pa.ListArray.from_arrays(offsets, flat.field("text")))
-
-
 def _renamed(problems: pa.Array[Any]) -> pa.Array[Any]:
     """What could not be read as embed_width was needed as width."""
     flat = pc.list_flatten(problems)
@@ -225,10 +200,22 @@ def _renamed(problems: pa.Array[Any]) -> pa.Array[Any]:
     renamed = pa.StructArray.from_arrays(
         [column, flat.field("reason"), flat.field("value")], names=["column", "reason", "value"]
     )
-    lengths = pc.fill_null(pc.list_value_length(problems), 0).cast(pa.int32())
-    offsets = pa.concat_arrays([pa.array([0], pa.int32()), pc.cumulative_sum(lengths)])
-    return pa.ListArray.from_arrays(offsets, renamed)
+    return lists(pc.list_value_length(problems), renamed)
 
 
-def _nothing(like: pa.Table, rows: int) -> pa.Table:
-    return pa.table({field.name: pa.nulls(rows, field.type) for field in like.schema})
+def second_tracks(
+    root: Path, ids: Collection[str], words: Callable[[Any], pa.Array[Any]]
+) -> Iterator[pa.Table]:
+    """The tracks that were fetched of these videos, at most one each, some hundred at a time.
+
+    `words` counts the words of each list of texts. Columns: those of youtube/transcripts; word
+    times are checked. Raises DamagedData.
+    """
+    left = pa.array(sorted(ids), pa.string())
+    for path in rawlog.segments(root, "youtube", "second_tracks"):
+        for rows in parse.transcripts(line for _, line in rawlog.Frames(path)):
+            tracks = assemble({"transcripts": rows}, words)["youtube/transcripts"]
+            tracks = tracks.filter(pc.is_in(tracks["video_id"], value_set=left))
+            yield newest(tracks, ("video_id",), ())
+            found = tracks["video_id"].combine_chunks()
+            left = left.filter(pc.invert(pc.is_in(left, value_set=found)))

@@ -17,6 +17,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.store.tables.columns import aligned, array_of, put
+
 FROM_FILE = "from_file"  # true for a video that only an imported file tells of
 COUNTED = ("view_count", "like_count", "comment_count")
 _OF_ONE = (*COUNTED, "counted_at")
@@ -46,24 +48,17 @@ def with_statistics(rows: pa.Table, statistics: pa.Table) -> pa.Table:
     rows = _stamped(rows)
     if not statistics.num_rows:
         return rows
-    fresh = aligned(_stamped(statistics), array_of(rows, "video_id"))
+    fresh = aligned(_stamped(statistics), "video_id", array_of(rows, "video_id"))
     newer = _newer(fresh, rows)
     for name in _OF_ONE:
-        rows = _with(rows, name, pc.if_else(newer, array_of(fresh, name), array_of(rows, name)))
+        rows = put(rows, name, pc.if_else(newer, array_of(fresh, name), array_of(rows, name)))
     return rows
-
-
-def aligned(rows: pa.Table, keys: pa.Array[Any]) -> pa.Table:
-    """The row of each key in `video_id`; nulls for a key without one."""
-    if not rows.num_rows:
-        return pa.table({field.name: pa.nulls(len(keys), field.type) for field in rows.schema})
-    return rows.take(pc.index_in(keys, value_set=array_of(rows, "video_id"))).combine_chunks()
 
 
 def _joined(videos: pa.Table, files: pa.Table) -> pa.Table:
     keys = pc.unique(pa.concat_arrays([array_of(videos, "video_id"), array_of(files, "video_id")]))
     keys = keys.take(pc.sort_indices(keys))
-    api, file = aligned(_stamped(videos), keys), aligned(_stamped(files), keys)
+    api, file = (aligned(_stamped(one), "video_id", keys) for one in (videos, files))
     newest_first = pc.or_(
         pc.is_null(array_of(api, "fetched_at")), _is_after(file, api, "fetched_at")
     )
@@ -81,7 +76,7 @@ def _joined(videos: pa.Table, files: pa.Table) -> pa.Table:
     has_views = pc.or_(*(pc.is_valid(array_of(side, "view_count")) for side in (file, api)))
     for name in _OF_ONE:
         either = pc.if_else(counted, array_of(file, name), array_of(api, name))
-        rows = _with(rows, name, pc.if_else(has_views, either, array_of(rows, name)))
+        rows = put(rows, name, pc.if_else(has_views, either, array_of(rows, name)))
     return rows
 
 
@@ -105,13 +100,3 @@ def _stamped(rows: pa.Table) -> pa.Table:
     if "counted_at" in rows.column_names:
         return rows
     return rows.append_column("counted_at", array_of(rows, "fetched_at"))
-
-
-def _with(rows: pa.Table, name: str, values: Any) -> pa.Table:
-    return rows.set_column(rows.column_names.index(name), name, values)
-
-
-def array_of(rows: pa.Table, name: str) -> Any:
-    """A column as one array."""
-    column = rows.column(name)
-    return column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()

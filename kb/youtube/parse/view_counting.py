@@ -19,7 +19,7 @@ import pyarrow.compute as pc
 
 from kb.store.layout import parquet_files
 from kb.store.tables import parquet
-from kb.youtube.parse.join import array_of
+from kb.store.tables.columns import array_of
 
 WATCH_TIME, PLAYBACK_START = "watch_time", "playback_start"
 _ALL_VIDEOS = datetime(2026, 8, 27, tzinfo=UTC)
@@ -56,16 +56,13 @@ def _is_short(rows: pa.Table) -> pa.Array[Any]:
     return short
 
 
-def kept_rules(clean: Path) -> dict[str, dict[str, int]]:
-    """Kept videos by view_rule, for the summary of a filter; warns where there are both.
+def kept_counts(clean: Path) -> dict[str, dict[str, int]]:
+    """Kept videos by `view_rule` and automatic transcripts by `word_times`, for the summary of a
+    filter; warns where views mix two rules.
 
     `clean` is the folder of the clean tables.
     """
-    counts: Counter[str] = Counter()
-    for path in parquet_files(clean / "videos"):
-        rules = parquet.read_table(path, columns=["view_rule"])["view_rule"]
-        for entry in pc.value_counts(rules).to_pylist():
-            counts[entry["values"]] += entry["counts"]
+    counts = _kept(clean / "videos", "view_rule")
     if len(counts) > 1:
         _log.warning(
             "view counts mix two definitions: %s kept videos were read when a view needed"
@@ -74,7 +71,17 @@ def kept_rules(clean: Path) -> dict[str, dict[str, int]]:
             f"{counts[WATCH_TIME]:,}",
             f"{counts[PLAYBACK_START]:,}",
         )
-    return {"view_rules": dict(sorted(counts.items()))}
+    return {"view_rules": counts, "word_times": _kept(clean / "transcripts", "word_times")}
+
+
+def _kept(folder: Path, name: str) -> dict[str, int]:
+    """How often each value of a column occurs in a table."""
+    counts: Counter[str] = Counter()
+    for path in parquet_files(folder):
+        column = parquet.read_table(path, columns=[name])[name]
+        for entry in pc.value_counts(column.drop_null()).to_pylist():
+            counts[entry["values"]] += entry["counts"]
+    return dict(sorted(counts.items()))
 
 
 def _moment(moment: datetime) -> pa.Scalar[Any]:

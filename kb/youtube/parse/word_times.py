@@ -6,15 +6,10 @@ youtube/transcripts says why.
 
 from __future__ import annotations
 
-from collections import Counter
-from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
-
-from kb.store.layout import parquet_files
-from kb.store.tables import parquet
 
 COMPLETE, ABSENT = "complete", "absent"
 MISMATCH, NEGATIVE, UNORDERED = "mismatch", "negative", "unordered"
@@ -61,13 +56,3 @@ def _of_tracks(
     why = pc.fill_null(reason.take(hit), ABSENT).take(first)
     complete: pa.Array[Any] = pc.fill_null(why, COMPLETE)
     return complete
-
-
-def kept_word_times(clean: Path) -> dict[str, dict[str, int]]:
-    """Kept automatic transcripts by `word_times`, for the summary of a filter."""
-    counts: Counter[str] = Counter()
-    for path in parquet_files(clean / "transcripts"):
-        column = parquet.read_table(path, columns=["word_times"])["word_times"]
-        for entry in pc.value_counts(column.drop_null()).to_pylist():
-            counts[entry["values"]] += entry["counts"]
-    return {"word_times": dict(sorted(counts.items()))}

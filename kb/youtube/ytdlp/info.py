@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
@@ -18,6 +19,7 @@ import pyarrow.compute as pc
 from kb.schema import raw
 from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
+from kb.store.rawlog import rawlog
 from kb.youtube.connector import player
 from kb.youtube.ytdlp.files import VIDEO_ID
 
@@ -203,3 +205,17 @@ def _days(column: pa.ChunkedArray[Any]) -> pa.Array[Any]:
         except ValueError:
             days.append(None)
     return pa.array(days, pa.timestamp("us", "UTC"))
+
+
+_OWN = ("UU", "UC")  # all that a channel uploaded is no playlist that somebody made
+
+
+def playlists(root: Path) -> dict[str, str]:
+    """By video, the first playlist by id that lists it. Raises DamagedData."""
+    first: dict[str, str] = {}
+    for envelope in rawlog.read(root, "youtube", "ytdlp_playlists"):
+        playlist = str(envelope.response["id"])
+        for entry in () if playlist.startswith(_OWN) else envelope.response["entries"]:
+            video = str(entry["id"])
+            first[video] = min(playlist, first.get(video, playlist))
+    return first

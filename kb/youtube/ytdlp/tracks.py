@@ -18,8 +18,8 @@ from kb.schema.coerce import records
 from kb.schema.decode import ColumnReader, problems
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog
+from kb.store.tables.columns import aligned, put
 from kb.store.tables.latest import newest
-from kb.youtube.parse.join import aligned
 from kb.youtube.ytdlp import subtitles
 
 ORIGINAL = "-orig"
@@ -140,10 +140,9 @@ def with_imported(
     made = made.filter(pc.invert(pc.is_in(made["video_id"], value_set=restricted.combine_chunks())))
     every = pa.concat_tables([crawled, made.select(crawled.column_names)])
     best = newest(every.combine_chunks(), ("video_id",), ("final", "fetched_at"))
-    page = aligned(crawled, best["video_id"].combine_chunks())
+    page = aligned(crawled, "video_id", best["video_id"].combine_chunks())
     for name in _FACTS:
-        both = pc.coalesce(best[name].combine_chunks(), page[name].combine_chunks())
-        best = best.set_column(best.column_names.index(name), name, both)
+        best = put(best, name, pc.coalesce(best[name], page[name]))
     return best
 
 

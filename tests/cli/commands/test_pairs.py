@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from kb.youtube.connector.ids import read_ids
+from kb.youtube.connector.ids import RULES
 from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.pairs.made import fill, shards, tables
@@ -85,9 +85,9 @@ def test_an_index_without_transcripts_says_that_its_videos_come_first(
     assert empty.returncode == 1
     here = f"--data {tmp_path / 'data'}"
     assert f"run `kb youtube crawl --ids {index} {here}`, then `kb youtube filter" in empty.stderr
-    keys = read_ids(index)  # and a crawl takes what is advised
-    assert keys[0]
-    assert keys[1] == 0
+    listed = RULES.read(index)  # and a crawl takes what is advised
+    assert listed.keys
+    assert listed.bad_lines == 0
 
 
 def test_a_refill_takes_no_limit(root: Path) -> None:

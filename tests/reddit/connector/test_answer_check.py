@@ -9,10 +9,8 @@ import pytest
 
 from kb.core.errors import Unreachable
 from kb.reddit.connector import refresh
-from kb.reddit.connector.errors import DEEPEST, problem
-from kb.sandbox.server import Sandbox
+from kb.reddit.connector.errors import problem
 from kb.store.rawlog import rawlog
-from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post
 from tests.reddit.work import LATER, Work
 
@@ -26,19 +24,6 @@ ODD = [
     [listing()],
     BUSY,
 ]
-
-
-@pytest.fixture
-def few(tmp_path: Any) -> Any:
-    with Sandbox(small_world(24, width=12, depth=12), services=["reddit"]) as sandbox:
-        yield Work(sandbox, tmp_path, listings=("new",), search=())
-
-
-def nested(depth: int) -> Any:
-    value: Any = ""
-    for _ in range(depth):
-        value = {"replies": value}
-    return value
 
 
 @pytest.mark.parametrize(
@@ -93,21 +78,10 @@ def test_what_is_asked_for_has_its_form(path: str, answer: Any) -> None:
         ("api/morechildren/", {"json": {"errors": "busy"}}),
         ("api/info/", None),
         ("api/info/", "text"),
-        ("comments/a/", [listing(post("a")), listing(comment("b", replies=nested(DEEPEST)))]),
     ],
 )
 def test_what_has_another_form_is_no_answer(path: str, answer: Any) -> None:
     assert problem(path, answer) != ""
-
-
-@pytest.mark.parametrize("innermost", [[], {}, [0], {"a": "b"}])
-def test_the_deepest_answer_that_is_read(innermost: Any) -> None:
-    """Levels are counted as in dumps (test_import), whatever stands in the innermost one."""
-    answer: Any = innermost
-    for _ in range(DEEPEST - 1):
-        answer = {"x": answer}
-    assert problem("elsewhere", answer) == ""
-    assert problem("elsewhere", {"x": answer}) == "an answer nested too deeply to be read"
 
 
 def test_a_message_in_place_of_info_makes_nothing_missing(

@@ -11,7 +11,7 @@ from kb.reddit.connector.ids import read_wanted
 def test_ids_with_a_byte_order_mark(tmp_path: Path) -> None:
     (tmp_path / "ids.txt").write_bytes(b"\xef\xbb\xbft3_a001\r\n")
     (tmp_path / "reddit.json").write_bytes(b'\xef\xbb\xbf[{"id": "a001"}]')
-    assert read_wanted(tmp_path / "ids.txt").names == ["t3_a001"]
+    assert list(read_wanted(tmp_path / "ids.txt").names) == ["t3_a001"]
     assert read_wanted(tmp_path / "reddit.json").trees == ["a001"]
 
 

@@ -3,7 +3,6 @@ SIGKILL.
 """
 
 import json
-import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -13,27 +12,15 @@ import pytest
 
 from kb.core.config.profile import load_profile
 from kb.core.config.profile.toxicity import Toxicity
-from kb.core.errors import LimitReached, SettingError
+from kb.core.errors import LimitReached
 from kb.core.progress import LineProgress
 from kb.filters.filter_run import run_clean
 from kb.reddit.connector.importer import _side_by_side, import_dumps
-from kb.reddit.dumps import cursor
 from kb.reddit.dumps.import_file import ImportJob
 from kb.reddit.dumps.subreddit_search import CHECKED
-from kb.reddit.parse import answers as parse
 from kb.reddit.parse.anonymize import load_key
-from kb.store.rawlog import rawlog
-from tests.reddit.dumped import import_killed, imported, post, run_in, write
+from tests.reddit.dumped import archived, imported, imported_rows, post, run_in, write
 from tests.reddit.work import rows as read_rows
-
-
-def rows(root):
-    links = load_profile("minecraft").reddit.links
-    lines = map(rawlog.encode, rawlog.read(root, "reddit", "dumps"))
-    found = [row for part in parse.rows(lines, "dumps", links) for row in part.to_pylist()]
-    for row in found:
-        row["fetched_at"] = row["fetched_at"] and f"{row['fetched_at']:%Y-%m-%dT%H:%M:%SZ}"
-    return found
 
 
 def test_only_the_subreddit_and_no_name_stays(tmp_path):
@@ -108,7 +95,7 @@ def test_a_date_of_reading_that_is_none_is_null(tmp_path, said):
         run_in(tmp_path),
         [write(tmp_path / "RS.zst", [post("odd", retrieved_on=said), post("good")])],
     )
-    assert {row["fullname"]: row["fetched_at"] for row in rows(tmp_path)} == {
+    assert {row["fullname"]: row["fetched_at"] for row in imported_rows(tmp_path)} == {
         "t3_odd": None,
         "t3_good": "2020-09-14T16:13:20Z",
     }
@@ -121,27 +108,6 @@ def test_frames_that_are_to_be_skipped_hold_nothing(tmp_path):
     dump.write_bytes(extra + dump.read_bytes() + extra)
     assert import_dumps(run_in(tmp_path), [dump])["truncated_files"] == 0
     assert [data["id"] for _, data in imported(tmp_path)] == ["a", "b"]
-
-
-def test_several_frames_in_one_file(tmp_path):
-    assert (
-        import_dumps(
-            run_in(tmp_path),
-            [write(tmp_path / "RS.zst", [post(f"p{n}") for n in range(50)], frames=7)],
-        )["crawled"]
-        == 50
-    )
-
-
-@pytest.mark.parametrize("frames", [1, 5])
-def test_a_cut_off_frame_is_named_and_what_came_before_stays(tmp_path, frames, capsys):
-    rng = os.urandom(40_000).hex()
-    lines = [post(f"p{n}", selftext=rng[n * 200 : n * 200 + 900]) for n in range(300)]
-    summary = import_dumps(
-        run_in(tmp_path), [write(tmp_path / "RS.zst", lines, frames=frames, cut=9)]
-    )
-    assert summary["truncated_files"] == 1
-    assert summary["crawled"] == len(imported(tmp_path)) < 300
 
 
 def test_fields_of_old_dumps(tmp_path):
@@ -169,7 +135,7 @@ def test_fields_of_old_dumps(tmp_path):
     import_dumps(
         run_in(tmp_path), [write(tmp_path / "RS.zst", [old]), write(tmp_path / "RC.zst", [comment])]
     )
-    found = {row["fullname"]: row for row in rows(tmp_path)}
+    found = {row["fullname"]: row for row in imported_rows(tmp_path)}
     first = found["t3_old1"]
     assert (
         first["title"],
@@ -202,7 +168,7 @@ def test_each_record_has_its_own_date_of_reading_or_none(tmp_path):
             )
         ],
     )
-    found = {row["post_id"]: row for row in rows(tmp_path)}
+    found = {row["post_id"]: row for row in imported_rows(tmp_path)}
     assert (found["n1"]["fetched_at"], found["n2"]["fetched_at"]) == (None, "2020-09-13T12:26:40Z")
     assert (found["n2"]["upvote_ratio"], found["n2"]["problems"]) == (0.95, [])
 
@@ -231,13 +197,6 @@ def test_where_no_date_is_said_the_later_dump_counts_in_whatever_order_they_came
     ] == [("a", 99), ("b", 7)]
 
 
-def test_a_second_import_of_the_same_file_takes_nothing(tmp_path):
-    dump = write(tmp_path / "RS.zst", [post("aaa")])
-    import_dumps(run_in(tmp_path), [dump])
-    assert import_dumps(run_in(tmp_path), [dump])["crawled"] == 0
-    assert len(imported(tmp_path)) == 1
-
-
 def test_limit_goes_on_where_it_stopped(tmp_path):
     dumps = [
         write(tmp_path / f"RS_{n}.zst", [post(f"f{n}p{m}") for m in range(30)]) for n in range(2)
@@ -254,36 +213,7 @@ def test_limit_goes_on_where_it_stopped(tmp_path):
     )
 
 
-@pytest.mark.parametrize("make", [lambda path: None, lambda path: path.write_text("plain text")])
-def test_a_file_that_is_no_dump_is_wrong_usage_and_nothing_is_written(tmp_path, make):
-    make(tmp_path / "RS.zst")
-    with pytest.raises(SettingError, match=r"RS\.zst"):
-        import_dumps(run_in(tmp_path / "data"), [tmp_path / "RS.zst"])
-    assert not (tmp_path / "data").exists()
-
-
-def test_sigkill_then_the_same_command_takes_each_once(tmp_path):
-    """Killed between segments and within one; three times, then to the end."""
-    dump = write(
-        tmp_path / "RS.zst",
-        [post(f"p{n:05d}", selftext=os.urandom(300).hex()) for n in range(8_000)],
-        frames=3,
-    )
-    import_killed(tmp_path, dump, (1, 3, 6))
-    ids = [data["id"] for _, data in imported(tmp_path)]
-    assert sorted(ids) == [f"p{n:05d}" for n in range(8_000)]
-    assert cursor.load_cursor(tmp_path, cursor.cursor_name(dump, 0.0, float("inf"))).lines == 8_000
-
-
 GB = 10**9
-
-
-def archived(path: Path, *keys: str) -> Path:
-    """A dump with a window of 2^31 bytes, as the archives make them: one block as it is."""
-    content = b"".join(json.dumps(post(key)).encode() + b"\n" for key in keys)
-    header = b"\x28\xb5\x2f\xfd" + bytes([0, (31 - 10) << 3])
-    path.write_bytes(header + ((len(content) << 3) | 1).to_bytes(3, "little") + content)
-    return path
 
 
 class Counted(ThreadPoolExecutor):

@@ -1,7 +1,6 @@
 """What was deleted at its source, removed, or named leaves every folder, and does not come back."""
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -10,15 +9,6 @@ from kb.sandbox.reddit.service import dumps
 from kb.sandbox.server import Sandbox
 from tests.reddit.conftest import small_world
 from tests.reddit.work import LATER, Work
-
-
-@pytest.fixture
-def tiny(tmp_path: Path) -> Any:
-    """Each case once with small trees, crawled."""
-    with Sandbox(small_world(24, width=12, depth=12), services=["reddit"]) as sandbox:
-        work = Work(sandbox, tmp_path, listings=("new",), search=())
-        work.crawl()
-        yield work
 
 
 def asked(work: Work, since: int) -> list[str]:

@@ -1,8 +1,6 @@
 """The same records in every container give the same things, also cut off, empty or killed."""
 
-import gzip
 import json
-import os
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -12,11 +10,23 @@ import pytest
 import zstandard
 
 from kb.core.errors import LimitReached
-from kb.reddit.connector.importer import import_dumps
 from kb.reddit.dumps import containers
 from kb.reddit.dumps.containers import ReadProgress, memory
 from kb.store.rawlog import rawlog
-from tests.reddit.dumped import import_killed, imported, post, run_in, write
+from tests.reddit.dumped import (
+    archived,
+    block,
+    blocks,
+    import_killed,
+    imported,
+    joined,
+    members,
+    post,
+    records,
+    took,
+    write,
+    zstd,
+)
 
 Pack = Callable[[bytes], bytes]
 
@@ -25,59 +35,8 @@ def plain(data: bytes) -> bytes:
     return data
 
 
-def zstd(data: bytes) -> bytes:
-    """Two frames."""
-    half = data.find(b"\n", len(data) // 2) + 1
-    return b"".join(map(frame, filter(None, (data[:half], data[half:]))))
-
-
-def frame(data: bytes) -> bytes:
-    """With a checksum, as `zstd` writes it."""
-    return zstandard.ZstdCompressor(write_checksum=True).compress(data)
-
-
-def members(data: bytes) -> bytes:
-    """Two members, the first of which ends in the middle of a line."""
-    half = len(data) // 2
-    return gzip.compress(data[:half]) + gzip.compress(data[half:])
-
-
-def blocks(data: bytes, rows: int = 100) -> bytes:
-    lines = data.splitlines()
-    return b"".join(block(lines[at : at + rows]) for at in range(0, len(lines), rows))
-
-
-def block(rows: list[bytes]) -> bytes:
-    at, table = 0, [len(rows)]
-    for row in rows:
-        table += [at, len(row)]
-        at += len(row)
-    made = frame(struct.pack(f"<{len(table)}I", *table) + b"".join(rows))
-    return struct.pack("<I", len(made)) + made
-
-
 PACKS = [plain, zstd, members, blocks]
 each = pytest.mark.parametrize("pack", PACKS)
-
-
-def joined(records: list[Any], end: bytes = b"\n") -> bytes:
-    return b"".join(json.dumps(record).encode() + end for record in records)
-
-
-def records(number: int, size: int = 40) -> list[dict[str, Any]]:
-    chance = os.urandom(size * number)
-    return [
-        post(
-            f"p{n:05d}",
-            selftext=chance[n * size : (n + 1) * size].hex(),
-            subreddit="Minecraft" if n % 3 else "gardening",
-        )
-        for n in range(number)
-    ]
-
-
-def took(root: Path, files: list[Path], **options: Any) -> dict[str, Any]:
-    return import_dumps(run_in(root, **options), files)
 
 
 def raw(root: Path) -> list[Any]:
@@ -213,14 +172,6 @@ def test_a_block_that_would_fill_the_memory_is_damage(
         progress = ReadProgress()
         assert len(list(containers.pieces(tmp_path / "x", progress))) == 1
         assert "damaged block" in progress.problem
-
-
-def archived(path: Path, *keys: str) -> Path:
-    """A dump with a window of 2^31 bytes, as the archives make them: one block as it is."""
-    content = b"".join(json.dumps(post(key)).encode() + b"\n" for key in keys)
-    header = b"\x28\xb5\x2f\xfd" + bytes([0, (31 - 10) << 3])
-    path.write_bytes(header + ((len(content) << 3) | 1).to_bytes(3, "little") + content)
-    return path
 
 
 def test_the_window_of_a_dump_counts(tmp_path: Path) -> None:

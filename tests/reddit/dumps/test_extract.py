@@ -4,21 +4,9 @@ from datetime import UTC, datetime
 
 import pytest
 
-from kb.core.config.profile import load_profile
 from kb.reddit.connector.importer import import_dumps
-from kb.reddit.parse import answers as parse
-from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
-from tests.reddit.dumped import imported, post, run_in, write
-
-
-def rows(root):
-    links = load_profile("minecraft").reddit.links
-    lines = map(rawlog.encode, rawlog.read(root, "reddit", "dumps"))
-    found = [row for part in parse.rows(lines, "dumps", links) for row in part.to_pylist()]
-    for row in found:
-        row["fetched_at"] = row["fetched_at"] and f"{row['fetched_at']:%Y-%m-%dT%H:%M:%SZ}"
-    return found
+from tests.reddit.dumped import imported, imported_rows, post, run_in, write
 
 
 @pytest.mark.parametrize("made", ["nan", "inf", -5, None, "soon", [1]])
@@ -36,7 +24,7 @@ def test_emoji_right_to_left_nul_and_lone_surrogates(tmp_path):
         run_in(tmp_path),
         [write(tmp_path / "RS.zst", [post("odd", title="🗼 مرحبا a\0b \ud83d end")])],
     )
-    assert [row["title"] for row in rows(tmp_path)] == ["🗼 مرحبا a\ufffdb \ufffd end"]
+    assert [row["title"] for row in imported_rows(tmp_path)] == ["🗼 مرحبا a\ufffdb \ufffd end"]
 
 
 def test_since_until_and_tombstones(tmp_path):

@@ -1,71 +1,15 @@
 """Folders are searched for dumps."""
 
 import gzip
-import json
-import os
-import struct
 from pathlib import Path
-from typing import Any
 
 import pytest
-import zstandard
 
 from kb.core.errors import SettingError
 from kb.core.progress import LineProgress
 from kb.reddit.connector.importer import import_dumps
 from kb.reddit.dumps.files import find_dumps
-from tests.reddit.dumped import post, run_in
-
-
-def zstd(data: bytes) -> bytes:
-    """Two frames."""
-    half = data.find(b"\n", len(data) // 2) + 1
-    return b"".join(map(frame, filter(None, (data[:half], data[half:]))))
-
-
-def frame(data: bytes) -> bytes:
-    """With a checksum, as `zstd` writes it."""
-    return zstandard.ZstdCompressor(write_checksum=True).compress(data)
-
-
-def members(data: bytes) -> bytes:
-    """Two members, the first of which ends in the middle of a line."""
-    half = len(data) // 2
-    return gzip.compress(data[:half]) + gzip.compress(data[half:])
-
-
-def blocks(data: bytes, rows: int = 100) -> bytes:
-    lines = data.splitlines()
-    return b"".join(block(lines[at : at + rows]) for at in range(0, len(lines), rows))
-
-
-def block(rows: list[bytes]) -> bytes:
-    at, table = 0, [len(rows)]
-    for row in rows:
-        table += [at, len(row)]
-        at += len(row)
-    made = frame(struct.pack(f"<{len(table)}I", *table) + b"".join(rows))
-    return struct.pack("<I", len(made)) + made
-
-
-def joined(records: list[Any], end: bytes = b"\n") -> bytes:
-    return b"".join(json.dumps(record).encode() + end for record in records)
-
-
-def records(number: int, size: int = 40) -> list[dict[str, Any]]:
-    chance = os.urandom(size * number)
-    return [
-        post(
-            f"p{n:05d}",
-            selftext=chance[n * size : (n + 1) * size].hex(),
-            subreddit="Minecraft" if n % 3 else "gardening",
-        )
-        for n in range(number)
-    ]
-
-
-def took(root: Path, files: list[Path], **options: Any) -> dict[str, Any]:
-    return import_dumps(run_in(root, **options), files)
+from tests.reddit.dumped import blocks, joined, members, records, run_in, took, zstd
 
 
 @pytest.mark.parametrize(
@@ -76,6 +20,8 @@ def test_a_named_file_that_is_no_dump_is_wrong_usage(tmp_path: Path, data: bytes
     (tmp_path / "x.zst").write_bytes(data)
     with pytest.raises(SettingError, match=r"x\.zst is not a dump"):
         took(tmp_path / "data", [tmp_path / "x.zst"])
+    with pytest.raises(SettingError, match="nowhere"):
+        took(tmp_path / "data", [tmp_path / "nowhere"])
     assert not (tmp_path / "data").exists()
 
 

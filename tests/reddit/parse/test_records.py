@@ -8,14 +8,9 @@ from typing import Any
 
 import pytest
 
-from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData
-from kb.reddit.parse import answers as parse
-from kb.store.rawlog.rawlog import Envelope, Request, encode
-from tests.reddit.cassettes import Exchange, read
+from tests.reddit.cassettes import Row, read, read_rows
 
-Row = dict[str, Any]
-LINKS = load_profile("minecraft").section("reddit").links
 THINGS = {  # what is in each cassette: state and kind → how many different ones
     "TestComment.test_attributes": {"there t1": 1},
     "TestComment.test_invalid": {"missing t1": 1},
@@ -51,42 +46,6 @@ THINGS = {  # what is in each cassette: state and kind → how many different on
     "TestSubredditListings.test_top": {"there t3": 100},
     "TestSubredditStreams.test_comments__with_pause": {"there t1": 17},
 }
-
-
-def _kind(exchange: Exchange) -> str:
-    for part, kind in (
-        ("api/info", "info"),
-        ("morechildren", "morechildren"),
-        ("/comments/", "comments"),
-    ):
-        if part in exchange.path:
-            return kind if not exchange.path.startswith("/r/") else "listings"
-    return "listings"
-
-
-def read_rows(kind: str, line: bytes) -> list[Row]:
-    """The rows of an answer but for the marks of what was read."""
-    rows = [row for part in parse.rows([line], kind, LINKS) for row in part.to_pylist()]
-    return [row for row in rows if row["state"] not in parse.MARKS]
-
-
-@pytest.fixture
-def rows(recorded: Path) -> Callable[[str], list[Row]]:
-    """Rows of all answers of a cassette."""
-
-    def of(name: str) -> list[Row]:
-        found: list[Row] = []
-        for exchange in read(recorded / "reddit" / f"{name}.json"):
-            if exchange.status != 200 or "access_token" in exchange.path:
-                continue
-            kind, params = _kind(exchange), {**exchange.query, **exchange.form}
-            if kind == "comments":
-                params["article"] = exchange.path.split("/")[2]
-            request, answer = Request(exchange.path, params), json.loads(exchange.body)
-            found += read_rows(kind, encode(Envelope("2026-01-01T00:00:00Z", request, 200, answer)))
-        return found
-
-    return of
 
 
 def one(found: list[Row], name: str) -> Row:

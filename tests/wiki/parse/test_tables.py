@@ -1,7 +1,12 @@
 """Tests of `kb.wiki.parse.tables`."""
 
+from pathlib import Path
 from typing import Any
 
+import pytest
+import zstandard
+
+from kb.core.errors import DamagedData
 from kb.wiki.parse import tables
 
 
@@ -12,3 +17,20 @@ def test_a_cycle_of_parents_contains_nothing() -> None:
 
     ring = [entry(1, "other", 2), entry(2, "other", 1), entry(3, "text", 1), entry(4, "text", 3)]
     assert tables.page_text(ring) == "t3"
+
+
+def test_an_extraction_of_an_earlier_version_has_no_recipes(tmp_path: Path) -> None:
+    text = b'{"page": {"page_id": 7}, "elements": [], "cells": []}'
+    (tmp_path / "extraction.json.zst").write_bytes(zstandard.compress(text))
+    content = tables.read_extraction(tmp_path, tmp_path)
+    assert content["facts"] == content["recipes"] == []
+    assert tables.is_foreign(content["page"], 8)
+    assert not tables.is_foreign({}, 8)
+
+
+@pytest.mark.parametrize("data", [None, b"", b"{}", zstandard.compress(b'{"page"')])
+def test_an_unreadable_extraction_is_damage(tmp_path: Path, data: bytes | None) -> None:
+    if data is not None:
+        (tmp_path / "extraction.json.zst").write_bytes(data)
+    with pytest.raises(DamagedData):
+        tables.read_extraction(tmp_path, tmp_path)

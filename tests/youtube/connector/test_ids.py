@@ -8,7 +8,7 @@ import pytest
 
 from kb.core.errors import SettingError
 from kb.sandbox.server import Sandbox
-from kb.youtube.connector.ids import read_ids
+from kb.youtube.connector.ids import RULES
 from tests.youtube.connector.test_fetch import CRAWL, check
 from tests.youtube.job import Job
 
@@ -53,12 +53,12 @@ def test_ids_of_a_release_s_folder(tmp_path: Path) -> None:
     folder = tmp_path / "release"
     folder.mkdir()
     with pytest.raises(SettingError, match="contains no released videos or pairs"):
-        read_ids(folder)
+        RULES.read(folder)
     for number, key in enumerate(("aaaaaaaaaaa", "bbbbbbbbbbb")):
         rows = pa.table({"video_id": [key], "title": ["t"]})
         pq.write_table(rows, folder / f"videos-0000{number}-of-00002.parquet")
     pq.write_table(pa.table({"video_id": ["ccccccccccc"]}), folder / "sample-videos.parquet")
-    assert read_ids(folder) == (["aaaaaaaaaaa", "bbbbbbbbbbb"], 0)
+    assert RULES.read(folder)[::2] == (["aaaaaaaaaaa", "bbbbbbbbbbb"], 0)
 
 
 def test_known_ids_skip_discovery(job: Job) -> None:

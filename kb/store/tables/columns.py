@@ -1,0 +1,34 @@
+"""What Arrow's tables lack: columns replaced by name, rows aligned with keys, lists by length."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+
+def array_of(rows: pa.Table, name: str) -> Any:
+    """A column as one array."""
+    column = rows.column(name)
+    return column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
+
+
+def put(rows: pa.Table, name: str, values: Any) -> pa.Table:
+    """The rows with these values as the column `name`, in its place where there is one."""
+    if name in rows.column_names:
+        return rows.set_column(rows.column_names.index(name), name, values)
+    return rows.append_column(name, values)
+
+
+def aligned(rows: pa.Table, key: str, keys: Any) -> pa.Table:
+    """The row of each of `keys` in the column `key`; nulls for a key without one."""
+    if not rows.num_rows:
+        return pa.table({field.name: pa.nulls(len(keys), field.type) for field in rows.schema})
+    return rows.take(pc.index_in(keys, value_set=array_of(rows, key))).combine_chunks()
+
+
+def lists(lengths: pa.Array[Any], values: pa.Array[Any]) -> pa.Array[Any]:
+    """The values in lists of these lengths; a null length is an empty list."""
+    ends = pc.cumulative_sum(pc.fill_null(lengths, 0).cast(pa.int32()))
+    return pa.ListArray.from_arrays(pa.concat_arrays([pa.array([0], pa.int32()), ends]), values)
