@@ -22,7 +22,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from kb.core.config.profile import Profile
-from kb.core.errors import KbError, UsageError
+from kb.core.errors import DamagedData, KbError, UsageError
 from kb.core.templates import environment
 from kb.explore import funnel, pairs, rows, search, thresholds
 from kb.explore.tables import CurrentTables
@@ -73,7 +73,10 @@ def make(root: Path, profile: Profile, status: Callable[[], list[str]]) -> Starl
 
     def page(name: str, read: Page) -> Callable[[Request], Response]:
         def answer(request: Request) -> Response:
-            data = read(root, request.query_params)
+            try:
+                data = read(root, request.query_params)
+            except DamagedData:  # a filter may have replaced the files after they were listed
+                data = read(root, request.query_params)
             return html(name, path=request.url.path, page=data)
 
         return answer

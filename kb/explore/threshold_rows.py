@@ -50,7 +50,7 @@ class ThresholdRows:
 
     stage: StageOfTable
     numbers: pa.Table
-    kept: ds.Dataset
+    kept: ds.FileSystemDataset
     rejected: pa.Table
     limit: float
     is_outdated: bool
@@ -62,7 +62,7 @@ class ThresholdRows:
         return pc.greater_equal(numbers, value) if at_least else pc.less_equal(numbers, value)
 
     def nearest(self, value: float, *, inside: bool) -> Iterator[NearRow]:
-        """The rows next to the line on one side of it, the nearest first."""
+        """The rows next to the line on one side of it, the nearest first. Raises DamagedData."""
         mask = pc.equal(self.passes(value), inside)
         numbers = pc.if_else(mask, self.numbers["number"], None)
         order = "ascending" if self.stage.threshold.at_least == inside else "descending"
@@ -99,7 +99,8 @@ class ThresholdRows:
         ordered = sorted(places)
         key = table(self.stage.chain.table).key[0]
         text = next((one for one in ("title", "body") if one in self.kept.schema.names), key)
-        taken = self.kept.scanner(columns=[key, text]).take(pa.array(ordered, pa.int64()))
+        with reading(self.kept.files):
+            taken = self.kept.scanner(columns=[key, text]).take(pa.array(ordered, pa.int64()))
         rows = zip(ordered, taken[key].to_pylist(), taken[text].to_pylist(), strict=True)
         return {
             place: (f"{self.stage.chain.prefix}{name}", str(body or ""))
