@@ -11,49 +11,47 @@ import tomllib
 from collections import Counter
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any
 
+import msgspec
 import pyarrow as pa
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    ValidationError,
-    field_validator,
-    model_validator,
-)
+from msgspec import Meta
 
 from kb.core.errors import SchemaMismatch, UsageError
 from kb.core.installation import folder
 from kb.core.sources import SOURCES
 from kb.schema.types import Type, parse_type
 
-Text = Annotated[str, Field(pattern=r"\S")]
-Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+Text = Annotated[str, Meta(pattern=r"\S")]
+Line = Annotated[str, Meta(pattern=r"^[^\n]*\S[^\n]*$")]
+Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
 
 
-class Origin(NamedTuple):
-    """Where a value comes from: `kind` is a raw kind, "envelope", "annotation" or "rule"."""
+class Origin(str):
+    """Where a value comes from, "<kind>: <path>": `kind` is a raw kind, "envelope", "annotation" or
+    "rule".
+    """
 
-    kind: str
-    path: str
+    __slots__ = ()
 
-    def __str__(self) -> str:
-        return f"{self.kind}: {self.path}"
+    @property
+    def kind(self) -> str:
+        return self.partition(":")[0].strip()
+
+    @property
+    def path(self) -> str:
+        return self.partition(":")[2].strip()
 
 
-def _origin(text: str) -> Origin:
-    kind, _, path = str(text).partition(":")
-    if not (kind.strip() and path.strip()):
+def _origin(_: Any, text: Any) -> Origin:
+    """For msgspec. Raises ValueError."""
+    made = Origin(text)
+    if not (made.kind and made.path):
         raise ValueError(f"{text!r} must read `<raw kind>: <path>` or `rule: <how>`")
-    return Origin(kind.strip(), path.strip())
+    return made
 
 
-Source = Annotated[Origin, BeforeValidator(_origin)]
-
-
-class Column(BaseModel):
+class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, dict=True):
     """A column of a table.
 
     type        see kb.schema.types
@@ -69,41 +67,28 @@ class Column(BaseModel):
     also        further raw kinds that have the value, each as in `from`
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
     name: Name
     type: str
     unit: str = ""
-    doc: Annotated[str, Field(pattern=r"^[^\n]*\S[^\n]*$")]
-    source: Source = Field(alias="from")
-    why_null: Text = Field("", alias="null")
+    doc: Line
+    source: Origin = msgspec.field(name="from")
+    why_null: Text = msgspec.field(name="null", default="")
     released: bool = False
     content: bool = False
     dictionary: bool = False
-    values: tuple[str, ...] = Field((), min_length=1)
+    values: Annotated[tuple[str, ...], Meta(min_length=1)] = ()
     pattern: str = ""
-    also: tuple[Source, ...] = ()
+    also: tuple[Origin, ...] = ()
 
-    @field_validator("type")
-    @classmethod
-    def _is_type(cls, text: str) -> str:
-        parse_type(text)
-        return text
-
-    @field_validator("pattern")
-    @classmethod
-    def _is_pattern(cls, text: str) -> str:
-        try:
-            re.compile(text)
-        except re.error as error:
-            raise ValueError(f"is not a regular expression: {error}") from None
-        return text
-
-    @model_validator(mode="after")
-    def _is_text(self) -> Self:
+    def __post_init__(self) -> None:
+        """Raises ValueError."""
+        parse_type(self.type)
         if (self.values or self.pattern) and self.type != "string":
             raise ValueError("`values` and `pattern` are for columns of type string")
-        return self
+        try:
+            re.compile(self.pattern)
+        except re.error as error:
+            raise ValueError(f"`pattern` is not a regular expression: {error}") from None
 
     @cached_property
     def parsed(self) -> Type:
@@ -119,27 +104,24 @@ class Column(BaseModel):
         return next((one for one in (self.source, *self.also) if one.kind == kind), None)
 
 
-class Table(BaseModel):
+class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, dict=True):
     """A declared table. `name` is "<source>/<table>"; `key` and `sort_by` name columns."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: Text
     doc: Text
-    columns: tuple[Column, ...] = Field(min_length=1, alias="column")
-    key: tuple[str, ...] = Field(min_length=1)
-    sort_by: tuple[str, ...] = Field(min_length=1)
+    columns: Annotated[tuple[Column, ...], Meta(min_length=1)] = msgspec.field(name="column")
+    key: Annotated[tuple[str, ...], Meta(min_length=1)]
+    sort_by: Annotated[tuple[str, ...], Meta(min_length=1)]
     released: bool = False
-    inputs: tuple[Column, ...] = Field((), alias="input")
+    inputs: tuple[Column, ...] = msgspec.field(name="input", default=())
 
-    @model_validator(mode="after")
-    def _names_fit(self) -> Self:
+    def __post_init__(self) -> None:
+        """Raises ValueError."""
         names = Counter(one.name for one in (*self.columns, *self.inputs))
         if twice := [name for name, count in names.items() if count > 1]:
             raise ValueError(f"declared twice: {', '.join(twice)}")
         if unknown := {*self.key, *self.sort_by} - set(self._by_name):
             raise ValueError(f"`key` or `sort_by` name {', '.join(sorted(unknown))}, not a column")
-        return self
 
     @property
     def source(self) -> str:
@@ -216,7 +198,7 @@ def released_tables(source: str) -> list[Table]:
 
 
 def load_table(path: Path) -> Table:
-    """Reads one TOML file. Raises SchemaMismatch that lists every problem of the file at once."""
+    """Reads one TOML file. Raises SchemaMismatch that names the block and what is wrong with it."""
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -224,10 +206,15 @@ def load_table(path: Path) -> Table:
     for what in ("column", "input"):
         data[what] = [one for block in data.get(what, ()) for one in _blocks(block)]
     try:
-        return Table.model_validate(data)
-    except ValidationError as error:
-        problems = (_problem(one, data) for one in error.errors(include_url=False))
-        raise SchemaMismatch(f"{path}: " + "; ".join(problems)) from None
+        return msgspec.convert(data, Table, dec_hook=_origin)
+    except msgspec.ValidationError as error:
+        named = re.sub(r"\$\.(column|input)\[(\d+)\]", lambda at: _named(at, data), str(error))
+        raise SchemaMismatch(f"{path}: {named}") from None
+
+
+def _named(place: re.Match[str], data: dict[str, Any]) -> str:
+    """A block by its name instead of its number."""
+    return f"{place[1]} {data[place[1]][int(place[2])].get('name', place[2])}"
 
 
 def _blocks(block: dict[str, Any]) -> list[dict[str, Any]]:
@@ -244,12 +231,3 @@ def _filled(value: Any, word: str) -> Any:
     if isinstance(value, list):
         return [_filled(one, word) for one in value]
     return value.replace("{}", word) if isinstance(value, str) else value
-
-
-def _problem(error: Any, data: dict[str, Any]) -> str:
-    """A problem with the name of its block, as "column views: unit: Input should be …"."""
-    place = list(error["loc"])
-    if len(place) > 1 and isinstance(place[1], int):
-        block = data[place[0]][place[1]]
-        place[:2] = [f"{place[0]} {block.get('name', place[1] + 1)}"]
-    return ": ".join(map(str, [*place, error["msg"].removeprefix("Value error, ")]))
