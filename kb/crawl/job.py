@@ -1,7 +1,7 @@
 """Runs a source: open its data root, discover, work through the phases, return a summary."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +25,14 @@ def work(
     phases: Sequence[Phase] | None = None,
     place: Path | None = None,
     facts: Callable[[Phase], dict[str, object]] | None = None,
+    removed: Collection[str] = (),
 ) -> Summary:
     """Run `phases` (by default all of the source) until nothing is left. Returns the summary.
 
-    Items that failed in an earlier run are retried once. Raises what `Loop.run` and `check_read`
-    raise, always with the summary so far on the error.
+    Items that failed in an earlier run are retried once; `removed` keys count as purged. Raises
+    what `Loop.run` and `check_read` raise, always with the summary so far on the error.
     """
-    with open_session(run, source, place) as session:
+    with open_session(run, source, place, removed=removed) as session:
         loop = Loop(session, phases, facts=facts)
         try:
             source.discover(session.frontier)

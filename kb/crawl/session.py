@@ -5,7 +5,7 @@ rejects a data root of another profile and has replayed the same raw tail.
 """
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,7 +32,6 @@ class CrawlSession(Opened):
 
     source: Source
     recorder: Recorder = field(init=False)
-    _spent: tuple[int, int] = (0, 0)
     _probing: set[str] = field(default_factory=set)
     _ended: dict[str, BaseException] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -46,11 +45,6 @@ class CrawlSession(Opened):
         except RecursionError:
             why = f"an answer nested too deeply to be stored at {answer.endpoint}"
             raise Retryable(why) from None
-
-    def requests(self) -> tuple[int, int]:
-        """(requests, units) of this run."""
-        requests, units = self.frontier.requests()
-        return requests - self._spent[0], units - self._spent[1]
 
     # -- ending the work of a service --------------------------------------------------------------
 
@@ -118,13 +112,15 @@ def open_session(
     *,
     asks: bool = True,
     tells: bool = True,
+    removed: Collection[str] = (),
 ) -> Iterator[CrawlSession]:
     """Open a source's part of a data root for writing.
 
     `place` is a work folder that holds raw answers and state instead of the data root. `asks` is
     false where nothing is asked of the service, so that no credential is needed and any host will
     do. Without `tells` the caller reports by `damaged_answers.report` which raw data are damaged.
-    Raises UsageError before anything is sent or written, WriterLocked, DamagedData.
+    `removed` keys count as purged. Raises UsageError before anything is sent or written,
+    WriterLocked, DamagedData.
     """
     root = place or run.root
     facts = source.identity() if asks else {}
@@ -139,7 +135,7 @@ def open_session(
             run=run,
             source=source,
             frontier=frontier,
-            purged=tombstones.keys(run.root, source.name),
+            purged=tombstones.keys(run.root, source.name).union(removed),
             _spent=frontier.requests(),
         )
         source.begin(session)

@@ -78,6 +78,12 @@ class Opened:
     run: Run
     frontier: Frontier
     purged: set[str] = field(default_factory=set)
+    _spent: tuple[int, int] = (0, 0)
+
+    def requests(self) -> tuple[int, int]:
+        """(requests, units) of this run."""
+        requests, units = self.frontier.requests()
+        return requests - self._spent[0], units - self._spent[1]
 
     def probing(self, service: str) -> bool:
         """Whether the first refusal ends the work on a service, as it blocked us before."""

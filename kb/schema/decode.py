@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator
-from itertools import chain, repeat
-from typing import Any, NamedTuple
+from itertools import chain, islice, repeat
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 import pyarrow as pa
@@ -15,6 +15,8 @@ from kb.core.errors import DamagedData
 from kb.schema import raw
 from kb.schema.coerce import UNHOLDABLE, WrongShape, coerce, times
 from kb.schema.tables import Table
+
+Row = TypeVar("Row")
 
 
 class DecodedAnswer(NamedTuple):
@@ -115,6 +117,13 @@ class ColumnReader:
         data["fetched_at"] = moments.take(spread)
         data["problems"] = problems(bad_cells, len(records))
         return pa.table(data)
+
+
+def in_batches(rows: Iterable[Row], size: int) -> Iterator[list[Row]]:
+    """The rows in lists of `size`; the last one may have fewer."""
+    rows = iter(rows)
+    while batch := list(islice(rows, size)):
+        yield batch
 
 
 def problems(entries: dict[int, list[tuple[str, str, str | None]]], size: int) -> pa.Array[Any]:

@@ -136,7 +136,7 @@ class RedditRefresh(RedditSource):
             crawled=self.answered,
             missing=self.missing,
             failed=counts.get("error", 0),
-            requests=self.requests(),
+            requests=session.requests()[0],
             left=sum(left.values()),
             left_by=left,
         )

@@ -72,7 +72,6 @@ class RedditSource(Source):
     def begin(self, opened: Opened) -> None:
         """Recover interrupted imports before raw answers are replayed."""
         super().begin(opened)
-        self._before = opened.frontier.requests()[0]
         self.settle()
 
     def settle(self) -> None:
@@ -118,10 +117,6 @@ class RedditSource(Source):
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
         """As kb.reddit.connector.reduce."""
         reduce.reduce(frontier, kind, envelope)
-
-    def requests(self) -> int:
-        """How many requests this run has sent."""
-        return self.opened.frontier.requests()[0] - self._before
 
     @cached_property
     def _fetch(self) -> RedditFetcher:
@@ -182,7 +177,7 @@ def crawl(run: Run, since: datetime | None = None, until: datetime | None = None
             comments=source.comments,
             outside=left_out,
             posts=sum(counts["tree"].values()),
-            requests=source.requests(),
+            requests=session.requests()[0],
             left=sum(left.values()),
             left_by=left,
         )
@@ -191,5 +186,8 @@ def crawl(run: Run, since: datetime | None = None, until: datetime | None = None
         run,
         source,
         summary,
-        facts=lambda phase: {"comments": source.comments, "requests": source.requests()},
+        facts=lambda phase: {
+            "comments": source.comments,
+            "requests": source.opened.requests()[0],
+        },
     )

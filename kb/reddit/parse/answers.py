@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator
 from functools import cache, partial
+from itertools import chain
 from typing import Any
 
 import msgspec
@@ -19,7 +20,7 @@ from kb.core.errors import DamagedData
 from kb.reddit.parse import answer_tree
 from kb.reddit.parse.records import RecordReader, Row, new_row
 from kb.schema.coerce import times
-from kb.schema.decode import holdable, problems
+from kb.schema.decode import holdable, in_batches, problems
 from kb.schema.tables import table
 from kb.store.tables.partition import RawKind
 
@@ -48,13 +49,8 @@ def rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
     Raises DamagedData for a line that is no envelope.
     """
     reader = RecordReader(links, live=kind != "dumps")
-    batch: list[Row] = []
-    for line in lines:
-        batch += _rows_of(line, kind, reader)
-        if len(batch) >= ROWS:
-            yield _to_table(batch, live=kind != "dumps")
-            batch = []
-    if batch:
+    found = chain.from_iterable(_rows_of(line, kind, reader) for line in lines)
+    for batch in in_batches(found, ROWS):
         yield _to_table(batch, live=kind != "dumps")
 
 

@@ -177,8 +177,10 @@ def rebuild(
             summary = _read_dumps(run, wanted, dumps, work, removed, subreddit)
             answers = answers._replace(stale=True, otherwise=NOT_IN_DUMPS)
         else:
-            source = KnownIds(run, wanted, removed)
-            summary = job.work(run, source, source.summary, place=work, facts=source.facts)
+            source = KnownIds(run, wanted)
+            summary = job.work(
+                run, source, source.summary, place=work, facts=source.facts, removed=removed
+            )
             answers = answers._replace(unanswered=unanswered(Layout(work).state("reddit")))
         if wanted.bad_lines:
             summary["bad_lines"] = summary.get("bad_lines", 0) + wanted.bad_lines

@@ -1,6 +1,6 @@
 """The crawl of a reconstruction: known ids and whole trees, into its work folder."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
-from kb.crawl.source import Answer, Opened, Phase
+from kb.crawl.source import Answer, Phase
 from kb.reddit.connector.ids import WantedThings
 from kb.reddit.connector.reduce import PAYLOADS
 from kb.reddit.connector.source import INFO, MORE, THREAD, TREE, RedditSource
@@ -24,15 +24,9 @@ class KnownIds(RedditSource):
 
     phases = (replace(INFO, name="reddit reconstruct"), MORE, THREAD, TREE)
 
-    def __init__(self, run: Run, wanted: WantedThings, removed: Collection[str] = ()) -> None:
+    def __init__(self, run: Run, wanted: WantedThings) -> None:
         super().__init__(run)
-        self.wanted, self.removed = wanted, removed
-        self.answered = 0
-
-    def begin(self, opened: Opened) -> None:
-        """What was purged elsewhere counts as purged here."""
-        opened.purged.update(self.removed)
-        super().begin(opened)
+        self.wanted, self.answered = wanted, 0
 
     def identity(self) -> dict[str, str]:
         """The host; ids are of any subreddit."""
@@ -58,7 +52,7 @@ class KnownIds(RedditSource):
 
     def facts(self, phase: Phase) -> dict[str, object]:
         """What stands beside a progress bar."""
-        return {"requests": self.requests()}
+        return {"requests": self.opened.requests()[0]}
 
     def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """Figures of this run and what is left."""
@@ -72,7 +66,7 @@ class KnownIds(RedditSource):
             crawled=self.answered + loop.answered["tree"],
             failed=sum(count.get("error", 0) for count in counts.values()),
             pending=frontier.waiting("info", "tree"),
-            requests=self.requests(),
+            requests=session.requests()[0],
             left=sum(left.values()),
             left_by=left,
         )

@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from kb.schema import raw
 from kb.schema.coerce import Bad, coerce, times
-from kb.schema.decode import problems
+from kb.schema.decode import in_batches, problems
 from kb.schema.tables import Column, table
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
@@ -30,18 +30,16 @@ def rows(kind: str, lines: Iterable[bytes]) -> Iterator[pa.Table]:
 
     Answers that only the crawl needs have no rows.
     """
+    for batch in in_batches(_rows_of(kind, lines), ROWS):
+        yield _table(batch, kind)
+
+
+def _rows_of(kind: str, lines: Iterable[bytes]) -> Iterator[Row]:
     read = {"pages": _pages, "renders": _render, "files": _file, "site": _site}.get(kind)
-    waiting: list[Row] = []
     for line in lines:
-        if read is None:
-            continue
-        envelope = rawlog.decode(line)
-        waiting += ({**row, "fetched_at": envelope.fetched_at} for row in read(envelope))
-        if len(waiting) >= ROWS:
-            yield _table(waiting, kind)
-            waiting = []
-    if waiting:
-        yield _table(waiting, kind)
+        if read is not None:
+            envelope = rawlog.decode(line)
+            yield from ({**row, "fetched_at": envelope.fetched_at} for row in read(envelope))
 
 
 @cache

@@ -8,7 +8,7 @@ A video with a row, and one whose reason is final, is not asked for again withou
 """
 
 import shutil
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -34,7 +34,6 @@ from kb.core.errors import Interrupted, Stopped
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPart
 from kb.crawl.job import work
-from kb.crawl.source import Opened
 from kb.store.atomic import write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.state import tombstones
@@ -128,9 +127,16 @@ class VideoRestore:
             write_text(place / "ids.txt", "".join(f"{key}\n" for key in wanted))
             if run.again:
                 write_text(place / _AGAIN, "")
-            source = KnownVideos(run, place / "ids.txt", self.removed)
+            source = YouTubeSource(run, _available, ids=place / "ids.txt")
             try:
-                summary |= work(run, source, source.summary, place=place, phases=source.chosen)
+                summary |= work(
+                    run,
+                    source,
+                    source.summary,
+                    place=place,
+                    phases=source.chosen,
+                    removed=self.removed,
+                )
             except Interrupted:
                 raise
             except Stopped as error:
@@ -204,19 +210,6 @@ class VideoRestore:
                     rows = parquet.read_table(path)
                     shuffle.write(rows, rows["video_id"])
         folder.merge(scratch, buckets, reasons, unlisted=unlisted)
-
-
-class KnownVideos(YouTubeSource):
-    """The crawl of known ids with their transcripts; `removed` ones are never asked for."""
-
-    def __init__(self, run: Run, ids: Path, removed: Collection[str]) -> None:
-        super().__init__(run, _available, ids=ids)
-        self._removed = removed
-
-    def begin(self, opened: Opened) -> None:
-        """What was purged elsewhere counts as purged here."""
-        opened.purged.update(self._removed)
-        super().begin(opened)
 
 
 def _available(videos: Any) -> list[str]:

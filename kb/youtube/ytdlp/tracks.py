@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.schema.coerce import records
-from kb.schema.decode import ColumnReader, problems
+from kb.schema.decode import ColumnReader, in_batches, problems
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog
 from kb.store.tables.columns import aligned, put
@@ -89,8 +89,15 @@ def rows(lines: Iterable[bytes], most: int = 512) -> Iterator[pa.Table]:
     """Envelopes of ytdlp_subtitles → `video_id`, `track` (yt-dlp's name of the language), `format`,
     `timed`, `cues` (JSON text) and `fetched_at` of each file.
     """
-    made: list[tuple[str, str, str, bool, str]] = []
-    times: list[str | None] = []
+    for files in in_batches(_files(lines), most):
+        kinds = (pa.string(), pa.string(), pa.string(), pa.bool_(), pa.string(), pa.string())
+        columns = [pa.array([row[at] for row in files], kind) for at, kind in enumerate(kinds)]
+        columns[-1] = pc.cast(columns[-1], pa.timestamp("us", "UTC"))
+        names = ("video_id", "track", "format", "timed", "cues", "fetched_at")
+        yield pa.table(columns, names=[*names])
+
+
+def _files(lines: Iterable[bytes]) -> Iterator[tuple[str, str, str, bool, str, str | None]]:
     for line in lines:
         envelope = rawlog.decode(line)
         answer = envelope.response
@@ -99,21 +106,8 @@ def rows(lines: Iterable[bytes], most: int = 512) -> Iterator[pa.Table]:
         except ValueError:  # text that a purge or an older version left; the import counted others
             continue
         cues = json.dumps(subtitles.as_lists(track.cues), ensure_ascii=False)
-        made.append((answer["video_id"], answer["language"], answer["format"], track.timed, cues))
-        times.append(envelope.fetched_at)
-        if len(made) >= most:
-            yield _table(made, times)
-            made, times = [], []
-    if made:
-        yield _table(made, times)
-
-
-def _table(made: list[tuple[str, str, str, bool, str]], times: list[str | None]) -> pa.Table:
-    names = ("video_id", "track", "format", "timed", "cues")
-    kinds = (pa.string(), pa.string(), pa.string(), pa.bool_(), pa.string())
-    columns = [pa.array([row[place] for row in made], kind) for place, kind in enumerate(kinds)]
-    moments = pc.cast(pa.array(times, pa.string()), pa.timestamp("us", "UTC"))
-    return pa.table([*columns, moments], names=[*names, "fetched_at"])
+        about = (answer["video_id"], answer["language"], answer["format"])
+        yield *about, track.timed, cues, envelope.fetched_at
 
 
 def with_imported(
