@@ -227,6 +227,10 @@ def test_a_published_release_is_read_where_it_lies(root: Path, hub: Sandbox) -> 
     refused = at_address(hub, root, *asked, *place, HF_TOKEN=STRANGER)
     assert refused.code in (1, 2)
     assert refused.err.startswith(f"kb: there is no hf://datasets/{REPO}; ")
+    unknown = at_address(hub, root, *asked, *place, HF_TOKEN="hf_unknown0000000")
+    assert unknown.code == 1
+    assert unknown.err.startswith(f"kb: hf://datasets/{REPO}: no permission to read it (")
+    assert "HF_TOKEN" in unknown.err.partition("; ")[2]
     crawl = at_address(hub, root, "status", *place)
     assert (crawl.code, "reads no addresses" in crawl.err) == (2, True)
 
