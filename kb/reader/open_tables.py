@@ -1,8 +1,7 @@
 """The tables of one or more folders, with one connection over them."""
 
+import weakref
 from collections.abc import Iterable, Sequence
-from contextlib import nullcontext
-from pathlib import Path
 from typing import Any
 
 import duckdb
@@ -10,9 +9,9 @@ import pyarrow as pa
 
 from kb import query
 from kb.artifacts.table_catalog import SCHEMAS, Catalog, View, check_once
+from kb.query.remote_duckdb import reading_views
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
-from kb.store.tables.remote_files import reading_at
 
 
 class OpenTables:
@@ -35,6 +34,8 @@ class OpenTables:
         """The connection, with a view for each table."""
         if self._con is None:
             self._con = query.connect(None, self.views)
+            # Its threads call Python to read at an address, and must not do so while Python exits.
+            weakref.finalize(self, self._con.close)
         return self._con
 
     def __contains__(self, full: str) -> bool:
@@ -49,8 +50,7 @@ class OpenTables:
         """The rows of a query, with values for its question marks."""
         used = [view for view in self.views if view.name in sql]
         files = [path for view in used for path in view.files]
-        homes = [view.home.address for view in used if not isinstance(view.home, Path)]
-        with reading(files), reading_at(homes[0]) if homes else nullcontext():
+        with reading(files), reading_views(used):
             parquet.check(*files)
             table: pa.Table = self.con.sql(sql, params=list(parameters)).to_arrow_table()
             return table

@@ -81,5 +81,7 @@ def test_what_is_not_a_whole_release_is_refused(memory: fsspec.AbstractFileSyste
 def test_a_damaged_footer_is_told_by_the_address(memory: fsspec.AbstractFileSystem) -> None:
     (shard,) = memory.glob("/lore/youtube/videos-*.parquet")
     memory.pipe(shard, memory.cat(shard)[:-100])
-    with pytest.raises(DamagedData, match="memory://lore/youtube/videos"):
-        remote_release.read_views(PLACE)
+    data = kb.load(PLACE)
+    for read in (data["youtube_videos"].head, lambda: data.sql("FROM youtube_videos")):
+        with pytest.raises(DamagedData, match="memory://lore/youtube/videos"):
+            read()

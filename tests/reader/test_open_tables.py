@@ -1,12 +1,15 @@
 """Missing files and folders are errors, and never fewer rows."""
 
+import gc
 import shutil
 from pathlib import Path
 
+import duckdb
 import pytest
 
 import kb
 from kb.core.errors import DamagedData, FatalError, UsageError
+from kb.reader.open_tables import OpenTables
 
 
 def test_a_missing_shard_is_named_and_never_less_rows(folder: Path) -> None:
@@ -46,3 +49,14 @@ def test_a_folder_of_no_tables_and_no_folder(tmp_path: Path, folder: Path) -> No
         kb.load(tmp_path / "nowhere")
     with pytest.raises(UsageError, match="is not a folder"):
         kb.load(folder / "posts-00000-of-00003.parquet")
+
+
+def test_its_connection_is_closed_with_it() -> None:
+    """Threads of an open one would call Python, to read at an address, while Python exits."""
+    opened = OpenTables([])
+    con = opened.con
+    assert con.execute("SELECT 1").fetchall() == [(1,)]
+    del opened
+    gc.collect()
+    with pytest.raises(duckdb.ConnectionException):
+        con.execute("SELECT 1")

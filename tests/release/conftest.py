@@ -1,18 +1,28 @@
 """A released root made once, for tests that only read it."""
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import requests
 
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.sources import BY_DEFAULT
 from kb.release.build import release
-from tests.release.made import build
+from kb.release.publish.publish import publish
+from kb.sandbox.server import Sandbox
+from kb.sandbox.zenodo.service import TOKEN
+from kb.schema import tables
+from tests.release.made import build, rows
 from tests.release.signed import signed
 
+SOURCES = BY_DEFAULT
+TABLES = [
+    name for name, declared in tables().items() if declared.released and declared.source in SOURCES
+]
 SECRETS = {
     "youtube_api_key": "y-key-1234567",
     "reddit_client_id": "r-id-1234567",
@@ -47,3 +57,30 @@ def released(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         root = build(tmp_path_factory.mktemp("released"), sources=BY_DEFAULT)
         release(a_run(root))
     return root
+
+
+@pytest.fixture(scope="session")
+def downloaded(released: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The records, fetched by the addresses that the service gives."""
+    folder = tmp_path_factory.mktemp("downloaded")
+    with pytest.MonkeyPatch.context() as patch, Sandbox(services=["zenodo"]) as service:
+        patch.setenv("KB_NOW", "2026-11-10T00:00:00Z")
+        root = Path(shutil.copytree(released, folder / "root"))
+        url = service.servers["zenodo"].url
+        summary = publish(
+            a_run(root, kb_zenodo_endpoint=url, zenodo_token=TOKEN), "zenodo", publish=True
+        )
+        for source, shown in summary["sources"].items():
+            record = requests.get(f"{url}/api/records/{shown['id']}", timeout=10).json()
+            (folder / source).mkdir()
+            for file in record["files"]:
+                (folder / source / file["key"]).write_bytes(
+                    requests.get(file["links"]["self"], timeout=10).content
+                )
+        shutil.rmtree(root)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def expected() -> dict[str, int]:
+    return {name: len(made) for name, made in rows().items()}

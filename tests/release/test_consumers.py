@@ -10,7 +10,6 @@ import os
 import re
 import shutil
 import subprocess
-from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -20,52 +19,13 @@ import numpy
 import polars
 import pyarrow.parquet as pq
 import pytest
-import requests
 
 import kb
-from kb.core.sources import BY_DEFAULT
 from kb.release.build import release
-from kb.release.publish.publish import publish
-from kb.sandbox.server import Sandbox
-from kb.sandbox.zenodo.service import TOKEN
 from kb.schema import tables
 from tests.conftest import skip_or_fail
-from tests.release.conftest import a_run
+from tests.release.conftest import SOURCES, TABLES, a_run
 from tests.release.made import build, rows
-
-SOURCES = BY_DEFAULT
-
-
-TABLES = [
-    name for name, declared in tables().items() if declared.released and declared.source in SOURCES
-]
-
-
-@pytest.fixture(scope="session")
-def downloaded(released: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """The records, fetched by the addresses that the service gives."""
-    folder = tmp_path_factory.mktemp("downloaded")
-    with pytest.MonkeyPatch.context() as patch, Sandbox(services=["zenodo"]) as service:
-        patch.setenv("KB_NOW", "2026-11-10T00:00:00Z")
-        root = Path(shutil.copytree(released, folder / "root"))
-        url = service.servers["zenodo"].url
-        summary = publish(
-            a_run(root, kb_zenodo_endpoint=url, zenodo_token=TOKEN), "zenodo", publish=True
-        )
-        for source, shown in summary["sources"].items():
-            record = requests.get(f"{url}/api/records/{shown['id']}", timeout=10).json()
-            (folder / source).mkdir()
-            for file in record["files"]:
-                (folder / source / file["key"]).write_bytes(
-                    requests.get(file["links"]["self"], timeout=10).content
-                )
-        shutil.rmtree(root)
-    return folder
-
-
-@pytest.fixture(scope="session")
-def expected() -> dict[str, int]:
-    return {name: len(made) for name, made in rows().items()}
 
 
 def shards(folder: Path, name: str) -> str:

@@ -15,7 +15,7 @@ from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.sources import RELEASES, SOURCES, SPECS, exported_by, made_by
+from kb.core.sources import RELEASES, SOURCES, SPECS, exported_by, made_by, made_of
 from kb.release.gate import GateProblem, damaged
 from kb.schema import Table, released_tables
 from kb.store.layout import Layout
@@ -24,6 +24,8 @@ from kb.store.tables import database, parquet
 
 def check(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) -> list[GateProblem]:
     """Every problem of rows of `readable` tables; with damaged clean rows nothing is compared."""
+    if unfinished := _unfinished_purges(run, folder):
+        return unfinished
     if owner := RELEASES[folder.source].part_of:
         return _part(run, folder, owner)
     tables = released_tables(folder.source)
@@ -50,6 +52,16 @@ def check(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) -> lis
         if declared.name not in exported and Layout(run.root).rows(declared.name)
     ]
     return problems + [problem for part in readable for problem in _age(run, folder.source, part)]
+
+
+def _unfinished_purges(run: Run, folder: ReleaseFolder) -> list[GateProblem]:
+    """Purges that stopped early: rows that were to be removed may still be here."""
+    what = "a purge of {0} has not finished; run `kb purge {0}` again"
+    return [
+        GateProblem("removed", folder.source, what.format(source))
+        for source in made_of(folder.source)
+        if Layout(run.root).purge(source).exists()
+    ]
 
 
 def _part(run: Run, folder: ReleaseFolder, owner: str) -> list[GateProblem]:

@@ -83,14 +83,16 @@ def _column(facts: Facts, spec: ReleaseSpec) -> ColumnFacts | None:
     return next((one for one in columns if one.column.name == spec.pictured), None)
 
 
-_SIZES = (
-    (10**3, "n<1K"),
-    (10**4, "1K<n<10K"),
-    (10**5, "10K<n<100K"),
-    (10**6, "100K<n<1M"),
-    (10**7, "1M<n<10M"),
-    (10**8, "10M<n<100M"),
+# The hub's size categories, a power of ten each.
+SIZES = (
+    *("n<1K", "1K<n<10K", "10K<n<100K", "100K<n<1M", "1M<n<10M", "10M<n<100M", "100M<n<1B"),
+    *("1B<n<10B", "10B<n<100B", "100B<n<1T", "n>1T"),
 )
+
+
+def size_category(rows: int) -> str:
+    """The one of SIZES."""
+    return SIZES[min(max(len(str(rows)) - 3, 0), len(SIZES) - 1)]
 
 
 def card(run: Run, facts: Facts, changed: Changes) -> str:
@@ -103,7 +105,7 @@ def card(run: Run, facts: Facts, changed: Changes) -> str:
         **_in_markdown(run, facts),
         title=about(run.profile, facts.source).title,
         language=language(run),
-        size_category=next((word for limit, word in _SIZES if facts.rows < limit), "n>100M"),
+        size_category=size_category(facts.rows),
         tags=_search_words(run, facts),
         main=next((table for table in facts.tables if _is_main(table)), facts.tables[0]),
         stages=sorted(stages.items(), key=lambda item: (-item[1], item[0])),

@@ -32,7 +32,7 @@ def datacite(run: Run, facts: Facts) -> str:
         "creators": [_creator(one) for one in section.creators],
         "titles": [{"title": prose.title, "lang": "en"}],
         "publisher": {"name": _UNAVAILABLE},
-        "publicationYear": facts.built.year,
+        "publicationYear": str(facts.built.year),
         "subjects": [
             {"subject": word}
             for word in dict.fromkeys((run.profile.title, *prose.words, *section.keywords))

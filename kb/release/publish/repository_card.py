@@ -7,8 +7,9 @@ folder is a config there, the folders' metadata are joined, with their names bef
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from kb.release.metadata.card import SIZES
+
 CARD = "README.md"
-SIZES = ("n<1K", "1K<n<10K", "10K<n<100K", "100K<n<1M", "1M<n<10M", "10M<n<100M", "100M<n<1B")
 
 
 def metadata_of(card: str) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from kb.core.config.pipeline import load, locate
 from kb.core.errors import DamagedData
 from kb.release.build import release
 from tests.release.conftest import a_run
@@ -47,6 +48,24 @@ def test_empty_text_needs_no_score(tmp_path: Path) -> None:
         ("youtube",),
     )
     assert release(a_run(tmp_path))["folders"] == 1
+
+
+def test_rows_that_an_unfinished_purge_was_to_remove(tmp_path: Path) -> None:
+    """What was asked to be removed must not be published meanwhile."""
+    build(tmp_path, sources=("youtube", "pairs", "wiki"))
+    ids = tmp_path / "ids"
+    ids.write_text("vid00000003\n")
+    shard = tmp_path / "clean/youtube/videos/part-00000.parquet"
+    whole = shard.read_bytes()
+    shard.write_bytes(whole[:100])
+    purge = load(str(locate("purge"))).purge
+    with pytest.raises(DamagedData):
+        purge(a_run(tmp_path), "youtube", ids)
+    shard.write_bytes(whole)
+    what = "a purge of youtube has not finished; run `kb purge youtube` again"
+    assert refused(tmp_path) == [f"removed: youtube: {what}", f"removed: pairs: {what}"]
+    purge(a_run(tmp_path), "youtube", None)
+    release(a_run(tmp_path))
 
 
 def test_rows_that_differ_from_clean(tmp_path: Path) -> None:

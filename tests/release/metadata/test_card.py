@@ -17,6 +17,7 @@ from kb.cli.app import leaves
 from kb.core.sources import BY_DEFAULT, SPECS
 from kb.export import wiki_tar
 from kb.release.build import release
+from kb.release.metadata.card import size_category
 from tests.release.conftest import a_run
 from tests.release.made import build, rows
 
@@ -125,3 +126,14 @@ def test_screenshots_that_pillow_refuses_are_counted(tmp_path: Path) -> None:
     root = build(tmp_path, edit, sources=("wiki",))
     release(a_run(root))
     assert "- 1 screenshot has more than 179.0 megapixels" in card(root, "wiki")
+
+
+@pytest.mark.parametrize(
+    ("count", "category"),
+    [
+        *((0, "n<1K"), (999, "n<1K"), (1_000, "1K<n<10K"), (99_999_999, "10M<n<100M")),
+        *((100_000_000, "100M<n<1B"), (10**12, "n>1T"), (10**14, "n>1T")),
+    ],
+)
+def test_size_categories_are_the_hubs(count: int, category: str) -> None:
+    assert size_category(count) == category

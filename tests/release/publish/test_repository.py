@@ -224,9 +224,19 @@ def test_a_published_release_is_read_where_it_lies(root: Path, hub: Sandbox) -> 
     listed = at_address(hub, root, "query", "--tables", *place)
     assert "release.youtube_videos" in listed.out
     assert changes(hub, before) == []
+    tagged = at_address(hub, root, *asked, "--data", f"hf://datasets/{REPO}@v1.0.0")
+    assert tagged.out == read.out
+    blocks = {"FSSPEC_BLOCKCACHE_CACHE_STORAGE": str(root.parent / "blocks")}
+    cached = at_address(hub, root, *asked, "--data", f"blockcache::hf://datasets/{REPO}", **blocks)
+    assert cached.out == read.out
+    assert any((root.parent / "blocks").iterdir())
     refused = at_address(hub, root, *asked, *place, HF_TOKEN=STRANGER)
     assert refused.code in (1, 2)
     assert refused.err.startswith(f"kb: there is no hf://datasets/{REPO}; ")
+    unknown = at_address(hub, root, *asked, *place, HF_TOKEN="hf_unknown0000000")
+    assert unknown.code == 1
+    assert unknown.err.startswith(f"kb: hf://datasets/{REPO}: no permission to read it (")
+    assert "HF_TOKEN" in unknown.err.partition("; ")[2]
     crawl = at_address(hub, root, "status", *place)
     assert (crawl.code, "reads no addresses" in crawl.err) == (2, True)
 
