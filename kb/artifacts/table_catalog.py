@@ -34,7 +34,8 @@ from kb.store.layout import TOP, Layout, parquet_files, rows_pattern
 from kb.store.tables.row_counts import VERDICTS
 
 if TYPE_CHECKING:
-    from kb.artifacts.remote_table import RemoteTable
+    import pyarrow.dataset as ds
+
     from kb.store.tables.remote_files import RemoteFolder
 
 SCHEMAS = ("clean", "release", "restored", "links")  # a bare name is the first of these that has it
@@ -49,7 +50,7 @@ _MOST = 500  # entries of a folder among which a data root is looked for
 class View(NamedTuple):
     """A table that has files; `schema` is one of SCHEMAS, `doc` the table's one line. `home` is
     the folder that paths in its rows start from: a data root or a release folder. A table that is
-    read at an address has no files here but is `remote`.
+    read at an address has no files here but a `dataset`.
     """
 
     schema: str
@@ -57,7 +58,7 @@ class View(NamedTuple):
     files: list[Path]
     doc: str
     home: Path | RemoteFolder = Path()
-    remote: RemoteTable | None = None
+    dataset: ds.Dataset | None = None
 
     @property
     def full(self) -> str:
