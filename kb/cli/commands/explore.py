@@ -44,16 +44,11 @@ def explore(
     from kb.artifacts.table_catalog import read
     from kb.cli.commands.status.command import lines
     from kb.cli.commands.status.overview import overview
-    from kb.core.config.profile import load_profile
-    from kb.core.installation import PROFILE_FILE
     from kb.explore.server import serve
 
-    catalog = read(run.root)
-    used = [one.path / PROFILE_FILE for one in catalog.releases if catalog.is_download]
-    profile = next((load_profile(path) for path in used if path.is_file()), run.profile)
     serve(
-        catalog.path,
-        profile,
+        read(run.root).path,
+        run.profile,
         lambda: lines(overview(run)),
         port,
         browser=not no_browser,
