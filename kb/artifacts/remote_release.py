@@ -5,15 +5,13 @@ folder on this machine.
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import pyarrow.dataset as ds
-
 from kb.artifacts import manifest
 from kb.artifacts.release_folder import (
     TOMBSTONES,
-    parse_tombstones,
     sources_of,
     table_of_shard,
 )
+from kb.artifacts.remote_table import RemoteTable
 from kb.artifacts.table_catalog import View, check_once, tombstones_view, view_name
 from kb.core.errors import DamagedData, FatalError
 from kb.schema.tables import released_tables, table
@@ -52,11 +50,11 @@ def _views(folder: RemoteFolder, source: str) -> Iterator[View]:
         shards = [name for name in folder.sizes if table_of_shard(name) == declared.short]
         if not shards:
             continue
-        rows = folder.dataset(shards)
+        rows = RemoteTable(folder, shards)
         yield View("release", view_name(declared), [], declared.doc, folder, rows)
         if source == "links":
             yield View("links", declared.short, [], declared.doc, folder, rows)
     if TOMBSTONES in folder.sizes:
-        rows = ds.dataset(parse_tombstones(folder.read(TOMBSTONES), f"{folder}/{TOMBSTONES}"))
+        rows = RemoteTable(folder, [TOMBSTONES])
         doc = table("shared/tombstones").doc
         yield View("release", tombstones_view(source), [], doc, folder, rows)

@@ -34,8 +34,7 @@ from kb.store.layout import TOP, Layout, parquet_files, rows_pattern
 from kb.store.tables.row_counts import VERDICTS
 
 if TYPE_CHECKING:
-    import pyarrow.dataset as ds
-
+    from kb.artifacts.remote_table import RemoteTable
     from kb.store.tables.remote_files import RemoteFolder
 
 SCHEMAS = ("clean", "release", "restored", "links")  # a bare name is the first of these that has it
@@ -50,7 +49,7 @@ _MOST = 500  # entries of a folder among which a data root is looked for
 class View(NamedTuple):
     """A table that has files; `schema` is one of SCHEMAS, `doc` the table's one line. `home` is
     the folder that paths in its rows start from: a data root or a release folder. A table that is
-    read at an address has no files here but a `dataset`.
+    read at an address has no files here but is `remote`.
     """
 
     schema: str
@@ -58,7 +57,7 @@ class View(NamedTuple):
     files: list[Path]
     doc: str
     home: Path | RemoteFolder = Path()
-    dataset: ds.Dataset | None = None
+    remote: RemoteTable | None = None
 
     @property
     def full(self) -> str:

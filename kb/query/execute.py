@@ -16,11 +16,11 @@ from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.core.progress import Progress, Silent
 from kb.core.sources import PUBLISHED, SOURCES, exported_by
 from kb.query import statements
-from kb.query.views import at_address, find_views
+from kb.query.remote_duckdb import reading_views
+from kb.query.views import find_views
 from kb.schema.tables import tables
 from kb.store.tables import checksums, parquet
 from kb.store.tables.reading import broken
-from kb.store.tables.remote_files import UNREACHABLE
 
 _TABLE = re.compile(r'Table with name "?([^"!]+?)"? does not exist')
 _COLUMN = re.compile(r'Values list "[^"]*" does not have a column named "([^"]+)"')
@@ -143,10 +143,11 @@ def select(
     try:
         statements.check(con, sql)
         _check(statements.views_read(sql, views), progress or Silent())
-        relation = con.sql(sql)
-        cast = statements.casts(relation, text=text)
-        answer: Any = relation.query("answer", cast) if cast else relation
-        reader = answer.to_arrow_reader(_BATCH)
+        with reading_views(views):
+            relation = con.sql(sql)
+            cast = statements.casts(relation, text=text)
+            answer: Any = relation.query("answer", cast) if cast else relation
+            reader = answer.to_arrow_reader(_BATCH)
     except (duckdb.CatalogException, duckdb.BinderException) as error:
         if unknown := unknown_name(con, sql, error, root):
             raise unknown from None
@@ -173,8 +174,9 @@ def _batches(
     reader: pa.RecordBatchReader, names: list[str], views: Sequence[View]
 ) -> Iterator[pa.RecordBatch]:
     try:
-        for batch in reader:
-            yield batch.rename_columns(names)
+        with reading_views(views):
+            for batch in reader:
+                yield batch.rename_columns(names)
     except (pa.ArrowException, OSError) as error:
         # Arrow turns DuckDB's errors into an OSError without errno.
         raise _problem(error, views) from None
@@ -191,9 +193,6 @@ def _problem(error: Exception, views: Sequence[View]) -> KbError:
     )
     if (named or about_files) and (damage := broken(named or files)):
         return damage
-    for view in views:  # DuckDB keeps only the text of what went wrong at an address
-        if view.dataset is not None and at_address(view) in line:
-            return DamagedData(f"{view.home}: {view.name} can't be read: {line}", hint=UNREACHABLE)
     if line.startswith("Out of Memory Error: "):
         return FatalError(line, hint="ask for less at a time")
     if line.startswith("IO Error: "):

@@ -18,9 +18,11 @@ from kb.artifacts.release_folder import read_tombstones
 from kb.artifacts.table_catalog import SCHEMAS, Catalog, View, bare
 from kb.core.errors import DamagedData
 from kb.query.limits import Limits
+from kb.query.remote_duckdb import RemoteFiles, reading_views
 from kb.store.artifact_registry import rebuild_hint
 from kb.store.tables import database
 from kb.store.tables.reading import escaped, reading, scan
+from kb.store.tables.remote_files import reading_at
 
 
 class ViewInfo(NamedTuple):
@@ -53,8 +55,9 @@ def connect(
         views = tables.views if tables else []
         if tables:
             tables.check()
-    _make(con, views)
-    files = {str(path) for view in views for path in view.files}
+    system = RemoteFiles()
+    _make(con, views, system)
+    files = {str(path) for view in views for path in view.files} | system.addresses
     # DuckDB checks the pattern, then the file.
     allowed = sorted(files | {escaped(file) for file in files})
     con.execute(f"SET allowed_paths = [{', '.join(map(_quoted, allowed))}]")
@@ -75,14 +78,17 @@ def _open(root: Path | None, limits: Limits | None) -> duckdb.DuckDBPyConnection
     return con
 
 
-def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View]) -> None:
+def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View], system: RemoteFiles) -> None:
     """Create the views; bare names in the default schema, so that SHOW TABLES lists each once."""
     for schema in SCHEMAS:
         con.execute(f"CREATE SCHEMA {schema}")
+    if any(view.remote for view in views):
+        con.register_filesystem(system)
     for view in views:
-        if view.dataset is not None:
-            con.register(at_address(view), view.dataset)
-            con.execute(f"CREATE VIEW {view.full} AS FROM {at_address(view)}")
+        if view.remote is not None:
+            files = [system.add(view.remote.folder, name) for name in view.remote.names]
+            with reading_views([view]):
+                con.execute(f"CREATE VIEW {view.full} AS FROM {scan(files)}")
             continue
         try:
             manifest.check_folder(view.files[0].parent)
@@ -97,17 +103,14 @@ def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View]) -> None:
         con.execute(f"CREATE VIEW main.{name} AS FROM {view.full}")
 
 
-def at_address(view: View) -> str:
-    """The name under which DuckDB knows a table that is read at an address."""
-    return f"{view.schema}_{view.name}_at_address"
-
-
 def catalog(views: Iterable[View]) -> list[ViewInfo]:
     """A line for every view, by schema and name. Raises DamagedData."""
     listing = []
     for view in views:
-        if view.dataset is not None:
-            rows, columns = view.dataset.count_rows(), len(view.dataset.schema)
+        if view.remote is not None:
+            with reading_at(view.remote.folder.address):
+                dataset = view.remote.dataset
+                rows, columns = dataset.count_rows(), len(dataset.schema)
         elif view.files[0].suffix == ".ndjson":
             table = read_tombstones(view.files[0])
             rows, columns = table.num_rows, table.num_columns

@@ -2,8 +2,6 @@
 
 import weakref
 from collections.abc import Iterable, Sequence
-from contextlib import nullcontext
-from pathlib import Path
 from typing import Any
 
 import duckdb
@@ -11,9 +9,9 @@ import pyarrow as pa
 
 from kb import query
 from kb.artifacts.table_catalog import SCHEMAS, Catalog, View, check_once
+from kb.query.remote_duckdb import reading_views
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
-from kb.store.tables.remote_files import reading_at
 
 
 class OpenTables:
@@ -52,8 +50,7 @@ class OpenTables:
         """The rows of a query, with values for its question marks."""
         used = [view for view in self.views if view.name in sql]
         files = [path for view in used for path in view.files]
-        homes = [view.home.address for view in used if not isinstance(view.home, Path)]
-        with reading(files), reading_at(homes[0]) if homes else nullcontext():
+        with reading(files), reading_views(used):
             parquet.check(*files)
             table: pa.Table = self.con.sql(sql, params=list(parameters)).to_arrow_table()
             return table

@@ -103,7 +103,7 @@ class TableView(RowSet):
 
     def __init__(self, view: View) -> None:
         self.view = view
-        self._dataset: ds.Dataset | None = view.dataset
+        self._dataset: ds.Dataset | None = None
 
     @property
     def name(self) -> str:
@@ -133,6 +133,9 @@ class TableView(RowSet):
     @property
     def dataset(self) -> ds.Dataset:
         """The shards as a pyarrow Dataset, with checksums verified. Raises DamagedData."""
+        if self.view.remote is not None:
+            with self._reading():
+                return self.view.remote.dataset
         if self._dataset is None and self._is_list:
             self._dataset = ds.dataset(read_tombstones(self.view.files[0]))
         if self._dataset is None:
@@ -144,7 +147,7 @@ class TableView(RowSet):
     @property
     def schema(self) -> pa.Schema:
         """Columns with their types; `schema.field("fps").metadata` explains one."""
-        if self._dataset is not None or self._is_list:
+        if self._dataset is not None or self._is_list or self.view.remote is not None:
             return self.dataset.schema
         with reading(self.view.files):
             pq.read_metadata(self.view.files[0])
@@ -184,7 +187,7 @@ class TableView(RowSet):
     def count_rows(self) -> int:
         """The number of rows, from the files' footers. Raises DamagedData."""
         with self._reading():
-            if self._is_list or self.view.dataset is not None:
+            if self._is_list or self.view.remote is not None:
                 return int(self.dataset.count_rows())
             return sum(pq.read_metadata(path).num_rows for path in self.view.files)
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, BinaryIO, cast
 
@@ -40,12 +40,15 @@ UNREACHABLE = "check the address and the network"
 
 @dataclass(frozen=True, eq=False)
 class RemoteFolder:
-    """A folder and the sizes of its files in bytes, by name."""
+    """A folder and the sizes of its files in bytes, by name. `failures`: of reads by DuckDB, which
+    keeps only an error's text.
+    """
 
     address: str
     system: fsspec.AbstractFileSystem
     path: str
     sizes: Mapping[str, int]
+    failures: list[KbError] = field(default_factory=list)
 
     def __str__(self) -> str:
         return self.address
@@ -146,7 +149,7 @@ def reading_at(address: str) -> Iterator[None]:
     except FileNotFoundError:
         raise _missing(address) from None
     except Exception as error:
-        if _REFUSED & {kind.__name__ for kind in type(error).__mro__}:
+        if _is_refusal(error):
             raise FatalError(
                 f"{address}: no permission to read it ({_line(error)})",
                 hint="give a credential as its service documents it, such as HF_TOKEN or"
@@ -161,6 +164,12 @@ def reading_at(address: str) -> Iterator[None]:
                 f"{address}: {_line(error)}", hint="use hf://, s3:// or another of fsspec's"
             ) from None
         raise FatalError(f"{address} can't be read: {_line(error)}", hint=UNREACHABLE) from error
+
+
+def _is_refusal(error: Exception) -> bool:
+    """Whether a client says that a credential is missing or refused."""
+    status = getattr(getattr(error, "response", None), "status_code", None)
+    return status in (401, 403) or bool(_REFUSED & {kind.__name__ for kind in type(error).__mro__})
 
 
 def _missing(address: str) -> SettingError:

@@ -1,25 +1,18 @@
 """Folders at addresses: what is read of them, and what is said of those that can't be read."""
 
 import hashlib
-import random
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import DamagedData, FatalError, MissingExtra, SettingError
-from kb.store.tables.checksums import SUMS, listed
 from kb.store.tables.remote_files import RemoteFolder, reading_at, remote_folders
-from kb.store.tables.shard_writer import ShardWriter
 from tests.store.tables.bucket import S3Server
-
-ROWS = 400_000
-GROUP = 2_000  # of a table of 1 GB a group is 1 part in 250 or less
-SHARDS = [f"comments-{at:05d}-of-00002.parquet" for at in range(2)]
+from tests.store.tables.many_comments import SHARDS, write_comments
 
 
 @pytest.fixture(scope="module")
@@ -30,24 +23,7 @@ def server() -> Iterator[S3Server]:
 
 @pytest.fixture(scope="module")
 def folder(make_rows, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two shards of comments in groups that are small for their table, as of one of 1 GB."""
-    place = tmp_path_factory.mktemp("reddit")
-    drawn = make_rows("reddit/comments", 1_000, released=True)
-    numbers = pa.array(range(ROWS))
-    ids = pc.binary_join_element_wise("k", pc.utf8_lpad(numbers.cast(pa.string()), 7, "0"), "")
-    rows = drawn.take(pc.bit_wise_and(numbers, pa.scalar(511)))
-    drawn_ids = random.Random(7).randbytes(ROWS * 16).hex()
-    comments = pa.array(drawn_ids[at : at + 32] for at in range(0, len(drawn_ids), 32))
-    rows = rows.set_column(rows.schema.get_field_index("comment_id"), "comment_id", comments)
-    rows = rows.set_column(rows.schema.get_field_index("post_id"), "post_id", ids)
-    for at, name in enumerate(SHARDS):
-        with ShardWriter(
-            place / name, "reddit/comments", released=True, in_order=True, group_rows=GROUP
-        ) as writer:
-            writer.write(rows.slice(at * ROWS // 2, ROWS // 2))
-    (place / "profile.toml").write_text("name = 'x'\n")
-    (place / SUMS).write_text(listed(sorted(place.iterdir())))
-    return place
+    return write_comments(tmp_path_factory.mktemp("reddit"), make_rows)
 
 
 @pytest.fixture(scope="module")
