@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
+from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -21,7 +22,7 @@ from kb.reader import html
 from kb.reader.error_hints import with_hints
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
-from kb.store.tables.remote_files import parquet_dataset, reading_at
+from kb.store.tables.remote_files import first_rows, parquet_dataset, reading_at
 
 if TYPE_CHECKING:
     import pandas
@@ -103,7 +104,6 @@ class TableView(RowSet):
 
     def __init__(self, view: View) -> None:
         self.view = view
-        self._dataset: ds.Dataset | None = None
 
     @property
     def name(self) -> str:
@@ -130,24 +130,21 @@ class TableView(RowSet):
         home = self.view.home
         return reading(self.view.files) if isinstance(home, Path) else reading_at(home.address)
 
-    @property
+    @cached_property
     def dataset(self) -> ds.Dataset:
         """The shards as a pyarrow Dataset, with checksums verified. Raises DamagedData."""
-        if self.view.remote is not None:
-            with self._reading():
+        with self._reading():
+            if self.view.remote is not None:
                 return self.view.remote.dataset
-        if self._dataset is None and self._is_list:
-            self._dataset = ds.dataset(read_tombstones(self.view.files[0]))
-        if self._dataset is None:
-            with reading(self.view.files):
-                parquet.check(*self.view.files)
-                self._dataset = parquet_dataset(list(map(str, self.view.files)))
-        return self._dataset
+            if self._is_list:
+                return ds.dataset(read_tombstones(self.view.files[0]))
+            parquet.check(*self.view.files)
+            return parquet_dataset(list(map(str, self.view.files)))
 
     @property
     def schema(self) -> pa.Schema:
         """Columns with their types; `schema.field("fps").metadata` explains one."""
-        if self._dataset is not None or self._is_list or self.view.remote is not None:
+        if self._is_list or self.view.remote is not None:
             return self.dataset.schema
         with reading(self.view.files):
             pq.read_metadata(self.view.files[0])
@@ -175,13 +172,8 @@ class TableView(RowSet):
 
     def head(self, rows: int = _SHOWN) -> pa.Table:
         """The first rows, without reading the others."""
-        parts = [self.schema.empty_table()]
         with self._reading():
-            for group in _row_groups(self.dataset):
-                parts.append(group.head(rows - sum(map(len, parts))))
-                if sum(map(len, parts)) >= rows:
-                    break
-        return pa.concat_tables(parts)
+            return first_rows(self.dataset, rows)
 
     @with_hints
     def count_rows(self) -> int:
@@ -201,13 +193,6 @@ class TableView(RowSet):
 
     def __repr__(self) -> str:
         return f"<kb table {self.name}>"
-
-
-def _row_groups(dataset: ds.Dataset) -> Iterator[ds.Fragment]:
-    """Each row group by itself: a scan of all reads many of them ahead."""
-    for fragment in dataset.get_fragments():
-        whole = not isinstance(fragment, ds.ParquetFileFragment)
-        yield from [fragment] if whole else fragment.split_by_row_group()
 
 
 class QueryResult(RowSet):

@@ -180,3 +180,16 @@ def _missing(address: str) -> SettingError:
 
 def _line(error: Exception) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
+
+
+def first_rows(rows: ds.Dataset, count: int) -> pa.Table:
+    """Row group by row group: a scan of the dataset reads many of them ahead."""
+    parts = [rows.schema.empty_table()]
+    for fragment in rows.get_fragments():
+        in_files = isinstance(fragment, ds.ParquetFileFragment)
+        for group in fragment.split_by_row_group() if in_files else [fragment]:
+            missing = count - sum(map(len, parts))
+            if missing <= 0:
+                return pa.concat_tables(parts)
+            parts.append(group.head(missing))
+    return pa.concat_tables(parts)
