@@ -17,8 +17,10 @@ import pyarrow.compute as pc
 
 from kb.core.context import default_workers
 from kb.core.engine import make_threads
+from kb.schema.tables import tables
 from kb.store.layout import BELOW, Layout, parquet_files, rows_pattern
 from kb.store.tables import parquet
+from kb.store.tables.columns import with_nulls
 from kb.store.tables.reading import reading
 from kb.store.tables.shard_writer import ShardWriter
 
@@ -134,9 +136,10 @@ def keep_rows(
         removed = int(file.metadata.num_rows - sum(pc.sum(mask).as_py() or 0 for mask in masks))
         if removed and not dry:
             mask, start = pa.chunked_array(masks, pa.bool_()).combine_chunks(), 0
+            schema = tables()[table].arrow()
             with ShardWriter(path, table, in_order=True) as writer:
                 for batch in file.iter_batches():
                     rows = batch.filter(mask.slice(start, batch.num_rows))
-                    writer.write(pa.Table.from_batches([rows]))
+                    writer.write(with_nulls(pa.Table.from_batches([rows]), schema))
                     start += batch.num_rows
     return removed

@@ -15,6 +15,7 @@ from kb.core.errors import SchemaMismatch
 from kb.filters.predicates import SCORED, Judgement, Predicate, one
 from kb.filters.thresholds import outcome_of_other_stages, thresholds
 from kb.schema.tables import table
+from kb.store.tables.columns import with_nulls
 from kb.store.tables.partition import RawKind
 
 DESCRIBED_BY = ("title", "channel_id", "channel_title", "type")  # columns of shared/rejected
@@ -219,8 +220,4 @@ def declared_columns(rows: pa.Table, chain: Chain) -> pa.Table:
     rows = rows.drop_columns(
         [name for name in rows.column_names if name in mine and name not in names]
     )
-    for column in declared.columns:
-        if column.name not in rows.column_names and column.nullable:
-            kind: Any = column.parsed.arrow()  # the stubs list the kinds that they know
-            rows = rows.append_column(column.name, pa.nulls(rows.num_rows, kind))
-    return rows
+    return with_nulls(rows, declared.arrow())

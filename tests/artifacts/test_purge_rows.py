@@ -1,6 +1,7 @@
 """Rows of purged keys leave the files of tables; a dry run counts the same."""
 
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -41,6 +42,20 @@ def test_a_dry_run_counts_and_changes_nothing(tmp_path: Path) -> None:
     assert list(drop_rows(tmp_path, [LINKS], ["a"], dry=True)) == lines
     assert list(drop_rows(tmp_path, [LINKS], ["c"])) == [("links", "links/links", 0)]
     assert path.read_bytes() == before
+
+
+def test_tables_of_an_older_version_lack_columns(tmp_path: Path, make_rows: Any) -> None:
+    path = tmp_path / "clean" / "youtube" / "rejected" / "part-00000.parquet"
+    path.parent.mkdir(parents=True)
+    rows = make_rows("shared/rejected", 3).drop_columns(["number", "other_stages"])
+    pq.write_table(rows, path)
+    key = rows["key"][0].as_py()
+    location = RowLocation("clean/youtube/rejected", "shared/rejected", "key")
+    lines = list(drop_rows(tmp_path, [location], [key]))
+    assert lines == [("clean/youtube/rejected", "shared/rejected", 1)]
+    kept = pq.read_table(path)
+    assert kept.select(rows.column_names).to_pylist() == rows.slice(1).to_pylist()
+    assert kept["number"].null_count == kept["other_stages"].null_count == 2
 
 
 @pytest.mark.parametrize("how", ["empty", "cut"])

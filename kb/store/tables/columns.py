@@ -21,6 +21,16 @@ def put(rows: pa.Table, name: str, values: Any) -> pa.Table:
     return rows.append_column(name, values)
 
 
+def with_nulls(rows: pa.Table, schema: pa.Schema) -> pa.Table:
+    """The rows with the nullable columns of the schema that they lack, as nulls: those of a table
+    that an older version wrote, or that nobody filled.
+    """
+    for field in schema:
+        if field.nullable and field.name not in rows.column_names:
+            rows = rows.append_column(field, pa.nulls(rows.num_rows, field.type))
+    return rows
+
+
 def aligned(rows: pa.Table, key: str, keys: Any) -> pa.Table:
     """The row of each of `keys` in the column `key`; nulls for a key without one."""
     if not rows.num_rows:
