@@ -56,9 +56,12 @@ def check(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) -> lis
 
 def _unfinished_purges(run: Run, folder: ReleaseFolder) -> list[GateProblem]:
     """Purges that stopped early: rows that were to be removed may still be here."""
-    what = "a purge of {0} has not finished; run `kb purge {0}` again"
     return [
-        GateProblem("removed", folder.source, what.format(source))
+        GateProblem(
+            "removed",
+            folder.source,
+            f"a purge of {source} has not finished; run `kb purge {source}` again",
+        )
         for source in made_of(folder.source)
         if Layout(run.root).purge(source).exists()
     ]
