@@ -67,7 +67,8 @@ def stages_of(tables: CurrentTables, profile: Profile) -> Iterator[StageOfTable]
             table = chain.table.partition("/")[2]
             if f"{source}_{table}" not in tables:
                 continue
+            columns = tables.columns(f"{source}_{table}")
             for threshold in thresholds(chain.stages):
-                if threshold.reads <= tables.columns(f"{source}_{table}"):
+                if threshold.reads <= columns:
                     followers = () if chain.relate else following
                     yield StageOfTable(source, table, threshold, chain, followers)

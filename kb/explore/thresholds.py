@@ -53,7 +53,7 @@ class ThresholdFigures:
     def plain_value(self) -> str:
         """The value as TOML and HTML write it."""
         value = self.value
-        return str(int(value)) if value == int(value) and abs(value) >= 1 else f"{value:g}"
+        return str(int(value) if value == int(value) else value)
 
     @property
     def profile_line(self) -> tuple[str, str]:

@@ -123,7 +123,8 @@ def judge_chain(
 ) -> Judged:
     """Run the chain over rows. `join` adds the scores before the stage SCORED.
 
-    `until` names a stage to stop before: the rows that reach it are `kept`. Raises SchemaMismatch
+    `until` names a stage to stop before: the rows that reach it are `kept`, and the others are left
+    out. Raises SchemaMismatch
     when a stage reads a column that is not there.
     """
     out: dict[str, list[pa.Table]] = {verdict: [] for verdict in VERDICTS}
@@ -146,10 +147,11 @@ def judge_chain(
         judged = stage.judge(rows)
         out_of = pc.is_valid(judged.reason)
         if pc.any(out_of).as_py():
-            for verdict, result in _verdicts(
-                rows.filter(out_of), judged.filter(out_of), chain, position
-            ):
-                out[verdict].append(result)
+            if not until:  # whoever stops early asks for what is kept
+                for verdict, result in _verdicts(
+                    rows.filter(out_of), judged.filter(out_of), chain, position
+                ):
+                    out[verdict].append(result)
             rows = rows.filter(pc.invert(out_of))
     if not until and not joined:
         rows = join(rows)

@@ -53,28 +53,6 @@ class Predicate(Protocol):
     def judge(self, rows: pa.Table) -> Judgement: ...
 
 
-class ThresholdPredicate(Predicate, Protocol):
-    """A predicate that compares a number of each row with a threshold.
-
-    `setting` is the threshold's key in the profile ("youtube.min_views"), "" where it has none.
-    """
-
-    @property
-    def setting(self) -> str: ...
-
-    @property
-    def limit(self) -> float: ...
-
-    @property
-    def at_least(self) -> bool:
-        """Whether numbers from the limit upwards pass; else those up to it do."""
-        ...
-
-    def measured(self, rows: pa.Table) -> pa.Array[Any]:
-        """The number of each row, float64; null where it is absent or malformed."""
-        ...
-
-
 def compared(
     rows: pa.Table,
     values: pa.Array[Any],

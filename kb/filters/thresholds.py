@@ -10,14 +10,36 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import Any
+from typing import Any, Protocol
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.filters.predicates import SCORED, Predicate, ThresholdPredicate, one
+from kb.filters.predicates import SCORED, Predicate, one
 
 UNSCORED = "unscored"  # kept, if the toxicity stage passes texts that have no score yet
+
+
+class ThresholdPredicate(Predicate, Protocol):
+    """A predicate that compares a number of each row with a threshold.
+
+    `setting` is the threshold's key in the profile ("youtube.min_views"), "" where it has none.
+    """
+
+    @property
+    def setting(self) -> str: ...
+
+    @property
+    def limit(self) -> float: ...
+
+    @property
+    def at_least(self) -> bool:
+        """Whether numbers from the limit upwards pass; else those up to it do."""
+        ...
+
+    def measured(self, rows: pa.Table) -> pa.Array[Any]:
+        """The number of each row, float64; null where it is absent or malformed."""
+        ...
 
 
 @dataclass(frozen=True)
