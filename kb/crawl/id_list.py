@@ -49,7 +49,7 @@ class ListedId(NamedTuple):
 class IdList(NamedTuple):
     """`keys` each once, in order; `numbers` those that the list gives as numbers.
 
-    `bad_lines` entries are no ids.
+    `bad_lines` entries are not ids.
     """
 
     keys: list[str]
@@ -79,7 +79,7 @@ class IdRules:
     files: str = ""
 
     def read(self, path: Path, say: Callable[[str], None] | None = None) -> IdList:
-        """All ids of a list. `say` gets one line when some entries are no ids.
+        """All ids of a list. `say` gets one line when some entries are not ids.
 
         Raises SettingError.
         """

@@ -48,7 +48,7 @@ class ColumnReader:
         self._schemas = [raw.at(f"{declared.source}/{kind}", path) or {} for path in paths]
 
     def answer(self, line: bytes) -> DecodedAnswer:
-        """Decodes one envelope. Raises DamagedData when the line is no envelope at all."""
+        """Decodes one envelope. Raises DamagedData when the line is not an envelope at all."""
         envelope = decoded(line)
         try:
             params = envelope["request"].get("params") or {}

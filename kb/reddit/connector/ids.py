@@ -109,7 +109,7 @@ def asked_for(
     """What is wanted, and the files and folders that it stands in. `ids` as for a reconstruction.
 
     Without `ids` it is the data root's own `release`. `say` gets one line for each list with
-    entries that are no ids. Raises SettingError.
+    entries that are not ids. Raises SettingError.
     """
     if ids is None:
         if not release.is_dir():

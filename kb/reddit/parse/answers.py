@@ -46,7 +46,7 @@ def raw_kind(kind: str, links: Links) -> RawKind:
 def rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
     """Envelopes of one raw kind → tables of about 8,192 rows with the columns of `schema()`.
 
-    Raises DamagedData for a line that is no envelope.
+    Raises DamagedData for a line that is not an envelope.
     """
     reader = RecordReader(links, live=kind != "dumps")
     found = chain.from_iterable(_rows_of(line, kind, reader) for line in lines)

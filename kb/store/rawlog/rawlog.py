@@ -103,7 +103,7 @@ class Frames:
     the frame in hand. After the iteration `good` is the offset behind the last readable frame,
     `torn` tells whether bytes follow it (no damage while a segment is open), and `damaged` lists
     the stretches (start, end) between readable frames that hold none. With `checked` a frame whose
-    line is no envelope counts as damaged too. Works on a segment that is still being written.
+    line is not an envelope counts as damaged too. Works on a segment that is still being written.
     """
 
     def __init__(

@@ -92,7 +92,7 @@ def spread(
 
     Returns rows, unknown keys as they were seen, and with `mending` the first byte that can't be
     read, if any (the frames around it are read; the tail of an open segment doesn't count). Raises
-    DamagedData naming the segment when a line is no envelope, and without `mending` also when
+    DamagedData naming the segment when a line is not an envelope, and without `mending` also when
     something can't be read.
     """
     unknown: Counter[str] = Counter()

@@ -207,7 +207,7 @@ def _days(column: pa.ChunkedArray[Any]) -> pa.Array[Any]:
     return pa.array(days, pa.timestamp("us", "UTC"))
 
 
-_OWN = ("UU", "UC")  # all that a channel uploaded is no playlist that somebody made
+_OWN = ("UU", "UC")  # a channel's list of uploads, which nobody made by hand
 
 
 def playlists(root: Path) -> dict[str, str]:
