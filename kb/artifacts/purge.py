@@ -24,7 +24,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import msgspec
 
@@ -34,8 +34,7 @@ from kb.artifacts.purge_raw import Matcher, Names, Strip
 from kb.artifacts.purge_rows import RowLocation, drop_rows, released
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
-from kb.core.source_spec import load_name
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.store import lock
 from kb.store.artifact_registry import artifact_of
@@ -47,7 +46,6 @@ from kb.store.state import json_files, tombstones
 from kb.store.state.frontier import Frontier
 from kb.store.tables import partition
 
-BY_NAME = "kb.crawl.purge:rules_by_name"  # the rules of sources that declare none
 _PARALLEL = 64 << 20  # bytes of segments that are worth worker processes, which take a second
 
 
@@ -187,18 +185,6 @@ class Purge:
         return own - self.counts.get("unknown", 0)
 
 
-def rules_of(source: str) -> PurgeRules:
-    """The rules of a source, as its spec names them."""
-    spec = SPECS[source]
-    rules: PurgeRules = spec.load(spec.purge) if spec.purge else load_name(BY_NAME)(spec)
-    return rules
-
-
-def connector(source: str) -> Any:
-    """The class that crawls a source, as its spec names it."""
-    return SPECS[source].load(SPECS[source].connector)
-
-
 def unfinished(root: Path, source: str) -> dict[str, str]:
     """The list of an interrupted purge (key → reason), {} if there is none."""
     hint = f"delete it, then run `kb purge {source}` again"
@@ -231,7 +217,7 @@ def dry_purge(run: Run, rules: PurgeRules, listed: PurgeList | None) -> Iterator
         for file in (original, original.with_name(f"{original.name}-wal")):
             if file.is_file():
                 shutil.copyfile(file, Path(scratch, file.name))
-        payloads = connector(rules.source).payloads
+        payloads = SOURCES[rules.source].connector(run).payloads
         frontier = Frontier(Path(scratch, original.name), payloads=payloads)
         try:
             purge = Purge(run, rules, listed, frontier, Path(scratch, "work"), dry=True)
