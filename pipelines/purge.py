@@ -39,7 +39,7 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
     After an interruption the same command continues.
     """
     rules = SOURCES[source].purge_rules()
-    listed = rules.read_ids(ids, run.progress.say) if ids else None
+    listed = rules.read_ids(ids, None) if ids else None
     with domain_binding.writing(run, *lock.of_purge(source)):
         clean = f"clean/{source}"
         current = manifest.is_current(run.root, clean)
@@ -55,7 +55,8 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
                 scores = drop_unused(run.root, source, texts(run, source))
             _write_again(run, source)
         counts = {"rows": sum(line.count for line in removed), "scores": scores, **purge.counts}
-        summary = Summary(command=f"purge {source}", source=source, purged=purge.purged, **counts)
+        about = {"command": f"purge {source}", "source": source}
+        summary = Summary({**about, **purge.summary(), **counts})
         try:
             steps.finish(run.root, source)
         except DamagedData as error:
@@ -67,7 +68,7 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
 def plan(run: Run, source: str, ids: Path | None) -> Summary:
     """The same as a dry run: what would be removed, by table and folder."""
     rules = SOURCES[source].purge_rules()
-    listed = rules.read_ids(ids, run.progress.say) if ids else None
+    listed = rules.read_ids(ids, None) if ids else None
     with steps.dry_purge(run, rules, listed) as purge:
         counted = (steps.answers, *STEPS) if purge.keys else ()
         return steps.plan_summary(purge, (line for step in counted for line in step(purge)))

@@ -30,6 +30,7 @@ import pyarrow.parquet as pq
 from kb.core.errors import SettingError
 from kb.store.tables import parquet
 
+_SHOWN = 20  # entries that are not ids
 _HEAD = 4096  # characters by which a text's form is recognised
 _HOLDERS = ("metadata", "query", "allpages", "pages", "entries", "items")
 LEFT_OUT = ""  # what `IdRules.parse` returns for an entry that is neither an id nor a mistake
@@ -49,12 +50,13 @@ class ListedId(NamedTuple):
 class IdList(NamedTuple):
     """`keys` each once, in order; `numbers` those that the list gives as numbers.
 
-    `bad_lines` entries are not ids.
+    `bad_lines` entries are not ids; `unread` are the first of them.
     """
 
     keys: list[str]
     numbers: frozenset[str] = frozenset()
     bad_lines: int = 0
+    unread: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -84,20 +86,22 @@ class IdRules:
         Raises SettingError.
         """
         keys: dict[str, None] = {}
-        numbers, bad, first = set(), 0, ""
+        numbers, bad, unread = set(), 0, list[str]()
         for entry in self.entries(path):
             key = self.parse(entry)
             if key is None:
-                bad, first = bad + 1, first or str(entry.value)
+                bad += 1
+                if len(unread) < _SHOWN:
+                    unread.append(str(entry.value))
             elif key != LEFT_OUT:
                 keys[key] = None
                 if isinstance(entry.value, int):
                     numbers.add(key)
         if bad and say is not None:
             lines = "1 bad line" if bad == 1 else f"{bad:,} bad lines"
-            what = f"{lines} skipped (not {self.noun}); the first is {first[:60]!r}"
+            what = f"{lines} skipped (not {self.noun}); the first is {unread[0][:60]!r}"
             say(f"{self.option} {path}: {what}")
-        return IdList(list(keys), frozenset(numbers), bad)
+        return IdList(list(keys), frozenset(numbers), bad, tuple(unread))
 
     def read_some(self, path: Path, say: Callable[[str], None] | None = None) -> IdList:
         """The same for a command that has nothing to do without one. Raises SettingError also when

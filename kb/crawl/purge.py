@@ -2,7 +2,8 @@
 
 from kb.artifacts import purge as steps
 from kb.artifacts import purge_raw
-from kb.artifacts.purge import Purge, PurgeList, PurgeRules
+from kb.artifacts.purge import Purge, PurgeRules
+from kb.artifacts.purge_named import PurgeList
 from kb.artifacts.purge_rows import location_of, shared_locations
 from kb.core.context import Run
 from kb.core.errors import DamagedData
@@ -57,7 +58,7 @@ def rules_by_name(source: Source) -> PurgeRules:
     )
     return PurgeRules(
         source.name,
-        ids.read,
+        ids.read_some,
         rows=(
             *(location_of(one.name, one.key[0], prefix) for _, prefix, one in rows),
             *shared_locations(source.name),

@@ -32,6 +32,9 @@ VERDICTS = ("rejected", "failed", "pending")
 MANIFEST = "_manifest.json"
 """The file name of a manifest; the underscore hides it from readers of a folder of Parquet."""
 
+SUMS = "SHA256SUMS"
+"""The file name of the checksums of a release folder, and of captured files."""
+
 
 @dataclass(frozen=True)
 class Artifact:
@@ -124,14 +127,6 @@ def artifact_of(path: Path) -> tuple[Path, Artifact] | None:
         if parts[end - 1] in ("raw", "state"):
             return None
     return None
-
-
-def rebuild_hint(path: Path) -> str:
-    """How to make a damaged or missing file of a data root again."""
-    if path.name == "tombstones.parquet":
-        return "run `kb verify --repair`, which restores it from its copy"
-    match = artifact_of(path)
-    return match[1].hint if match is not None else "restore it from a copy"
 
 
 def of_table(name: str) -> Artifact:

@@ -13,7 +13,8 @@ from kb.artifacts import manifest
 from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES
 from kb.store import leftovers
-from kb.store.artifact_registry import MANIFEST, Artifact, artifact_of, rebuild_hint
+from kb.store.artifact_registry import MANIFEST, Artifact, artifact_of
+from kb.store.damage import remedy
 from kb.store.rawlog import rawlog, sidefiles
 from kb.store.tables import checksums
 from kb.store.tables.reading import broken
@@ -149,7 +150,7 @@ class FileVerifier:
 
     def _checked(self, kind: str, path: Path) -> None:
         what = problem(path, self._findings.advance)
-        self._findings.checked(kind, path, what, rebuild_hint(path))
+        self._findings.checked(kind, path, what, remedy(path))
 
     def _foreign(self, kind: str, path: Path, what: str = "no command has written it") -> None:
         self._findings.foreign(kind, path, what, "move it away")

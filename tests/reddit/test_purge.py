@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from kb.artifacts import purge, purge_rows
+from kb.artifacts import purge_raw, purge_rows
 from kb.crawl.purge import purge_answers
 from kb.reddit.purge import RULES
 from kb.sandbox.invented_ids import ELSEWHERE
@@ -127,7 +127,7 @@ def test_a_purge_in_worker_processes_leaves_the_same(
     shutil.copytree(tiny.root, tmp_path / "other")
     listed = RULES.read_ids(ids, None)
     purge_answers(tiny.run(), RULES, listed)
-    monkeypatch.setattr(purge, "_PARALLEL", 0)
+    monkeypatch.setattr(purge_raw, "_PARALLEL", 0)
     purge_answers(tiny.run(root=tmp_path / "other", workers=2), RULES, listed)
     one, two = (texts(root / "raw") for root in (tiny.root, tmp_path / "other"))
     del one["reddit/tombstones.parquet"], two["reddit/tombstones.parquet"]

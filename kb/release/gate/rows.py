@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from datetime import timedelta
 from pathlib import Path
 
-import duckdb
-import pyarrow as pa
 import pyarrow.parquet as pq
 
 from kb.artifacts import manifest, texts
@@ -88,9 +86,8 @@ def _damaged(root: Path, declared: Table) -> list[GateProblem]:
         return [GateProblem("damaged", declared.name, f"{error}; {error.hint}")]
     for path in Layout(root).rows(declared.name):
         try:
-            parquet.check(path)
-            pq.read_metadata(path)
-        except (pa.ArrowException, OSError, DamagedData) as error:
+            parquet.open_file(path).close()
+        except DamagedData as error:
             where = str(path.relative_to(root))
             problems.append(damaged(where, error, _rerun(declared.source)))
     return problems
@@ -133,12 +130,7 @@ def _unscored(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) ->
     problems = []
     for declared in released_tables(folder.source):
         where = f"{folder.source}/{declared.short}"
-        try:
-            clean = _count_unscored(Layout(run.root).rows(declared.name), {*declared.names()})
-        except duckdb.Error as error:
-            what = f"clean rows of {declared.name}"
-            problems.append(damaged(what, error, _rerun(declared.source)))
-            continue
+        clean = _count_unscored(Layout(run.root).rows(declared.name), {*declared.names()})
         command = (
             f"run `kb {folder.source} filter` and `kb {folder.source} export` again"
             if run.profile.toxicity.on
@@ -150,11 +142,8 @@ def _unscored(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) ->
             )
             for text, rows in clean.items()
         ]
-        try:
-            names = {*declared.names(released=True)}
-            released = _count_unscored(shards.get(declared.name, ()), names)
-        except duckdb.Error:
-            continue  # kb.release.gate.tables reports it
+        names = {*declared.names(released=True)}
+        released = _count_unscored(shards.get(declared.name, ()), names)
         what = "released rows have no toxicity score of"
         problems += [
             GateProblem("toxicity", where, f"{rows:,} {what} {text}; run the export again")

@@ -73,7 +73,7 @@ def check(run: Run, ids: Path) -> Summary:
     A list that was checked before is not asked for again without `--again`. Raises SettingError
     and MissingCredential before anything is sent, Stopped (the same command goes on).
     """
-    listed, _, bad_lines = RULES.read_some(ids, run.progress.say)
+    listed, _, bad_lines, _ = RULES.read_some(ids, run.progress.say)
     name = hashlib.sha256("\n".join(listed).encode()).hexdigest()[:16]
     place = Layout(run.root).state_folder("youtube-check") / name
     kept = place.with_suffix(".json")

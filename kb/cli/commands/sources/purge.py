@@ -52,7 +52,7 @@ def _add(source: str, about: str, *examples: str) -> None:
         app,
         name=source,
         uses=CLUSTER,
-        json="purged, unknown, rows, scores",
+        json="purged, known, unknown, unread, rows, scores",
         planned=("ids",),
         needs_data=True,
         examples=examples,
