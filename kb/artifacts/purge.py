@@ -24,7 +24,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -34,8 +33,7 @@ from kb.artifacts.purge_named import ABSENT, KNOWN, NAMED, UNKNOWN, PurgeList, i
 from kb.artifacts.purge_raw import Matcher, Names, Strip
 from kb.artifacts.purge_rows import RowLocation, drop_rows, keys_in_rows, released
 from kb.core.context import Run
-from kb.core.source_spec import load_name
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.store import lock
 from kb.store.artifact_registry import artifact_of
@@ -46,8 +44,6 @@ from kb.store.rawlog.rawlog import Envelope
 from kb.store.state import json_files, tombstones
 from kb.store.state.frontier import Frontier
 from kb.store.tables import partition
-
-BY_NAME = "kb.crawl.purge:rules_by_name"  # the rules of sources that declare none
 
 
 class PurgeLine(msgspec.Struct):
@@ -208,18 +204,6 @@ class Purge:
         }
 
 
-def rules_of(source: str) -> PurgeRules:
-    """The rules of a source, as its spec names them."""
-    spec = SPECS[source]
-    rules: PurgeRules = spec.load(spec.purge) if spec.purge else load_name(BY_NAME)(spec)
-    return rules
-
-
-def connector(source: str) -> Any:
-    """The class that crawls a source, as its spec names it."""
-    return SPECS[source].load(SPECS[source].connector)
-
-
 def unfinished(root: Path, source: str) -> dict[str, str]:
     """The list of an interrupted purge (key → reason), {} if there is none."""
     hint = f"delete it, then run `kb purge {source}` again"
@@ -252,7 +236,7 @@ def dry_purge(run: Run, rules: PurgeRules, listed: PurgeList | None) -> Iterator
         for file in (original, original.with_name(f"{original.name}-wal")):
             if file.is_file():
                 shutil.copyfile(file, Path(scratch, file.name))
-        payloads = connector(rules.source).payloads
+        payloads = SOURCES[rules.source].connector(run).payloads
         frontier = Frontier(Path(scratch, original.name), payloads=payloads)
         try:
             purge = Purge(run, rules, listed, frontier, Path(scratch, "work"), dry=True)

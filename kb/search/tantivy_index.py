@@ -19,9 +19,10 @@ import tantivy
 from tantivy import Filter, Occur, Query, Tokenizer
 
 from kb.artifacts import index as index_of
-from kb.core.errors import DamagedData, DiskFull
+from kb.core.errors import DiskFull
 from kb.search.passage import KINDS, Passage
 from kb.store.atomic import FULL_HINT
+from kb.store.damage import opening, unreadable
 
 WORDS, KEY, KIND, NUMBER, THING, DAY, ROW = "words", "key", "kind", "number", "thing", "day", "row"
 ANALYZER = "words"  # the name of kb.search.tantivy_index.analyzer in an index
@@ -69,15 +70,13 @@ class PassageIndex:
 
     @contextlib.contextmanager
     def _reading(self) -> Iterator[None]:
-        damage = DamagedData(f"{self._folder} can't be read", hint="run `kb index --again`")
         try:
-            yield
-        except (ValueError, OSError) as error:
-            raise damage from error
+            with opening(self._folder, ValueError):
+                yield
         except BaseException as error:
             if type(error).__name__ != "PanicException":  # tantivy's, which it does not export
                 raise
-            raise damage from None
+            raise unreadable(self._folder, "the index is damaged") from None
 
     def frequency(self, word: str) -> int:
         """How many passages have a word of the analyzer's."""

@@ -1,4 +1,4 @@
-"""A fourth source is one folder, its schemas and one line in the registry.
+"""A fourth source is one folder, its schemas and one name among the sources.
 
 The test adds them to a copy of the project and takes the source through every command.
 """
@@ -40,9 +40,9 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copytree(ROOT / name, place / name)
     shutil.copytree(HERE / "feed", place / "kb/feed")
     shutil.copytree(HERE / "schemas", place / "schemas", dirs_exist_ok=True)
-    registry = place / "kb/core/sources.py"
-    text = registry.read_text()
-    registry.write_text(text.replace('    "kb.reddit",\n', '    "kb.reddit",\n    "kb.feed",\n'))
+    sources = place / "kb/core/sources.py"
+    text = f"from kb.feed.source import Feed\n{sources.read_text()}"
+    sources.write_text(text.replace("YouTube, Wiki, Reddit)", "YouTube, Wiki, Reddit, Feed)"))
     return place
 
 

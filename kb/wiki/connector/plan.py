@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 
 from kb.core.config.addresses import is_loopback
-from kb.core.config.profile.wiki import Wiki
+from kb.core.config.profile.wiki import WikiSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase, plan, to_read
@@ -22,7 +22,7 @@ SECONDS_A_PAGE = 3  # that a browser takes
 
 def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
     """Titles, pages and image files that are left, by what this data root shows or assumed."""
-    section = run.profile.section(Wiki)
+    section = run.profile.section(WikiSection)
     kinds: dict[str, dict[str, int]] = {}
     listed = False
     path = Layout(run.root).state("wiki")
