@@ -68,7 +68,7 @@ HEAVY = {
     "polars",
     "pandas",
     "scipy",
-    "instant_clip_tokenizer",
+    "tokenizers",
     "av",
     "numpy",
 }

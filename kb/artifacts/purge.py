@@ -29,9 +29,9 @@ import msgspec
 
 from kb.artifacts import index as index_of
 from kb.artifacts import manifest, purge_raw
-from kb.artifacts.purge_named import ABSENT, KNOWN, NAMED, UNKNOWN, PurgeList, by_presence, warn
+from kb.artifacts.purge_named import ABSENT, KNOWN, NAMED, UNKNOWN, PurgeList, in_answers, warn
 from kb.artifacts.purge_raw import Matcher, Names, Strip
-from kb.artifacts.purge_rows import RowLocation, drop_rows, released
+from kb.artifacts.purge_rows import RowLocation, drop_rows, keys_in_rows, released
 from kb.core.context import Run
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
@@ -56,6 +56,23 @@ class PurgeLine(msgspec.Struct):
 
 def _all_keys(keys: Collection[str]) -> Collection[str]:
     return keys
+
+
+def by_presence(purge: Purge) -> dict[str, str]:
+    """Each key that the user named, with NAMED, KNOWN or UNKNOWN.
+
+    A key is in the data root when the state, a table or a raw answer has it; the raw answers are
+    read for those that are neither in the state nor in a table.
+    """
+    keys, rules = purge.listed.keys if purge.listed else [], purge.rules
+    before = tombstones.keys(purge.root, rules.source)
+    sought = {key for key in keys if key not in before}
+    sought -= {key for kind in rules.items for key in sought if purge.frontier.get(kind, key)}
+    sought -= keys_in_rows(purge.root, (*rules.rows, *released(rules.rows)), sought)
+    if sought:
+        about = (rules.source, sought, rules.texts, rules.strip_envelope, purge.scratch)
+        sought -= in_answers(purge.run, *about)
+    return {key: KNOWN if key in before else UNKNOWN if key in sought else NAMED for key in keys}
 
 
 def _nothing_else(purge: Purge) -> dict[str, str]:

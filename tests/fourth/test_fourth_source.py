@@ -112,7 +112,11 @@ def test_from_crawl_to_purge(project: Path, kb: Kb) -> None:
     status = kb("status")
     assert (status["sources"]["feed"]["crawled_so_far"], status["left"]) == (10, 0)
     (project / "gone.txt").write_text("n007\n")
-    assert kb("purge", "feed", "--ids", "gone.txt")["purged"] == 1
+    planned = kb("purge", "feed", "--ids", "gone.txt", "--plan")
+    for summary in (planned, kb("purge", "feed", "--ids", "gone.txt")):
+        assert [summary[name] for name in ("purged", "known", "unknown", "unread")] == [1, 0, 0, 0]
+    again = kb("purge", "feed", "--ids", "gone.txt")
+    assert [again[name] for name in ("purged", "known", "unknown", "unread")] == [0, 1, 0, 0]
     assert released(project) == [key for key in kept if key != "n007"]
     assert kb("search", "n007")["answers"] == []
     assert kb("verify")["files_damaged"] == 0

@@ -31,7 +31,9 @@ def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
             kinds = frontier.kinds()
             listed = bool((frontier.cursor("round") or {}).get("done"))
     assumed = [f"{SECONDS_A_PAGE} s a page in each of {run.workers} browsers"]
-    asked = len(read_titles(titles, section.namespaces).keys) if titles else to_read(kinds, "info")
+    asked = to_read(kinds, "info")
+    if titles:
+        asked = len(read_titles(titles, section.namespaces, run.progress.say).keys)
     if not titles and not listed and not kinds.get("info"):
         asked = PAGES
         assumed.append(f"{PAGES:,} pages, as the wiki's list was not read yet")
