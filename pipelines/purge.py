@@ -20,7 +20,7 @@ from kb.artifacts.purge import PurgeLine, Step
 from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.sources import MADE_OF
+from kb.core.sources import MADE_OF, SOURCES
 from kb.core.summary import Summary
 from kb.crawl.purge import purge_answers
 from kb.export import layouts
@@ -38,8 +38,8 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
 
     After an interruption the same command continues.
     """
-    rules = steps.rules_of(source)
-    listed = rules.read_ids(ids, run.progress.say) if ids else None
+    rules = SOURCES[source].purge_rules()
+    listed = rules.read_ids(ids, None) if ids else None
     with domain_binding.writing(run, *lock.of_purge(source)):
         clean = f"clean/{source}"
         current = manifest.is_current(run.root, clean)
@@ -55,7 +55,8 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
                 scores = drop_unused(run.root, source, texts(run, source))
             _write_again(run, source)
         counts = {"rows": sum(line.count for line in removed), "scores": scores, **purge.counts}
-        summary = Summary(command=f"purge {source}", source=source, purged=purge.purged, **counts)
+        about = {"command": f"purge {source}", "source": source}
+        summary = Summary({**about, **purge.summary(), **counts})
         try:
             steps.finish(run.root, source)
         except DamagedData as error:
@@ -66,8 +67,8 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
 
 def plan(run: Run, source: str, ids: Path | None) -> Summary:
     """The same as a dry run: what would be removed, by table and folder."""
-    rules = steps.rules_of(source)
-    listed = rules.read_ids(ids, run.progress.say) if ids else None
+    rules = SOURCES[source].purge_rules()
+    listed = rules.read_ids(ids, None) if ids else None
     with steps.dry_purge(run, rules, listed) as purge:
         counted = (steps.answers, *STEPS) if purge.keys else ()
         return steps.plan_summary(purge, (line for step in counted for line in step(purge)))

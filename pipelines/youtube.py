@@ -24,7 +24,7 @@ from kb.filters.predicates import (
     Predicate,
     RatioAtLeast,
     none_above,
-    passes,
+    rows_passing,
     transcript_required,
 )
 from kb.filters.topic import Topic
@@ -43,7 +43,7 @@ def crawl(run: Run, only: str | None = None, ids: Path | None = None, part: Part
     from kb.youtube.connector.source import crawl
 
     ours = In("category_id", run.profile.section(YouTubeSection).category_ids, stage="topic")
-    return crawl(run, partial(passes, (THERE, ours, *gate(run.profile))), only, ids, part)
+    return crawl(run, partial(rows_passing, (THERE, ours, *gate(run.profile))), only, ids, part)
 
 
 def gate(p: Profile) -> tuple[Predicate, ...]:

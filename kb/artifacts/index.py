@@ -11,7 +11,7 @@ from pathlib import Path
 from kb.artifacts import manifest, texts
 from kb.artifacts.table_catalog import Catalog
 from kb.core.errors import DamagedData
-from kb.store.artifact_registry import MANIFEST
+from kb.store.artifact_registry import ARTIFACTS, MANIFEST
 from kb.store.atomic import followed
 from kb.store.layout import Layout
 
@@ -56,7 +56,7 @@ def check(root: Path, source: str) -> None:
         return
     read = sum(entry.size for entry in known.files.values()) <= _LARGE
     if damage := damaged(place, known, read=read):
-        raise DamagedData(damage, hint="run `kb index --again`")
+        raise DamagedData(damage, hint=ARTIFACTS[f"index/{source}"].hint)
     _verified.add(mark)
 
 

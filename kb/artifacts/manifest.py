@@ -33,7 +33,8 @@ import msgspec
 import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
+from kb.store import damage
 from kb.store.artifact_registry import ARTIFACTS, MANIFEST, Artifact, artifact_of, of_table
 from kb.store.atomic import replacing_folder, write_bytes
 from kb.store.layout import Layout, parquet_files, rows_pattern
@@ -188,7 +189,8 @@ def rows(root: Path, table: str) -> list[Path]:
 def check_complete(root: Path, name: str) -> None:
     """Raises DamagedData for the first missing file of an artifact, or of a declared table."""
     artifact = ARTIFACTS[name] if name in ARTIFACTS else of_table(name)
-    _refuse(missing(root, name), artifact.hint)
+    if lost := missing(root, name):
+        raise damage.missing(lost, artifact.hint)
 
 
 def check_folder(folder: Path) -> None:
@@ -201,13 +203,8 @@ def check_folder(folder: Path) -> None:
     if match is not None:
         root, artifact = match
         lost += [one for one in missing(root, artifact.name) if one.parent == folder]
-    _refuse(sorted(lost), match[1].hint if match is not None else "restore it from a copy")
-
-
-def _refuse(lost: list[Path], hint: str) -> None:
     if lost:
-        more = f" (and {len(lost) - 1:,} more files)" if len(lost) > 1 else ""
-        raise DamagedData(f"{lost[0]} is missing{more}", hint=hint)
+        raise damage.missing(sorted(lost))
 
 
 def missing(root: Path, name: str) -> list[Path]:
@@ -284,7 +281,7 @@ def _digest_of_raw(root: Path, source: str) -> str:
     """A digest of the names and sizes of all raw files that a filter reads: segments only grow, and
     each other file is named by its content.
     """
-    top, samples = Layout(root).raw(source), SPECS[source].samples
+    top, samples = Layout(root).raw(source), SOURCES[source].samples
     return _digest(
         f"{os.path.relpath(file, top).removesuffix(rawlog.OPEN.removeprefix(rawlog.SUFFIX))}"
         f" {file.stat().st_size}"

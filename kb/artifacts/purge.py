@@ -24,18 +24,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol
 
 import msgspec
 
 from kb.artifacts import index as index_of
 from kb.artifacts import manifest, purge_raw
+from kb.artifacts.purge_named import ABSENT, KNOWN, NAMED, UNKNOWN, PurgeList, in_answers, warn
 from kb.artifacts.purge_raw import Matcher, Names, Strip
-from kb.artifacts.purge_rows import RowLocation, drop_rows, released
+from kb.artifacts.purge_rows import RowLocation, drop_rows, keys_in_rows, released
 from kb.core.context import Run
-from kb.core.engine import make_executor, map_in_order
-from kb.core.source_spec import load_name
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.store import lock
 from kb.store.artifact_registry import artifact_of
@@ -47,21 +45,6 @@ from kb.store.state import json_files, tombstones
 from kb.store.state.frontier import Frontier
 from kb.store.tables import partition
 
-BY_NAME = "kb.crawl.purge:rules_by_name"  # the rules of sources that declare none
-_PARALLEL = 64 << 20  # bytes of segments that are worth worker processes, which take a second
-
-
-class PurgeList(Protocol):
-    """The ids that a user named."""
-
-    @property
-    def keys(self) -> list[str]:
-        """The ids, each once."""
-
-    @property
-    def bad_lines(self) -> int:
-        """How many entries are not ids."""
-
 
 class PurgeLine(msgspec.Struct):
     """What one folder below the data root loses."""
@@ -71,12 +54,29 @@ class PurgeLine(msgspec.Struct):
     count: int
 
 
-def _named(purge: Purge) -> dict[str, str]:
-    return dict.fromkeys(purge.listed.keys, "named") if purge.listed else {}
-
-
 def _all_keys(keys: Collection[str]) -> Collection[str]:
     return keys
+
+
+def by_presence(purge: Purge) -> dict[str, str]:
+    """Each key that the user named, with NAMED, KNOWN or UNKNOWN.
+
+    A key is in the data root when the state, a table or a raw answer has it; the raw answers are
+    read for those that are neither in the state nor in a table.
+    """
+    keys, rules = purge.listed.keys if purge.listed else [], purge.rules
+    before = tombstones.keys(purge.root, rules.source)
+    sought = {key for key in keys if key not in before}
+    sought -= {key for kind in rules.items for key in sought if purge.frontier.get(kind, key)}
+    sought -= keys_in_rows(purge.root, (*rules.rows, *released(rules.rows)), sought)
+    if sought:
+        about = (rules.source, sought, rules.texts, rules.strip_envelope, purge.scratch)
+        sought -= in_answers(purge.run, *about)
+    return {key: KNOWN if key in before else UNKNOWN if key in sought else NAMED for key in keys}
+
+
+def _nothing_else(purge: Purge) -> dict[str, str]:
+    return {}
 
 
 def _nothing(purge: Purge) -> None:
@@ -95,11 +95,12 @@ def _no_repeats(envelope: Envelope, keys: Collection[str]) -> Iterable[str]:
 class PurgeRules:
     """What a purge has to know about a source.
 
-    read_ids    reads a list of ids
+    read_ids    reads a list of ids; raises SettingError where no entry names an item
+    look_up     each key that the list names, with NAMED, KNOWN or UNKNOWN (purge_named)
     rows        where rows name keys
     items       kinds of the frontier whose items have the key of what is removed
     exact       raw kinds with one answer per key, of which unreadable bytes of other keys may stay
-    find        the keys to remove and why; by default what the user named
+    find        what else is to be removed, and why; for a key that the user named, its reason wins
     texts       texts of which one is in every answer with a key; None: any answer may have one
     names       other names that leave the answers with the keys; also removes files and state that
                 can only be found while the answers are complete
@@ -116,7 +117,8 @@ class PurgeRules:
     rows: tuple[RowLocation, ...]
     items: tuple[str, ...] = ()
     exact: tuple[str, ...] = ()
-    find: Callable[[Purge], dict[str, str]] = _named
+    look_up: Callable[[Purge], dict[str, str]] = by_presence
+    find: Callable[[Purge], dict[str, str]] = _nothing_else
     texts: Callable[[Collection[str]], Iterable[str] | None] = _all_keys
     names: Callable[[Purge], Names] = _no_names
     strip: Strip | None = None
@@ -137,8 +139,9 @@ class PurgeRules:
 class Purge:
     """A purge under way, or with `dry` its plan.
 
-    `keys` are what is removed and why, `names` other names of it, `counts` what else the summary
-    says. `scratch` is a folder for work files; `keys_file` has the keys for worker processes.
+    `keys` are what is removed and why, `absent` named ones that the data root does not have (KNOWN
+    or UNKNOWN), `names` other names of what is removed, `counts` what else the summary says.
+    `scratch` is a folder for work files; `keys_file` has the keys for worker processes.
     """
 
     run: Run
@@ -148,6 +151,7 @@ class Purge:
     scratch: Path
     dry: bool = False
     keys: dict[str, str] = field(default_factory=dict)
+    absent: dict[str, str] = field(default_factory=dict)
     names: Names = field(default_factory=dict)
     repeats: set[str] = field(default_factory=set)
     counts: dict[str, int] = field(default_factory=dict)
@@ -166,37 +170,38 @@ class Purge:
 
     def find(self) -> None:
         """Find what is to be removed, with what an interrupted purge left."""
+        # What an interrupted purge found out can't be found out again.
+        named = self.rules.look_up(self) | unfinished(self.root, self.rules.source)
+        self.keys = {key: NAMED if why in ABSENT else why for key, why in named.items()}
+        found = self.rules.find(self)
+        self.absent = {k: why for k, why in named.items() if why in ABSENT and k not in found}
+        self.keys = found | self.keys
         if self.listed is not None:
             self.counts["bad_lines"] = self.listed.bad_lines
-        self.keys = unfinished(self.root, self.rules.source) | self.rules.find(self)
+            warn(self.listed, self.absent, self.run.progress.say)
 
     def begin(self) -> None:
         """Write the list of keys, then their tombstones."""
         if self.dry or self.keys:
             self.keys_file.parent.mkdir(parents=True, exist_ok=True)
-            write_bytes(self.keys_file, msgspec.json.encode(self.keys, order="sorted"))
+            write_bytes(
+                self.keys_file, msgspec.json.encode(self.keys | self.absent, order="sorted")
+            )
         if self.keys and not self.dry:
             tombstones.add(self.root, self.rules.source, self.keys.items())
         if self.keys:
             self.names = self.rules.names(self)
 
-    @property
-    def purged(self) -> int:
-        """How many keys are removed for their own sake and are known here."""
+    def summary(self) -> dict[str, int]:
+        """What became of each key that is removed for its own sake, and of the user's list."""
         own = sum(reason != self.rules.implied for reason in self.keys.values())
-        return own - self.counts.get("unknown", 0)
-
-
-def rules_of(source: str) -> PurgeRules:
-    """The rules of a source, as its spec names them."""
-    spec = SPECS[source]
-    rules: PurgeRules = spec.load(spec.purge) if spec.purge else load_name(BY_NAME)(spec)
-    return rules
-
-
-def connector(source: str) -> Any:
-    """The class that crawls a source, as its spec names it."""
-    return SPECS[source].load(SPECS[source].connector)
+        became = Counter(self.absent.values())
+        return {
+            "purged": own - len(self.absent),
+            "known": became[KNOWN],
+            "unknown": became[UNKNOWN],
+            "unread": self.listed.bad_lines if self.listed else 0,
+        }
 
 
 def unfinished(root: Path, source: str) -> dict[str, str]:
@@ -231,7 +236,7 @@ def dry_purge(run: Run, rules: PurgeRules, listed: PurgeList | None) -> Iterator
         for file in (original, original.with_name(f"{original.name}-wal")):
             if file.is_file():
                 shutil.copyfile(file, Path(scratch, file.name))
-        payloads = connector(rules.source).payloads
+        payloads = SOURCES[rules.source].connector(run).payloads
         frontier = Frontier(Path(scratch, original.name), payloads=payloads)
         try:
             purge = Purge(run, rules, listed, frontier, Path(scratch, "work"), dry=True)
@@ -254,20 +259,15 @@ def answers(purge: Purge) -> Iterator[PurgeLine]:
     """
     source, run, changed = purge.rules.source, purge.run, Counter[str]()
     paths = rawlog.all_segments(purge.root, source)
-    large = sum(path.stat().st_size for path in paths) > _PARALLEL
-    workers = run.workers if large and not purge.rules.in_order else 1
-    engine = run.engine if workers > 1 else "local"
-    with make_executor(engine, workers, run.scheduler) as executor:
-        work = (purge.rules, str(purge.keys_file), purge.names, purge.dry)
-        todo = paths if purge.dry else purge_raw.uncommitted(purge.frontier, paths)
-        done = map_in_order(
-            executor, strip_segment, ((str(path), *work) for path in todo), window=2 * workers
-        )
-        for path, (count, repeats) in zip(paths, done, strict=True):
-            changed[path.parent.name] += count
-            purge.repeats.update(repeats)
-            if not purge.dry:
-                purge_raw.committed(purge.frontier, path)
+    work = (purge.rules, str(purge.keys_file), purge.names, purge.dry)
+    todo = paths if purge.dry else purge_raw.uncommitted(purge.frontier, paths)
+    tasks = ((str(path), *work) for path in todo)
+    done = purge_raw.over_segments(run, paths, strip_segment, tasks, in_order=purge.rules.in_order)
+    for path, (count, repeats) in zip(paths, done, strict=True):
+        changed[path.parent.name] += count
+        purge.repeats.update(repeats)
+        if not purge.dry:
+            purge_raw.committed(purge.frontier, path)
     for kind in rawlog.kinds(purge.root, source):
         yield PurgeLine(str(BELOW.raw(source, kind)), "answers", changed[kind])
 
@@ -302,9 +302,9 @@ def _keys(
     file: str, rules: PurgeRules, version: tuple[int, int] | None
 ) -> tuple[frozenset[str], Matcher]:
     if version is None:
-        return frozenset(), purge_raw.matcher(())
+        return frozenset(), purge_raw.Matcher(())
     keys = frozenset(msgspec.json.decode(Path(file).read_bytes(), type=dict[str, str]))
-    return keys, purge_raw.matcher(rules.texts(keys) if keys else ())
+    return keys, purge_raw.Matcher(rules.texts(keys) if keys else ())
 
 
 def state(purge: Purge) -> Iterator[PurgeLine]:
@@ -373,8 +373,9 @@ def plan_summary(purge: Purge, lines: Iterable[PurgeLine]) -> Summary:
         return sum(line.count for line in lines if line.folder.split("/")[0] == folder)
 
     return Summary(
+        command=f"purge {purge.rules.source} --plan",
         source=purge.rules.source,
-        purged=purge.purged,
+        **purge.summary(),
         answers=total("raw"),
         rows=total("clean"),
         pairs=total("pairs"),

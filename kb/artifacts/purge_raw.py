@@ -4,14 +4,16 @@ A segment is written again without the keys and takes the place of the old one b
 that may hold a key are found by searching their bytes; only these are decoded.
 """
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import msgspec
 from ahocorasick_rs import BytesAhoCorasick, Implementation
 
 from kb.core import signals
-from kb.core.engine import make_threads
+from kb.core.context import Run
+from kb.core.engine import make_executor, make_threads, map_in_order
 from kb.schema import answer_keys as schema
 from kb.store.atomic import writing
 from kb.store.rawlog import quarantine, rawlog
@@ -27,35 +29,43 @@ Strip = Callable[[str, Envelope, Names], "Envelope | None"]
 The same object if it has none of them, None if nothing is left.
 """
 
-Matcher = Callable[[bytes], bool]
-
 _ESCAPED = b"\\u"
+_PARALLEL = 64 << 20  # bytes of segments that are worth worker processes, which take a second
 _LARGE = 1 << 16  # bytes of all texts: a faster table of so many states takes dozens of MiB
 
 
-def matcher(texts: Iterable[str] | None) -> Matcher:
-    """A function that says whether a raw line may contain one of the texts, or any if None.
+class Matcher:
+    """Says which of some texts a raw line may contain; with None for the texts, any.
 
-    It is never False for a line that does. Lines are searched as `rawlog.encode` writes them; a
+    It never leaves one out that the line has. Lines are searched as `rawlog.encode` writes them; a
     line with an escaped character may contain anything. A text between other letters or digits
     doesn't count: short ids are parts of many words.
     """
-    if texts is None:
-        return lambda line: True
-    needles = {msgspec.json.encode(text)[1:-1] for text in texts}
-    if not needles or b"" in needles:
-        return lambda line: bool(needles)
-    # Three times as fast as the library's own choice for more than a hundred texts.
-    fast = Implementation.DFA if sum(map(len, needles)) < _LARGE else None
-    find = BytesAhoCorasick(sorted({*needles, _ESCAPED}), implementation=fast)
 
-    def may_contain(line: bytes) -> bool:
-        return bool(find.find_matches_as_indexes(line)) and any(
-            _is_separate(line, start, end)
-            for _, start, end in find.find_matches_as_indexes(line, overlapping=True)
+    def __init__(self, texts: Iterable[str] | None) -> None:
+        self._texts = {msgspec.json.encode(text)[1:-1]: text for text in texts or ()}
+        self._any = texts is None or b"" in self._texts
+        needles = sorted({*self._texts, _ESCAPED} - {b""})
+        # Three times as fast as the library's own choice for more than a hundred texts.
+        fast = Implementation.DFA if sum(map(len, needles)) < _LARGE else None
+        self._find = BytesAhoCorasick(needles, implementation=fast)
+
+    def __call__(self, line: bytes) -> bool:
+        """Whether a line may contain one of the texts."""
+        if self._any or not self._texts:
+            return self._any
+        find = self._find.find_matches_as_indexes
+        return bool(find(line)) and any(
+            _is_separate(line, start, end) for _, start, end in find(line, overlapping=True)
         )
 
-    return may_contain
+    def texts(self, line: bytes) -> Collection[str]:
+        """Those that a line may contain."""
+        matches = self._find.find_matches_as_indexes(line, overlapping=True)
+        found = {line[start:end] for _, start, end in matches if _is_separate(line, start, end)}
+        if self._any or _ESCAPED in found:
+            return self._texts.values()
+        return {self._texts[text] for text in found}
 
 
 def _is_separate(line: bytes, start: int, end: int) -> bool:
@@ -115,6 +125,26 @@ def rewrite_segment(path: Path, changes: Iterable[tuple[int, int, Envelope | Non
             at = end
         quarantine.copy(old, new, at, path.stat().st_size)
     return len(frames)
+
+
+def over_segments(
+    run: Run,
+    paths: Sequence[Path],
+    function: Callable[..., Any],
+    tasks: Iterable[tuple[Any, ...]],
+    *,
+    in_order: bool = False,
+) -> Iterator[Any]:
+    """What a function says of each segment, in worker processes if there are many of them.
+
+    `tasks` are its arguments, a tuple a segment, taken one after another with `in_order`. Raises
+    Interrupted.
+    """
+    large = sum(path.stat().st_size for path in paths) > _PARALLEL
+    workers = run.workers if large and not in_order else 1
+    engine = run.engine if workers > 1 else "local"
+    with make_executor(engine, workers, run.scheduler) as executor:
+        yield from map_in_order(executor, function, tasks, window=2 * workers)
 
 
 def check_readable(root: Path, source: str, threads: int) -> None:

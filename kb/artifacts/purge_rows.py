@@ -114,6 +114,20 @@ def drop_rows(
             yield folder, table, sum(pool.map(drop, same[0].files(root)))
 
 
+def keys_in_rows(root: Path, locations: Iterable[RowLocation], keys: Collection[str]) -> set[str]:
+    """Those of the keys that a row of these tables has. Raises DamagedData."""
+    found: set[str] = set()
+    for location in dict.fromkeys(locations):
+        values = location.values(keys)
+        for path in location.files(root) if len(values) else ():
+            with reading([path]), parquet.open_file(path) as file:
+                for batch in file.iter_batches(columns=location.columns):
+                    rows = batch.filter(location.matches(batch, values))
+                    names = pc.unique(rows.column(location.column).cast(pa.string()))
+                    found.update(f"{location.prefix}{name}" for name in names.to_pylist())
+    return found
+
+
 def drop_annotations(root: Path, source: str, used: pa.Array[Any] | pa.ChunkedArray[Any]) -> int:
     """Remove scores of texts whose hash is not in `used`, as no row has them any more."""
 

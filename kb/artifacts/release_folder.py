@@ -20,18 +20,17 @@ import orjson
 import pyarrow as pa
 
 from kb.artifacts import manifest
-from kb.core.errors import DamagedData
 from kb.core.installation import PROFILE_FILE
 from kb.core.sources import RELEASES
 from kb.schema.tables import Table, released_tables, table, tables
+from kb.store.artifact_registry import SUMS
+from kb.store.damage import DOWNLOAD, opening
 from kb.store.tables import parquet
-from kb.store.tables.checksums import SUMS, parsed
-from kb.store.tables.reading import reading
+from kb.store.tables.checksums import parsed
 
 TOMBSTONES = "tombstones.ndjson"  # readers of `*.parquet` took a Parquet file for a shard
 EARLIER_TOMBSTONES = "tombstones.parquet"  # of earlier releases
 INDEX = "index.ndjson"
-DOWNLOAD = "download it again, into the same folder"
 _SHARD = re.compile(r"([a-z][a-z0-9_]*)-[0-9]{5}-of-[0-9]{5}\.parquet")
 _ARCHIVE = re.compile(r"(screenshots|images)-\d{5}-of-\d{5}\.tar")
 
@@ -132,26 +131,19 @@ def read(folder: Path, source: str) -> ReleaseFolder:
 def read_tombstones(path: Path) -> pa.Table:
     """The rows of a folder's tombstones, as shared/tombstones declares them. Raises DamagedData."""
     if path.suffix == ".parquet":
-        with reading([path]):
-            return parquet.read_table(path)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise DamagedData(f"{path} can't be read: {error.strerror}", hint=DOWNLOAD) from None
-    return parse_tombstones(data, path)
+        return parquet.read_table(path)
+    with opening(path):
+        return parse_tombstones(path.read_bytes(), path)
 
 
 def parse_tombstones(data: bytes, place: object) -> pa.Table:
     """The rows of tombstones.ndjson, which lies at `place`. Raises DamagedData."""
     schema = table("shared/tombstones").arrow(True)
-    try:
+    with opening(place, ValueError, TypeError, KeyError, pa.ArrowException, hint=DOWNLOAD):
         rows = [orjson.loads(line) for line in data.splitlines()]
         for row in rows:
             row["removed_at"] = datetime.fromisoformat(row["removed_at"])
         return pa.Table.from_pylist(rows, schema)
-    except (ValueError, TypeError, KeyError, pa.ArrowException) as error:
-        what = (str(error).splitlines() or [type(error).__name__])[0]
-        raise DamagedData(f"{place} can't be read: {what}", hint=DOWNLOAD) from None
 
 
 def tombstone_lines(rows: pa.Table) -> str:

@@ -13,9 +13,10 @@ from kb.artifacts.release_folder import (
 )
 from kb.artifacts.remote_table import RemoteTable
 from kb.artifacts.table_catalog import View, check_once, tombstones_view, view_name
-from kb.core.errors import DamagedData, FatalError
+from kb.core.errors import FatalError
 from kb.schema.tables import released_tables, table
-from kb.store.tables.checksums import SUMS
+from kb.store.artifact_registry import SUMS
+from kb.store.damage import missing
 from kb.store.tables.remote_files import RemoteFolder, remote_folders
 
 
@@ -45,7 +46,7 @@ def _views(folder: RemoteFolder, source: str) -> Iterator[View]:
     named = {*manifest.siblings(set(folder.sizes)), *folder.sums}
     for name in sorted(named - {*folder.sizes}):
         if table_of_shard(name):
-            raise DamagedData(f"{folder}/{name} is missing", hint="publish the release again")
+            raise missing([f"{folder}/{name}"], "publish the release again")
     for declared in released_tables(source):
         shards = [name for name in folder.sizes if table_of_shard(name) == declared.short]
         if not shards:

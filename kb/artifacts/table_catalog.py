@@ -25,11 +25,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from kb.artifacts import manifest, release_folder
 from kb.artifacts.release_folder import ReleaseFolder
-from kb.core.errors import DamagedData, FatalError, KbError, SettingError, UsageError
+from kb.core.errors import FatalError, KbError, SettingError, UsageError
 from kb.core.installation import cache_root
-from kb.core.sources import PUBLISHED, SOURCES, SPECS
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.schema.tables import Table, table, tables
-from kb.store.artifact_registry import rebuild_hint
+from kb.store.damage import missing
 from kb.store.layout import TOP, Layout, parquet_files, rows_pattern
 from kb.store.tables.row_counts import VERDICTS
 
@@ -104,9 +104,8 @@ class Catalog:
     def check(self) -> None:
         """Raises DamagedData for a table's file that should be there and is not."""
         for folder in self.releases:
-            for path in folder.missing():
-                hint = release_folder.DOWNLOAD if self.is_download else rebuild_hint(path)
-                raise DamagedData(f"{path} is missing", hint=hint)
+            if lost := folder.missing():
+                raise missing(lost)
         if is_root(self.path):
             for name in (*(f"clean/{source}" for source in SOURCES), "pairs", "labels"):
                 manifest.check_complete(self.path, name)
@@ -126,7 +125,7 @@ class Catalog:
 
         Raises DamagedData for lost clean files: they are never taken for none.
         """
-        shorts = [*SPECS[source].tables] if source in SPECS else [source]
+        shorts = [*SOURCES[source].tables] if source in SOURCES else [source]
         names = {(view.schema, view.name) for view in self.views}
         for schema in CONTENT:
             for short in shorts:

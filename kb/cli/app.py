@@ -12,15 +12,16 @@ import typer.main
 
 from kb import __version__
 from kb.cli.framework.usage_errors import refuse_unknown
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 
 DEFAULT = "kb.cli.framework.source_commands"  # of sources without commands of their own
 
 _COMMANDS = "kb.cli.commands."
+_OWN = {name: f"{_COMMANDS}sources.{name}" for name in ("youtube", "wiki", "reddit")}
 # name -> (module, one line for `kb --help`). The module has a typer app of one or several commands,
 # `app` unless another name follows a colon.
 TREE = {
-    **{name: (spec.commands or DEFAULT, spec.help) for name, spec in SPECS.items()},
+    **{name: (_OWN.get(name, DEFAULT), source.help) for name, source in SOURCES.items()},
     **{
         name: (_COMMANDS + module, line)
         for name, module, line in (

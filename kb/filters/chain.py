@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 
 from kb.core.context import Run
 from kb.core.errors import SchemaMismatch
-from kb.filters.predicates import SCORED, Judgement, Predicate, one
+from kb.filters.predicates import SCORED, Judgement, Predicate, column
 from kb.filters.thresholds import outcome_of_other_stages, thresholds
 from kb.schema.tables import table
 from kb.store.tables.columns import with_nulls
@@ -134,8 +134,7 @@ def judge_chain(
             break
         if stage.stage == SCORED and not joined:
             rows, joined = join(rows), True
-        if hasattr(stage, "fill"):
-            rows = stage.fill(rows)
+        rows = stage.fill(rows)
         lacking = stage.reads - set(rows.column_names)
         if lacking:
             raise SchemaMismatch(
@@ -180,7 +179,7 @@ def _verdicts(
             "threshold": pa.repeat(pa.scalar(judged.threshold, pa.string()), rows.num_rows),
             **_about_threshold(rows, chain, position),
             **{
-                name: one(rows, name).cast(pa.string()) if name in described else nulls
+                name: column(rows, name).cast(pa.string()) if name in described else nulls
                 for name in DESCRIBED_BY
             },
             "matched": nulls if judged.matched is None else judged.matched,

@@ -1,16 +1,16 @@
 """Declarative, vectorised predicates: the conditions a row must meet to be kept.
 
-A predicate has a `stage` (the contract's name), `reads` (the columns that it needs) and
-`judge(rows)`. A row that it does not pass gets a short reason, the value that decided and the
-threshold, as text. A value that is needed and not there gives `absent`, one that could not be
-read `malformed` with what was found (from the rows' `problems`).
+A row that does not pass gets a short reason, the value that decided and the threshold, as text. A
+value that is needed and not there gives `absent`, one that could not be read `malformed` with what
+was found (from the rows' `problems`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -42,15 +42,46 @@ class Judgement(NamedTuple):
         return Judgement(*parts)
 
 
-class Predicate(Protocol):
-    """One stage of a chain."""
+@dataclass(frozen=True)
+class Threshold:
+    """A number of each row, and the limit that it must reach or must not exceed.
+
+    `setting` is the key of the limit in the profile ("youtube.min_views"), "" where it has none.
+    With `at_least` a row passes with the limit or more, else with the limit or less. `numbers`
+    returns the number of each row as float64, null where it is absent or malformed.
+    """
+
+    setting: str
+    limit: float
+    at_least: bool
+    numbers: Callable[[pa.Table], pa.Array[Any]]
+
+
+class Predicate(ABC):
+    """A condition, and the stage of a chain that it belongs to.
+
+    Most predicates only judge. `gate` are predicates whose outcome this one asks for.
+    """
+
+    stage: str
+    gate: tuple[Predicate, ...] = ()
 
     @property
-    def stage(self) -> str: ...
+    @abstractmethod
+    def reads(self) -> frozenset[str]:
+        """The columns that the rows must have."""
 
-    @property
-    def reads(self) -> frozenset[str]: ...
-    def judge(self, rows: pa.Table) -> Judgement: ...
+    def fill(self, rows: pa.Table) -> pa.Table:
+        """The rows with the columns that this predicate adds to the table."""
+        return rows
+
+    @abstractmethod
+    def judge(self, rows: pa.Table) -> Judgement:
+        """Which rows don't pass, and why. The rows went through `fill`."""
+
+    def threshold(self) -> Threshold | None:
+        """What it compares with what, for a page that tries other limits; None without a limit."""
+        return None
 
 
 def compared(
@@ -79,16 +110,16 @@ def compared(
     return Judgement(reasons, value, None if threshold is None else number(threshold))
 
 
-def malformed(rows: pa.Table, column: str) -> pa.Array[Any]:
-    """The text of what could not be read as `column`, null where all is well."""
+def malformed(rows: pa.Table, name: str) -> pa.Array[Any]:
+    """The text of what could not be read as the column, null where all is well."""
     if "problems" not in rows.column_names or not rows.num_rows:
         return nothing(rows)
-    problems = one(rows, "problems")
+    problems = column(rows, "problems")
     entries = pc.list_flatten(problems)
     if not len(entries):
         return nothing(rows)
     hit = pc.and_(
-        pc.equal(entries.field("column"), column), pc.equal(entries.field("reason"), "malformed")
+        pc.equal(entries.field("column"), name), pc.equal(entries.field("reason"), "malformed")
     )
     parents = pc.list_parent_indices(problems).filter(hit)
     at = pc.index_in(pa.array(range(rows.num_rows), parents.type), value_set=parents)
@@ -96,10 +127,10 @@ def malformed(rows: pa.Table, column: str) -> pa.Array[Any]:
     return values
 
 
-def one(rows: pa.Table, name: str) -> pa.Array[Any]:
+def column(rows: pa.Table, name: str) -> pa.Array[Any]:
     """A column as one array."""
-    column = rows.column(name)
-    combined = column.combine_chunks() if column.num_chunks != 1 else column.chunk(0)
+    chunks = rows.column(name)
+    combined = chunks.combine_chunks() if chunks.num_chunks != 1 else chunks.chunk(0)
     return pa.concat_arrays(combined.chunks) if isinstance(combined, pa.ChunkedArray) else combined
 
 
@@ -129,7 +160,7 @@ def _as_double(values: pa.Array[Any]) -> pa.Array[Any]:
 
 
 @dataclass(frozen=True)
-class _OfOne:
+class _OfOne(Predicate):
     """A predicate of one column."""
 
     column: str
@@ -137,6 +168,12 @@ class _OfOne:
     @property
     def reads(self) -> frozenset[str]:
         return frozenset({self.column})
+
+    def _numbers(self, rows: pa.Table) -> pa.Array[Any]:
+        # A float32 is rounded to six decimals, so that 0.3 does not exceed 0.3.
+        values = column(rows, self.column)
+        numbers = _as_double(values)
+        return pc.round(numbers, 6) if kinds.is_float32(values.type) else numbers
 
 
 @dataclass(frozen=True)
@@ -146,26 +183,20 @@ class AtLeast(_OfOne):
     least: float
     stage: str
     setting: str = ""
-    at_least = True
 
-    @property
-    def limit(self) -> float:
-        return self.least
-
-    def measured(self, rows: pa.Table) -> pa.Array[Any]:
-        """The column."""
-        return _as_double(one(rows, self.column))
+    def threshold(self) -> Threshold:
+        return Threshold(self.setting, self.least, at_least=True, numbers=self._numbers)
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`below`, `absent` or `malformed`."""
-        values = one(rows, self.column)
+        values = column(rows, self.column)
         return compared(
             rows, values, pc.less(values, self.least), "below", self.least, (self.column,)
         )
 
 
 @dataclass(frozen=True)
-class RatioAtLeast:
+class RatioAtLeast(Predicate):
     """`top` / `bottom` is `least` or more; a bottom of 0 can't be read as a ratio."""
 
     top: str
@@ -173,19 +204,17 @@ class RatioAtLeast:
     least: float
     stage: str
     setting: str = ""
-    at_least = True
-
-    @property
-    def limit(self) -> float:
-        return self.least
 
     @property
     def reads(self) -> frozenset[str]:
         return frozenset({self.top, self.bottom})
 
-    def measured(self, rows: pa.Table) -> pa.Array[Any]:
+    def threshold(self) -> Threshold:
+        return Threshold(self.setting, self.least, at_least=True, numbers=self.ratio)
+
+    def ratio(self, rows: pa.Table) -> pa.Array[Any]:
         """The ratio; null unless both are positive."""
-        top, bottom = (_as_double(one(rows, name)) for name in (self.top, self.bottom))
+        top, bottom = (_as_double(column(rows, name)) for name in (self.top, self.bottom))
         usable = pc.fill_null(pc.and_(pc.greater(top, 0), pc.greater(bottom, 0)), False)
         ratio: pa.Array[Any] = pc.if_else(
             usable, pc.divide(top, pc.if_else(usable, bottom, 1.0)), None
@@ -196,15 +225,15 @@ class RatioAtLeast:
         """`below`, `absent` or `malformed`; the value is the ratio,
         or "top x bottom" of what is malformed.
         """
-        ratio = self.measured(rows)
+        ratio = self.ratio(rows)
         below = pc.less(ratio, self.least)
         judged = compared(
             rows, pc.round(ratio, 4), below, "below", self.least, (self.top, self.bottom)
         )
-        both = pc.and_(*(pc.is_valid(one(rows, name)) for name in (self.top, self.bottom)))
+        both = pc.and_(*(pc.is_valid(column(rows, name)) for name in (self.top, self.bottom)))
         empty = pc.and_(both, pc.is_null(ratio))
         shape = pc.binary_join_element_wise(
-            text(one(rows, self.top)), text(one(rows, self.bottom)), " x "
+            text(column(rows, self.top)), text(column(rows, self.bottom)), " x "
         )
         reason = pc.if_else(empty, "malformed", judged.reason)
         return Judgement(reason, pc.if_else(empty, shape, judged.value), judged.threshold)
@@ -219,21 +248,13 @@ class AtMost(_OfOne):
     null_passes: bool = False
     reason: str = "above"
     setting: str = ""
-    at_least = False
 
-    @property
-    def limit(self) -> float:
-        return self.most
-
-    def measured(self, rows: pa.Table) -> pa.Array[Any]:
-        """The column. A float32 is rounded to six decimals, so that 0.3 does not exceed 0.3."""
-        values = one(rows, self.column)
-        numbers = _as_double(values)
-        return pc.round(numbers, 6) if kinds.is_float32(values.type) else numbers
+    def threshold(self) -> Threshold:
+        return Threshold(self.setting, self.most, at_least=False, numbers=self._numbers)
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`reason`, and without `null_passes` also `absent` or `malformed`."""
-        values = one(rows, self.column)
+        values = column(rows, self.column)
         limit = pa.scalar(self.most, values.type)  # a float32 score of 0.5 is no more than 0.5
         needed = () if self.null_passes else (self.column,)
         return compared(rows, values, pc.greater(values, limit), self.reason, self.most, needed)
@@ -262,7 +283,7 @@ class NotTrue(_OfOne):
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`reason` where the column is true."""
-        hit = pc.fill_null(one(rows, self.column), False)
+        hit = pc.fill_null(column(rows, self.column), False)
         return Judgement(pc.if_else(hit, self.reason, None).cast(pa.string()), nothing(rows))
 
 
@@ -275,7 +296,7 @@ class Present(_OfOne):
     def judge(self, rows: pa.Table) -> Judgement:
         """`absent` or `malformed`."""
         never = pa.array([False] * rows.num_rows, pa.bool_())
-        return compared(rows, one(rows, self.column), never, "", None, (self.column,))
+        return compared(rows, column(rows, self.column), never, "", None, (self.column,))
 
 
 @dataclass(frozen=True)
@@ -287,14 +308,14 @@ class NotIn(_OfOne):
 
     def judge(self, rows: pa.Table) -> Judgement:
         """The value itself as the reason."""
-        values = one(rows, self.column)
+        values = column(rows, self.column)
         hit = pc.is_in(values, pa.array(self.values, values.type))
         shown = pc.if_else(hit, text(values), None).cast(pa.string())
         return Judgement(shown, shown)
 
 
 @dataclass(frozen=True)
-class RecordedReason:
+class RecordedReason(Predicate):
     """The column is null; what it holds is the reason that was recorded,
     `value` the column of what goes with it.
     """
@@ -309,8 +330,8 @@ class RecordedReason:
 
     def judge(self, rows: pa.Table) -> Judgement:
         """The column's own text."""
-        reason = text(one(rows, self.column))
-        value = text(one(rows, self.value)) if self.value else nothing(rows)
+        reason = text(column(rows, self.column))
+        value = text(column(rows, self.value)) if self.value else nothing(rows)
         return Judgement(
             reason, pc.if_else(pc.is_valid(reason), value, pa.scalar(None, pa.string()))
         )
@@ -325,7 +346,7 @@ class In(_OfOne):
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`other`, `absent` or `malformed`."""
-        values = one(rows, self.column)
+        values = column(rows, self.column)
         other = pc.invert(pc.is_in(values, pa.array(self.values, values.type)))
         allowed = ", ".join(str(value) for value in self.values)
         return compared(rows, values, other, "other", allowed, (self.column,))
@@ -345,7 +366,7 @@ class Waits(_OfOne):
     def judge(self, rows: pa.Table) -> Judgement:
         """`reason`."""
         hit = pc.is_in(
-            one(rows, self.column), pa.array(self.values, rows.schema.field(self.column).type)
+            column(rows, self.column), pa.array(self.values, rows.schema.field(self.column).type)
         )
         return Judgement(
             pc.if_else(hit, self.reason, None).cast(pa.string()),
@@ -354,7 +375,7 @@ class Waits(_OfOne):
         )
 
 
-def passes(predicates: Sequence[Predicate], rows: pa.Table) -> pa.Array[Any]:
+def rows_passing(predicates: Sequence[Predicate], rows: pa.Table) -> pa.Array[Any]:
     """Which rows pass all of them: the crawl asks this before it spends requests on a row."""
     good = pa.array([True] * rows.num_rows, pa.bool_())
     for predicate in predicates:

@@ -22,10 +22,10 @@ from kb.filters.predicates import (
     NotTrue,
     Predicate,
     Present,
+    column,
     malformed,
     nothing,
-    one,
-    passes,
+    rows_passing,
     text,
 )
 
@@ -41,7 +41,7 @@ def whole_words(phrases: Sequence[str]) -> str:
 
 
 @dataclass(frozen=True)
-class Topic:
+class Topic(Predicate):
     """Rows of the topic, with what showed it in `topic_evidence` (game_label or keywords).
 
     `gate` are the stages that a video passes before its label is read: as long as the label of
@@ -83,17 +83,19 @@ class Topic:
         """`label` (pending or failed), `other_game`, `category`, `keywords`,
         `absent` or `malformed`.
         """
-        outcome = one(rows, "transcript_outcome")
+        outcome = column(rows, "transcript_outcome")
         failed = pc.fill_null(pc.equal(outcome, "failed"), False)
         named, _, categorised = self._labels(rows)
         waiting = pc.and_(
             pc.or_(pc.is_null(outcome), failed), pc.and_(categorised, pc.invert(named))
         )
         waiting = (
-            pc.and_(waiting, passes(self.gate, rows)) if self.game_ids else pc.and_(waiting, False)
+            pc.and_(waiting, rows_passing(self.gate, rows))
+            if self.game_ids
+            else pc.and_(waiting, False)
         )
-        off = pc.is_null(one(rows, "topic_evidence"))
-        category = one(rows, "category_id")
+        off = pc.is_null(column(rows, "topic_evidence"))
+        category = column(rows, "category_id")
         bad = malformed(rows, "category_id")
         lost = pc.if_else(pc.is_valid(bad), "malformed", "absent")
         why = pc.case_when(
@@ -107,7 +109,7 @@ class Topic:
             pa.scalar("category"),
             pa.scalar("keywords"),
         )
-        label = pc.coalesce(one(rows, "game_label"), one(rows, "game_label_id"))
+        label = pc.coalesce(column(rows, "game_label"), column(rows, "game_label_id"))
         value = pc.case_when(
             pc.make_struct(
                 pc.equal(why, "other_game"), pc.equal(why, "malformed"), pc.equal(why, "category")
@@ -132,8 +134,8 @@ class Topic:
         """Of each row that is `off` the conditions that hold, and those that don't, with what it
         has instead.
         """
-        label = pc.coalesce(one(rows, "game_label"), one(rows, "game_label_id"))
-        category = text(one(rows, "category_id"))
+        label = pc.coalesce(column(rows, "game_label"), column(rows, "game_label_id"))
+        category = text(column(rows, "category_id"))
         named, ours, categorised = self._labels(rows)
         # A candidate that is off has no keyword anywhere: it was looked for.
         candidate = pc.fill_null(pc.and_(pc.invert(named), categorised), False)
@@ -155,7 +157,7 @@ class Topic:
 
     def _labels(self, rows: pa.Table) -> tuple[Any, Any, Any]:
         """Whether a label is known, whether it is the game's, and whether the category fits."""
-        label = one(rows, "game_label_id")
+        label = column(rows, "game_label_id")
         games, categories = (
             pa.array(self.game_ids, pa.string()),
             pa.array(self.category_ids, pa.int64()),
@@ -163,7 +165,7 @@ class Topic:
         return (
             pc.and_(pc.is_valid(label), bool(self.game_ids)),
             pc.is_in(label, games),
-            pc.is_in(one(rows, "category_id"), categories),
+            pc.is_in(column(rows, "category_id"), categories),
         )
 
     def _places(self, rows: pa.Table, candidate: pa.Array[Any]) -> dict[str, pa.Array[Any]]:
@@ -173,7 +175,7 @@ class Topic:
         places: dict[str, pa.Array[Any]] = {}
         open_ = candidate
         for name in ("title", "tags", "description"):
-            texts = one(rows, name).filter(open_)
+            texts = column(rows, name).filter(open_)
             if pa.types.is_list(texts.type):
                 texts = pc.binary_join(texts, "\n")
             places[name] = nowhere

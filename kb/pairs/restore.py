@@ -19,7 +19,7 @@ from kb.artifacts.restore import WantedContent
 from kb.core import signals
 from kb.core.config.profile.pairs import Pairs
 from kb.core.context import Run
-from kb.core.errors import DamagedData, SettingError
+from kb.core.errors import SettingError
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPart, PlanPhase
 from kb.pairs import transcripts
@@ -31,6 +31,7 @@ from kb.pairs.transcripts import VIDEOS
 from kb.schema.table_check import conform
 from kb.schema.tables import table
 from kb.store.artifact_registry import ARTIFACTS
+from kb.store.damage import opening
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
 from kb.store.state import tombstones
@@ -175,7 +176,7 @@ def _read(index: Path) -> pa.Table:
             hint="give a released pairs-*.parquet or its folder",
         )
     schema = table("pairs/pairs").arrow(released=True)
-    try:
+    with opening(index, pa.ArrowInvalid):
         schemas = [pq.read_schema(file) for file in files]
         lacking = [
             field.name
@@ -191,10 +192,6 @@ def _read(index: Path) -> pa.Table:
             for file, one in zip(files, schemas, strict=True)
         ]
         rows = pa.concat_tables([schema.empty_table(), *read], promote_options="permissive")
-    except (pa.ArrowInvalid, OSError) as error:
-        raise DamagedData(
-            f"the index {index} can't be read: {str(error).splitlines()[0]}"
-        ) from None
     return conform("pairs/pairs", rows, released=True)
 
 

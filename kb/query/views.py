@@ -16,10 +16,9 @@ import pyarrow.parquet as pq
 from kb.artifacts import manifest
 from kb.artifacts.release_folder import read_tombstones
 from kb.artifacts.table_catalog import SCHEMAS, Catalog, View, bare
-from kb.core.errors import DamagedData
 from kb.query.limits import Limits
 from kb.query.remote_duckdb import RemoteFiles, reading_views
-from kb.store.artifact_registry import rebuild_hint
+from kb.store.damage import opening
 from kb.store.tables import database
 from kb.store.tables.reading import escaped, reading, scan
 from kb.store.tables.remote_files import reading_at
@@ -90,15 +89,9 @@ def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View], system: RemoteF
             with reading_views([view]):
                 con.execute(f"CREATE VIEW {view.full} AS FROM {scan(files)}")
             continue
-        try:
-            manifest.check_folder(view.files[0].parent)
-            with reading(view.files):
-                con.execute(f"CREATE VIEW {view.full} AS FROM {scan(view.files)}")
-        except duckdb.Error as error:
-            raise DamagedData(
-                f"{view.files[0].parent}: {str(error).splitlines()[0]}",
-                hint=rebuild_hint(view.files[0]),
-            ) from None
+        manifest.check_folder(view.files[0].parent)
+        with opening(view.files[0].parent, duckdb.Error), reading(view.files):
+            con.execute(f"CREATE VIEW {view.full} AS FROM {scan(view.files)}")
     for name, view in bare(views).items():
         con.execute(f"CREATE VIEW main.{name} AS FROM {view.full}")
 

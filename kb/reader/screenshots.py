@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 from kb.core.errors import DamagedData
 from kb.reader.tables import needs
+from kb.store.damage import DOWNLOAD, missing, opening, unreadable
 from kb.store.rawlog.sidefiles import captured_path
 from kb.store.tables.remote_files import RemoteFolder, reading_at
 
@@ -31,7 +32,6 @@ COLOURS = {
 }
 _LINE = 2  # CSS px
 _PNG = b"\x89PNG\r\n\x1a\n"
-_DOWNLOAD = "download it again, into the same folder"
 
 
 class TextLine(NamedTuple):
@@ -89,13 +89,12 @@ def screenshot(home: Path | RemoteFolder, row: dict[str, Any]) -> Picture:
     if size is None or any(
         abs(one - other) > 2 * scale for one, other in zip(size, wanted, strict=True)
     ):
-        raise DamagedData(f"{where} is not a PNG of {wanted[0]} × {wanted[1]} px", hint=_DOWNLOAD)
+        raise DamagedData(f"{where} is not a PNG of {wanted[0]} × {wanted[1]} px", hint=DOWNLOAD)
     limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
     try:
-        opened = Image.open(io.BytesIO(data), formats=["PNG"])
-        opened.load()
-    except (OSError, SyntaxError, ValueError) as error:
-        raise DamagedData(f"{where} can't be read: {error}", hint=_DOWNLOAD) from None
+        with opening(where, SyntaxError, ValueError, hint=DOWNLOAD):
+            opened = Image.open(io.BytesIO(data), formats=["PNG"])
+            opened.load()
     finally:
         Image.MAX_IMAGE_PIXELS = limit
     return opened
@@ -127,17 +126,13 @@ def stored_png(home: Path | RemoteFolder, path: str) -> tuple[bytes, str]:
     if slash and tar.endswith(".tar") and "/" not in member:
         return _member(home / tar, member), f"{home / tar}: {member}"
     file = captured_path(home, path)
-    try:
+    with opening(file):
         return file.read_bytes(), str(file)
-    except OSError as error:
-        raise DamagedData(
-            f"{file} can't be read: {error.strerror}", hint="restore it from a copy"
-        ) from None
 
 
 def _member(tar: Path, member: str) -> bytes:
     if not tar.is_file():
-        raise DamagedData(f"{tar} is missing", hint="download it into the folder of the tables")
+        raise missing([tar], "download it into the folder of the tables")
     entry = _index(tar.parent).get((tar.name, member))
     if entry is None:
         return _searched(tar, member)
@@ -158,7 +153,7 @@ def _verified(file: BinaryIO, entry: dict[str, Any], tar: str) -> bytes:
     data = file.read(int(entry["size"]))
     if hashlib.sha256(data).hexdigest() != entry["sha256"]:
         member = entry["member"]
-        raise DamagedData(f"{tar} is damaged: checksum mismatch of {member}", hint=_DOWNLOAD)
+        raise DamagedData(f"{tar} is damaged: checksum mismatch of {member}", hint=DOWNLOAD)
     return data
 
 
@@ -170,8 +165,8 @@ def _searched(tar: Path, member: str) -> bytes:
             if file is not None:
                 return file.read()
     except (tarfile.TarError, KeyError, OSError) as error:
-        raise DamagedData(f"{tar} has no {member}: {error}", hint=_DOWNLOAD) from None
-    raise DamagedData(f"{tar} has no {member}", hint=_DOWNLOAD)
+        raise DamagedData(f"{tar} has no {member}: {error}", hint=DOWNLOAD) from None
+    raise DamagedData(f"{tar} has no {member}", hint=DOWNLOAD)
 
 
 def _index(folder: Path) -> dict[tuple[str, str], dict[str, Any]]:
@@ -198,7 +193,7 @@ def _entries(lines: Iterable[bytes], place: str) -> dict[tuple[str, str], dict[s
             members[entry["tar"], entry["member"]] = entry
             int(entry["offset"]), int(entry["size"]), entry["sha256"]
         except (ValueError, KeyError, TypeError):
-            raise DamagedData(f"{place}, line {number} can't be read", hint=_DOWNLOAD) from None
+            raise unreadable(place, f"line {number} is not an entry", DOWNLOAD) from None
     return members
 
 

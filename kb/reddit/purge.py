@@ -18,7 +18,7 @@ from kb.artifacts.purge import Purge, PurgeRules
 from kb.artifacts.purge_raw import Names
 from kb.artifacts.purge_rows import RowLocation, keep_rows, shared_locations
 from kb.crawl.id_list import IdList
-from kb.reddit.connector.ids import read_wanted
+from kb.reddit.connector.ids import RULES as IDS
 from kb.reddit.connector.source import INFO
 from kb.reddit.parse import answer_tree
 from kb.reddit.parse.assemble import count_again
@@ -34,16 +34,16 @@ BASES = (BELOW.clean("reddit"), *REBUILT)
 
 def read_list(path: Path, say: Callable[[str], None] | None = None) -> IdList:
     """The full names that a list names; a bare id is a post. Raises SettingError."""
-    wanted = read_wanted(path, say)
-    names = [*wanted.names, *(f"t3_{key}" for key in wanted.trees)]
-    return IdList(names, bad_lines=wanted.bad_lines)
+    listed = IDS.read_some(path, say)
+    names = (key if key[:3] in ("t1_", "t3_") else f"t3_{key}" for key in listed.keys)
+    return listed._replace(keys=list(dict.fromkeys(names)))
 
 
 def find(purge: Purge) -> dict[str, str]:
-    """Keys with reason `deleted`, `removed`, `missing`, `named`, or `post` for comments of posts
-    that are removed.
+    """Keys with reason `deleted`, `removed`, `missing`, or `post` for comments of posts that are
+    removed.
     """
-    keys = dict.fromkeys(purge.listed.keys if purge.listed else (), "named")
+    keys: dict[str, str] = {}
     with latest_state(purge.run, purge.scratch) as things:
         for rows in things:
             lost = rows.filter(pc.or_(pc.invert(rows["there"]), pc.is_valid(rows["gone"])))
@@ -51,7 +51,7 @@ def find(purge: Purge) -> dict[str, str]:
             for name, reason in zip(lost["fullname"].to_pylist(), reasons, strict=True):
                 keys.setdefault(str(name), reason)
         # A post that was purged before may have got comments since.
-        names = keys.keys() | tombstones.keys(purge.root, "reddit")
+        names = purge.keys.keys() | keys.keys() | tombstones.keys(purge.root, "reddit")
         posts = pa.array(sorted(name[3:] for name in names if name.startswith("t3_")), pa.string())
         for rows in things:
             is_comment = pc.starts_with(rows["fullname"], "t1_")

@@ -7,7 +7,6 @@ describe(run)    the files around the data alone (also after a purge)
 import logging
 from collections.abc import Sequence
 
-import duckdb
 import pyarrow as pa
 
 from kb.artifacts import domain_binding, manifest
@@ -19,7 +18,7 @@ from kb.artifacts.release_folder import (
     tombstone_lines,
 )
 from kb.core.context import Run
-from kb.core.errors import DamagedData, ReleaseRefused, UsageError
+from kb.core.errors import ReleaseRefused, UsageError
 from kb.core.licences import KNOWN
 from kb.core.progress import Task
 from kb.core.sources import PUBLISHED, exported_by, made_of
@@ -29,15 +28,16 @@ from kb.release.gate import GateProblem, check
 from kb.release.metadata import measure
 from kb.release.metadata.card import card, citation, datasheet, law
 from kb.release.metadata.croissant import croissant
-from kb.release.metadata.datacite import datacite
 from kb.release.metadata.measure import Facts
 from kb.release.metadata.zenodo import deposit
 from kb.schema import table
+from kb.store.artifact_registry import SUMS
 from kb.store.atomic import write_text
 from kb.store.layout import Layout
 from kb.store.lock import RELEASES
 from kb.store.state import tombstones
-from kb.store.tables.checksums import SUMS, listed
+from kb.store.tables.checksums import listed
+from kb.store.tables.reading import reading
 
 _log = logging.getLogger(__name__)
 
@@ -135,14 +135,8 @@ def write(run: Run, folder: ReleaseFolder) -> Facts:
 
 
 def _describe(run: Run, folder: ReleaseFolder, task: Task) -> Facts:
-    try:
+    with reading(shard for part in folder.parts for shard in part.shards):
         facts = measure.measure(run, folder)
-    except duckdb.Error as error:
-        why = (str(error).splitlines() or [""])[0]
-        raise DamagedData(
-            f"{folder.source} can't be measured: {why}",
-            hint="make the file that it names again, or remove it",
-        ) from None
     for path in folder.path.glob("LICENSE-*.txt"):
         path.unlink()
     version = run.profile.release.version
@@ -154,7 +148,6 @@ def _describe(run: Run, folder: ReleaseFolder, task: Task) -> Facts:
         "LICENSE": law(run, facts),
         "croissant.json": croissant(run, facts),
         folders.DEPOSIT: deposit(run, facts),
-        folders.DATACITE: datacite(run, facts),
         **{
             f"LICENSE-{name}.txt": KNOWN[name].text
             for name, _ in facts.licences

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from kb.artifacts import release_folder
 from kb.artifacts.release_folder import (
-    DOWNLOAD,
     EARLIER_TOMBSTONES,
     TOMBSTONES,
     ReleaseFolder,
@@ -21,17 +20,19 @@ from kb.core.installation import PROFILE_FILE
 from kb.core.licences import KNOWN
 from kb.core.sources import PUBLISHED
 from kb.schema import Table, released_tables
+from kb.store.artifact_registry import SUMS
 from kb.store.atomic import write_bytes
+from kb.store.damage import DOWNLOAD, missing
 from kb.store.layout import Layout
-from kb.store.tables.checksums import SUMS, digest
+from kb.store.tables.checksums import digest
 
 Folders = Sequence[ReleaseFolder]
 
-DEPOSIT, DATACITE = "zenodo.json", "datacite.json"
+DEPOSIT = "zenodo.json"
 # What `kb release` writes into every folder, and what only into some.
 REQUIRED = (
     *("README.md", "DATASHEET.md", "CITATION.cff", "LICENSE", "croissant.json"),
-    *(PROFILE_FILE, "provenance.json", DEPOSIT, DATACITE, SUMS),
+    *(PROFILE_FILE, "provenance.json", DEPOSIT, SUMS),
 )
 OPTIONAL = (TOMBSTONES, EARLIER_TOMBSTONES, "keywords.tsv")
 
@@ -98,7 +99,7 @@ def verify(run: Run, releases: Folders) -> None:
             for name, wanted in sums.items():
                 path = one.path / name
                 if not path.is_file():
-                    raise DamagedData(f"{path} is missing", hint=DOWNLOAD)
+                    raise missing([path], DOWNLOAD)
                 if digest(path) != wanted:
                     raise DamagedData(f"{path} differs from {SUMS}", hint=DOWNLOAD)
                 task.advance()

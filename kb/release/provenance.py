@@ -16,6 +16,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import duckdb
 import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -24,11 +25,12 @@ from kb import __version__
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.config.profile import Profile
 from kb.core.context import Run
-from kb.core.errors import DamagedData, ProfileError
+from kb.core.errors import ProfileError
 from kb.core.installation import PROFILE_FILE, lock_digest, software_address
 from kb.core.sources import RELEASES, SOURCES
 from kb.release.metadata.measure import Facts
 from kb.store.atomic import writing
+from kb.store.damage import opening
 from kb.store.layout import Layout, parquet_files
 from kb.store.tables import database, parquet
 
@@ -58,7 +60,8 @@ def changes(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> Ch
     if before is None:
         return Changes()
     parquet.check(before)
-    try:
+    hint = "remove it; changes since that version will be unknown"
+    with opening(before, pa.ArrowException, duckdb.Error, ValueError, hint=hint):
         recorded = json.loads((pq.read_schema(before).metadata or {}).get(_ABOUT, b"{}"))
         with database.asking() as con:
             con.register("now", _keys(folder))
@@ -69,11 +72,6 @@ def changes(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> Ch
                 GROUP BY t ORDER BY t""",
                 [str(before)],
             ).fetchall()
-    except (pa.ArrowInvalid, ValueError, OSError) as error:
-        raise DamagedData(
-            f"{before} can't be read: {error}",
-            hint="remove it; changes since that version will be unknown",
-        ) from None
     return Changes(
         version=before.stem,
         built=recorded.get("built", ""),

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from kb.core.config.profile import Profile
-from kb.core.errors import DamagedData
 from kb.report.data import ReportData
 from kb.report.figure_style import (
     BLUE,
@@ -24,6 +23,7 @@ from kb.report.figure_style import (
     canvas,
     saved,
 )
+from kb.store.damage import opening
 
 
 class BoxStyle(NamedTuple):
@@ -177,13 +177,11 @@ def _screenshot(data: ReportData, shot: str, width: float, shown: float) -> Any:
 
     # A page may be 100,000 pixels high: its own pipeline made it, so Pillow's guard is not for it.
     Image.MAX_IMAGE_PIXELS = None
-    try:
-        with Image.open(path) as opened:
-            high = min(opened.height, round(shown * opened.width / width))
-            return opened.crop((0, 0, opened.width, high)).convert("RGB")
-    except (OSError, SyntaxError, ValueError) as error:  # what Pillow raises for a damaged file
-        hint = "restore it from a copy, or remove it: the figure then has the boxes alone"
-        raise DamagedData(f"the screenshot {path} can't be read: {error}", hint=hint) from None
+    hint = "restore it from a copy, or remove it: the figure then has the boxes alone"
+    # What Pillow raises for a damaged file.
+    with opening(path, SyntaxError, ValueError, hint=hint), Image.open(path) as opened:
+        high = min(opened.height, round(shown * opened.width / width))
+        return opened.crop((0, 0, opened.width, high)).convert("RGB")
 
 
 def _drawn(

@@ -18,8 +18,8 @@ import tantivy
 from tantivy import Filter, Occur, Query, Tokenizer
 
 from kb.artifacts import index as index_of
-from kb.core.errors import DamagedData
 from kb.search.passage import KINDS, Passage
+from kb.store.damage import opening, unreadable
 from kb.store.full_disk import full_disk_is_resumable
 
 WORDS, KEY, KIND, NUMBER, THING, DAY, ROW = "words", "key", "kind", "number", "thing", "day", "row"
@@ -68,16 +68,14 @@ class PassageIndex:
 
     @contextlib.contextmanager
     def _reading(self) -> Iterator[None]:
-        damage = DamagedData(f"{self._folder} can't be read", hint="run `kb index --again`")
         try:
-            with full_disk_is_resumable(self._folder):  # tantivy writes a lock beside it
+            # tantivy writes a lock beside it.
+            with opening(self._folder, ValueError), full_disk_is_resumable(self._folder):
                 yield
-        except (ValueError, OSError) as error:
-            raise damage from error
         except BaseException as error:
             if type(error).__name__ != "PanicException":  # tantivy's, which it does not export
                 raise
-            raise damage from None
+            raise unreadable(self._folder, "the index is damaged") from None
 
     def frequency(self, word: str) -> int:
         """How many passages have a word of the analyzer's."""

@@ -11,9 +11,10 @@ from pathlib import Path
 
 from kb.artifacts import manifest
 from kb.core.errors import DamagedData
-from kb.core.sources import SOURCES, SPECS
+from kb.core.sources import SOURCES
 from kb.store import leftovers
-from kb.store.artifact_registry import MANIFEST, Artifact, artifact_of, rebuild_hint
+from kb.store.artifact_registry import MANIFEST, Artifact, artifact_of
+from kb.store.damage import remedy
 from kb.store.rawlog import rawlog, sidefiles
 from kb.store.tables import checksums
 from kb.store.tables.reading import broken
@@ -99,7 +100,7 @@ class FileVerifier:
         elif known and len(parts) == 4 and f"{rawlog.SUFFIX}.damaged-" in path.name:
             findings.advance(path.stat().st_size)
             findings.intact("set aside", path)
-        elif known and len(parts) > 2 and parts[2] in SPECS[parts[1]].files:
+        elif known and len(parts) > 2 and parts[2] in SOURCES[parts[1]].files:
             if path.name.endswith(sidefiles.QUARANTINE_SUFFIX):
                 findings.intact("set aside", path)
             else:
@@ -149,7 +150,7 @@ class FileVerifier:
 
     def _checked(self, kind: str, path: Path) -> None:
         what = problem(path, self._findings.advance)
-        self._findings.checked(kind, path, what, rebuild_hint(path))
+        self._findings.checked(kind, path, what, remedy(path))
 
     def _foreign(self, kind: str, path: Path, what: str = "no command has written it") -> None:
         self._findings.foreign(kind, path, what, "move it away")

@@ -9,10 +9,11 @@ import msgspec
 import zstandard
 
 from kb.core.errors import DamagedData
+from kb.store.artifact_registry import SUMS
 from kb.store.layout import BELOW, CAPTURED, Layout
 from kb.store.rawlog import damaged_answers, quarantine, rawlog, sidefiles
 from kb.store.state.sqlite import REBUILT
-from kb.store.tables import checksums, reading
+from kb.store.tables import reading
 from kb.verify.findings import Findings
 
 _CAPTURE = ("extraction.json.zst", "page.html.zst", "screenshot.png")
@@ -103,7 +104,7 @@ def state(findings: Findings, path: Path) -> None:
 def side_file(findings: Findings, path: Path) -> None:
     """A captured page's file or an image, by what it should be."""
     kind = "images" if path.parent.name == "images" else "captures"
-    if path.name == checksums.SUMS or path.name in _CAPTURE or sidefiles.expected(path):
+    if path.name == SUMS or path.name in _CAPTURE or sidefiles.expected(path):
         if sidefiles.is_intact(path, advance=findings.advance) and _unpacks(path):
             findings.intact(kind, path)
         else:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from kb.artifacts import manifest, release_folder
+from kb.store.artifact_registry import SUMS
 from kb.store.tables import checksums
 from kb.verify.files import problem
 from kb.verify.findings import Findings
@@ -19,7 +20,7 @@ def folder(
     findings: Findings, path: Path, advice: Callable[[Path], str], *, described: bool
 ) -> None:
     """Every file of a release folder; `described`: it should have SHA256SUMS."""
-    sums = path / checksums.SUMS
+    sums = path / SUMS
     known, invalid = release_folder.sums(path)
     if sums.is_file() and (not known or invalid):
         findings.damaged("release", sums, "is not a list of checksums", advice(sums))
@@ -36,7 +37,7 @@ def folder(
                 "release", file, "a release is flat, with files of its own", "move it away"
             )
         elif known and name not in known:
-            findings.foreign("release", file, f"is not in {checksums.SUMS}", "move it away")
+            findings.foreign("release", file, f"is not in {SUMS}", "move it away")
         else:
             _file(findings, file, known.get(name), advice(file))
     for name in sorted((known.keys() | manifest.siblings(there)) - there.keys()):
@@ -48,7 +49,7 @@ def folder(
 def _file(findings: Findings, path: Path, wanted: str | None, advice: str) -> None:
     if wanted is not None:
         actual = checksums.digest(path, advance=findings.advance)
-        what = "" if actual == wanted else f"differs from {checksums.SUMS}"
+        what = "" if actual == wanted else f"differs from {SUMS}"
     elif path.suffix == ".parquet":
         what = problem(path, findings.advance)
     elif path.suffix == ".tar":
@@ -106,5 +107,5 @@ def _metadata(
         return
     for name, value in sorted(digests.items()):
         if known.get(name, value) != value:
-            what = f"says another digest of {name} than {checksums.SUMS}"
+            what = f"says another digest of {name} than {SUMS}"
             findings.damaged("release", path, what, advice(path))

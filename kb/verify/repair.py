@@ -13,12 +13,11 @@ from typing import Protocol
 from kb.core.errors import DiskFull, Interrupted, KbError
 from kb.core.progress import Progress
 from kb.store import lock
-from kb.store.artifact_registry import MANIFEST
+from kb.store.artifact_registry import MANIFEST, SUMS
 from kb.store.atomic import write_bytes
 from kb.store.layout import CAPTURED, Layout, parquet_files
 from kb.store.rawlog import sidefiles
 from kb.store.state import tombstones
-from kb.store.tables import checksums
 from kb.verify.findings import Findings, VerifyFinding
 from kb.verify.root import verify
 
@@ -109,7 +108,7 @@ class Describe:
         """See `Step`."""
         folder, known = Layout(root).release(self.source), Layout(root).released(self.source)
         described = known.is_dir() and any(known.iterdir())
-        if not described or not parquet_files(folder) or (folder / checksums.SUMS).exists():
+        if not described or not parquet_files(folder) or (folder / SUMS).exists():
             return []
         return _tried("kb release", self.describe)
 

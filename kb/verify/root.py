@@ -13,14 +13,14 @@ from pathlib import Path
 import duckdb
 
 from kb.artifacts import manifest
-from kb.artifacts.release_folder import DOWNLOAD
 from kb.artifacts.table_catalog import Catalog, empty, existing, is_root
 from kb.core.errors import DamagedData
 from kb.core.progress import Progress
-from kb.core.sources import PUBLISHED, SOURCES, SPECS
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.schema.tables import table
 from kb.store import leftovers, lock
-from kb.store.artifact_registry import ARTIFACTS, artifact_of, rebuild_hint
+from kb.store.artifact_registry import ARTIFACTS, artifact_of
+from kb.store.damage import DOWNLOAD, remedy
 from kb.store.layout import Layout, parquet_files
 from kb.store.tables import database
 from kb.store.tables.reading import scan
@@ -114,7 +114,7 @@ def _two_answers(findings: Findings, root: Path, source: str) -> None:
             f"'{prefix}' || {table(f'{source}/{short}').key[0]}::VARCHAR",
             parquet_files(clean / short),
         )
-        for short, prefix in SPECS[source].tables.items()
+        for short, prefix in SOURCES[source].tables.items()
     ]
     keys += [("key", parquet_files(clean / verdict)) for verdict in VERDICTS]
     all_files = [file for _, files in keys for file in files]
@@ -126,19 +126,19 @@ def _two_answers(findings: Findings, root: Path, source: str) -> None:
         with database.over(all_files, root) as con:
             more = (con.execute(sql).fetchone() or (0,))[0]
     except duckdb.Error as error:
-        findings.damaged("clean", clean, str(error).splitlines()[0], rebuild_hint(clean / "x"))
+        findings.damaged("clean", clean, str(error).splitlines()[0], remedy(clean / "x"))
         return
     if more:
         what = f"{more:,} keys are in two of kept, rejected, failed and pending"
-        findings.damaged("clean", clean / "summary.json", what, rebuild_hint(clean / "x"))
+        findings.damaged("clean", clean / "summary.json", what, remedy(clean / "x"))
 
 
 def _release(findings: Findings, root: Path, source: str) -> None:
     folder = Layout(root).release(source)
     if folder.is_dir() and any(folder.iterdir()):
-        releases.folder(findings, folder, rebuild_hint, described=False)
+        releases.folder(findings, folder, remedy, described=False)
     elif manifest.read(root, f"release/{source}"):
-        findings.missing("release", folder, rebuild_hint(folder / "x"))
+        findings.missing("release", folder, remedy(folder / "x"))
 
 
 def verify(folder: Path, progress: Progress) -> Findings:

@@ -1,18 +1,17 @@
 """Rules of a purge for the wiki: how a page leaves answers, captures and images."""
 
 import hashlib
-import re
 import shutil
 from collections.abc import Collection
 
-from kb.artifacts.purge import Purge, PurgeList, PurgeRules
+from kb.artifacts.purge import Purge, PurgeRules
+from kb.artifacts.purge_named import KNOWN, NAMED, UNKNOWN
 from kb.artifacts.purge_raw import Names
 from kb.artifacts.purge_rows import location_of, shared_locations
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog, sidefiles
 from kb.store.rawlog.sidefiles import is_captured_path
 from kb.store.state import tombstones
-from kb.store.state.frontier import Frontier
 from kb.wiki.connector.ids import NAMES
 from kb.wiki.connector.reduce import LEFT
 from kb.wiki.parse import tables
@@ -21,62 +20,42 @@ _PURGED = "purged titles"  # cursor of the frontier
 
 
 def find(purge: Purge) -> dict[str, str]:
-    """Pages that the wiki deleted, and named ones by id, title or address.
-
-    Counts as `unknown` the names that no page has; their tombstones keep them away.
-    """
-    frontier = purge.frontier
-    keys = {
-        key: str(reason)
-        for key, _, reason, _ in frontier.items("pages", "skipped")
-        if reason in LEFT
-    }
-    if purge.listed is not None:
-        removed = tombstones.keys(purge.root, "wiki")
-        known, unknown, bad = _find_pages(purge.listed, frontier, removed)
-        purge.counts |= {"unknown": len(unknown), "bad_lines": bad}
-        keys |= dict.fromkeys([*known, *unknown], "named")
-    return keys
+    """Pages that the wiki deleted or moved."""
+    skipped = purge.frontier.items("pages", "skipped")
+    return {key: str(reason) for key, _, reason, _ in skipped if reason in LEFT}
 
 
-def _find_pages(
-    named: PurgeList, frontier: Frontier, removed: Collection[str]
-) -> tuple[set[str], set[str], int]:
-    """Keys of named pages that are or were here, unknown names, and how many can't be a page's."""
+def look_up(purge: Purge) -> dict[str, str]:
+    """Pages that are named by id, title or address; a name that no page has stands for itself."""
+    if purge.listed is None:
+        return {}
+    frontier, removed = purge.frontier, tombstones.keys(purge.root, "wiki")
     pages = {key: page for key, _, _, page in frontier.items("pages")}
     titles = {title: key for key, page in pages.items() for title in page.former}
     titles |= {page.title: key for key, page in pages.items()}
-    titles |= {
-        title: title
-        for key, *_ in frontier.items("info")
-        if (title := key.partition(":")[2]) not in titles
-    }
+    asked = {key.partition(":")[2] for key, *_ in frontier.items("info")}
     before = frontier.cursor(_PURGED, {}, of=dict[str, str])
     purged = {mark: key for mark, key in before.items() if key in removed}
-    known: set[str] = set()
-    unknown: set[str] = set()
-    bad = named.bad_lines
-    numbers = getattr(named, "numbers", ())
-    for name in named.keys:
-        if name in pages or name in numbers or name in removed:  # a number is an id first
-            (known if name in pages or name in removed else unknown).add(name)
-        elif key := _by_title(titles, purged, name):
-            known.add(key)
-        elif re.search(r"[\[\]{}<>#]", name):
-            bad += 1
-        else:
-            unknown.add(name)
-    return known, unknown, bad
+    numbers = getattr(purge.listed, "numbers", ())
+    found: dict[str, str] = {}
+    for name in purge.listed.keys:
+        key = name
+        if not (name in pages or name in numbers or name in removed):  # a number is an id first
+            key = _by_title(titles, purged, asked, name) or name
+        here = key in pages or key in asked
+        found[key] = KNOWN if key in removed else NAMED if here else UNKNOWN
+    return found
 
 
-def _by_title(titles: dict[str, str], purged: dict[str, str], name: str) -> str | None:
+def _by_title(
+    titles: dict[str, str], purged: dict[str, str], asked: Collection[str], name: str
+) -> str | None:
     """The key of a page by its title, which the wiki begins with a capital; of those that were
-    purged a digest alone is kept.
+    purged a digest alone is kept. A title that was asked for and has no page is its own key.
     """
-    for title in (name, name[:1].upper() + name[1:]):
-        if key := titles.get(title) or purged.get(_mark(title)):
-            return key
-    return None
+    spelled = (name, name[:1].upper() + name[1:])
+    keys = (titles.get(title) or purged.get(_mark(title)) for title in spelled)
+    return next(filter(None, keys), None) or next((one for one in spelled if one in asked), None)
 
 
 def _mark(title: str) -> str:
@@ -140,12 +119,13 @@ def forget(purge: Purge) -> None:
 
 RULES = PurgeRules(
     "wiki",
-    NAMES.read,
+    NAMES.read_some,
     rows=(
         *(location_of(name, "page_id") for name in ("wiki/pages", *tables.PARTS)),
         *shared_locations("wiki"),
     ),
     exact=("renders",),
+    look_up=look_up,
     find=find,
     texts=lambda keys: None,
     names=names,

@@ -20,11 +20,9 @@ from kb.youtube.connector.refresh import newest
 
 
 def find(purge: Purge) -> dict[str, str]:
-    """Videos that the API no longer returns ("vanished"), and those that the user named."""
-    named = purge.listed.keys if purge.listed else ()
+    """Videos that the API no longer returns ("vanished")."""
     read = newest(purge.root, RAW_VIDEOS)
-    vanished = (key for key, last in read.items() if not last.there)
-    return dict.fromkeys(vanished, "vanished") | dict.fromkeys(named, "named")
+    return dict.fromkeys((key for key, last in read.items() if not last.there), "vanished")
 
 
 def repair(purge: Purge) -> None:
@@ -36,7 +34,7 @@ def repair(purge: Purge) -> None:
 
 RULES = PurgeRules(
     "youtube",
-    IDS.read,
+    IDS.read_some,
     rows=(
         *(location_of(f"youtube/{name}", "video_id") for name in ("videos", "transcripts")),
         location_of("pairs/pairs", "video_id"),

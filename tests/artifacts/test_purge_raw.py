@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from kb.artifacts.purge_raw import changed_frames, matcher, rewrite_segment, strip_by_schema
+from kb.artifacts.purge_raw import Matcher, changed_frames, rewrite_segment, strip_by_schema
 from kb.reddit.purge import texts
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request
@@ -29,8 +29,8 @@ def test_no_answer_with_a_key_is_skipped(asked: list[str], ids: list[Any], gone:
     _, line = rawlog.storable(made)
     kept = rawlog.decode(line)
     if strip_by_schema("youtube", "videos", kept, {"": set(gone)}) is not kept:
-        assert matcher(gone)(line)
-        assert matcher(gone)(json.dumps(json.loads(line)).encode())  # whatever else wrote it
+        assert Matcher(gone)(line)
+        assert Matcher(gone)(json.dumps(json.loads(line)).encode())  # whatever else wrote it
 
 
 @pytest.fixture
@@ -54,7 +54,7 @@ def test_only_answers_that_may_hold_a_key_are_decoded(segment: Path) -> None:
 
     before = segment.read_bytes()
     frames = list(rawlog.Frames(segment))
-    assert rewrite_segment(segment, changed_frames(segment, matcher(gone), strip)) == 2
+    assert rewrite_segment(segment, changed_frames(segment, Matcher(gone), strip)) == 2
     assert seen == ["v007,w007", "v040,w040"]
     left = [one for _, one in rawlog.Frames(segment)]
     lines = [line for _, line in frames]
@@ -69,13 +69,13 @@ def test_only_answers_that_may_hold_a_key_are_decoded(segment: Path) -> None:
     assert segment.read_bytes().endswith(before[frames[40][0] :])
 
     again = segment.stat().st_mtime_ns
-    assert rewrite_segment(segment, changed_frames(segment, matcher(gone), strip)) == 0
+    assert rewrite_segment(segment, changed_frames(segment, Matcher(gone), strip)) == 0
     assert segment.stat().st_mtime_ns == again  # nothing to take out: not written again
 
 
 @pytest.mark.parametrize("name", ["t1_ab", "t3_ab"])
 def test_a_short_id_within_another_word_is_not_a_key(name: str) -> None:
-    matches = matcher(texts({name, "t1_abc"}))
+    matches = Matcher(texts({name, "t1_abc"}))
     assert not matches(b'{"id":"abcd","link_id":"t3_xab","body":"cab, drab; xabc"}')
     for line in (
         b'{"id":"ab"}',

@@ -15,6 +15,7 @@ from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.sources import SOURCES
+from kb.filters.thresholds import thresholds
 from kb.store.layout import Layout
 from kb.store.tables.shard_writer import write_table
 
@@ -49,6 +50,9 @@ def test_the_filter_rejects_with_value_and_threshold(example: Any) -> None:
     assert judged.reason.to_pylist() == [None, "longer", "absent"]
     assert (judged.value.to_pylist(), judged.threshold) == ([None, "5", None], "4")
     assert stage.reads == {"title"}
+    (threshold,) = thresholds([stage])
+    assert (threshold.stage, threshold.limit, threshold.at_least) == ("length", 4, False)
+    assert threshold.numbers(pa.table({"title": ["four", None]})).to_pylist() == [4, None]
 
 
 def test_the_export_writes_what_is_kept(example: Any, make_rows: Any, tmp_path: Path) -> None:

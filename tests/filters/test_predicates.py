@@ -15,7 +15,7 @@ from kb.filters.predicates import (
     RatioAtLeast,
     RecordedReason,
     Waits,
-    passes,
+    rows_passing,
 )
 
 PROBLEMS = pa.list_(
@@ -137,11 +137,13 @@ def test_no_rows() -> None:
         assert judge(stage, a=pa.array([], pa.int64())) == []
 
 
-def test_passes_is_all_of_them() -> None:
+def test_rows_passing_pass_all_of_them() -> None:
     rows = pa.table({"a": [1, 5, 5], "b": [5, 5, None]})
-    assert passes((AtLeast("a", 2, stage="x"), AtLeast("b", 2, stage="y")), rows).to_pylist() == [
+    assert rows_passing(
+        (AtLeast("a", 2, stage="x"), AtLeast("b", 2, stage="y")), rows
+    ).to_pylist() == [
         False,
         True,
         False,
     ]
-    assert passes((), rows).to_pylist() == [True] * 3
+    assert rows_passing((), rows).to_pylist() == [True] * 3

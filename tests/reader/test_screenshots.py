@@ -13,7 +13,7 @@ from PIL import Image
 import kb
 from kb.core.errors import DamagedData, MissingExtra
 from kb.reader.screenshots import COLOURS
-from kb.store.tables.checksums import SUMS
+from kb.store.artifact_registry import SUMS
 
 
 @pytest.mark.parametrize("where", ["release", "root"])

@@ -9,7 +9,8 @@ import pytest
 
 import kb
 from kb.core.errors import DamagedData, MissingExtra, UsageError
-from kb.store.tables.checksums import SUMS, listed
+from kb.store.artifact_registry import SUMS
+from kb.store.tables.checksums import listed
 
 RELEASED = {
     "pairs",

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from kb.store.artifact_registry import ARTIFACTS, artifact_of, of_table, rebuild_hint
+from kb.store.artifact_registry import ARTIFACTS, artifact_of, of_table
+from kb.store.damage import remedy
 
 
 @pytest.mark.parametrize("name", ARTIFACTS)
@@ -58,5 +59,14 @@ def test_a_table_belongs_to_an_artifact(table: str, name: str) -> None:
         ("raw/youtube/videos/000001.ndjson.zst", "restore it from a copy"),
     ],
 )
-def test_how_a_file_is_made_again(path: str, hint: str) -> None:
-    assert rebuild_hint(Path("/pairs") / path) == hint
+def test_how_a_file_is_made_again(path: str, hint: str, tmp_path: Path) -> None:
+    (tmp_path / "pairs/state").mkdir(parents=True)
+    assert remedy(tmp_path / "pairs" / path) == hint
+
+
+def test_a_file_of_a_download_is_downloaded_again(tmp_path: Path) -> None:
+    folder = tmp_path / "release/wiki"
+    folder.mkdir(parents=True)
+    (folder / "SHA256SUMS").touch()
+    shard = folder / "pages-00000-of-00001.parquet"
+    assert remedy(shard) == "download it again, into the same folder"

@@ -11,8 +11,7 @@ from kb.cli.framework.command import command, group
 from kb.cli.framework.command_classes import Group
 from kb.cli.framework.options import CLUSTER
 from kb.core.errors import KbError
-from kb.core.source_spec import CommandHelp
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 
 if TYPE_CHECKING:
@@ -100,9 +99,9 @@ def _add(source: str, about: str, *examples: str) -> None:
     )(annotate)
 
 
-for _name, _spec in SPECS.items():
-    _text = _spec.annotate_help or CommandHelp(f"Score the texts of {_name}.")
-    _add(_name, _text.about, *(_text.examples or (f"kb annotate {_name}",)))
+for _name, _source in SOURCES.items():
+    _examples = _source.annotate_examples or (f"kb annotate {_name}",)
+    _add(_name, _source.annotate_help, *_examples)
 
 
 @models_app.callback(cls=Group)

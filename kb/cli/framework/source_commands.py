@@ -12,7 +12,7 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.options import CLUSTER, pipeline
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 
 if TYPE_CHECKING:
@@ -51,8 +51,8 @@ def add_export(
     goes: str = "Parquet goes",
     tables: str = "the released tables",
 ) -> Callable[..., Summary]:
-    """`kb <source> export`, as Parquet and in the other formats of its spec."""
-    others = [name for name in SPECS[source].formats if name != "parquet"]
+    """`kb <source> export`, as Parquet and in its other formats."""
+    others = SOURCES[source].formats
     formats = StrEnum("Format", ["parquet", *others])  # type: ignore[misc]
     parquet = formats("parquet")
 
@@ -84,19 +84,19 @@ def add_export(
 
 def app_of(name: str) -> typer.Typer:
     """The commands of a source that declares none: crawl, filter and export."""
-    spec = SPECS[name]
-    app = group(spec.help)
+    source = SOURCES[name]
+    app = group(source.help)
 
     def crawl(run: Run) -> Summary:
         from kb.crawl.job import crawl_source
 
-        return crawl_source(run, spec)
+        return crawl_source(run, source)
 
-    crawl.__doc__ = f"Crawl what is left: {', '.join(spec.nouns.values())}, as raw answers."
+    crawl.__doc__ = f"Crawl what is left: {', '.join(source.nouns.values())}, as raw answers."
     command(
         app,
         uses=("workers", "wait"),
-        limit=f"Stop after N more {spec.counted} (exit code 3); the next run resumes.",
+        limit=f"Stop after N more {source.counted} (exit code 3); the next run resumes.",
         json="crawled, failed, pending, requests",
         checks=True,
         examples=[f"kb {name} crawl", f"kb {name} crawl --limit 100"],

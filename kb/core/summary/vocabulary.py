@@ -215,7 +215,9 @@ WORDS: dict[str, Word] = {
     "rows": Word("Rows of tables.", "{n} rows"),
     "scores": Word("Scores removed because no text needs them any more.", "{n} scores"),
     "purged": Word("Items removed for good.", "{n} removed for good", always=True),
-    "unknown": Word("Names that match nothing in the data root.", "{n} unknown names"),
+    "purge.known": Word("Items that were purged before.", "{n} purged before"),
+    "unknown": Word("Items that were never in the data root.", "{n} never here"),
+    "unread": Word("Entries of the list that name no item.", "{n} entries unread"),
     "bytes": Word("Bytes.", "{n} bytes"),
     "files_whole": Word("Intact files.", "{n} files whole", always=True),
     "files_damaged": Word("Files with a checksum mismatch or unreadable content.", "{n} damaged"),
@@ -277,8 +279,9 @@ def place(name: str) -> int:
 
 
 def word(name: str, command: str = "") -> Word | None:
-    """A name's word, the command's own first; None for a name that nobody declared."""
-    return WORDS.get(f"{command}.{name}") or WORDS.get(name)
+    """A name's word, that of the command or its group first; None for one that nobody declared."""
+    own = WORDS.get(f"{command}.{name}") or WORDS.get(f"{command.partition(' ')[0]}.{name}")
+    return own or WORDS.get(name)
 
 
 def phrase(name: str, value: Any, summary: dict[str, Any]) -> str:

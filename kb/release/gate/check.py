@@ -7,6 +7,7 @@ checksums, archives and licence of a folder; tables, rows, secrets and personal 
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import duckdb
@@ -24,8 +25,9 @@ from kb.release.gate import GateProblem, damaged, personal, rows, secrets, table
 from kb.release.gate.tables import numbered
 from kb.release.metadata.measure import folder_licence, licences
 from kb.release.metadata.zenodo import Document
+from kb.store.artifact_registry import SUMS
 from kb.store.tables import database
-from kb.store.tables.checksums import SUMS, digest
+from kb.store.tables.checksums import digest
 
 _COLUMNS = (
     "{tar: 'VARCHAR', member: 'VARCHAR', \"offset\": 'BIGINT', size: 'BIGINT', sha256: 'VARCHAR'}"
@@ -144,7 +146,7 @@ def check(run: Run, folders: list[ReleaseFolder]) -> list[GateProblem]:
             problems += check_archives(folder)
             problems += _licence(run, folder)
         problems += secrets.check(folder, run.settings.secret_values())
-        problems += personal.check(folder, run.profile.release)
+        problems += personal.check(replace(folder, parts=tuple(readable)), run.profile.release)
     return problems
 
 

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from datetime import timedelta
 from pathlib import Path
 
-import duckdb
-import pyarrow as pa
 import pyarrow.parquet as pq
 
 from kb.artifacts import manifest, texts
@@ -15,7 +13,7 @@ from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.sources import RELEASES, SOURCES, SPECS, exported_by, made_by, made_of
+from kb.core.sources import RELEASES, SOURCES, exported_by, made_by, made_of
 from kb.release.gate import GateProblem, damaged
 from kb.schema import Table, released_tables
 from kb.store.layout import Layout
@@ -88,9 +86,8 @@ def _damaged(root: Path, declared: Table) -> list[GateProblem]:
         return [GateProblem("damaged", declared.name, f"{error}; {error.hint}")]
     for path in Layout(root).rows(declared.name):
         try:
-            parquet.check(path)
-            pq.read_metadata(path)
-        except (pa.ArrowException, OSError, DamagedData) as error:
+            parquet.open_file(path).close()
+        except DamagedData as error:
             where = str(path.relative_to(root))
             problems.append(damaged(where, error, _rerun(declared.source)))
     return problems
@@ -122,7 +119,7 @@ def _age(run: Run, source: str, part: ReleasedTable) -> list[GateProblem]:
     if not row or not row[0]:
         return []
     what = f"{row[0]:,} rows were read more than {days} days ago (the oldest on {row[1]})"
-    if source in SPECS and SPECS[source].refreshed:
+    if source in SOURCES and SOURCES[source].refreshed:
         what = f"{what}; run `kb refresh {source}`"
     return [GateProblem("age", f"{source}/{part.table.short}", what)]
 
@@ -133,12 +130,7 @@ def _unscored(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) ->
     problems = []
     for declared in released_tables(folder.source):
         where = f"{folder.source}/{declared.short}"
-        try:
-            clean = _count_unscored(Layout(run.root).rows(declared.name), {*declared.names()})
-        except duckdb.Error as error:
-            what = f"clean rows of {declared.name}"
-            problems.append(damaged(what, error, _rerun(declared.source)))
-            continue
+        clean = _count_unscored(Layout(run.root).rows(declared.name), {*declared.names()})
         command = (
             f"run `kb {folder.source} filter` and `kb {folder.source} export` again"
             if run.profile.toxicity.on
@@ -150,11 +142,8 @@ def _unscored(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) ->
             )
             for text, rows in clean.items()
         ]
-        try:
-            names = {*declared.names(released=True)}
-            released = _count_unscored(shards.get(declared.name, ()), names)
-        except duckdb.Error:
-            continue  # kb.release.gate.tables reports it
+        names = {*declared.names(released=True)}
+        released = _count_unscored(shards.get(declared.name, ()), names)
         what = "released rows have no toxicity score of"
         problems += [
             GateProblem("toxicity", where, f"{rows:,} {what} {text}; run the export again")

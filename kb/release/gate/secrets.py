@@ -2,11 +2,11 @@
 anything that has the shape of a key.
 """
 
+import contextlib
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import duckdb
 import pyarrow as pa
 import pyarrow.parquet as pq
 from ahocorasick_rs import BytesAhoCorasick, MatchKind
@@ -15,7 +15,7 @@ from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.errors import DamagedData
 from kb.release.gate import GateProblem
 from kb.store.tables import database, parquet
-from kb.store.tables.reading import scan
+from kb.store.tables.reading import reading, scan
 
 KEY_SHAPES = {
     "a Google API key": r"AIza[0-9A-Za-z_\-]{35}",
@@ -49,10 +49,10 @@ def check(folder: ReleaseFolder, values: Sequence[str]) -> list[GateProblem]:
     problems = []
     for path in folder.files():
         where = f"{folder.source}/{path.name}"
-        for place, what in (
-            _in_parquet(path, wanted) if path.suffix == ".parquet" else _in_file(path, wanted)
-        ):
-            problems.append(GateProblem("secret", where, f"{place} holds {what}"))
+        search = _in_parquet if path.suffix == ".parquet" else _in_file
+        with contextlib.suppress(DamagedData):  # kb.release.gate.tables reports it
+            for place, what in search(path, wanted):
+                problems.append(GateProblem("secret", where, f"{place} holds {what}"))
     return problems
 
 
@@ -92,10 +92,7 @@ def _in_file(path: Path, wanted: SecretPatterns) -> Iterator[tuple[str, str]]:
 
 
 def _in_parquet(path: Path, wanted: SecretPatterns) -> Iterator[tuple[str, str]]:
-    try:
-        file = parquet.open_file(path)
-    except (pa.ArrowException, OSError, DamagedData):
-        return  # kb.release.gate.tables reports it
+    file = parquet.open_file(path)
     yield from (("its metadata", what) for what in wanted.within(_about(file)))
     names = [
         field.name
@@ -108,11 +105,8 @@ def _in_parquet(path: Path, wanted: SecretPatterns) -> Iterator[tuple[str, str]]
     hits = ", ".join(
         f'min("{name}") FILTER (regexp_matches("{name}", \'{pattern}\'))' for name in names
     )
-    try:
-        with database.asking() as con:
-            row = con.execute(f"SELECT {hits} FROM {scan([path])}").fetchone() or ()
-    except duckdb.Error:
-        return  # kb.release.gate.tables reports it
+    with reading([path]), database.asking() as con:
+        row = con.execute(f"SELECT {hits} FROM {scan([path])}").fetchone() or ()
     for name, hit in zip(names, row, strict=True):
         if hit is not None:
             yield f"column {name}", next(iter(wanted.within(hit.encode())), "a key")

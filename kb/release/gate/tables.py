@@ -12,7 +12,6 @@ from typing import Any
 import duckdb
 import orjson
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from kb.artifacts.release_folder import TOMBSTONES, ReleasedTable, ReleaseFolder
 from kb.core.errors import DamagedData
@@ -22,7 +21,7 @@ from kb.release.gate import GateProblem, damaged
 from kb.schema import Table, table
 from kb.schema.tables import Column
 from kb.store.tables import database, parquet
-from kb.store.tables.reading import scan
+from kb.store.tables.reading import reading, scan
 
 _LONGEST_ID = 16  # characters of ids, types and full names; anything longer is content
 
@@ -60,15 +59,15 @@ def _shard(path: Path, declared: Table, source: str) -> list[GateProblem]:
     """Problems of one Parquet file."""
     where = f"{source}/{path.name}"
     try:
-        parquet.check(path)
-        schema = pq.read_schema(path)
+        with parquet.open_file(path) as file:
+            schema = file.schema_arrow
         problems = _columns(declared, schema.names, where) + _types(declared, schema, where)
         if problems:
             return problems
         columns = [column for column in declared.columns if column.released]
-        with database.asking() as con:
+        with reading([path]), database.asking() as con:
             return _values(con, scan([path]), columns, declared, where, source)
-    except (pa.ArrowException, OSError, DamagedData, duckdb.Error) as error:
+    except DamagedData as error:
         return [damaged(where, error, "export it again")]
 
 

@@ -29,8 +29,8 @@ from kb.release.publish.hub import PUBLIC, check_installed, check_name
 from kb.release.publish.service import TIMEOUT_S, stray
 from kb.release.publish.upload import Upload, document_of
 from kb.release.publish.zenodo import Zenodo
+from kb.store.artifact_registry import SUMS
 from kb.store.lock import RELEASES, writer
-from kb.store.tables.checksums import SUMS
 from kb.store.tables.reading import SANDBOX_MODEL
 
 HOSTS = {"zenodo-sandbox": "https://sandbox.zenodo.org", "zenodo": "https://zenodo.org"}

@@ -24,7 +24,8 @@ from kb.release.publish.hub import MAIN, Hub, Revision, check_name
 from kb.release.publish.records import Records, record_key
 from kb.release.publish.repository_card import CARD, metadata_of, repository_card
 from kb.release.publish.upload import document_of, local_files
-from kb.store.tables.checksums import SUMS, digest
+from kb.store.artifact_registry import SUMS
+from kb.store.tables.checksums import digest
 
 _VERSION = re.compile(r"v\d+\.\d+\.\d+")
 # What a repository may hold that somebody made on the site and that has no data yet.

@@ -18,7 +18,8 @@ from kb.release.metadata.zenodo import Document
 from kb.release.publish.records import Records, record_key
 from kb.release.publish.service import Forbidden, Gone, doi, page
 from kb.release.publish.zenodo import Zenodo, md5
-from kb.store.tables.checksums import SUMS, digest
+from kb.store.artifact_registry import SUMS
+from kb.store.tables.checksums import digest
 
 
 def document_of(folder: ReleaseFolder) -> dict[str, Any]:

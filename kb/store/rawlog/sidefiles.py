@@ -14,10 +14,11 @@ from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 
 from kb.core.errors import DamagedData
+from kb.store.artifact_registry import SUMS
 from kb.store.atomic import append, sync_folder, write_bytes
 from kb.store.full_disk import full_disk_is_resumable
 from kb.store.layout import BELOW, CAPTURED, Layout
-from kb.store.tables.checksums import SUMS, digest, listed, parsed
+from kb.store.tables.checksums import digest, listed, parsed
 
 QUARANTINE_SUFFIX = ".damaged"
 _NAMED = re.compile(r"([0-9a-f]{64})\.[a-z0-9]+")

@@ -20,7 +20,7 @@ from kb.core.errors import DamagedData
 from kb.schema.tables import table
 from kb.store.atomic import sync_folder
 from kb.store.layout import Layout
-from kb.store.tables import checksums, parquet
+from kb.store.tables import parquet
 from kb.store.tables.shard_writer import write_table
 
 _TABLE = "shared/tombstones"
@@ -147,12 +147,9 @@ def _read(file: Path) -> tuple[pa.Table | None, str]:
     """The rows, or why there are none."""
     schema = table(_TABLE).arrow()
     try:
-        with parquet.open_file(file) as opened:
-            rows = opened.read()
-    except DamagedData:
-        return None, checksums.MISMATCH
-    except (pa.ArrowException, OSError) as error:
-        return None, (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
+        rows = parquet.read_table(file)
+    except DamagedData as error:
+        return None, str(error).removeprefix(f"{file} can't be read: ")
     if any(field.name not in rows.schema.names for field in schema) or any(
         rows.schema.field(field.name).type != field.type for field in schema
     ):

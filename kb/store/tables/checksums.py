@@ -19,10 +19,9 @@ from typing import NamedTuple
 
 import msgspec
 
-from kb.core.errors import DamagedData
-from kb.store.artifact_registry import artifact_of, rebuild_hint
+from kb.store.artifact_registry import SUMS, artifact_of
+from kb.store.damage import unreadable
 
-SUMS = "SHA256SUMS"
 MISMATCH = "checksum mismatch"
 _LINE = re.compile(r"([0-9a-f]{64})  ([^/]+)")
 _CHUNK = 1 << 20
@@ -110,7 +109,7 @@ def check(
         path = Path(stamp.path)
         entry = recorded(path)
         if entry is not None and digest(path, advance=advance) != entry.sha256:
-            raise DamagedData(f"{path} can't be read: {MISMATCH}", hint=rebuild_hint(path))
+            raise unreadable(path, MISMATCH)
         if entry is None and unrecorded is not None:
             unrecorded(path)
         if entry is not None or unrecorded is not None:

@@ -13,8 +13,7 @@ from typing import IO, Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from kb.core.errors import DamagedData
-from kb.store.artifact_registry import rebuild_hint
+from kb.store.damage import opening
 from kb.store.tables import checksums
 
 _BATCH = 1024  # rows that are decoded at a time
@@ -43,12 +42,13 @@ def write(path: Path, rows: pa.Table, **settings: Any) -> None:
 def open_file(path: Path | str, **settings: Any) -> pq.ParquetFile:
     """A file to read, after a check of its bytes; every page is verified. Raises DamagedData."""
     checksums.check(path)
-    return pq.ParquetFile(path, page_checksum_verification=True, **settings)
+    with opening(path, pa.ArrowException):
+        return pq.ParquetFile(path, page_checksum_verification=True, **settings)
 
 
 def read_table(path: Path | str, columns: Sequence[str] | None = None) -> pa.Table:
     """A whole file, or some columns of it. Raises DamagedData."""
-    with open_file(path) as file:
+    with opening(path, pa.ArrowException), open_file(path) as file:
         return file.read(columns=None if columns is None else list(columns))
 
 
@@ -63,15 +63,9 @@ def check(*paths: Path | str, advance: Callable[[int], None] | None = None) -> N
 
 def decode(path: Path) -> None:
     """Read every page of a file. Raises DamagedData."""
-    try:
-        with open_file(path, pre_buffer=False) as file:
-            for _ in file.iter_batches(batch_size=_BATCH, use_threads=False):
-                pass
-    except (pa.ArrowException, OSError) as error:
-        what = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise DamagedData(
-            f"{path} can't be read: {what.rstrip('.')}", hint=rebuild_hint(path)
-        ) from error
+    with opening(path, pa.ArrowException), open_file(path, pre_buffer=False) as file:
+        for _ in file.iter_batches(batch_size=_BATCH, use_threads=False):
+            pass
 
 
 def content_digest(path: Path) -> str:

@@ -17,7 +17,7 @@ import pyarrow as pa
 
 from kb.core.errors import DamagedData
 from kb.schema.tables import table, tables
-from kb.store.artifact_registry import rebuild_hint
+from kb.store.damage import unreadable
 from kb.store.layout import Layout
 from kb.store.state import json_files
 from kb.store.state.frontier import Frontier
@@ -54,7 +54,7 @@ def broken(files: Iterable[Path | str]) -> DamagedData | None:
             return error
     for path in paths:
         if what := _other(path):
-            return DamagedData(f"{path} can't be read: {what}", hint=rebuild_hint(path))
+            return unreadable(path, what)
     return None
 
 
@@ -97,9 +97,7 @@ def _plain(kind: pa.DataType) -> pa.DataType:
 
 def filtered(root: Path, source: str) -> dict[str, Any]:
     """The summary of the source's last filter, {} when there was none. Raises DamagedData."""
-    path = Layout(root).summary(source)
-    fix = rebuild_hint(path.parent / "videos" / path.name)
-    return json_files.read(path, dict[str, Any], fix=fix) or {}
+    return json_files.read(Layout(root).summary(source), dict[str, Any]) or {}
 
 
 def scan(files: Iterable[Path | str]) -> str:

@@ -25,7 +25,9 @@ from fsspec.implementations.cached import CachingFileSystem
 
 from kb.core.errors import DamagedData, FatalError, KbError, MissingExtra, SettingError
 from kb.core.installation import install_extra
-from kb.store.tables.checksums import MISMATCH, SUMS, parsed
+from kb.store.artifact_registry import SUMS
+from kb.store.damage import unreadable
+from kb.store.tables.checksums import MISMATCH, parsed
 
 _EXTRAS = {"s3": "s3", "s3a": "s3", "hf": "hub"}
 # What clients raise for a refused or missing credential, by the name of its class.
@@ -63,9 +65,7 @@ class RemoteFolder:
         with self.open(name) as file, reading_at(f"{self.address}/{name}"):
             data = file.read()
         if name != SUMS and hashlib.sha256(data).hexdigest() != self.sums.get(name):
-            raise DamagedData(
-                f"{self.address}/{name} can't be read: {MISMATCH}", hint="publish it again"
-            )
+            raise unreadable(f"{self.address}/{name}", MISMATCH, "publish it again")
         return data
 
     @cached_property
@@ -156,9 +156,7 @@ def reading_at(address: str) -> Iterator[None]:
                 " AWS_ACCESS_KEY_ID",
             ) from None
         if isinstance(error, pa.ArrowException) or _PAGE in str(error):
-            raise DamagedData(
-                f"{address} can't be read: {_line(error)}", hint="publish it again"
-            ) from None
+            raise unreadable(address, _line(error), "publish it again") from None
         if isinstance(error, ValueError) and "rotocol not known" in str(error):
             raise SettingError(
                 f"{address}: {_line(error)}", hint="use hf://, s3:// or another of fsspec's"

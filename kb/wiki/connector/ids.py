@@ -12,6 +12,7 @@ LONGEST = 1024  # bytes; MediaWiki's own titles end at 255, and a namespace befo
 # One call asks for several titles with "|" between them, so it can stand in none. What else no
 # title may hold ("[", "#" …) the wiki says itself: such a title is asked for, and is invalid.
 _NO_TITLE = re.compile(r"[|\x00-\x1f\x7f]")
+_NO_NAME = re.compile(r"[\[\]{}<>#|\x00-\x1f\x7f]")
 _NUMBERED = re.compile(r"(-?\d+)\t(.*)")  # a line of a dump's list of all titles
 # What every MediaWiki calls its own namespaces, whatever its language
 # (https://www.mediawiki.org/wiki/Manual:Namespace); lists of dumps leave the name out.
@@ -67,7 +68,8 @@ def _title(namespaces: Collection[int] | None, entry: ListedId) -> str | None:
     if prefix is None:
         return None
     name = (prefix + _of_address(text)).replace("_", " ").strip()
-    if not name or _NO_TITLE.search(name) or len(name.encode("utf-8", "replace")) > LONGEST:
+    barred = _NO_NAME if namespaces is None else _NO_TITLE
+    if not name or barred.search(name) or len(name.encode("utf-8", "replace")) > LONGEST:
         return None
     return name
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kb.artifacts.purge_raw import matcher
+from kb.artifacts.purge_raw import Matcher
 from kb.core.errors import DamagedData
 from kb.reddit.parse import answer_tree
 from kb.reddit.parse.remove_ids import crossposts_of, strip
@@ -47,7 +47,7 @@ def test_what_a_purge_changes_is_found_by_the_search(
     decoded = rawlog.decode(line)
     left = strip(kind, decoded, keys)
     if left is not decoded or crossposts_of(decoded.response, keys):
-        assert matcher(texts(keys))(line)
+        assert Matcher(texts(keys))(line)
     if left is not None:
         names = {f"{one.kind}_{one.data.get('id')}" for one in answer_tree.things(left.response)}
         assert not names & keys
@@ -73,7 +73,7 @@ def test_the_next_page_behind_a_key_stands_behind_what_is_left() -> None:
 
 @pytest.mark.parametrize("name", ["t1_ab", "t3_ab"])
 def test_a_short_id_within_another_word_is_no_key(name: str) -> None:
-    holds = matcher(texts({name, "t1_abc"}))
+    holds = Matcher(texts({name, "t1_abc"}))
     assert not holds(b'{"id":"abcd","link_id":"t3_xab","body":"cab, drab; xabc"}')
     for line in (
         b'{"id":"ab"}',

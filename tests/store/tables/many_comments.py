@@ -7,7 +7,8 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.store.tables.checksums import SUMS, listed
+from kb.store.artifact_registry import SUMS
+from kb.store.tables.checksums import listed
 from kb.store.tables.shard_writer import ShardWriter
 
 ROWS = 400_000

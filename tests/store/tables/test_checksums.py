@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from kb.core.errors import DamagedData
+from kb.store.artifact_registry import SUMS
 from kb.store.tables import checksums
 
 
@@ -26,7 +27,7 @@ def test_a_recorded_file_is_verified_until_it_changes(
     for one in (path, record):
         one.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(b"as written")
-    if record.name == checksums.SUMS:
+    if record.name == SUMS:
         record.write_text(checksums.listed([path]))
     else:
         entry = {"size": 10, "sha256": checksums.digest(path)}

@@ -10,8 +10,7 @@ import typer
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show_row
 from kb.cli.framework.options import CLUSTER, pipeline
-from kb.core.source_spec import CommandHelp
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 
 if TYPE_CHECKING:
@@ -53,13 +52,13 @@ def _add(source: str, about: str, *examples: str) -> None:
         app,
         name=source,
         uses=CLUSTER,
-        json="purged, unknown, rows, scores",
+        json="purged, known, unknown, unread, rows, scores",
         planned=("ids",),
         needs_data=True,
         examples=examples,
     )(purge)
 
 
-for _name, _spec in SPECS.items():
-    _text = _spec.purge_help or CommandHelp("Remove what is named, everywhere, and remember it.")
-    _add(_name, _text.about, *(_text.examples or (f"kb purge {_name} --ids ids.txt",)))
+for _name, _source in SOURCES.items():
+    _examples = _source.purge_examples or (f"kb purge {_name} --ids ids.txt",)
+    _add(_name, _source.purge_help, *_examples)

@@ -1,0 +1,55 @@
+"""The one error of files that are missing, damaged or foreign. It is raised where a file is opened,
+and its hint is that of the artifact that the file belongs to; no command explains it again.
+
+with opening(path, ValueError):         # what a library says of a broken file becomes DamagedData
+    return json.loads(path.read_bytes())
+"""
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from kb.core.errors import DamagedData
+from kb.store.artifact_registry import SUMS, artifact_of
+from kb.store.layout import Layout
+
+DOWNLOAD = "download it again, into the same folder"
+
+
+def remedy(path: Path) -> str:
+    """How to get a damaged or missing file again: of a data root, else of a download."""
+    if path.name == "tombstones.parquet":
+        return "run `kb verify --repair`, which restores it from its copy"
+    match = artifact_of(path)
+    # A download is often named like the folder that it was released from.
+    if match is not None and (not match[1].public or Layout(match[0]).state_folder().is_dir()):
+        return match[1].hint
+    return DOWNLOAD if (path.parent / SUMS).is_file() else "restore it from a copy"
+
+
+def unreadable(path: object, why: Exception | str, hint: str = "") -> DamagedData:
+    """The error of a file that can't be read; `why` is a phrase, or what a library raised.
+
+    `path` may be an address; then it needs a `hint`.
+    """
+    if isinstance(why, Exception):
+        lines = (getattr(why, "strerror", None) or str(why)).splitlines()
+        why = lines[0].rstrip(".") if lines else type(why).__name__
+    return DamagedData(f"{path} can't be read: {why}", hint=hint or remedy(Path(str(path))))
+
+
+def missing(paths: Sequence[object], hint: str = "") -> DamagedData:
+    """The error of files that were written and are not there; `paths` as in `unreadable`."""
+    more = f" (and {len(paths) - 1:,} more files)" if len(paths) > 1 else ""
+    return DamagedData(f"{paths[0]} is missing{more}", hint=hint or remedy(Path(str(paths[0]))))
+
+
+@contextlib.contextmanager
+def opening(path: object, *kinds: type[Exception], hint: str = "") -> Iterator[None]:
+    """Raises DamagedData where a block that reads a file raises OSError or one of these."""
+    try:
+        yield
+    except Exception as error:
+        if not isinstance(error, (OSError, *kinds)):
+            raise
+        raise unreadable(path, error, hint) from error
