@@ -12,7 +12,7 @@ def test_tables_of_a_source_are_declared(name: str) -> None:
     source = SOURCES[name]
     shorts = [*source.tables, *source.indexed, *source.linked]
     assert {f"{name}/{short}" for short in shorts} <= set(tables())
-    assert {*source.report.tables, *source.report.samples} <= set(tables())
+    assert {*source.shown, *source.sampled} <= set(tables())
     assert source.release.main in source.tables
 
 
