@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
-from kb.artifacts import manifest, table_catalog, texts
+from kb.artifacts import index, table_catalog, texts
 from kb.artifacts.table_catalog import bare
 from kb.core import terminal
 from kb.core.context import Run
@@ -80,11 +80,10 @@ def _day(when: Any) -> str:
 
 def _indexed(run: Run) -> Iterator[str]:
     for source in SOURCES:
-        name = f"index/{source}"
-        if not texts.files(run.root, name):
+        if not texts.files(run.root, f"index/{source}"):
             yield f"{source}: no clean texts"
-        elif texts.is_current(run.root, name):
-            known = manifest.read(table_catalog.Catalog(run.root.absolute()).workplace, name)
+        elif index.is_current(run.root, source):
+            known = index.known(run.root, source)
             yield f"{source}: {known.figures['passages'] if known else 0:,} passages"
         else:
             yield f"{source}: indexed by the first search"

@@ -21,9 +21,12 @@ printed as the command's summary; None prints nothing. A `KbError` may carry the
 
 import contextlib
 import inspect
+import os
 import signal
+import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any, get_type_hints
 
 import typer
@@ -35,6 +38,7 @@ from kb.cli.framework.options import COMMON, RUNNING, SHARED, Options, shared_op
 from kb.cli.framework.usage_errors import UsageProblem
 from kb.core import signals, startup
 from kb.core.errors import SettingError
+from kb.core.installation import cache_root
 
 # Types in signatures whose modules are imported only when a command runs.
 _LATE = {"Run": object, "Summary": object, "Options": Options}
@@ -188,10 +192,21 @@ def _call(
     except typer.Exit as done:
         return done.exit_code
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  the one place where everything ends
-        return report(error, debug=options.debug, as_json=options.json)
+        return report(
+            error, debug=options.debug, as_json=options.json, places=_written(options.data)
+        )
     finally:
         messages.set_options()  # for the next call in this process
     return 0
+
+
+def _written(data: Path | None) -> tuple[Path, ...]:
+    """Where any command may write: the data root, the cache, the temporary folder, and stdout, if
+    that is a file.
+    """
+    root = data or Path(os.environ.get("KB_DATA") or "data")
+    stdout = Path("/dev/stdout").resolve()
+    return root.expanduser(), cache_root(), Path(tempfile.gettempdir()), stdout
 
 
 def _check_plan_options(
