@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from kb.cli.framework.command import command, group
 from kb.cli.framework.demo_root import FINISHED, without_scores
 from kb.cli.framework.options import CLUSTER, Options, pipeline
+from kb.core.context import Run
 from kb.core.errors import MissingExtra
 from kb.core.sources import SOURCES, made_of
 from kb.core.summary import Summary
@@ -20,8 +21,6 @@ from kb.store.layout import TOP, Layout
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
-
-    from kb.core.context import Run
 
 app = group("Run the whole job on the sandbox in minutes: no key, no network.")
 
@@ -117,6 +116,7 @@ def _all(
     given: dict[str, dict[str, Any]],
 ) -> Summary:
     """Run every step, with the arguments `given` to some."""
+    from kb.cli.app import find_command
     from kb.store.atomic import write_text
 
     done = Summary()
@@ -128,7 +128,8 @@ def _all(
         # A browser mostly waits for a page, so two take half the time of one.
         of_step = replace(run, workers=2) if step == "wiki crawl" and not run.asked else run
         try:
-            summary = Summary(_function(step)(of_step, **given.get(step, {})) or {})
+            command: Any = find_command(step.split())
+            summary = Summary(command.function(of_step, **given.get(step, {})) or {})
         except MissingExtra as error:  # the other steps work without it
             summary = Summary(left_out=f"{error}; {error.hint}")
         done[step] = dict(summary)
@@ -152,15 +153,6 @@ def _missing_section(run: Run, step: str) -> str | None:
     return next(
         (one for one in needed if one in sections and getattr(run.profile, one) is None), None
     )
-
-
-def _function(step: str) -> Any:
-    """The function behind a command."""
-    from kb.cli.app import command_module
-
-    group_name, _, name = step.partition(" ")
-    module = command_module(group_name)
-    return getattr(module, {"filter": "filter_", "import": "import_"}.get(name, name) or group_name)
 
 
 def _queries(queries: list[tuple[str, str, list[str]]], root: Path) -> None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from kb.cli.framework.command import command, group
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
+from kb.core.context import Run
 
 app = group("Search, rows, stages and pairs in a browser, on this machine.")
 
