@@ -349,4 +349,7 @@ def _newest_reasons(old: Reasons, new: Reasons, *, newer: bool) -> Reasons:
 
 
 def _is_later(one: MissingReason, other: MissingReason) -> bool:
-    return one.at is not None and (other.at is None or one.at > other.at)
+    """Without a time a reason is as late as can be: no answer is known to be newer."""
+    if one.at == FOREVER:
+        return True
+    return other.at is not None and (one.at is None or one.at > other.at)

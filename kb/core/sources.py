@@ -78,7 +78,7 @@ BY_DEFAULT = tuple(name for name in PUBLISHED if not RELEASES[name].part_of)
 # Files and folders below export/ that are made from pairs and tasks; those of a source are in its
 # spec.
 EXPORTS = {
-    "pairs": ("clip4mc", "video2dataset", "minedojo/pairs.json"),
+    "pairs": ("video2dataset", "minedojo/pairs.json"),
     "tasks": ("minedojo/creative_tasks.yaml",),
 }
 

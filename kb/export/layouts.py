@@ -20,7 +20,6 @@ Writer = Callable[[Run], Any]
 MADE: Mapping[str, Mapping[str, Writer]] = {
     "pairs": {
         "minedojo": minedojo.pairs,
-        "clip4mc": pair_layouts.clip4mc,
         "video2dataset": pair_layouts.video2dataset,
     },
     "tasks": {"minedojo": minedojo.tasks},

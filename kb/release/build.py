@@ -28,7 +28,6 @@ from kb.release.gate import GateProblem, check
 from kb.release.metadata import measure
 from kb.release.metadata.card import card, citation, datasheet, law
 from kb.release.metadata.croissant import croissant
-from kb.release.metadata.datacite import datacite
 from kb.release.metadata.measure import Facts
 from kb.release.metadata.zenodo import deposit
 from kb.schema import table
@@ -149,7 +148,6 @@ def _describe(run: Run, folder: ReleaseFolder, task: Task) -> Facts:
         "LICENSE": law(run, facts),
         "croissant.json": croissant(run, facts),
         folders.DEPOSIT: deposit(run, facts),
-        folders.DATACITE: datacite(run, facts),
         **{
             f"LICENSE-{name}.txt": KNOWN[name].text
             for name, _ in facts.licences

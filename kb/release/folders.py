@@ -28,11 +28,11 @@ from kb.store.tables.checksums import digest
 
 Folders = Sequence[ReleaseFolder]
 
-DEPOSIT, DATACITE = "zenodo.json", "datacite.json"
+DEPOSIT = "zenodo.json"
 # What `kb release` writes into every folder, and what only into some.
 REQUIRED = (
     *("README.md", "DATASHEET.md", "CITATION.cff", "LICENSE", "croissant.json"),
-    *(PROFILE_FILE, "provenance.json", DEPOSIT, DATACITE, SUMS),
+    *(PROFILE_FILE, "provenance.json", DEPOSIT, SUMS),
 )
 OPTIONAL = (TOMBSTONES, EARLIER_TOMBSTONES, "keywords.tsv")
 

@@ -76,10 +76,7 @@ class Came(NamedTuple):
 
 def places(sources: tuple[str, ...]) -> list[Place]:
     """Every kind of files that a data root has."""
-    made_of_pairs = (
-        Reader((("pairs", "--format=video2dataset"),), "export"),
-        Reader((("pairs", "--format=clip4mc"),), "export"),
-    )
+    made_of_pairs = (Reader((("pairs", "--format=video2dataset"),), "export"),)
     found = [place for source in sources for place in _of(source)]
     released = (Reader((("release",),), "release/pairs"),)
     return [

@@ -39,21 +39,6 @@ MINEDOJO = {
         },
     },
 }
-CLIP4MC = {
-    "type": "array",
-    "items": {
-        "type": "object",
-        "required": ["vid", "transcript clip", "size", "begin position", "end position"],
-        "additionalProperties": False,
-        "properties": {
-            "vid": {"type": "string"},
-            "transcript clip": {"type": "string", "minLength": 1},
-            "size": {"type": "array", "minItems": 16, "maxItems": 16, "items": {"type": "number"}},
-            "begin position": {"type": "number", "minimum": 0},
-            "end position": {"type": "number"},
-        },
-    },
-}
 
 
 @pytest.fixture(scope="module")
@@ -83,57 +68,12 @@ def test_minedojo(run: Run) -> None:
     }
 
 
-def test_clip4mc(run: Run) -> None:
-    data = json.loads(_export(run, "clip4mc").read_text())
-    jsonschema.validate(data, CLIP4MC)
-    assert [(one["vid"], one["transcript clip"], one["begin position"]) for one in data] == [
-        (row["video_id"], row["text"], row["clip_start_s"]) for row in _pairs(run)
-    ]
-
-
-def test_clip4mc_splits_hold_every_pair_once_and_share_no_video(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Read as its users do: dataset_test.json, and every dataset_train*.json."""
-    monkeypatch.setattr(pair_layouts, "_ONE_IN", 5)  # there are thirty videos here
-    folder = _export(run, "clip4mc").parent
-    whole, test = (
-        json.loads((folder / name).read_text(encoding="ascii"))
-        for name in ("dataset.json", "dataset_test.json")
-    )
-    train = [
-        pair
-        for path in sorted(folder.glob("dataset_train*.json"))
-        for pair in json.loads(path.read_text(encoding="ascii"))
-    ]
-    for part in (test, train):
-        jsonschema.validate(part, CLIP4MC)
-        assert part
-    assert sorted(map(str, test + train)) == sorted(map(str, whole))
-    assert not {pair["vid"] for pair in test} & {pair["vid"] for pair in train}
-    assert len({pair["vid"] for pair in test}) < len({pair["vid"] for pair in train})
-
-
-def test_about_one_video_in_twenty_is_for_testing() -> None:
-    share = sum(pair_layouts.in_test(f"video{number}") for number in range(20_000)) / 20_000
-    assert 0.04 < share < 0.06
-
-
-def test_clip4mc_needs_texts(run: Run, tmp_path: Path) -> None:
-    other = replace(run, root=tmp_path)
-    (tmp_path / "pairs").mkdir()
-    rows = pq.read_table(shards(run.root / "pairs"))
-    empty = rows.set_column(
-        rows.column_names.index("text"), "text", pa.nulls(rows.num_rows, pa.string())
-    )
-    pq.write_table(empty, tmp_path / "pairs" / "pairs-00000-of-00001.parquet")
-    with pytest.raises(FatalError, match="no text"):
-        pair_layouts.clip4mc(other)
+def test_without_pairs_there_is_nothing_to_export(run: Run, tmp_path: Path) -> None:
     with pytest.raises(FatalError, match="nothing to export"):
-        pair_layouts.clip4mc(replace(run, root=tmp_path / "none"))
+        pair_layouts.video2dataset(replace(run, root=tmp_path / "none"))
 
 
-@pytest.mark.parametrize("layout", ["minedojo", "clip4mc", "video2dataset"])
+@pytest.mark.parametrize("layout", ["minedojo", "video2dataset"])
 def test_a_damaged_index_is_named(run: Run, tmp_path: Path, layout: str) -> None:
     _export(run, "minedojo")
     other = replace(run, root=tmp_path / "a#b?c[d]*'e")

@@ -83,7 +83,6 @@ def test_it_leaves_what_the_contract_says(demo: Path) -> None:
             "README.md",
             "croissant.json",
             "zenodo.json",
-            "datacite.json",
             "SHA256SUMS",
             "LICENSE",
             "CITATION.cff",

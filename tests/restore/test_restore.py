@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import zstandard
 
 import kb
 from kb import query
@@ -208,7 +209,9 @@ def test_nothing_that_was_removed_comes_back_from_any_source(
 ) -> None:
     videos, posts = emptied
     reader.restore(release)
-    reader.restore(release, dumps=_older(month, reader.root.parent), only="reddit")
+    reader.restore(
+        release, dumps=_changed(month, reader.root.parent / "older", _a_day_before), only="reddit"
+    )
     words = said(made, videos, posts)
     assert len(words) >= 4
     for path, text in texts(reader.root).items():
@@ -223,19 +226,46 @@ def test_nothing_that_was_removed_comes_back_from_any_source(
     assert len(rows(reader.root / "restored" / "youtube" / "videos")) == len(rows(kept)) - 2
 
 
-def _older(files: list[Path], place: Path) -> list[Path]:
-    """The same dumps, read a day before."""
-    import json
+def _a_day_before(record: dict[str, Any]) -> dict[str, Any]:
+    return {**record, "retrieved_on": record["retrieved_on"] - 86_400}
 
-    import zstandard
 
+def _changed(files: list[Path], place: Path, change: Any) -> list[Path]:
+    """The same dumps, each record changed."""
+    place.mkdir()
     found = []
     for file in files:
         text = zstandard.ZstdDecompressor().stream_reader(file.read_bytes()).read()
-        records = [json.loads(line) for line in text.splitlines()]
-        old = [{**one, "retrieved_on": one["retrieved_on"] - 86_400} for one in records]
-        found.append(write(place / file.name, old))
+        records = [change(json.loads(line)) for line in text.splitlines()]
+        found.append(write(place / file.name, records))
     return found
+
+
+def test_what_the_archive_saw_deleted_later_is_not_restored_from_it(
+    made: Made, reader: Reader, release: Path, month: list[Path]
+) -> None:
+    """The dumps still hold the text of its first visit."""
+    kept = {
+        f"{prefix}_{row[key]}": row["body"] or row["title"]
+        for name, prefix, key in (("posts", "t3", "post_id"), ("comments", "t1", "comment_id"))
+        for row in rows(made.root / "clean" / "reddit" / name)[:1]
+    }
+
+    def seen_again(record: dict[str, Any]) -> dict[str, Any]:
+        kind = "t3" if "title" in record else "t1"
+        meta = {"retrieved_2nd_on": record["retrieved_on"] + 130_000}
+        if f"{kind}_{record['id']}" in kept:
+            meta |= {"was_deleted_later": True, "removal_type": "deleted"}
+        return {**record, "_meta": meta}
+
+    older = _changed(month, reader.root.parent / "older", _a_day_before)
+    later = _changed(month, reader.root.parent / "later", seen_again)
+    for dumps in (later, older):
+        reader.restore(release, dumps=dumps, only="reddit")
+        found = reader.rows("SELECT key, reason FROM restored.missing WHERE source = 'reddit'")
+        assert {row["key"]: row["reason"] for row in found} == dict.fromkeys(kept, "deleted")
+        for path, text in texts(reader.root / "restored").items():
+            assert not [one for one in kept.values() if one in text], path
 
 
 def test_tombstones_of_a_release_are_never_asked_for(

@@ -24,7 +24,6 @@ class PairsFormat(StrEnum):
 
     parquet = "parquet"
     minedojo = "minedojo"
-    clip4mc = "clip4mc"
     video2dataset = "video2dataset"
 
 

@@ -11,7 +11,7 @@ from kb.reddit.dumps.chunks import Chunk
 from kb.reddit.dumps.id_search import ById, IdIndex
 from kb.reddit.dumps.subreddit_search import SubredditSearch
 from kb.reddit.parse.anonymize import Scrubber, load_key
-from kb.reddit.parse.records import LATEST, retrieved
+from kb.reddit.parse.removal import LATEST, retrieved
 from kb.reddit.parse.remove_ids import without
 from kb.schema.decode import holdable
 from kb.store.state import tombstones
@@ -34,8 +34,8 @@ class RecordRules(msgspec.Struct, frozen=True):
 
 
 class ExtractedRecord(NamedTuple):
-    """A post or comment: the offset behind its line, its JSON, and when the archive read it (Unix
-    time).
+    """A post or comment: the offset behind its line, its JSON, and when the archive read it last
+    (Unix time).
     """
 
     end: int

@@ -29,17 +29,20 @@ ROWS = 8_192
 # brought.
 KINDS = ("dumps", "listings", "comments", "morechildren", "info")
 MARKS = READ, OPEN = "read", "open"  # states of rows that are no things: see `_marks`
+# Of several copies of a record in dumps the one counts that is the greatest in these columns. A
+# removal at an unknown moment is undone by no copy, as none is known to be newer; otherwise the
+# newest copy counts, of equal ones a removal, then the later dump's. A live answer is compared with
+# the copy that counts, by `fetched_at` alone: a newer one that shows a text has the last word.
+COPIES = ("undated", "fetched_at", "gone", "dump")
 
 
 def raw_kind(kind: str, links: Links) -> RawKind:
-    """How one raw kind becomes rows. Of records of dumps of the same age, or of unknown age, the
-    later dump's counts.
-    """
+    """How one raw kind becomes rows, of which the newest counts (see `COPIES`)."""
     return RawKind(
         partial(rows, kind=kind, links=links),
         key=("fullname", "state"),
         bucket="post_id",
-        then="dump",
+        by=COPIES if kind == "dumps" else ("fetched_at",),
     )
 
 
@@ -163,6 +166,7 @@ def schema() -> pa.Schema:
             _declared("parent_id"),
             ("gone", text),
             ("gone_value", text),
+            ("undated", flag),
             ("problems", pa.list_(problem)),
         ]
     )
@@ -184,6 +188,8 @@ def _to_table(records: list[Row], *, live: bool) -> pa.Table:
         if live
         else _seconds([row.get("retrieved") for row in records]),
         "created_utc": _seconds([row.get("created_utc") for row in records]),
+        # What is read live is of the moment of its answer.
+        "undated": pa.array([not live and row.get("undated", False) for row in records]),
         "problems": problems(noted, len(records)),
     }
     columns = [

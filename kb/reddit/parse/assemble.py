@@ -28,6 +28,7 @@ HELPERS = (
     "missing",
     "gone",
     "gone_value",
+    "undated",
     "over_18",
     "orphan",
     "post",

@@ -24,7 +24,7 @@ from kb.store.tables import partition
 from kb.store.tables.columns import aligned, put
 from kb.store.tables.latest import newest
 
-COLUMNS = ("fullname", "post_id", "state", "fetched_at", "live", "gone", "dump")
+COLUMNS = ("fullname", "post_id", "state", "fetched_at", "live", "gone", "undated", "dump")
 
 
 class LatestState:
@@ -95,16 +95,18 @@ def _rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]
 
 def _newest(paths: list[Path]) -> pa.Table:
     """One row a thing of a bucket."""
-    # As in assemble the later kind wins between answers of the same age: segments are in the order
-    # of the kinds.
     rows = pa.concat_tables(
         [pa.ipc.open_file(pa.memory_map(str(path))).read_all() for path in paths]
     )
-    by = ("fetched_at", "live", "dump")
-    latest = newest(rows, ["fullname"], by)
+    # As in assemble the later kind wins between answers of the same age: segments are in the order
+    # of the kinds, dumps first.
+    copies = newest(rows.filter(pc.invert(rows["live"])), ["fullname"], parse.COPIES)
+    answered = pa.concat_tables([copies, rows.filter(rows["live"])])
+    latest = newest(answered, ["fullname"], ["fetched_at"])
     # An answer that a comment is gone may not name its post; an older answer does.
-    named = newest(rows.filter(pc.greater(pc.binary_length(rows["post_id"]), 0)), ["fullname"], by)
+    named = rows.filter(pc.greater(pc.binary_length(rows["post_id"]), 0))
+    named = newest(named, ["fullname"], ["fetched_at", "live", "dump"])
     posts = aligned(named, "fullname", latest["fullname"])["post_id"]
     there = pc.equal(latest["state"], "there")
-    latest = latest.drop_columns(["state", "dump"]).append_column("there", there)
+    latest = latest.drop_columns(["state", "undated", "dump"]).append_column("there", there)
     return put(latest, "post_id", posts)

@@ -110,28 +110,3 @@ def poll_options(post: Post) -> list[str] | None:
         if isinstance(options, list)
         else []
     )
-
-
-def removal(thing: Post) -> tuple[str, str] | None:
-    """(reason, value) when a post or comment is gone: `deleted` by its author or `removed` by
-    others.
-    """
-    category = thing.get("removed_by_category")
-    text = thing.get("selftext", thing.get("body"))
-    if category in ("deleted", "author") or text == "[deleted]":
-        return "deleted", str(category or text)
-    if category:
-        return "removed", str(category)
-    if text in ("[removed]", "[ Removed by Reddit ]"):
-        return "removed", str(text)
-    if thing.get("title") in (
-        "[deleted by user]",
-        "[ Removed by Reddit ]",
-        "[ Removed by moderator ]",
-    ):
-        return "deleted" if "user" in str(thing["title"]) else "removed", str(thing["title"])
-    if thing.get("is_robot_indexable") is False:
-        return "removed", "is_robot_indexable is false"
-    if thing.get("author") == "[deleted]" and text is None:
-        return "deleted", "[deleted]"
-    return None

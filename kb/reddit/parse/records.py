@@ -19,8 +19,8 @@ from kb.reddit.parse.post_types import (
     link_classifier,
     poll_options,
     post_type,
-    removal,
 )
+from kb.reddit.parse.removal import LATEST, flag, removal, retrieved
 
 _TEXTS = ("title", "selftext", "body")  # what tells whether a record was escaped
 _ADDRESSES = ("url", "url_overridden_by_dest")
@@ -86,7 +86,6 @@ def resolve(record: dict[str, Any]) -> dict[str, Any]:
 
 
 Row = dict[str, Any]
-LATEST = 253402300800  # seconds of Unix time: the year 10000
 NOBODY = frozenset({"", "[deleted]", "[removed]"})  # names that stand for no author
 _COLUMNS = {"selftext": "body"}  # fields whose column has another name
 
@@ -134,17 +133,6 @@ def new_row(fullname: str, post: str, state: str) -> Row:
     return {"fullname": fullname, "post_id": post, "state": state, "problems": []}
 
 
-def retrieved(data: dict[str, Any]) -> int | None:
-    """When the archive read a record, in seconds since 1970; None when it doesn't say."""
-    for name in ("retrieved_utc", "retrieved_on"):
-        value = data.get(name)
-        if isinstance(value, str) and value.isascii() and value.isdigit() and len(value) < 20:
-            value = int(value)
-        if isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < value < LATEST:
-            return int(value)
-    return None
-
-
 def _identified(kind: str, data: dict[str, Any]) -> Row:
     """A row under the record's id. A record without an id gets a key made of its content and the
     state `unknown`; the filter rejects it.
@@ -169,7 +157,8 @@ def _with_common(row: Row, data: dict[str, Any]) -> Row:
     row["created_utc"] = made
     author = data.get("author")
     row["author_hash"] = author if isinstance(author, str) and author not in NOBODY else None
-    row["gone"], row["gone_value"] = removal(data) or (None, None)
+    if gone := removal(data):
+        row["gone"], row["gone_value"], row["undated"] = gone.reason, gone.value, not gone.dated
     return row
 
 
@@ -198,13 +187,10 @@ def _integer(row: Row, data: dict[str, Any], name: str) -> int | None:
 def _flag(row: Row, data: dict[str, Any], name: str) -> bool | None:
     """Yes or no, also as 1 and 0 or as words. Absent does not mean no."""
     value = data.get(name)
-    if value is None or isinstance(value, bool):
-        return value
-    word = str(value).lower()
-    if isinstance(value, (int, str)) and word in ("1", "0", "true", "false"):
-        return word in ("1", "true")
-    _problem(row, name, value)
-    return None
+    said = flag(value)
+    if said is None and value is not None:
+        _problem(row, name, value)
+    return said
 
 
 def _ratio(row: Row, data: dict[str, Any], name: str) -> float | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Collection
+from datetime import datetime
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple, cast
@@ -36,6 +37,7 @@ from kb.schema.tables import Table
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.rawlog import rawlog
 from kb.store.tables.columns import aligned, put
+from kb.store.tables.latest import newest
 from kb.store.tables.partition import Shuffle
 
 TABLES = (RestoredTable("reddit/posts", "t3_"), RestoredTable("reddit/comments", "t1_"))
@@ -164,21 +166,8 @@ def _read(path: Path) -> pa.Table:
     with pa.ipc.open_file(str(path)) as file:
         rows = file.read_all()
     if path.stem == KIND:
-        rows = _in_order(rows)
+        rows = newest(rows, ["fullname"], parse.COPIES)
     return newest_of({"info": rows})
-
-
-def _in_order(rows: pa.Table) -> pa.Table:
-    """Records of dumps, of which the last one counts where times are equal: a removal rather than
-    what was there, then the later dump. A removal that does not say when it was read is newer than
-    anything: nothing shows that it was undone.
-    """
-    is_removed = pc.is_valid(rows["gone"])
-    undated = pc.and_(is_removed, pc.is_null(rows["fetched_at"]))
-    forever = pa.scalar(FOREVER, rows.schema.field("fetched_at").type)
-    rows = put(rows, "fetched_at", pc.if_else(undated, forever, rows["fetched_at"]))
-    rows = rows.append_column("is_gone", is_removed)
-    return rows.sort_by([("is_gone", "ascending"), ("dump", "ascending")]).drop_columns("is_gone")
 
 
 def _complete(rows: pa.Table, declared: Table, missing: dict[str, MissingReason]) -> pa.Table:
@@ -194,7 +183,8 @@ def _complete(rows: pa.Table, declared: Table, missing: dict[str, MissingReason]
                 why or (None if is_valid else "malformed")
                 for why, is_valid in zip(reasons, valid, strict=True)
             ]
-    times = [None if at == FOREVER else at for at in rows["fetched_at"].to_pylist()]
+    said_at = pc.if_else(rows["undated"], None, rows["fetched_at"])
+    times = cast("list[datetime | None]", said_at.to_pylist())
     names = cast("list[str]", rows["fullname"].to_pylist())
     for name, reason, at in zip(names, reasons, times, strict=True):
         if reason is not None:

@@ -38,10 +38,9 @@ class RawKind:
     """A raw kind: how its lines become rows, which key names a record, which column decides its
     bucket.
 
-    Of several rows with one key the newest stays (`fetched_at`, then the column `then`, then place
-    in the raw log); with `prefer` (a boolean column) a row where it is true beats one where it is
-    not. Everything that is joined must share its bucket, so `bucket` is the same thing in all kinds
-    (a video's id).
+    Of several rows with one key the greatest in the columns `by` stays (null is the least, false
+    less than true), then the last one of the raw log. Everything that is joined must share its
+    bucket, so `bucket` is the same thing in all kinds (a video's id).
 
     A kind without `bucket` is read by every bucket: all of it (few rows), or with `named_by`
     (another kind and its column of lists) the rows whose key is named there. `echo` is a boolean
@@ -52,10 +51,9 @@ class RawKind:
     parse: Callable[[Iterable[bytes]], Iterator[pa.Table]]
     key: tuple[str, ...]
     bucket: str = ""
-    prefer: str = ""
+    by: tuple[str, ...] = ("fetched_at",)
     named_by: tuple[str, str] = ("", "")
     echo: str = ""
-    then: str = ""
 
 
 @contextlib.contextmanager
@@ -147,7 +145,7 @@ def _pieces(tables: Iterator[pa.Table]) -> Iterator[pa.Table]:
 def newest_of(
     folder: Path, kind: RawKind, wanted: pa.Array[Any] | None = None
 ) -> tuple[pa.Table | None, int]:
-    """The newest row of each key of one kind's bucket, and how many older ones were left out.
+    """The newest row of each key of one kind's bucket, and how many others were left out.
 
     Sorted by key. With `wanted` only the rows whose first key column is in it are read. Echoes
     don't count as left out.
@@ -156,8 +154,7 @@ def newest_of(
     if not paths:
         return None, 0
     rows = pa.concat_tables([_read(path, kind, wanted) for path in paths])
-    by = [name for name in (kind.prefer, "fetched_at", kind.then) if name]
-    kept = newest(rows, kind.key, by)
+    kept = newest(rows, kind.key, kind.by)
     return kept, duplicates(rows, kept, kind.echo)
 
 

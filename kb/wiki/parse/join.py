@@ -13,7 +13,12 @@ from kb.wiki import media_urls
 from kb.wiki.parse import decode
 
 _KEYS: dict[str, dict[str, Any]] = {
-    "pages": {"key": ("of", "name"), "bucket": "name", "prefer": "answered", "echo": "echo"},
+    "pages": {
+        "key": ("of", "name"),
+        "bucket": "name",
+        "by": ("answered", "fetched_at"),
+        "echo": "echo",
+    },
     "renders": {"key": ("page_id", "captured", "revision_id", "title"), "bucket": "page_id"},
     "files": {"key": ("key",), "named_by": ("renders", "files")},
     "site": {"key": ()},

@@ -30,7 +30,9 @@ KINDS = {
     "statistics": RawKind(parse.statistics, key=("video_id",), bucket="video_id"),
     "ytdlp_info": RawKind(info.rows, key=("video_id",), bucket="video_id"),
     "ytdlp_subtitles": RawKind(tracks.rows, key=("video_id", "track", "format"), bucket="video_id"),
-    "transcripts": RawKind(parse.transcripts, key=("video_id",), bucket="video_id", prefer="final"),
+    "transcripts": RawKind(
+        parse.transcripts, key=("video_id",), bucket="video_id", by=("final", "fetched_at")
+    ),
 }
 WATCH = "https://www.youtube.com/watch?v="
 

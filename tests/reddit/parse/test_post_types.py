@@ -1,6 +1,4 @@
-"""What a post is, by what it holds; which address is a picture, a film or neither; who took it
-away.
-"""
+"""What a post is, by what it holds; which address is a picture, a film or neither."""
 
 from typing import Any
 
@@ -12,7 +10,6 @@ from kb.reddit.parse.post_types import (
     link_classifier,
     poll_options,
     post_type,
-    removal,
 )
 
 CLASSIFY = link_classifier(load_profile("minecraft").section("reddit").links)
@@ -126,33 +123,3 @@ def test_crossposts_and_polls() -> None:
     ]
     assert poll_options({"crosspost_parent_list": [{"poll_data": {"options": []}}]}) == []
     assert poll_options(SELF) is None
-
-
-@pytest.mark.parametrize(
-    ("thing", "expected"),
-    [
-        ({"selftext": "words", "title": "t", "author": "x"}, None),
-        ({"body": "[deleted]", "author": "[deleted]"}, ("deleted", "[deleted]")),
-        ({"body": "words", "author": "[deleted]"}, None),
-        ({"body": "[removed]"}, ("removed", "[removed]")),
-        ({"body": "[ Removed by Reddit ]"}, ("removed", "[ Removed by Reddit ]")),
-        ({"selftext": "", "removed_by_category": "moderator"}, ("removed", "moderator")),
-        (
-            {"selftext": "", "removed_by_category": "automod_filtered"},
-            ("removed", "automod_filtered"),
-        ),
-        ({"selftext": "", "removed_by_category": "deleted"}, ("deleted", "deleted")),
-        ({"selftext": "[deleted]", "removed_by_category": "author"}, ("deleted", "author")),
-        ({"selftext": "", "title": "[deleted by user]"}, ("deleted", "[deleted by user]")),
-        (
-            {"selftext": "", "title": "[ Removed by moderator ]"},
-            ("removed", "[ Removed by moderator ]"),
-        ),
-        (
-            {"selftext": "words", "is_robot_indexable": False},
-            ("removed", "is_robot_indexable is false"),
-        ),
-    ],
-)
-def test_who_took_it_away(thing: dict[str, Any], expected: tuple[str, str] | None) -> None:
-    assert removal(thing) == expected

@@ -94,7 +94,6 @@ def test_doi_and_addresses_that_are_known_before_are_in_every_file(tmp_path: Pat
     assert {one["contentUrl"] for one in files} == {
         f"{place}/{path.name}" for path in folder.glob("*.parquet")
     }
-    assert json.loads((folder / "datacite.json").read_text())["doi"] == doi
     assert f'doi: "{doi}"' in (folder / "CITATION.cff").read_text()
     assert f"doi = {{{doi}}}" in (folder / "README.md").read_text()
     assert verify(folder, Silent()).entries == []

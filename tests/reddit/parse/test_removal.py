@@ -1,0 +1,143 @@
+"""Who took a post or comment away, and when that was known: Reddit's word and the archive's."""
+
+from typing import Any
+
+import pytest
+
+from kb.reddit.parse.removal import removal, retrieved
+
+
+@pytest.mark.parametrize(
+    ("thing", "expected"),
+    [
+        ({"selftext": "words", "title": "t", "author": "x"}, None),
+        ({"body": "[deleted]", "author": "[deleted]"}, ("deleted", "[deleted]")),
+        ({"body": "words", "author": "[deleted]"}, None),
+        ({"body": "[removed]"}, ("removed", "[removed]")),
+        ({"body": "[ Removed by Reddit ]"}, ("removed", "[ Removed by Reddit ]")),
+        ({"selftext": "", "removed_by_category": "moderator"}, ("removed", "moderator")),
+        (
+            {"selftext": "", "removed_by_category": "automod_filtered"},
+            ("removed", "automod_filtered"),
+        ),
+        ({"selftext": "", "removed_by_category": "deleted"}, ("deleted", "deleted")),
+        ({"selftext": "[deleted]", "removed_by_category": "author"}, ("deleted", "author")),
+        ({"selftext": "", "title": "[deleted by user]"}, ("deleted", "[deleted by user]")),
+        (
+            {"selftext": "", "title": "[ Removed by moderator ]"},
+            ("removed", "[ Removed by moderator ]"),
+        ),
+        (
+            {"selftext": "words", "is_robot_indexable": False},
+            ("removed", "is_robot_indexable is false"),
+        ),
+    ],
+)
+def test_who_took_it_away(thing: dict[str, Any], expected: tuple[str, str] | None) -> None:
+    gone = removal(thing)
+    assert (gone and gone[:2]) == expected
+
+
+LATER = {"was_deleted_later": True}
+
+
+@pytest.mark.parametrize(
+    ("meta", "reason"),
+    [
+        *((LATER | {"removal_type": kind}, "deleted") for kind in ("deleted", "author")),
+        *((LATER | {"removal_type": kind}, "deleted") for kind in ("Deleted", " AUTHOR ")),
+        *((LATER | {"removal_type": kind}, "deleted") for kind in ("[deleted]", "deleted_by_user")),
+        *(
+            (LATER | {"removal_type": kind}, "removed")
+            for kind in (
+                *("moderator", "reddit", "removed", "removed by reddit", "[ Removed by Reddit ]"),
+                *("automod_filtered", "content_takedown", "copyright_takedown", "anti_evil_ops"),
+                *("something new", "not deleted", "", None, 3, ["deleted"], {"author": "deleted"}),
+            )
+        ),
+        (LATER, "removed"),
+        ({"was_deleted_later": 1, "removal_type": "deleted"}, "deleted"),
+        ({"was_deleted_later": "True"}, "removed"),
+        ({**LATER, "was_initially_deleted": True, "removal_type": "deleted"}, "deleted"),
+        # Nobody says at which visit it was gone.
+        ({"removal_type": "author"}, "deleted"),
+        ({"removal_type": "moderator", "was_deleted_later": "perhaps"}, "removed"),
+        ({"removal_type": "moderator", "was_initially_deleted": False}, "removed"),
+        ({"was_initially_deleted": True}, None),
+        ({"was_initially_deleted": True, "removal_type": "removed"}, None),
+        ({"was_initially_deleted": "true", "removal_type": "author", "x": 1}, None),
+        ({"was_deleted_later": False, "removal_type": "removed"}, None),
+        ({"was_deleted_later": None}, None),
+        ({"was_deleted_later": "perhaps"}, None),
+        ({"was_deleted_later": [True]}, None),
+        ({"removal_type": 7}, None),
+        ({"removal_type": " "}, None),
+        ({"is_edited": True}, None),
+        *((odd, None) for odd in ({}, None, "was_deleted_later", ["was_deleted_later"], 1, True)),
+    ],
+)
+@pytest.mark.parametrize("text", [{"selftext": "words", "title": "t"}, {"body": "words"}])
+def test_what_an_archive_found_at_its_second_visit(
+    text: dict[str, str], meta: Any, reason: str | None
+) -> None:
+    gone = removal({**text, "author": "0" * 32, "_meta": meta})
+    assert (gone and gone.reason) == reason
+
+
+@pytest.mark.parametrize(
+    ("record", "reason"),
+    [
+        # What came back between the visits keeps the fields of the first one.
+        ({"selftext": "words", "removed_by_category": "automod_filtered"}, None),
+        ({"selftext": "words", "is_robot_indexable": False}, None),
+        ({"selftext": "[removed]"}, "removed"),
+        ({"body": "[deleted]"}, "deleted"),
+        ({"selftext": "", "title": "[deleted by user]"}, "deleted"),
+    ],
+)
+def test_of_what_came_back_the_text_counts(record: dict[str, Any], reason: str | None) -> None:
+    gone = removal({**record, "_meta": {"was_initially_deleted": True}})
+    assert (gone and gone.reason) == reason
+
+
+def test_the_record_says_who_where_the_archive_only_says_that() -> None:
+    record = {"body": "[deleted]", "_meta": LATER}
+    assert removal(record) == ("deleted", "[deleted]", False)
+
+
+FIRST, SECOND = 1_720_000_000, 1_720_130_000
+
+
+@pytest.mark.parametrize(
+    ("record", "at"),
+    [
+        ({"retrieved_on": FIRST, "_meta": {"retrieved_2nd_on": SECOND}}, SECOND),
+        ({"retrieved_on": str(FIRST), "_meta": {"retrieved_2nd_on": str(SECOND)}}, SECOND),
+        ({"retrieved_utc": FIRST, "_meta": {"retrieved_2nd_on": float(SECOND)}}, SECOND),
+        ({"_meta": {"retrieved_2nd_on": SECOND}}, SECOND),
+        ({"retrieved_on": "soon", "_meta": {"retrieved_2nd_on": SECOND}}, SECOND),
+        *(
+            ({"retrieved_on": FIRST, "_meta": meta}, FIRST)
+            for meta in (
+                *(None, {}, [], "odd", SECOND, {"retrieved_2nd_on": None}),
+                *({"retrieved_2nd_on": odd} for odd in ("soon", True, -1, [], {}, 10**13, 0)),
+                {"retrieved_2nd_on": FIRST - 1},  # no second visit is before the first
+            )
+        ),
+        ({"_meta": {"retrieved_2nd_on": "soon"}}, None),
+    ],
+)
+def test_a_record_is_of_the_last_visit(record: dict[str, Any], at: int | None) -> None:
+    assert retrieved(record) == at
+    gone = removal({**record, "body": "[deleted]"})
+    assert gone is not None
+    assert gone.dated == (at is not None)
+
+
+@pytest.mark.parametrize(
+    ("second", "dated"), [(SECOND, True), (None, False), ("soon", False), (FIRST - 1, False)]
+)
+def test_a_later_removal_is_not_of_the_first_visit(second: Any, dated: bool) -> None:
+    meta = {**LATER, "retrieved_2nd_on": second}
+    gone = removal({"body": "words", "retrieved_on": FIRST, "_meta": meta})
+    assert gone == ("removed", "was_deleted_later", dated)
