@@ -20,7 +20,7 @@ from kb.artifacts.purge import PurgeLine, Step
 from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.sources import MADE_OF
+from kb.core.sources import MADE_OF, SOURCES
 from kb.core.summary import Summary
 from kb.crawl.purge import purge_answers
 from kb.export import layouts
@@ -38,7 +38,7 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
 
     After an interruption the same command continues.
     """
-    rules = steps.rules_of(source)
+    rules = SOURCES[source].purge_rules()
     listed = rules.read_ids(ids, None) if ids else None
     with domain_binding.writing(run, *lock.of_purge(source)):
         clean = f"clean/{source}"
@@ -67,7 +67,7 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
 
 def plan(run: Run, source: str, ids: Path | None) -> Summary:
     """The same as a dry run: what would be removed, by table and folder."""
-    rules = steps.rules_of(source)
+    rules = SOURCES[source].purge_rules()
     listed = rules.read_ids(ids, None) if ids else None
     with steps.dry_purge(run, rules, listed) as purge:
         counted = (steps.answers, *STEPS) if purge.keys else ()

@@ -9,12 +9,11 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from kb.artifacts.purge import connector
 from kb.artifacts.resumable_build import clear_finished
 from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.sources import PUBLISHED, SOURCES, SPECS, exported_by
+from kb.core.sources import PUBLISHED, SOURCES, exported_by
 from kb.crawl.job import crawl_source
 from kb.crawl.session import open_session
 from kb.export import layouts
@@ -64,7 +63,8 @@ def steps(run: Run) -> Iterator[Step]:
 def _set_aside(run: Run, source: str) -> list[str]:
     """Move damaged parts of raw data away, and mark their items to be fetched again."""
     try:
-        with open_session(run, connector(source)(run), asks=False, tells=False) as session:
+        connector = SOURCES[source].connector(run)
+        with open_session(run, connector, asks=False, tells=False) as session:
             session.recorder.check_all_segments()
             damaged_answers.report(run.root, source, session.frontier)
     except DamagedData as error:
@@ -74,4 +74,4 @@ def _set_aside(run: Run, source: str) -> list[str]:
 
 def _crawl(run: Run, source: str) -> object:
     own = getattr(load(str(locate(source))), "crawl", None)
-    return own(run) if own is not None else crawl_source(run, SPECS[source])
+    return own(run) if own is not None else crawl_source(run, SOURCES[source])

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from kb.annotate import toxicity
 from kb.core.config.profile import Profile
-from kb.core.config.profile.wiki import Wiki
+from kb.core.config.profile.wiki import WikiSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
@@ -43,7 +43,7 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
         RecordedReason("robots", value="said", stage="robots"),
         RecordedReason("render", value="said", stage="render"),
         Waits("captured", (False,), stage="render", reason="render"),
-        AtLeast("word_count", p.section(Wiki).min_words, "words", "wiki.min_words"),
+        AtLeast("word_count", p.section(WikiSection).min_words, "words", "wiki.min_words"),
         *none_above(
             p.toxicity.threshold("wiki"), {"above": "toxicity"}, "toxicity.thresholds.wiki"
         ),
@@ -52,7 +52,7 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
 
 def clean(p: Profile) -> Clean:
     """Raw answers and captured pages to pages, elements, cells, images, facts and recipes."""
-    markup = p.section(Wiki).markup
+    markup = p.section(WikiSection).markup
     rules = MarkupRules(markup.units, markup.item)
     scores, told = {"text": "toxicity"}, ("title",)
     also = ("title", "of_page")  # columns that a tombstone may name
@@ -60,7 +60,7 @@ def clean(p: Profile) -> Clean:
     return Clean(
         source="wiki",
         kinds=KINDS,
-        assemble=partial(assemble, url=p.section(Wiki).url),
+        assemble=partial(assemble, url=p.section(WikiSection).url),
         chains=(pages(stages(p), also=also, described_by=told),),
         follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in tables.PARTS),
         scorer=toxicity,

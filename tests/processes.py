@@ -29,7 +29,6 @@ _LATE = (
     "PIL.PngImagePlugin",
     "distributed",
     "googleapiclient.discovery",
-    "instant_clip_tokenizer",
     "matplotlib.backends.backend_pdf",
     "matplotlib.backends.backend_svg",
     "onnxruntime",

@@ -33,7 +33,7 @@ import msgspec
 import pyarrow.parquet as pq
 
 from kb.core.errors import DamagedData
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 from kb.store import damage
 from kb.store.artifact_registry import ARTIFACTS, MANIFEST, Artifact, artifact_of, of_table
 from kb.store.atomic import replacing_folder, write_bytes
@@ -281,7 +281,7 @@ def _digest_of_raw(root: Path, source: str) -> str:
     """A digest of the names and sizes of all raw files that a filter reads: segments only grow, and
     each other file is named by its content.
     """
-    top, samples = Layout(root).raw(source), SPECS[source].samples
+    top, samples = Layout(root).raw(source), SOURCES[source].samples
     return _digest(
         f"{os.path.relpath(file, top).removesuffix(rawlog.OPEN.removeprefix(rawlog.SUFFIX))}"
         f" {file.stat().st_size}"

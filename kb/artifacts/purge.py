@@ -24,18 +24,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from kb.artifacts import index as index_of
 from kb.artifacts import manifest, purge_raw
-from kb.artifacts.purge_named import ABSENT, KNOWN, NAMED, UNKNOWN, PurgeList, by_presence, warn
+from kb.artifacts.purge_named import ABSENT, KNOWN, NAMED, UNKNOWN, PurgeList, in_answers, warn
 from kb.artifacts.purge_raw import Matcher, Names, Strip
-from kb.artifacts.purge_rows import RowLocation, drop_rows, released
+from kb.artifacts.purge_rows import RowLocation, drop_rows, keys_in_rows, released
 from kb.core.context import Run
-from kb.core.source_spec import load_name
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.store import lock
 from kb.store.artifact_registry import artifact_of
@@ -46,8 +44,6 @@ from kb.store.rawlog.rawlog import Envelope
 from kb.store.state import json_files, tombstones
 from kb.store.state.frontier import Frontier
 from kb.store.tables import partition
-
-BY_NAME = "kb.crawl.purge:rules_by_name"  # the rules of sources that declare none
 
 
 class PurgeLine(msgspec.Struct):
@@ -60,6 +56,23 @@ class PurgeLine(msgspec.Struct):
 
 def _all_keys(keys: Collection[str]) -> Collection[str]:
     return keys
+
+
+def by_presence(purge: Purge) -> dict[str, str]:
+    """Each key that the user named, with NAMED, KNOWN or UNKNOWN.
+
+    A key is in the data root when the state, a table or a raw answer has it; the raw answers are
+    read for those that are neither in the state nor in a table.
+    """
+    keys, rules = purge.listed.keys if purge.listed else [], purge.rules
+    before = tombstones.keys(purge.root, rules.source)
+    sought = {key for key in keys if key not in before}
+    sought -= {key for kind in rules.items for key in sought if purge.frontier.get(kind, key)}
+    sought -= keys_in_rows(purge.root, (*rules.rows, *released(rules.rows)), sought)
+    if sought:
+        about = (rules.source, sought, rules.texts, rules.strip_envelope, purge.scratch)
+        sought -= in_answers(purge.run, *about)
+    return {key: KNOWN if key in before else UNKNOWN if key in sought else NAMED for key in keys}
 
 
 def _nothing_else(purge: Purge) -> dict[str, str]:
@@ -191,18 +204,6 @@ class Purge:
         }
 
 
-def rules_of(source: str) -> PurgeRules:
-    """The rules of a source, as its spec names them."""
-    spec = SPECS[source]
-    rules: PurgeRules = spec.load(spec.purge) if spec.purge else load_name(BY_NAME)(spec)
-    return rules
-
-
-def connector(source: str) -> Any:
-    """The class that crawls a source, as its spec names it."""
-    return SPECS[source].load(SPECS[source].connector)
-
-
 def unfinished(root: Path, source: str) -> dict[str, str]:
     """The list of an interrupted purge (key → reason), {} if there is none."""
     hint = f"delete it, then run `kb purge {source}` again"
@@ -235,7 +236,7 @@ def dry_purge(run: Run, rules: PurgeRules, listed: PurgeList | None) -> Iterator
         for file in (original, original.with_name(f"{original.name}-wal")):
             if file.is_file():
                 shutil.copyfile(file, Path(scratch, file.name))
-        payloads = connector(rules.source).payloads
+        payloads = SOURCES[rules.source].connector(run).payloads
         frontier = Frontier(Path(scratch, original.name), payloads=payloads)
         try:
             purge = Purge(run, rules, listed, frontier, Path(scratch, "work"), dry=True)

@@ -8,17 +8,15 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
-from kb.artifacts.purge_raw import Matcher, over_segments
-from kb.artifacts.purge_rows import keys_in_rows, released
+from kb.artifacts.purge_raw import Matcher, Strip, over_segments
+from kb.core.context import Run
 from kb.store.rawlog import rawlog
-from kb.store.state import tombstones
 
-if TYPE_CHECKING:
-    from kb.artifacts.purge import Purge, PurgeRules
+Texts = Callable[[Collection[str]], Iterable[str] | None]
 
 NAMED = "named"  # is or was in the data root until this purge
 KNOWN = "known"  # was purged before
@@ -45,50 +43,33 @@ class PurgeList(Protocol):
         """The first of these entries, as they stand in the list."""
 
 
-def by_presence(purge: Purge) -> dict[str, str]:
-    """Each key that the user named, with NAMED, KNOWN or UNKNOWN.
+def in_answers(
+    run: Run, source: str, keys: Collection[str], texts: Texts, strip: Strip, scratch: Path
+) -> set[str]:
+    """The keys that raw answers of a source have: those that `strip` takes something away for.
 
-    A key is in the data root when the frontier, a table or a raw answer has it; the raw answers are
-    read for those that are neither in the state nor in a table.
+    `texts` of which one is in every such answer, None where answers name items by other words;
+    `scratch` is a folder for a work file. Raises Interrupted, DamagedData.
     """
-    keys = purge.listed.keys if purge.listed else []
-    before = tombstones.keys(purge.root, purge.rules.source)
-    sought = {key for key in keys if key not in before}
-    for where in (_in_state, _in_rows, _in_answers):
-        if sought:
-            sought -= where(purge, sought)
-    return {key: KNOWN if key in before else UNKNOWN if key in sought else NAMED for key in keys}
-
-
-def _in_state(purge: Purge, keys: Collection[str]) -> set[str]:
-    return {key for kind in purge.rules.items for key in keys if purge.frontier.get(kind, key)}
-
-
-def _in_rows(purge: Purge, keys: Collection[str]) -> set[str]:
-    locations = (*purge.rules.rows, *released(purge.rules.rows))
-    return keys_in_rows(purge.root, locations, keys)
-
-
-def _in_answers(purge: Purge, keys: Collection[str]) -> set[str]:
-    if purge.rules.texts(keys) is None:  # answers name such items by other words
+    if texts(keys) is None:
         return set()
-    paths = rawlog.all_segments(purge.root, purge.rules.source)
-    purge.scratch.mkdir(parents=True, exist_ok=True)
-    file = purge.scratch / "sought.json"
+    paths = rawlog.all_segments(run.root, source)
+    scratch.mkdir(parents=True, exist_ok=True)
+    file = scratch / "sought.json"
     file.write_text(json.dumps(sorted(keys)), encoding="utf-8")
-    work = ((str(path), purge.rules, str(file)) for path in paths)
+    work = ((str(path), str(file), texts, strip) for path in paths)
     try:
-        return set().union(*over_segments(purge.run, paths, _in_segment, work))
+        return set().union(*over_segments(run, paths, _in_segment, work))
     finally:
         file.unlink()
 
 
-def _in_segment(segment: str, rules: PurgeRules, keys_file: str) -> set[str]:
+def _in_segment(segment: str, keys_file: str, texts: Texts, strip: Strip) -> set[str]:
     """The keys that the answers of a segment have. Runs in a worker."""
     path = Path(segment)
     by_text = defaultdict(set)
     for key in json.loads(Path(keys_file).read_text(encoding="utf-8")):
-        for text in rules.texts([key]) or ():
+        for text in texts([key]) or ():
             by_text[text].add(key)
     matches, found = Matcher(by_text), set[str]()
     for _, line in rawlog.Frames(path, checked=True):
@@ -96,11 +77,9 @@ def _in_segment(segment: str, rules: PurgeRules, keys_file: str) -> set[str]:
             continue
         sought = set().union(*(by_text[text] for text in matches.texts(line))) - found
         envelope = rawlog.decode(line)
-        if rules.strip_envelope(path.parent.name, envelope, {"": sought}) is envelope:
-            continue
-        for key in sought:
-            if rules.strip_envelope(path.parent.name, envelope, {"": {key}}) is not envelope:
-                found.add(key)
+        if strip(path.parent.name, envelope, {"": sought}) is not envelope:
+            each = ((key, strip(path.parent.name, envelope, {"": {key}})) for key in sought)
+            found.update(key for key, left in each if left is not envelope)
     return found
 
 

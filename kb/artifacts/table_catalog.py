@@ -27,7 +27,7 @@ from kb.artifacts import manifest, release_folder
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.errors import FatalError, KbError, SettingError, UsageError
 from kb.core.installation import cache_root
-from kb.core.sources import PUBLISHED, SOURCES, SPECS
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.schema.tables import Table, table, tables
 from kb.store.damage import missing
 from kb.store.layout import TOP, Layout, parquet_files, rows_pattern
@@ -125,7 +125,7 @@ class Catalog:
 
         Raises DamagedData for lost clean files: they are never taken for none.
         """
-        shorts = [*SPECS[source].tables] if source in SPECS else [source]
+        shorts = [*SOURCES[source].tables] if source in SOURCES else [source]
         names = {(view.schema, view.name) for view in self.views}
         for schema in CONTENT:
             for short in shorts:

@@ -8,12 +8,13 @@ import typer
 import typer.core
 
 from kb import __version__
+from kb.cli.framework import tree
 from kb.cli.framework.usage_errors import refuse_unknown
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 
 # name -> one line for `kb --help`
 TREE = {
-    **{name: spec.help for name, spec in SPECS.items()},
+    **{name: source.help for name, source in SOURCES.items()},
     "restore": "Restore the content of a downloaded release with your own keys.",
     "models": "Download the toxicity model.",
     "annotate": "Score text for toxicity.",
@@ -124,6 +125,9 @@ def find_command(words: Sequence[str]) -> Any | None:
         return None
     known = dict(_leaves_of(words[0]))
     return known.get(" ".join(words[:2])) or known.get(words[0])
+
+
+tree.set_finder(find_command)
 
 
 def context(path: str, command: Any) -> Any:

@@ -124,7 +124,7 @@ def _inputs(
     run: Run, folders: Sequence[Path], keyword: str, sample: int | None
 ) -> tuple[list[Row], dict[str, Path]]:
     """The pairs by video and time, and the files of their videos."""
-    require("clips", "av", "numpy", "PIL", "instant_clip_tokenizer")
+    require("clips", "av", "numpy", "PIL", "tokenizers")
     for folder in folders:
         if not folder.is_dir():
             raise UsageError(f"--videos {folder} is not a folder")

@@ -1,43 +1,17 @@
-"""What a source declares about itself: `SPEC` in `kb/<source>/spec.py`.
-
-A spec is light data. It names the modules and functions that do the work as "module:attribute",
-and they are imported when they are first needed: `kb --help` reads every spec and no connector.
+"""What a source declares of its release, report and agent: light data that names code as
+"module:attribute", imported when it is first needed.
 """
 
 import importlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 
-def load_name(name: str, package: str | None = None) -> Any:
-    """The module that "module" names, or the attribute that "module:attribute" names."""
+def load_name(name: str) -> Any:
+    """The attribute that "module:attribute" names."""
     module, _, attribute = name.partition(":")
-    loaded = importlib.import_module(module, package)
-    return getattr(loaded, attribute) if attribute else loaded
-
-
-@dataclass(frozen=True)
-class CommandHelp:
-    """Help text and examples of a command that every source has."""
-
-    about: str
-    examples: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class TextColumns:
-    """The texts of one table that `kb links` matches.
-
-    `parts` maps the name of a part to the columns that hold its text. `prefix` comes before the
-    bare `key`. `reader` ("module:function") reads the table instead when columns are not enough.
-    """
-
-    table: str
-    key: str = ""
-    parts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    prefix: str = ""
-    reader: str = ""
+    return getattr(importlib.import_module(module), attribute)
 
 
 @dataclass(frozen=True)
@@ -132,96 +106,3 @@ class AgentSpec:
     note: str = ""
     prefixes: tuple[str, str] = ("", "")
     item: str = ""
-
-
-@dataclass(frozen=True)
-class SourceSpec:
-    """One source of Lorecrawl. Names of code are "module:attribute", relative to `package` when
-    they begin with a dot.
-
-    name            the folders raw/<name>, clean/<name> … and its commands
-    package         the package of its modules
-    help            one line for `kb --help`
-    tables          tables that a filter sorts → what their keys begin with in rejected, failed
-                    and pending
-    nouns           kinds of the frontier in the order of work → nouns for messages
-    counted         the noun of what a crawl counts
-    connector       the crawl frame's Source
-    purge           the rules of `kb purge`; by default items are removed by name only
-    release         the release folder
-    report          the report's section
-    noted           kinds of the frontier that are never fetched
-    refreshed       the kind that `kb refresh` fetches; "" without such a command
-    credential      the setting without which a crawl is not offered as a next step
-    commands        the module of the commands; without it there are crawl, filter and export
-    section         the class of its section in the profile
-    status          the module with what `kb status` counts: `crawled(frontier)`, and optionally
-                    `details(run, frontier)` and `incomplete(root)`
-    online          the question of `kb profile check --online`
-    formats         export formats besides Parquet → their writers
-    exports         files and folders that they write below export/
-    texts           the texts in which links are found
-    pages           the table whose rows are the pages of entities
-    passages        the passages that `kb search` indexes, as a function of profile and data root
-    indexed         the tables that passages are made of
-    samples         raw kinds that no filter reads: samples that measures compare
-    made            what else is made from its rows: "pairs"
-    files           folders below raw/<name> with captured files
-    agent           what `kb mcp` reads
-    restored        tables that `kb restore` brings back
-    annotate_help   help of `kb annotate <source>`
-    purge_help      help of `kb purge <source>`
-    """
-
-    name: str
-    package: str
-    help: str
-    tables: Mapping[str, str]
-    nouns: Mapping[str, str]
-    counted: str
-    connector: str
-    release: ReleaseSpec
-    report: ReportSpec
-    purge: str = ""
-    noted: tuple[str, ...] = ()
-    refreshed: str = ""
-    credential: str = ""
-    commands: str = ""
-    section: str = ""
-    status: str = ""
-    online: str = ""
-    formats: Mapping[str, str] = field(default_factory=dict)
-    exports: tuple[str, ...] = ()
-    texts: tuple[TextColumns, ...] = ()
-    pages: str = ""
-    passages: str = ""
-    indexed: tuple[str, ...] = ()
-    samples: tuple[str, ...] = ()
-    made: tuple[str, ...] = ()
-    files: tuple[str, ...] = ()
-    agent: AgentSpec | None = None
-    restored: tuple[str, ...] = ()
-    annotate_help: CommandHelp | None = None
-    purge_help: CommandHelp | None = None
-
-    def load(self, name: str) -> Any:
-        """The module or the attribute ("module:attribute") that a field names."""
-        return load_name(name, self.package)
-
-    def noun(self, kind: str) -> str:
-        """What an item of the frontier is called."""
-        return self.nouns.get(kind, kind.replace("_", " "))
-
-    def in_order(self, kinds: Iterable[str]) -> list[str]:
-        """Kinds of the frontier in the order of work, without those that are never fetched."""
-        order = list(self.nouns)
-        known = [kind for kind in kinds if kind not in self.noted]
-        return sorted(known, key=lambda kind: order.index(kind) if kind in order else len(order))
-
-    def left_by(self, kinds: Mapping[str, Mapping[str, int]]) -> dict[str, int]:
-        """Items that are left to fetch, by noun in the order of work; zeros are left out."""
-        left = {
-            self.noun(kind): kinds[kind].get("todo", 0) + kinds[kind].get("in_progress", 0)
-            for kind in self.in_order(kinds)
-        }
-        return {noun: count for noun, count in left.items() if count}

@@ -1,38 +1,29 @@
 """The sources and what is published, by the names of their folders.
 
-A new source is a package with a `spec.py`, and its line in `REGISTRY`.
+A new source is a package, its schemas and its name in `CLASSES`.
 """
 
-import importlib
+from kb.core.source import Source
+from kb.core.source_spec import ReleaseSpec
+from kb.reddit.source import Reddit
+from kb.wiki.source import Wiki
+from kb.youtube.source import YouTube
 
-from kb.core.source_spec import ReleaseSpec, SourceSpec
+CLASSES: tuple[type[Source], ...] = (YouTube, Wiki, Reddit)
 
-REGISTRY = (
-    "kb.youtube",
-    "kb.wiki",
-    "kb.reddit",
-)
-
-
-def _spec(package: str) -> SourceSpec:
-    spec: SourceSpec = importlib.import_module(f"{package}.spec").SPEC
-    return spec
-
-
-SPECS = {spec.name: spec for spec in map(_spec, REGISTRY)}
-SOURCES = tuple(SPECS)
+SOURCES = {each.name: each() for each in CLASSES}
 PUBLISHED = (*SOURCES, "pairs", "tasks", "links", "open-text")
 
 # What is made from the rows of other sources, and of which.
 MADE_OF = {
-    "pairs": tuple(name for name, spec in SPECS.items() if "pairs" in spec.made),
-    "tasks": tuple(name for name, spec in SPECS.items() if "pairs" in spec.made),
-    "links": SOURCES,
-    "open-text": tuple(name for name, spec in SPECS.items() if "open-text" in spec.made),
+    "pairs": ("youtube",),
+    "tasks": ("youtube",),
+    "links": tuple(SOURCES),
+    "open-text": ("youtube",),
 }
 
 RELEASES: dict[str, ReleaseSpec] = {
-    **{name: spec.release for name, spec in SPECS.items()},
+    **{name: source.release for name, source in SOURCES.items()},
     "pairs": ReleaseSpec(
         main="pairs",
         query="SELECT keyword, count(*) AS clips FROM pairs GROUP BY ALL ORDER BY clips DESC"
@@ -75,8 +66,8 @@ RELEASES: dict[str, ReleaseSpec] = {
 # What every release holds; the rest is there where the profile asks for it.
 BY_DEFAULT = tuple(name for name in PUBLISHED if not RELEASES[name].part_of)
 
-# Files and folders below export/ that are made from pairs and tasks; those of a source are in its
-# spec.
+# Files and folders below export/ that are made from pairs and tasks; those of a source are
+# its own.
 EXPORTS = {
     "pairs": ("video2dataset", "minedojo/pairs.json"),
     "tasks": ("minedojo/creative_tasks.yaml",),
@@ -91,10 +82,10 @@ def made_of(name: str) -> tuple[str, ...]:
 def made_by(name: str) -> str:
     """The command that makes the tables of what is published."""
     owner = RELEASES[name].part_of or name
-    return f"kb {owner} filter" if owner in SPECS else f"kb {owner}"
+    return f"kb {owner} filter" if owner in SOURCES else f"kb {owner}"
 
 
 def exported_by(name: str) -> str:
     """The command that makes its release folder."""
     owner = RELEASES[name].part_of or name
-    return f"kb {owner} export" if owner in SPECS else f"kb {owner}"
+    return f"kb {owner} export" if owner in SOURCES else f"kb {owner}"

@@ -2,37 +2,47 @@
 
 By content, not by name:
 
-    Parquet     the first of the rules' columns that it has
+    Parquet     a column with ids
     JSON        a list of ids or of objects, several documents one after the other (NDJSON), or an
-                object that holds such a list: an answer of MediaWiki's API (query.allpages), a
-                playlist of yt-dlp (entries), pairs by keyword ({keyword: [[id, start, end]]})
-    CSV, TSV    with a header that names one of the columns
+                object that holds such a list: an answer of MediaWiki's API (query.allpages) or of
+                YouTube's (items), a playlist of yt-dlp (entries), pairs by keyword
+                ({keyword: [[id, start, end]]}); or an object whose keys are ids
+    CSV, TSV    a column with ids, with a header or without one
     lines       one id each; empty lines and those that begin with # are left out
     a folder    the shards of a release, or the files that the rules name
 
-Text may be compressed with gzip. XML is refused: each of its lines would be taken for an id.
+A column or key is found by its name, however that is written (`video_id`, `videoId`, `Video ID`),
+or else by its values, where ids can't be mistaken for anything else. Text is decoded by its byte
+order mark, else as UTF-8, and may be compressed with gzip. XML is refused: each of its lines would
+be taken for an id.
 """
 
 import csv
-import gzip
 import json
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import pyarrow.parquet as pq
 
 from kb.core.errors import SettingError
+from kb.crawl.list_text import cells, delimiter_of, documents, opened
 from kb.store.tables import parquet
 
 _SHOWN = 20  # entries that are not ids
 _HEAD = 4096  # characters by which a text's form is recognised
+_SAMPLE = 1000  # rows by which a column is recognised
+_PREAMBLE = 20  # lines that may stand before a header
 _HOLDERS = ("metadata", "query", "allpages", "pages", "entries", "items")
+# Parts of a record of YouTube's API that name what the record is about.
+_PARTS = ("id", "snippet", "contentDetails", "resourceId", "upload", "playlistItem")
+# Names that mean something else in other lists: such a column counts if it holds ids.
+_GENERIC = ("id", "key", "name", "url", "link")
 LEFT_OUT = ""  # what `IdRules.parse` returns for an entry that is neither an id nor a mistake
 
 
@@ -45,6 +55,13 @@ class ListedId(NamedTuple):
     value: Any
     column: str = ""
     record: Mapping[str, Any] = {}
+
+
+class Column(NamedTuple):
+    """A column or key of a list, and what the rules call it ("" where its values told it)."""
+
+    name: Any
+    known_as: str = ""
 
 
 class IdList(NamedTuple):
@@ -66,10 +83,11 @@ class IdRules:
     option    the option that names the list, for messages
     noun      what its entries are, in the plural: "video ids"
     hint      how to write one
-    columns   names of columns and fields that hold ids, in lower case, best first
+    columns   names of columns and keys that hold ids, best first: `video_id` is `Video ID` as well
     tables    tables of a release whose shards name ids together, the best of such groups first
     parse     entry → id, LEFT_OUT, or None for what is no id
     files     a pattern of files in a folder, each with the `metadata` of one thing
+    is_unmistakable     whether a text can only be an id, so that a column is found by its values
     """
 
     option: str
@@ -79,6 +97,7 @@ class IdRules:
     tables: tuple[tuple[str, ...], ...]
     parse: Callable[[ListedId], str | None]
     files: str = ""
+    is_unmistakable: Callable[[str], bool] | None = None
 
     def read(self, path: Path, say: Callable[[str], None] | None = None) -> IdList:
         """All ids of a list. `say` gets one line when some entries are not ids.
@@ -92,7 +111,7 @@ class IdRules:
             if key is None:
                 bad += 1
                 if len(unread) < _SHOWN:
-                    unread.append(str(entry.value))
+                    unread.append(_shown(entry))
             elif key != LEFT_OUT:
                 keys[key] = None
                 if isinstance(entry.value, int):
@@ -109,8 +128,10 @@ class IdRules:
         """
         listed = self.read(path, say)
         if not listed.keys:
-            bad = f"; bad lines: {listed.bad_lines:,}" if listed.bad_lines else ""
-            raise SettingError(f"{self.option} {path} contains no {self.noun}{bad}", hint=self.hint)
+            first = _first_line(path) or "".join(listed.unread[:1])
+            begins = f"; it begins with {first[:60]!r}" if first else ""
+            what = f"{self.option} {path} contains no {self.noun}{begins}"
+            raise SettingError(what, hint=self.hint)
         return listed
 
     def entries(self, path: Path, more: Sequence[str] = ()) -> Iterator[ListedId]:
@@ -126,6 +147,57 @@ class IdRules:
                     yield from _of_record(_metadata(file), self)
                 else:
                     yield from _of_text(file, self)
+
+    def known(self, names: Iterable[Any]) -> list[Column]:
+        """Those of the names that are names of the rules, best first."""
+        folded = [(_fold(name), name) for name in names]
+        known = ((one, _fold(one)) for one in self.columns)
+        return [Column(name, one) for one, own in known for each, name in folded if each == own]
+
+    def held(self, names: Iterable[Any], rows: Sequence[Mapping[Any, Any]]) -> Any:
+        """The column of which most rows hold ids, some of them unmistakable; None if it is not half
+        of them.
+        """
+        best, most = None, 0
+        for name in dict.fromkeys(names) if self.is_unmistakable else ():
+            values = [row[name] for row in rows if row.get(name) not in (None, "")]
+            ids = self.ids_among(values)
+            if 2 * ids >= len(values) and ids > most:
+                best, most = name, ids
+        return best
+
+    def ids_among(self, values: Iterable[Any]) -> int:
+        """How many values are ids; 0 if each of them could be a word."""
+        texts = [one for one in values if isinstance(one, str)]
+        if self.is_unmistakable is None or not any(map(self.is_unmistakable, texts)):
+            return 0
+        return sum(self.parse(ListedId(one)) is not None for one in texts)
+
+    def column_of(self, names: Sequence[Any], rows: Sequence[Mapping[Any, Any]]) -> Column | None:
+        """The column of a table that has the ids, by its name, or else by values of some rows."""
+        known = self.known(names)
+        for column in known:
+            values = (row.get(column.name) for row in rows)
+            if column.known_as not in _GENERIC or any(
+                self.parse(ListedId(value, column.known_as)) is not None
+                for value in values
+                if value not in (None, "")
+            ):
+                return column
+        if (held := self.held(names, rows)) is not None:
+            return Column(held)
+        return known[0] if known else None
+
+
+def _fold(name: Any) -> str:
+    return "".join(filter(str.isalnum, str(name))).lower()
+
+
+def _shown(entry: ListedId) -> str:
+    """An entry as a message shows it."""
+    if entry.value is None and entry.record:
+        return json.dumps(entry.record, ensure_ascii=False, default=str)[:200]
+    return str(entry.value)
 
 
 def files_of(path: Path, rules: IdRules) -> list[Path]:
@@ -155,16 +227,30 @@ def column_of(path: Path, option: str, columns: Sequence[str]) -> str:
     names = pq.read_schema(path).names
     column = next((name for name in columns if name in names), None)
     if column is None:
-        raise SettingError(
-            f"{option} {path} has no column {' or '.join(columns)}; it has {', '.join(names)}"
-        )
+        raise _no_column(path, option, columns, names)
     return column
+
+
+def _no_column(
+    path: Path, option: str, columns: Iterable[str], names: Iterable[str]
+) -> SettingError:
+    return SettingError(
+        f"{option} {path} has no column {' or '.join(columns)}; it has {', '.join(names)}"
+    )
 
 
 def is_parquet(path: Path) -> bool:
     """Whether a file is Parquet by its first bytes."""
     with path.open("rb") as file:
         return file.read(4) == b"PAR1"
+
+
+def _first_line(path: Path) -> str:
+    """Of a file of text the first line that is not empty."""
+    if path.is_dir() or is_parquet(path):
+        return ""
+    with opened(path) as file:
+        return next((line.strip() for line in file if line.strip()), "")
 
 
 @contextmanager
@@ -189,68 +275,89 @@ def _metadata(path: Path) -> Any:
 
 
 def _of_parquet(path: Path, rules: IdRules, more: Sequence[str]) -> Iterator[ListedId]:
-    column = column_of(path, rules.option, rules.columns)
-    names = set(pq.read_schema(path).names)
+    names = pq.read_schema(path).names
     with parquet.open_file(path) as file:
-        wanted = [column, *(name for name in more if name in names and name != column)]
+        first = next(file.iter_batches(batch_size=_SAMPLE), None)
+        column = rules.column_of(names, first.to_pylist() if first is not None else [])
+        if column is None:
+            raise _no_column(path, rules.option, rules.columns, names)
+        wanted = [column.name, *(name for name in more if name in names and name != column.name)]
         for batch in file.iter_batches(columns=wanted):
             for row in batch.to_pylist():
-                yield ListedId(row[column], column, row)
+                yield ListedId(row[column.name], column.known_as, row)
 
 
 def _of_text(path: Path, rules: IdRules) -> Iterator[ListedId]:
-    with _opened(path) as file:
+    with opened(path) as file:
         start = file.read(_HEAD).lstrip()
         file.seek(0)
-        if start[:1] == "<":
+        if start[:1] == "<" and not start.startswith(("<http", "<//")):
             raise SettingError(f"{rules.option} {path} is XML or HTML, not a list", hint=rules.hint)
         if start[:1] in ("[", "{") or path.suffix == ".json":
-            for document in _documents(file.read()):
-                yield from _of_record(document, rules)
+            for several in _batches(documents(file.read()), _SAMPLE):
+                yield from _of_records(several, rules)
             return
         lines = (line for line in file if line.strip() and not line.startswith("#"))
-        header = next(lines, "")
-        delimiter = next((sign for sign in "\t,;" if sign in header), ",")
-        names = [name.strip().strip('"').lower() for name in header.split(delimiter)]
-        column = next((name for name in rules.columns if name in names), None)
-        if column is None:
-            yield from (ListedId(line.strip("\r\n ")) for line in chain([header], lines) if line)
+        sample = list(islice(lines, _SAMPLE))
+        yield from _of_lines(sample, chain(sample, lines), rules)
+
+
+def _of_lines(sample: Sequence[str], lines: Iterator[str], rules: IdRules) -> Iterator[ListedId]:
+    """The entries of lines, of which `sample` are the first."""
+    for number, header in enumerate(sample[:_PREAMBLE]):
+        delimiter = delimiter_of(header)
+        names = [name.strip().lower() for name in next(cells([header], delimiter))]
+        if (number == 0 or len(names) > 1) and rules.known(names):
+            # A playlist of Google Takeout may begin with a table about the playlist.
+            rows = cells(sample[number + 1 :], delimiter)
+            column = rules.column_of(names, [dict(zip(names, row, strict=False)) for row in rows])
+            for values in cells(islice(lines, number + 1, None), delimiter):
+                row = dict(zip(names, values, strict=False))
+                if column is not None:
+                    yield ListedId(row.get(column.name), column.known_as, row)
             return
-        # Titles hold quotation marks; what is between tabs is not quoted.
-        split = csv.reader(
-            lines,
-            delimiter=delimiter,
-            quoting=csv.QUOTE_NONE if delimiter == "\t" else csv.QUOTE_MINIMAL,
-        )
-        for cells in split:
-            row = dict(zip(names, cells, strict=False))
-            yield ListedId(row.get(column), column, row)
+        if rules.parse(ListedId(header.strip("\r\n "))):
+            break
+    if place := _held(sample, rules):
+        delimiter, at = place
+        for number, values in enumerate(cells(lines, delimiter)):
+            entry = ListedId(values[at] if at < len(values) else None, "", {"line": values})
+            if number or rules.parse(entry):  # the first may be a header
+                yield entry
+        return
+    yield from (ListedId(line.strip("\r\n ")) for line in lines)
 
 
-def _opened(path: Path) -> IO[str]:
-    with path.open("rb") as file:
-        packed = file.read(2) == b"\x1f\x8b"
-    if packed:
-        return gzip.open(path, "rt", encoding="utf-8-sig", newline="")
-    return path.open(encoding="utf-8-sig", newline="")
+def _held(sample: Sequence[str], rules: IdRules) -> tuple[str, int] | None:
+    """The delimiter and the place of a column without a name that holds ids; None for lines."""
+    delimiter = delimiter_of(sample[0]) if sample else ""
+    if rules.is_unmistakable is None or not delimiter:
+        return None
+    if any(rules.parse(ListedId(line.strip("\r\n "))) for line in sample):
+        return None
+    rows = [dict(enumerate(values)) for values in cells(sample, delimiter)]
+    column = rules.column_of(sorted({at for row in rows for at in row}), rows)
+    return None if column is None else (delimiter, column.name)
 
 
-def _documents(text: str) -> Iterator[Any]:
-    """JSON documents that stand one after the other."""
-    decoder, place = json.JSONDecoder(), 0
-    while place < len(text):
-        if text[place].isspace():
-            place += 1
-            continue
-        document, place = decoder.raw_decode(text, place)
-        yield document
+def _batches(values: Iterable[Any], size: int) -> Iterator[list[Any]]:
+    values = iter(values)
+    while several := list(islice(values, size)):
+        yield several
 
 
-def _of_record(value: Any, rules: IdRules) -> Iterator[ListedId]:
-    """The entries of a JSON value."""
+def _of_records(values: Sequence[Any], rules: IdRules) -> Iterator[ListedId]:
+    """The entries of JSON values that stand in one list."""
+    rows = [value for value in values[:_SAMPLE] if isinstance(value, dict)]
+    held = rules.held([name for row in rows for name in row], rows)
+    for value in values:
+        yield from _of_record(value, rules, held)
+
+
+def _of_record(value: Any, rules: IdRules, held: Any = None) -> Iterator[ListedId]:
+    """The entries of a JSON value. `held` is the key that holds ids where none has a known name."""
     if isinstance(value, list):
-        for one in value:
-            yield from _of_record(one, rules)
+        yield from _of_records(value, rules)
         return
     if not isinstance(value, dict):
         yield ListedId(value, "[]")
@@ -260,13 +367,36 @@ def _of_record(value: Any, rules: IdRules) -> Iterator[ListedId]:
             yield ListedId(clip[0], "[]")
         return
     holder = next((name for name in _HOLDERS if isinstance(value.get(name), (dict, list))), None)
-    column = next((name for name in rules.columns if value.get(name) is not None), None)
     if holder is not None:
         yield from _of_record(value[holder], rules)
-    elif column is not None:
-        yield ListedId(value[column], column, value)
+    elif (entry := _by_name(value, rules)) is not None:
+        yield entry
+    elif lists := [one for one in value.values() if _is_records(one)]:
+        for one in lists:
+            yield from _of_records(one, rules)
+    elif value and rules.ids_among(value) == len(value):
+        yield from (ListedId(key, "[]") for key in value)  # {id: …}
     else:
-        yield ListedId(None)
+        yield ListedId(value.get(held), "", value)
+
+
+def _by_name(record: Mapping[str, Any], rules: IdRules) -> ListedId | None:
+    """The entry of a record by the name of its key, which may stand in a part of the record as in
+    answers of YouTube's API; None where no key with a known name has an id.
+    """
+    for column in rules.known(record):
+        value = record[column.name]
+        if value is None or isinstance(value, (dict, list)):
+            continue
+        entry = ListedId(value, column.known_as, record)
+        if column.known_as not in _GENERIC or rules.parse(entry) is not None:
+            return entry
+    parts = (record[name] for name in _PARTS if isinstance(record.get(name), dict))
+    return next((found for part in parts if (found := _by_name(part, rules))), None)
+
+
+def _is_records(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(one, dict) for one in value)
 
 
 def _is_clips(value: Any) -> bool:

@@ -7,19 +7,19 @@ from typing import Any
 
 from kb.core.context import Run
 from kb.core.errors import Interrupted, KbError, NothingRead, Stopped
-from kb.core.source_spec import SourceSpec
+from kb.core.source import Source
 from kb.core.summary import Summary
+from kb.crawl.connector import Connector, Phase
 from kb.crawl.limits import upstream
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession, open_session
-from kb.crawl.source import Phase, Source
 
 Summarize = Callable[[CrawlSession, Loop], Summary]
 
 
 def work(
     run: Run,
-    source: Source,
+    connector: Connector,
     summarize: Summarize,
     *,
     phases: Sequence[Phase] | None = None,
@@ -32,31 +32,31 @@ def work(
     Items that failed in an earlier run are retried once; `removed` keys count as purged. Raises
     what `Loop.run` and `check_read` raise, always with the summary so far on the error.
     """
-    with open_session(run, source, place, removed=removed) as session:
+    with open_session(run, connector, place, removed=removed) as session:
         loop = Loop(session, phases, facts=facts)
         try:
-            source.discover(session.frontier)
+            connector.discover(session.frontier)
             loop.run()
-            check_read(source, loop)
+            check_read(connector, loop)
         except KbError as error:
             error.summary = summarize(session, loop)
             raise
         return summarize(session, loop)
 
 
-def crawl_source(run: Run, spec: SourceSpec) -> Summary:
+def crawl_source(run: Run, source: Source) -> Summary:
     """Crawl a source that needs no summary of its own. Raises as `work`."""
-    source: Source = spec.load(spec.connector)(run)
-    kinds = [phase.kind for phase in source.phases]
-    counted = [kind for kind, noun in spec.nouns.items() if noun == spec.counted]
+    connector = source.connector(run)
+    kinds = [phase.kind for phase in connector.phases]
+    counted = [kind for kind, noun in source.nouns.items() if noun == source.counted]
 
     def summary(session: CrawlSession, loop: Loop) -> Summary:
         counts = {kind: session.frontier.counts(kind) for kind in kinds}
-        left = spec.left_by(counts)
+        left = source.left_by(counts)
         return Summary(
-            command=f"{spec.name} crawl",
-            source=spec.name,
-            counted=spec.counted,
+            command=f"{source.name} crawl",
+            source=source.name,
+            counted=source.counted,
             crawled=sum(loop.answered[kind] for kind in counted),
             failed=sum(each.get("error", 0) for each in counts.values()),
             pending=session.frontier.waiting(*counted),
@@ -65,10 +65,10 @@ def crawl_source(run: Run, spec: SourceSpec) -> Summary:
             left_by=left,
         )
 
-    return work(run, source, summary)
+    return work(run, connector, summary)
 
 
-def check_read(source: Source, loop: Loop) -> None:
+def check_read(connector: Connector, loop: Loop) -> None:
     """Raises NothingRead when a run read none of the items it counts because every item of a
     phase before them failed.
 
@@ -92,7 +92,7 @@ def check_read(source: Source, loop: Loop) -> None:
         raise NothingRead(
             f"none of {tried.n:,} {phase.unit} could be read; the most frequent reason is"
             f" {reason} ({n:,} of {tried.n:,})",
-            hint=source.advice(phase, reason),
+            hint=connector.advice(phase, reason),
         )
 
 

@@ -5,7 +5,7 @@ from datetime import datetime, timedelta
 
 from kb.core import clock
 from kb.core.errors import Blocked, KbError, LimitReached, QuotaSpent, Stopped
-from kb.crawl.source import Phase
+from kb.crawl.connector import Phase
 
 
 class Limit:

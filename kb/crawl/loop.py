@@ -25,10 +25,10 @@ from kb.core.errors import (
     Unreachable,
 )
 from kb.core.progress import Task
+from kb.crawl.connector import Phase
 from kb.crawl.limits import worst
 from kb.crawl.phase_scheduler import Turn, Turns
 from kb.crawl.session import CrawlSession
-from kb.crawl.source import Phase
 from kb.store.state.frontier import Item
 
 _EVERYTHING = (DiskFull, Interrupted)  # stops that concern every service
@@ -64,8 +64,8 @@ class Loop:
         *,
         facts: Callable[[Phase], dict[str, object]] | None = None,
     ) -> None:
-        self.session, self.frontier, self.source = session, session.frontier, session.source
-        self.turns = Turns(session, session.source.phases if phases is None else phases)
+        self.session, self.frontier, self.connector = session, session.frontier, session.connector
+        self.turns = Turns(session, session.connector.phases if phases is None else phases)
         self.answered: Counter[str] = Counter()
         self.tried: defaultdict[str, Tried] = defaultdict(Tried)  # by kind
         self._facts = facts or (lambda phase: {})
@@ -165,7 +165,7 @@ class Loop:
 
     def _sleep(self, service: str, back: datetime, why: Stopped | None) -> None:
         """Wait until the service accepts requests, then reopen what its stop had closed."""
-        message = f"{self.source.name}: waiting until {clock.stamp(back)}"
+        message = f"{self.connector.name}: waiting until {clock.stamp(back)}"
         if isinstance(why, Blocked) and why.after is not None:
             message = f"waiting {why.after:.0f} s: {why}"
         self.session.run.progress.say(message)
@@ -204,7 +204,7 @@ class Loop:
 
     def _answers(self, phase: Phase, item: Item) -> bool:
         try:
-            answer = next(iter(self.source.fetch(phase, [item])), None)
+            answer = next(iter(self.connector.fetch(phase, [item])), None)
         except ItemFinal:
             return True
         except Retryable:
@@ -219,7 +219,7 @@ class Loop:
         failure: Retryable | None = None
         complete = True
         try:
-            for answer in self.source.fetch(phase, items):
+            for answer in self.connector.fetch(phase, items):
                 self.session.record(answer)
                 if answer.failed is not None:
                     failure = Retryable(answer.failed)

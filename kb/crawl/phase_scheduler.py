@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from datetime import datetime
 
 from kb.core.errors import Blocked, LimitReached, QuotaSpent, Stopped, Unreachable
+from kb.crawl.connector import Phase
 from kb.crawl.limits import Limit, back_at, together, upstream
 from kb.crawl.session import CrawlSession
-from kb.crawl.source import Phase
 from kb.store.state.frontier import Item
 
 Turn = tuple[Phase, list[Item]]
@@ -29,7 +29,8 @@ class Turns:
 
     def __init__(self, session: CrawlSession, phases: Sequence[Phase]) -> None:
         self.phases = list(phases)
-        self._session, self._source, self._frontier = session, session.source, session.frontier
+        self._session, self._connector = session, session.connector
+        self._frontier = session.frontier
         self._limit = Limit(session.run.limit)
         self._in_hand: Counter[str] = Counter()  # fetches by kind
         self._closed: dict[str, Stopped] = {}
@@ -83,7 +84,7 @@ class Turns:
         """An item that the service has answered, of one `phase` if given; None without one."""
         for each in self._of(service) if phase is None else [phase]:
             item = self._frontier.answered(each.kind)
-            if item is not None and self._source.leave_out(each, item) is None:
+            if item is not None and self._connector.leave_out(each, item) is None:
                 return each, item
         return None
 
@@ -170,7 +171,7 @@ class Turns:
                 self._frontier.release(phase.kind, *(item.key for item in items))
                 self.close(phase, self._limit.reached())
                 return None
-            chosen = self._source.pack(phase, items)
+            chosen = self._connector.pack(phase, items)
             keys = {item.key for item in chosen}
             others = (item.key for item in items if item.key not in keys)
             self._frontier.release(phase.kind, *others)
@@ -183,7 +184,7 @@ class Turns:
     def _wanted(self, phase: Phase, items: list[Item]) -> list[Item]:
         wanted = []
         for item in items:
-            reason = self._source.leave_out(phase, item)
+            reason = self._connector.leave_out(phase, item)
             if reason is None:
                 wanted.append(item)
             else:

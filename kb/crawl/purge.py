@@ -7,7 +7,8 @@ from kb.artifacts.purge_named import PurgeList
 from kb.artifacts.purge_rows import location_of, shared_locations
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.source_spec import SourceSpec
+from kb.core.source import Source
+from kb.core.sources import SOURCES
 from kb.crawl.id_list import IdRules, ListedId
 from kb.crawl.session import open_session
 from kb.schema.tables import table
@@ -21,7 +22,8 @@ def purge_answers(run: Run, rules: PurgeRules, listed: PurgeList | None) -> Purg
     Interrupted.
     """
     # Opening a session takes in what a killed crawl or import had not committed.
-    with open_session(run, steps.connector(rules.source)(run), asks=False, tells=False) as session:
+    connector = SOURCES[rules.source].connector(run)
+    with open_session(run, connector, asks=False, tells=False) as session:
         session.recorder.close()
         scratch = Layout(run.root).known(rules.source)
         purge = Purge(run, rules, listed, session.frontier, scratch)
@@ -41,23 +43,25 @@ def _as_text(entry: ListedId) -> str | None:
     return str(entry.value) if entry.value else None
 
 
-def rules_by_name(spec: SourceSpec) -> PurgeRules:
+def rules_by_name(source: Source) -> PurgeRules:
     """The rules of a source whose items are removed by name only."""
-    rows = [(short, prefix, table(f"{spec.name}/{short}")) for short, prefix in spec.tables.items()]
+    rows = [
+        (short, prefix, table(f"{source.name}/{short}")) for short, prefix in source.tables.items()
+    ]
     ids = IdRules(
         option="--ids",
-        noun=f"ids of {spec.counted}",
+        noun=f"ids of {source.counted}",
         hint="write one a line",
         columns=tuple(declared.key[0] for _, _, declared in rows),
         tables=(tuple(short for short, _, _ in rows),),
         parse=_as_text,
     )
     return PurgeRules(
-        spec.name,
+        source.name,
         ids.read_some,
         rows=(
             *(location_of(one.name, one.key[0], prefix) for _, prefix, one in rows),
-            *shared_locations(spec.name),
+            *shared_locations(source.name),
         ),
-        items=tuple(spec.nouns),
+        items=tuple(source.nouns),
     )

@@ -14,7 +14,7 @@ from kb.artifacts import domain_binding
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import Blocked, Retryable
-from kb.crawl.source import Answer, Opened, Source
+from kb.crawl.connector import Answer, Connector, Opened
 from kb.store import lock
 from kb.store.layout import Layout
 from kb.store.rawlog.rawlog import Envelope
@@ -30,7 +30,7 @@ _STEP_S = 0.5  # how soon a waiting thread notices that the work on its service 
 class CrawlSession(Opened):
     """What the phases of one run share. Thread-safe."""
 
-    source: Source
+    connector: Connector
     recorder: Recorder = field(init=False)
     _probing: set[str] = field(default_factory=set)
     _ended: dict[str, BaseException] = field(default_factory=dict)
@@ -107,7 +107,7 @@ class CrawlSession(Opened):
 @contextmanager
 def open_session(
     run: Run,
-    source: Source,
+    connector: Connector,
     place: Path | None = None,
     *,
     asks: bool = True,
@@ -123,26 +123,26 @@ def open_session(
     WriterLocked, DamagedData.
     """
     root = place or run.root
-    facts = source.identity() if asks else {}
+    facts = connector.identity() if asks else {}
     with ExitStack() as stack:
-        stack.enter_context(lock.writer(root, source.name))
+        stack.enter_context(lock.writer(root, connector.name))
         if root == run.root:
             domain_binding.note(run.root, run.profile)
-        service_binding.remember(root, source.name, **facts)
-        frontier = Frontier(Layout(root).state(source.name), payloads=source.payloads)
+        service_binding.remember(root, connector.name, **facts)
+        frontier = Frontier(Layout(root).state(connector.name), payloads=connector.payloads)
         stack.callback(frontier.close)
         session = CrawlSession(
             run=run,
-            source=source,
+            connector=connector,
             frontier=frontier,
-            purged=tombstones.keys(run.root, source.name).union(removed),
+            purged=tombstones.keys(run.root, connector.name).union(removed),
             _spent=frontier.requests(),
         )
-        source.begin(session)
-        stack.callback(source.close)
-        session.look_up_blocks({phase.service for phase in source.phases})
-        asked = [phase.kind for phase in source.phases]
+        connector.begin(session)
+        stack.callback(connector.close)
+        session.look_up_blocks({phase.service for phase in connector.phases})
+        asked = [phase.kind for phase in connector.phases]
         session.recorder = stack.enter_context(
-            Recorder(root, source.name, frontier, source.reduce, asked=asked, tells=tells)
+            Recorder(root, connector.name, frontier, connector.reduce, asked=asked, tells=tells)
         )
         yield session

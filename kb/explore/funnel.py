@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from kb.core.sources import RELEASES, SPECS
+from kb.core.sources import RELEASES, SOURCES
 from kb.explore.tables import CurrentTables
 from kb.store.tables.row_counts import VERDICTS
 
@@ -29,12 +29,12 @@ class SourceFunnel(NamedTuple):
 
 def read(tables: CurrentTables) -> list[SourceFunnel]:
     """The funnel of each source that has rows. Raises DamagedData."""
-    return [made for name in SPECS if (made := _funnel(tables, name)) is not None]
+    return [made for name in SOURCES if (made := _funnel(tables, name)) is not None]
 
 
 def _funnel(tables: CurrentTables, source: str) -> SourceFunnel | None:
-    spec = SPECS[source]
-    kept = sum(tables.count(f"{source}_{table}") for table in spec.tables)
+    of = SOURCES[source]
+    kept = sum(tables.count(f"{source}_{table}") for table in of.tables)
     verdicts = {verdict: tables.count(f"{source}_{verdict}") for verdict in VERDICTS}
     crawled = kept + sum(verdicts.values())
     if not crawled:
@@ -51,4 +51,4 @@ def _funnel(tables: CurrentTables, source: str) -> SourceFunnel | None:
     for stage in stages:
         left -= rejected[stage]
         steps.append(FunnelStep(stage, left, rejected[stage], left / crawled))
-    return SourceFunnel(source, spec.report.title, steps, {"kept": kept, **verdicts})
+    return SourceFunnel(source, of.report.title, steps, {"kept": kept, **verdicts})

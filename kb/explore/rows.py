@@ -8,7 +8,7 @@ from typing import Any
 from urllib.parse import urlencode
 
 from kb.core.errors import UsageError
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 from kb.explore.tables import CurrentTables, quoted
 from kb.store.tables.row_counts import VERDICTS
 
@@ -59,7 +59,7 @@ class RowsPage:
     tables: list[str]
     verdicts: list[str]
     reasons: list[tuple[str, str, int]]
-    sources: tuple[str, ...] = tuple(SPECS)
+    sources: tuple[str, ...] = tuple(SOURCES)
 
     @property
     def reached(self) -> int:
@@ -74,13 +74,13 @@ class RowsPage:
 
 def parse(query: Mapping[str, str]) -> RowsQuery:
     """The question in an address. Raises UsageError for a value that no page has."""
-    source = query.get("source", next(iter(SPECS)))
+    source = query.get("source", next(iter(SOURCES)))
     verdict = query.get("verdict", _KEPT)
-    if source not in SPECS:
-        raise UsageError(f"unknown source {source!r}", hint=f"use one of {', '.join(SPECS)}")
+    if source not in SOURCES:
+        raise UsageError(f"unknown source {source!r}", hint=f"use one of {', '.join(SOURCES)}")
     if verdict not in (_KEPT, *VERDICTS):
         raise UsageError(f"unknown verdict {verdict!r}")
-    tables = [*SPECS[source].tables]
+    tables = [*SOURCES[source].tables]
     table = query.get("table") or tables[0]
     if table not in tables:
         raise UsageError(f"unknown table {table!r}", hint=f"use one of {', '.join(tables)}")
@@ -107,9 +107,11 @@ def read(tables: CurrentTables, asked: RowsQuery) -> RowsPage:
     verdicts = [
         verdict
         for verdict in (_KEPT, *VERDICTS)
-        if any(_holds(tables, asked.source, verdict, table) for table in SPECS[asked.source].tables)
+        if any(
+            _holds(tables, asked.source, verdict, table) for table in SOURCES[asked.source].tables
+        )
     ]
-    shown = [one for one in SPECS[asked.source].tables if f"{asked.source}_{one}" in tables]
+    shown = [one for one in SOURCES[asked.source].tables if f"{asked.source}_{one}" in tables]
     if asked.name not in tables:
         return RowsPage(asked, [], [], 0, shown, verdicts, [])
     with tables.asked(asked.name) as con:
@@ -155,7 +157,7 @@ def _columns(asked: RowsQuery, kinds: Mapping[str, str]) -> list[str]:
     """
     if asked.verdict != _KEPT:
         return [name for name in kinds if name != "number"]
-    samples = SPECS[asked.source].report.samples.get(f"{asked.source}/{asked.table}", ())
+    samples = SOURCES[asked.source].report.samples.get(f"{asked.source}/{asked.table}", ())
     key = next(iter(kinds))
     chosen = [key, *(name for name in samples if name in kinds and name != key)]
     return chosen if len(chosen) > 1 else [*kinds][:12]

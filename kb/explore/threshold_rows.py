@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
-from kb.core.sources import RELEASES, SPECS
+from kb.core.sources import RELEASES, SOURCES
 from kb.explore.tables import CurrentTables
 from kb.explore.threshold_stages import StageOfTable
 from kb.filters.predicates import number as shown
@@ -112,7 +112,7 @@ class ThresholdRows:
         "" where the key alone does not give one.
         """
         source = self.stage.source
-        agent = SPECS[source].agent
+        agent = SOURCES[source].agent
         if agent is None:
             return ""
         if is_kept:

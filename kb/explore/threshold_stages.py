@@ -6,7 +6,7 @@ from urllib.parse import urlencode
 
 from kb.core.config import pipeline
 from kb.core.config.profile import Profile
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 from kb.explore.tables import CurrentTables
 from kb.filters.chain import Chain
 from kb.filters.thresholds import StageThreshold, thresholds
@@ -58,7 +58,7 @@ class StageOfTable(NamedTuple):
 
 def stages_of(tables: CurrentTables, profile: Profile) -> Iterator[StageOfTable]:
     """The stages of the shipped pipelines whose columns the tables have. Raises DamagedData."""
-    for source in SPECS:
+    for source in SOURCES:
         if getattr(profile, source, None) is None:
             continue
         clean = pipeline.load(str(pipeline.locate(source))).clean(profile)

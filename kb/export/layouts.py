@@ -8,7 +8,7 @@ from typing import Any
 
 from kb.core.context import Run
 from kb.core.errors import FatalError, MissingExtra, ProfileError
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.export import minedojo, open_text, pair_layouts, parquet
 from kb.store.artifact_registry import ARTIFACTS
@@ -16,7 +16,7 @@ from kb.store.layout import Layout
 
 Writer = Callable[[Run], Any]
 
-# The layouts besides "parquet", which is release/<name>; those of a source are in its spec.
+# The layouts besides "parquet", which is release/<name>; those of a source are its own.
 MADE: Mapping[str, Mapping[str, Writer]] = {
     "pairs": {
         "minedojo": minedojo.pairs,
@@ -29,9 +29,8 @@ MADE: Mapping[str, Mapping[str, Writer]] = {
 
 def writers(name: str) -> Mapping[str, Writer]:
     """The layouts of what is published under that name."""
-    spec = SPECS.get(name)
-    own = {layout: spec.load(code) for layout, code in spec.formats.items()} if spec else {}
-    return {"parquet": partial(parquet.export, source=name), **MADE.get(name, own)}
+    own = SOURCES[name].writers() if name in SOURCES else MADE.get(name, {})
+    return {"parquet": partial(parquet.export, source=name), **own}
 
 
 def export(run: Run, name: str, layout: str = "parquet") -> Summary:
@@ -41,7 +40,9 @@ def export(run: Run, name: str, layout: str = "parquet") -> Summary:
     made = writers(name)[layout](run)
     if not isinstance(made, Summary):
         return Summary(format=layout, export=str(made))
-    return Summary({"command": f"{name} export" if name in SPECS else name, "source": name} | made)
+    return Summary(
+        {"command": f"{name} export" if name in SOURCES else name, "source": name} | made
+    )
 
 
 def export_again(run: Run, name: str) -> None:

@@ -22,7 +22,6 @@ from kb.artifacts.table_catalog import NO_TABLES, Catalog
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.core.installation import require
-from kb.core.sources import SPECS
 from kb.core.summary import Summary
 from kb.links import entity_pages
 from kb.links.entity_pages import Names, Own
@@ -37,7 +36,7 @@ from kb.store.tables.reading import reading, scan
 from kb.store.tables.shard_writer import ShardWriter, sorted_shards, write_table
 
 _LAYOUT = 1  # raised when the same input gives other rows
-_PAGES = next(f"{name}/{spec.pages}" for name, spec in SPECS.items() if spec.pages)
+_PAGES = "wiki/pages"
 
 
 def build(run: Run, names: Callable[[], Mapping[str, Names]]) -> Summary:

@@ -7,7 +7,7 @@ of its poll) is one text that no phrase crosses.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -15,8 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.installation import np
-from kb.core.source_spec import TextColumns
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 from kb.pairs import transcripts
 from kb.pairs.transcript_batch import Text
 from kb.schema import table
@@ -42,31 +41,30 @@ def parts(path: Path, name: str) -> Iterator[TextPart]:
     Raises DamagedData.
     """
     with reading([path]):
-        spec, texts = _TEXTS[name]
-        if texts.reader:
-            yield from spec.load(texts.reader)(path)
-        else:
-            yield from _columns_of(path, texts)
+        source, _, short = name.partition("/")
+        yield from SOURCES[source].texts(short, path)
 
 
-def transcripts_of(path: Path) -> Iterator[TextPart]:
+def in_transcripts(path: Path) -> Iterator[TextPart]:
     """Transcripts of videos, with the times of their cues."""
     for text in transcripts.texts(path):
         yield TextPart("transcript", text, timed=True)
 
 
-def _columns_of(path: Path, texts: TextColumns) -> Iterator[TextPart]:
-    """The parts that are columns; a release lacks some of them."""
-    names = [texts.key, *(name for columns in texts.parts.values() for name in columns)]
+def in_columns(
+    path: Path, key: str, parts: Mapping[str, tuple[str, ...]], prefix: str = ""
+) -> Iterator[TextPart]:
+    """Parts that are columns, by name; a release lacks some of them. `prefix` precedes the key."""
+    names = [key, *(name for columns in parts.values() for name in columns)]
     for rows in _batches(path, names):
-        keys = _full(texts.prefix, rows[texts.key])
-        for part, columns in texts.parts.items():
+        keys = _full(prefix, rows[key])
+        for part, columns in parts.items():
             present = tuple(rows[name] for name in columns if name in rows.column_names)
             if present:
                 yield from _texts(part, keys, present)
 
 
-def visible_text(path: Path) -> Iterator[TextPart]:
+def in_elements(path: Path) -> Iterator[TextPart]:
     """The visible text of pages; a file of elements holds whole pages, some hundred of them."""
     names = ["page_id", "element_id", "parent_id", "kind", "visible", "text", "reading_order"]
     rows = parquet.read_table(path, columns=names)
@@ -76,9 +74,6 @@ def visible_text(path: Path) -> Iterator[TextPart]:
     texts = _one(rows["text"]).take(pa.array(taken))
     keys = pa.array(pages).cast(pa.string())
     yield from in_pieces("page", keys, page[taken], texts)
-
-
-_TEXTS = {f"{name}/{one.table}": (spec, one) for name, spec in SPECS.items() for one in spec.texts}
 
 
 def _outermost(rows: pa.Table) -> list[int]:

@@ -7,7 +7,7 @@ from kb.artifacts import manifest, table_catalog, texts
 from kb.artifacts.table_catalog import bare
 from kb.core import terminal
 from kb.core.context import Run
-from kb.core.sources import SOURCES, SPECS
+from kb.core.sources import SOURCES
 from kb.mcp.references import AGENTS
 from kb.mcp.untrusted_text import AnswerPart, Fence, cut, fit
 from kb.reader.open_tables import OpenTables
@@ -38,7 +38,7 @@ def _left_out(count: int) -> str:
 
 
 def _source(opened: OpenTables, source: str) -> str:
-    agent, noun = AGENTS[source], SPECS[source].release.main
+    agent, noun = AGENTS[source], SOURCES[source].release.main
     ranked = opened.ranked(f"{source}_{noun}")
     if not ranked:
         return ""
@@ -56,7 +56,7 @@ def _source(opened: OpenTables, source: str) -> str:
 
 
 def _licences(opened: OpenTables, source: str) -> str:
-    ranked = opened.ranked(f"{source}_{SPECS[source].release.main}")
+    ranked = opened.ranked(f"{source}_{SOURCES[source].release.main}")
     if not ranked or AGENTS[source].note:
         return ""
     sql = f"SELECT license, count(*) AS n FROM {ranked[0].full} GROUP BY 1 ORDER BY 2 DESC, 1"

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 
 from kb.artifacts import table_catalog
 from kb.core.errors import UsageError
-from kb.core.sources import SPECS
+from kb.core.source_spec import load_name
+from kb.core.sources import SOURCES
 from kb.mcp.references import SourceLocation
 from kb.mcp.untrusted_text import AnswerPart, Fence
 from kb.reader.open_tables import OpenTables
@@ -52,10 +53,10 @@ class AgentDocument(NamedTuple):
 def surroundings(root: Path, place: SourceLocation) -> AgentDocument:
     """The document of a place. Raises UsageError for an unknown place, DamagedData."""
     tables = OpenTables([table_catalog.read(root)])
-    agent = SPECS[place.source].agent
+    agent = SOURCES[place.source].agent
     if agent is None:
         raise UsageError(f"`read` does not support {place.source}", hint="use `query`")
-    document: AgentDocument = SPECS[place.source].load(agent.reader)(tables, place)
+    document: AgentDocument = load_name(agent.reader)(tables, place)
     return document
 
 

@@ -10,9 +10,10 @@ from typing import NamedTuple
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from kb.core.errors import UsageError
-from kb.core.sources import SPECS
+from kb.core.source_spec import load_name
+from kb.core.sources import SOURCES
 
-AGENTS = {name: spec.agent for name, spec in SPECS.items() if spec.agent is not None}
+AGENTS = {name: source.agent for name, source in SOURCES.items() if source.agent is not None}
 _REF = re.compile(rf"({'|'.join(AGENTS)}):([^\s@#/]+)(?:[@#/](.+))?")
 
 
@@ -39,9 +40,7 @@ def from_link(url: str) -> SourceLocation | None:
     of_host = [name for name, agent in AGENTS.items() if host.endswith(agent.hosts or "-")]
     of_any = [name for name, agent in AGENTS.items() if not agent.hosts]
     for name in of_host or of_any:
-        known: SourceLocation | None = SPECS[name].load(AGENTS[name].link)(
-            parts, parse_qs(parts.query)
-        )
+        known: SourceLocation | None = load_name(AGENTS[name].link)(parts, parse_qs(parts.query))
         return known
     return None
 

@@ -74,7 +74,8 @@ Chars = Annotated[
 ]
 _PREFIX = 60  # characters that the SDK puts before an error
 _VALUE = 60  # characters of a wrong value that are repeated
-Source = Literal[SOURCES]  # type: ignore[valid-type]
+_NAMES = tuple(SOURCES)
+Source = Literal[_NAMES]  # type: ignore[valid-type]
 Kind = Literal["video", "transcript", "section", "table", "post", "comment"]
 
 

@@ -37,7 +37,7 @@ class Tools(NamedTuple):
 
 def make_tools(section: Pairs, seed: int, keywords: Keywords) -> Tools:
     """Automaton and tokenizer for a profile. Raises MissingExtra."""
-    for package in ("numpy", "instant_clip_tokenizer", "lingua", "rensa"):
+    for package in ("numpy", "tokenizers", "lingua", "rensa"):
         if find_spec(package) is None:
             raise MissingExtra(
                 f"pairs need the package {package.replace('_', '-')}",

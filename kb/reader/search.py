@@ -44,7 +44,7 @@ def find(
     if not opened.catalogs:
         raise UsageError("a release at an address can't be searched", hint="download it first")
     hits = []
-    chosen = sources or SOURCES
+    chosen = sources or tuple(SOURCES)
     indexable = [
         one
         for one in opened.catalogs

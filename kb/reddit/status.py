@@ -4,11 +4,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from kb.reddit.connector.reduce import OUTSIDE, PAYLOADS, crawled, incomplete_posts
+from kb.reddit.connector.reduce import OUTSIDE, PAYLOADS, incomplete_posts
 from kb.store.layout import Layout
 from kb.store.tables import reading
-
-__all__ = ["crawled", "failures", "incomplete", "incomplete_count"]
 
 COMMENTS, REPLIES = "comments", "replies"  # parts that failed, behind the name of what they are of
 _NAMED = 20  # posts that `kb status` names

@@ -21,7 +21,7 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, MissingExtra, UsageError
 from kb.core.installation import install_extra
 from kb.core.source_spec import ReportSpec, load_name
-from kb.core.sources import SOURCES, SPECS
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.core.templates import environment
 from kb.report.data import ReportData
@@ -97,7 +97,7 @@ Maker = Callable[[ReportData, "Profile"], "Figure | tuple[Figure, ...] | None"]
 PAGE = "index.html"
 # The sections in the order of the page: sources, what is made from them, and what they were asked.
 SECTIONS: dict[str, ReportSpec] = {
-    **{name: spec.report for name, spec in SPECS.items()},
+    **{name: source.report for name, source in SOURCES.items()},
     "pairs": ReportSpec(
         title="Video-text pairs",
         tables=("pairs/pairs",),

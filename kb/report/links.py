@@ -1,7 +1,7 @@
 """What is spoken of: by how many mentions, and which things only one source knows."""
 
 from kb.core.config.profile import Profile
-from kb.core.sources import SOURCES, SPECS
+from kb.core.sources import SOURCES
 from kb.report.data import ReportData
 from kb.report.figure_style import GREEN, ORANGE, SKY, Figure, readable
 from kb.report.figures import bar_figure
@@ -27,7 +27,7 @@ _KNOWN = """
 _NUMBERS = {2: "two", 3: "three", 4: "four", 5: "five"}
 _ALL = _NUMBERS.get(len(SOURCES), str(len(SOURCES)))
 _WHO = {
-    **{name: spec.report.only for name, spec in SPECS.items()},
+    **{name: source.report.only for name, source in SOURCES.items()},
     **{str(n): f"{_NUMBERS.get(n, n)} of the {_ALL}" for n in range(2, len(SOURCES))},
     str(len(SOURCES)): f"all {_ALL}",
 }

@@ -1,7 +1,7 @@
 """What the services were asked: each on a scale of its own, as their limits are."""
 
 from kb.core.config.profile import Profile
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 from kb.report.charts import over_time
 from kb.report.data import ReportData
 from kb.report.figure_style import BLUE, GREEN, GREY, RED, Figure, canvas, saved
@@ -20,7 +20,7 @@ def quota(data: ReportData, profile: Profile) -> Figure | None:
     in_units = {  # the others' ledgers count a request as a unit
         (source, bucket)
         for source, _, bucket, _, units in ledger
-        if units and source in SPECS and SPECS[source].report.units
+        if units and source in SOURCES and SOURCES[source].report.units
     }
     rows = [
         (day, _label(source, bucket), units if (source, bucket) in in_units else requests)
@@ -59,7 +59,7 @@ def quota(data: ReportData, profile: Profile) -> Figure | None:
 
 
 def _color(source: str) -> str:
-    color = SPECS[source].report.color if source in SPECS else ""
+    color = SOURCES[source].report.color if source in SOURCES else ""
     return _COLORS.get(color, GREY)
 
 
@@ -68,7 +68,7 @@ def _label(source: str, bucket: str) -> str:
 
 
 def _title(source: str, bucket: str) -> str:
-    name = SPECS[source].report.title if source in SPECS else source
+    name = SOURCES[source].report.title if source in SOURCES else source
     return name if bucket in (source, "requests") else f"{name}: {bucket}"
 
 

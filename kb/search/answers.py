@@ -64,7 +64,7 @@ def search(
     for what can't be read.
     """
     asked = question(words)
-    indexes = {source: _opened(root, source) for source in usable(root, sources or SOURCES)}
+    indexes = {source: _opened(root, source) for source in usable(root, sources or tuple(SOURCES))}
     weights = Weights(indexes, asked)
     linked = restrict(root, entity, list(indexes)) if entity else None
     return [
@@ -77,7 +77,7 @@ def suggest(root: Path, words: str, *, sources: Sequence[str] = ()) -> str:
     """The query with each word that no passage has in its nearest spelling that some have; "" where
     every word is known, or nothing is near. Raises as `search`.
     """
-    usable_sources = usable(root, sources or SOURCES)
+    usable_sources = usable(root, sources or tuple(SOURCES))
     return corrected([_opened(root, source) for source in usable_sources], words)
 
 

@@ -12,7 +12,7 @@ from kb.artifacts import index as index_of
 from kb.artifacts.table_catalog import NO_TABLES, Catalog, empty
 from kb.core.context import Run
 from kb.core.errors import FatalError
-from kb.core.sources import SOURCES, SPECS
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.search import tantivy_index
 from kb.search.tantivy_index import STEMMERS
@@ -76,8 +76,7 @@ def follow(run: Run, source: str) -> BuiltIndex | None:
             run.progress.task(f"index {source}", unit="passages") as task,
             manifest.replacing(workplace, name, inputs=inputs, rules=rules) as fresh,
         ):
-            spec = SPECS[source]
-            passages = spec.load(spec.passages)(run.profile, root)
+            passages = SOURCES[source].passages(run.profile, root)
             count = tantivy_index.write(fresh.folder, stemmer, passages, task.advance)
             fresh.figures = {"passages": count, "stemmer": stemmer}
     return BuiltIndex(count, fresh=True)

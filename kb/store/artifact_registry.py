@@ -8,8 +8,8 @@
 
 A name is the artifact's path below the data root. Freshness, completeness, damage, hints, locks,
 cleanup and the catalog of tables are derived from these declarations and from the manifest of each
-folder (kb.artifacts.manifest). They follow from the specs of the sources (kb.core.sources), so a
-new source needs no line here.
+folder (kb.artifacts.manifest). They follow from the sources (kb.core.sources), so a new source
+needs no line here.
 """
 
 from collections.abc import Iterator
@@ -21,7 +21,6 @@ from kb.core.sources import (
     PUBLISHED,
     RELEASES,
     SOURCES,
-    SPECS,
     exported_by,
     made_of,
 )
@@ -83,7 +82,7 @@ def _declared() -> Iterator[Artifact]:
         filter_ = f"kb {source} filter"
         own = tuple(one.name for one in tables().values() if one.source == source)
         kept = tuple(name for name in own if not name.endswith("/missing"))
-        texts = tuple(f"{source}/{short}" for short in SPECS[source].indexed)
+        texts = tuple(f"{source}/{short}" for short in SOURCES[source].indexed)
         clean = f"clean/{source}"
         yield Artifact(f"annotations/{source}", (), filter_, source, ("shared/annotations",))
         yield Artifact(clean, (f"raw/{source}",), filter_, source, kept)
@@ -92,7 +91,7 @@ def _declared() -> Iterator[Artifact]:
     for name in ("pairs", "tasks", "links"):
         own = tuple(one.name for one in tables().values() if one.source == name)
         inputs = tuple(f"clean/{one}" for one in made_of(name))
-        linked = tuple(f"{one}/{text.table}" for one in SOURCES for text in SPECS[one].texts)
+        linked = tuple(f"{one}/{short}" for one in SOURCES for short in SOURCES[one].linked)
         yield Artifact(name, inputs, f"kb {name}", name, own, linked if name == "links" else ())
     yield Artifact("labels", (), "kb label import", "labels", ("labels/labels",))
     yield Artifact("restored", (), "kb restore", "restored")  # its lists of missing ids
@@ -100,11 +99,11 @@ def _declared() -> Iterator[Artifact]:
     for name in PUBLISHED:
         own = tuple(one.name for one in tables().values() if one.source == name and one.released)
         owner = RELEASES[name].part_of
-        inputs = (f"clean/{owner or name}" if (owner or name) in SPECS else name,)
-        reads = tuple(f"{owner}/{short}" for short in SPECS[owner].indexed) if owner else own
+        inputs = (f"clean/{owner or name}" if (owner or name) in SOURCES else name,)
+        reads = tuple(f"{owner}/{short}" for short in SOURCES[owner].indexed) if owner else own
         command, lock = exported_by(name), f"release-{name}"
         yield Artifact(f"release/{name}", inputs, command, lock, own, reads, public=True)
-        for export in SPECS[name].exports if name in SPECS else EXPORTS.get(name, ()):
+        for export in SOURCES[name].exports if name in SOURCES else EXPORTS.get(name, ()):
             format_ = f"{command} --format {export.partition('/')[0]}"
             yield Artifact(f"export/{export}", inputs, format_, lock, public=True)
     reconstruct = ("raw/reddit",), "kb reddit reconstruct", "reconstructed"
@@ -137,4 +136,4 @@ def of_table(name: str) -> Artifact:
     source = name.partition("/")[0]
     if source in RELEASES and RELEASES[source].part_of:
         return ARTIFACTS[f"release/{source}"]
-    return ARTIFACTS[f"clean/{source}" if source in SPECS else source]
+    return ARTIFACTS[f"clean/{source}" if source in SOURCES else source]

@@ -19,8 +19,6 @@ index/<source>/            what `kb search` reads, and in a note what it was mad
 from dataclasses import dataclass
 from pathlib import Path
 
-from kb.core.sources import SPECS
-
 TOP = (
     "raw",
     "state",
@@ -38,7 +36,7 @@ TOP = (
 )
 """The folders that commands write, in the order of the data's way."""
 
-CAPTURED = next(name for name, spec in SPECS.items() if spec.files)
+CAPTURED = "wiki"
 """The source with captured files beside its raw answers."""
 
 _PAIRS = ("pairs/pairs", "pairs/quality")

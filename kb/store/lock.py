@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from kb.core.errors import WriterLocked
-from kb.core.sources import PUBLISHED, SOURCES, SPECS
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.store import leftovers
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.atomic import full_disk_is_resumable
@@ -49,7 +49,7 @@ def of_purge(source: str) -> tuple[str, ...]:
     """The locks of a purge: everything that is made of the source, labels, what was brought back of
     it, and the releases of what is made of sources, whose descriptions are written again.
     """
-    releases = (f"release-{name}" for name in PUBLISHED if name not in SPECS)
+    releases = (f"release-{name}" for name in PUBLISHED if name not in SOURCES)
     return (*of_clean(source), "labels", *releases, *RESTORED, "report")
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from kb.artifacts import manifest
 from kb.core.errors import DamagedData
-from kb.core.sources import SOURCES, SPECS
+from kb.core.sources import SOURCES
 from kb.store import leftovers
 from kb.store.artifact_registry import MANIFEST, Artifact, artifact_of
 from kb.store.damage import remedy
@@ -100,7 +100,7 @@ class FileVerifier:
         elif known and len(parts) == 4 and f"{rawlog.SUFFIX}.damaged-" in path.name:
             findings.advance(path.stat().st_size)
             findings.intact("set aside", path)
-        elif known and len(parts) > 2 and parts[2] in SPECS[parts[1]].files:
+        elif known and len(parts) > 2 and parts[2] in SOURCES[parts[1]].files:
             if path.name.endswith(sidefiles.QUARANTINE_SUFFIX):
                 findings.intact("set aside", path)
             else:

@@ -16,7 +16,7 @@ from kb.artifacts import manifest
 from kb.artifacts.table_catalog import Catalog, empty, existing, is_root
 from kb.core.errors import DamagedData
 from kb.core.progress import Progress
-from kb.core.sources import PUBLISHED, SOURCES, SPECS
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.schema.tables import table
 from kb.store import leftovers, lock
 from kb.store.artifact_registry import ARTIFACTS, artifact_of
@@ -114,7 +114,7 @@ def _two_answers(findings: Findings, root: Path, source: str) -> None:
             f"'{prefix}' || {table(f'{source}/{short}').key[0]}::VARCHAR",
             parquet_files(clean / short),
         )
-        for short, prefix in SPECS[source].tables.items()
+        for short, prefix in SOURCES[source].tables.items()
     ]
     keys += [("key", parquet_files(clean / verdict)) for verdict in VERDICTS]
     all_files = [file for _, files in keys for file in files]

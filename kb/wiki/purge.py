@@ -2,6 +2,7 @@
 
 import hashlib
 import shutil
+from collections.abc import Collection
 
 from kb.artifacts.purge import Purge, PurgeRules
 from kb.artifacts.purge_named import KNOWN, NAMED, UNKNOWN
@@ -32,32 +33,29 @@ def look_up(purge: Purge) -> dict[str, str]:
     pages = {key: page for key, _, _, page in frontier.items("pages")}
     titles = {title: key for key, page in pages.items() for title in page.former}
     titles |= {page.title: key for key, page in pages.items()}
-    titles |= {
-        title: title
-        for key, *_ in frontier.items("info")
-        if (title := key.partition(":")[2]) not in titles
-    }
+    asked = {key.partition(":")[2] for key, *_ in frontier.items("info")}
     before = frontier.cursor(_PURGED, {}, of=dict[str, str])
     purged = {mark: key for mark, key in before.items() if key in removed}
-    here = {*pages, *titles.values()}
     numbers = getattr(purge.listed, "numbers", ())
     found: dict[str, str] = {}
     for name in purge.listed.keys:
         key = name
         if not (name in pages or name in numbers or name in removed):  # a number is an id first
-            key = _by_title(titles, purged, name) or name
-        found[key] = NAMED if key in here else KNOWN if key in removed else UNKNOWN
+            key = _by_title(titles, purged, asked, name) or name
+        here = key in pages or key in asked
+        found[key] = KNOWN if key in removed else NAMED if here else UNKNOWN
     return found
 
 
-def _by_title(titles: dict[str, str], purged: dict[str, str], name: str) -> str | None:
+def _by_title(
+    titles: dict[str, str], purged: dict[str, str], asked: Collection[str], name: str
+) -> str | None:
     """The key of a page by its title, which the wiki begins with a capital; of those that were
-    purged a digest alone is kept.
+    purged a digest alone is kept. A title that was asked for and has no page is its own key.
     """
-    for title in (name, name[:1].upper() + name[1:]):
-        if key := titles.get(title) or purged.get(_mark(title)):
-            return key
-    return None
+    spelled = (name, name[:1].upper() + name[1:])
+    keys = (titles.get(title) or purged.get(_mark(title)) for title in spelled)
+    return next(filter(None, keys), None) or next((one for one in spelled if one in asked), None)
 
 
 def _mark(title: str) -> str:

@@ -7,12 +7,10 @@ from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
 from kb.store.state.frontier import Frontier
 from kb.youtube.connector import quota
-from kb.youtube.connector.reduce import crawled, with_po_token
-
-__all__ = ["crawled", "details"]
+from kb.youtube.connector.reduce import with_po_token
 
 
-def details(run: Run, frontier: Frontier) -> dict[str, Any]:
+def status(run: Run, frontier: Frontier) -> dict[str, Any]:
     """Units spent in all, what is left of today's buckets, and videos that need a PO token."""
     _, units = frontier.requests()
     section = run.profile.youtube

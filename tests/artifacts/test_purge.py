@@ -6,6 +6,7 @@ import pytest
 
 from kb.artifacts import purge
 from kb.core.errors import DamagedData
+from kb.core.sources import SOURCES
 from kb.store.layout import Layout
 from tests.filters.made import MONDAY, listing, put, run_at, video
 
@@ -28,7 +29,7 @@ def test_a_dry_run_includes_what_an_interrupted_purge_left(tmp_path: Path) -> No
     path.parent.mkdir(exist_ok=True)
     path.write_text('{"a": "named"}')
     before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
-    with purge.dry_purge(run_at(tmp_path), purge.rules_of("youtube"), None) as dry:
+    with purge.dry_purge(run_at(tmp_path), SOURCES["youtube"].purge_rules(), None) as dry:
         assert dry.keys == {"a": "named", "c": "vanished"}
         (line,) = purge.answers(dry)
     assert (line.folder, line.count) == ("raw/youtube/videos", 1)

@@ -55,7 +55,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("release publish --to huggingface", {"HF_TOKEN": "hf_any"}, "huggingface-hub"),
         ("annotate reddit", NO_MODEL, "no/such/checkpoint.ckpt"),
         ("reddit filter", NO_MODEL, "no/such/checkpoint.ckpt"),
-        ("pairs", {}, "instant-clip-tokenizer"),
+        ("pairs", {}, "tokenizers"),
         ("links", {}, "numpy"),
         ("report", {}, "matplotlib"),
     ],

@@ -35,7 +35,7 @@ class Case(NamedTuple):
     bases: tuple[str, ...]
     same: tuple[str, ...]
     then: tuple[tuple[str, ...], ...] = ()
-    env: dict[str, str] = {}  # noqa: RUF012  of a tuple
+    env: dict[str, str] = {}
     gone: tuple[bytes, ...] = ()  # what no byte of the root may hold afterwards
     slow: bool = False  # takes longest: it comes last
     finished: str = ""  # what it may say instead of doing it all again

@@ -10,7 +10,7 @@ from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
 from kb.store.rawlog import rawlog
-from tests.fourth.feed.connector import Feed
+from tests.fourth.feed.connector import FeedConnector
 from tests.fourth.service import Service
 
 
@@ -25,7 +25,7 @@ def summary(session: CrawlSession, loop: Loop) -> Summary:
 
 def crawl(run: Run, service: Service) -> Summary:
     """One run of the feed's crawl."""
-    return work(run, Feed(run, service.root), summary)
+    return work(run, FeedConnector(run, service.root), summary)
 
 
 def texts(root: Path) -> list[str]:

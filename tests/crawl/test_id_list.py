@@ -1,8 +1,10 @@
 """Lists of ids in the forms that other tools write, read by the rules of each source."""
 
+import codecs
 import gzip
 import json
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -22,6 +24,19 @@ def written(tmp_path: Path, text: str | bytes, name: str = "list") -> Path:
     return path
 
 
+def found(key: str) -> dict[str, Any]:
+    """A result of search.list; its channel and pictures name no video of the list."""
+    picture = {"default": {"url": "https://i.ytimg.com/vi/ccccccccccc/default.jpg"}}
+    about = {"channelId": "UCkkkkkkkkk", "channelTitle": "KilnRoad123", "thumbnails": picture}
+    return {"kind": "youtube#searchResult", "id": {"videoId": key}, "snippet": about}
+
+
+def entry(key: str) -> dict[str, Any]:
+    """An item of playlistItems.list, which has an id of its own."""
+    about = {"resourceId": {"kind": "youtube#video", "videoId": key}, "title": "Description"}
+    return {"id": "UExrkkkkkkkk.AAAA", "snippet": about, "contentDetails": {"videoId": key}}
+
+
 VIDEOS = {
     "lines": f"\ufeff{A}\r\n\r\n# a note\r\nhttps://youtu.be/{B}?t=3\r\n{A}\r\n",
     "yt-dlp's download archive": f"youtube {A}\nyoutube {B}\n",
@@ -39,6 +54,44 @@ VIDEOS = {
     ),
     "NDJSON": f'{{"video_id": "{A}"}}\n{{"video_id": "{B}"}}\n',
     "a list in JSON": json.dumps([A, B]),
+    "UTF-16": f"{A}\r\nhttps://youtu.be/{B}\r\n".encode("utf-16"),
+    "UTF-16, big end first": codecs.BOM_UTF16_BE
+    + f"Video ID\tx\n{A}\t1\n{B}\t2".encode("utf-16-be"),
+    "UTF-32": f'[{{"videoId": "{A}"}}, {{"videoId": "{B}"}}]'.encode("utf-32"),
+    "UTF-16 in gzip": gzip.compress(f"{A}\n{B}\n".encode("utf-16")),
+    "a playlist of Takeout": f"Video ID,Playlist Video Creation Timestamp\n{A},2024\n{B},2024\n",
+    "an older playlist of Takeout": "Playlist Id,Channel Id,Title,Description\n"
+    f'PLkkkkkkkkk,UCkkkkkkkkk,Pots,"glazes, kilns"\n\nVideo Id,Time Added\n {A},2024\n{B},2024\n',
+    "a history of Takeout": json.dumps(
+        [
+            {
+                "header": "YouTube",
+                "title": "Watched a pot",
+                "titleUrl": f"https://www.youtube.com/watch?v={key}",
+                "subtitles": [{"name": "Kiln Road", "url": "https://www.youtube.com/channel/UCk"}],
+            }
+            for key in (A, B)
+        ]
+    ),
+    "a search of the API": json.dumps(
+        {"kind": "youtube#searchListResponse", "items": [found(A), found(B)]}
+    ),
+    "a playlist of the API": json.dumps({"items": [entry(A), entry(B)]}),
+    "videos of the API": json.dumps({"items": [{"id": A, "etag": "x"}, {"id": B}]}),
+    "answers of the API one a line": "".join(
+        json.dumps({"items": [found(key)]}) + "\n" for key in (A, B)
+    ),
+    "pages of an API in a list": json.dumps([{"items": [{"id": A}]}, {"items": [{"id": B}]}]),
+    "lists by another name": json.dumps(
+        {"playlists": [{"videos": [{"videoId": A}, {"videoId": B}]}]}
+    ),
+    "objects by id": json.dumps({A: {"title": "Description"}, B: {"title": "x"}}),
+    "an id that numbers rows": f"id,url\n1,https://youtu.be/{A}\n2,https://youtu.be/{B}\n",
+    "a column that its values tell": f'Kiln,Source\n"One, two",{A}\nDescription,{B}\n',
+    "a key that its values tell": json.dumps(
+        [{"clip": A, "by": "Kiln Road"}, {"clip": B, "by": "description"}]
+    ),
+    "columns without a header": f"{A};A pot;KilnRoad\n{B};Description;x\n",
     "gzip": gzip.compress(f"{A}\n{B}\n".encode()),
 }
 
@@ -59,6 +112,30 @@ def test_entries_that_are_no_ids_are_counted_and_one_line_says_so(tmp_path: Path
     assert VIDEO_IDS.read(written(tmp_path, odd))[::2] == ([A], 4)
     with pytest.raises(SettingError):
         VIDEO_IDS.read_some(written(tmp_path, "vimeo 1\n"))
+
+
+def test_a_column_of_parquet_is_found_by_its_name_or_its_values(tmp_path: Path) -> None:
+    for name in ("videoId", "Video ID", "clip"):
+        path = tmp_path / f"{name}.parquet"
+        pq.write_table(pa.table({"n": [1, 2], "title": ["x", "Description"], name: [A, B]}), path)
+        assert VIDEO_IDS.read(path)[::2] == ([A, B], 0)
+
+
+def test_what_is_no_video_in_an_answer_is_counted(tmp_path: Path) -> None:
+    channel = {"id": {"kind": "youtube#channel", "channelId": "UCkkkkkkkkk"}}
+    playlist = {**found(A), "id": {"kind": "youtube#playlist", "playlistId": "PLkkkkkkkkk"}}
+    text = json.dumps({"items": [found(A), channel, playlist]})
+    assert VIDEO_IDS.read(written(tmp_path, text))[::2] == ([A], 2)
+
+
+@pytest.mark.parametrize(
+    "text", ["https://vimeo.com/1?v=aaaaaaaaaaa\nx\n", "Playlist ID,Title\nPL0,Description\n"]
+)
+def test_a_list_without_ids_is_shown_by_its_first_line(tmp_path: Path, text: str) -> None:
+    with pytest.raises(SettingError) as error:
+        VIDEO_IDS.read_some(written(tmp_path, text))
+    assert repr(text.splitlines()[0]) in str(error.value)
+    assert error.value.exit_code == 2
 
 
 TITLES = {
@@ -151,7 +228,7 @@ def test_what_cannot_be_read_is_a_wrong_option(read, tmp_path: Path) -> None:
         other,
         written(tmp_path, "", "empty"),
         written(tmp_path, "{", "cut.json"),
-        written(tmp_path, b"\xff\xfe\x00x", "binary"),
+        written(tmp_path, b"\xff\x00x", "binary"),
         written(tmp_path, b"\x1f\x8b\x08cut", "cut.gz"),
     ):
         with pytest.raises(SettingError):

@@ -16,13 +16,13 @@ from kb.core.errors import (
     Retryable,
     Unreachable,
 )
+from kb.crawl.connector import Answer, Phase
 from kb.crawl.job import work
-from kb.crawl.source import Answer, Phase
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
 from tests import processes
 from tests.crawl.runs import crawl, summary, texts
-from tests.fourth.feed.connector import NOTES, PAGES, Feed
+from tests.fourth.feed.connector import NOTES, PAGES, FeedConnector
 from tests.fourth.service import Service, serving
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -145,7 +145,7 @@ def test_a_run_without_one_answer_looks_whether_the_service_is_down(run: Run, kn
             crawl(run, service)
 
 
-class Batches(Feed):
+class Batches(FeedConnector):
     """The feed, notes asked for eight at a time: one bad note fails the whole request."""
 
     phases = (replace(NOTES, batch=8), PAGES)
@@ -183,10 +183,10 @@ from pathlib import Path
 from kb.core.context import Run
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
-from tests.crawl.test_loop import Feed, summary, work
+from tests.crawl.test_loop import FeedConnector, summary, work
 root = Path(sys.argv[1])
 run = Run(load_settings(dotenv=False, kb_data=root), load_profile("minecraft"), root)
-work(run, Feed(run, sys.argv[2]), summary)
+work(run, FeedConnector(run, sys.argv[2]), summary)
 """
 
 
@@ -212,7 +212,7 @@ def test_killed_at_any_request_it_loses_and_repeats_nothing(
 def test_a_run_in_which_every_item_fails_is_no_success(run: Run) -> None:
     """Answers came, so the service is up; but nothing could be done with any of them."""
 
-    class Odd(Feed):
+    class Odd(FeedConnector):
         def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
             super().reduce(frontier, kind, envelope)
             if kind == "notes":

@@ -10,7 +10,7 @@ from kb.core.context import Run
 from kb.core.errors import Blocked
 from kb.crawl.job import work
 from tests.crawl.runs import crawl, summary, wait_until
-from tests.fourth.feed.connector import NOTES, PAGES, Feed
+from tests.fourth.feed.connector import NOTES, PAGES, FeedConnector
 from tests.fourth.service import Service
 
 
@@ -53,7 +53,7 @@ def test_a_service_waits_for_one_that_sleeps(
         service.fault = lambda path: None
 
     monkeypatch.setattr(clock, "sleep_until", wake_up)
-    feed = Feed(run, service.root)
+    feed = FeedConnector(run, service.root)
     feed.phases = (PAGES, replace(NOTES, service="notes"))
     done = work(replace(run, wait=True), feed, summary)
     assert done == {"notes": 10, "failed": 0, "left": 0}

@@ -10,16 +10,16 @@ from kb.core.errors import (
 from kb.crawl.job import work
 from kb.crawl.session import open_session
 from tests.crawl.test_loop import crawl, summary
-from tests.fourth.feed.connector import Feed
+from tests.fourth.feed.connector import FeedConnector
 from tests.fourth.service import Service
 
 
 def test_one_writer_and_one_feed_a_root(run: Run, service: Service) -> None:
     crawl(run, service)
     with (
-        open_session(run, Feed(run, service.root)),
+        open_session(run, FeedConnector(run, service.root)),
         pytest.raises(WriterLocked, match="pid"),
     ):
         crawl(run, service)
     with pytest.raises(OtherService):
-        work(run, Feed(run, "http://elsewhere.example"), summary)
+        work(run, FeedConnector(run, "http://elsewhere.example"), summary)

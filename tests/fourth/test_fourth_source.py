@@ -1,4 +1,4 @@
-"""A fourth source is one folder, its schemas and one line in the registry.
+"""A fourth source is one folder, its schemas and one name among the sources.
 
 The test adds them to a copy of the project and takes the source through every command.
 """
@@ -40,9 +40,9 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copytree(ROOT / name, place / name)
     shutil.copytree(HERE / "feed", place / "kb/feed")
     shutil.copytree(HERE / "schemas", place / "schemas", dirs_exist_ok=True)
-    registry = place / "kb/core/sources.py"
-    text = registry.read_text()
-    registry.write_text(text.replace('    "kb.reddit",\n', '    "kb.reddit",\n    "kb.feed",\n'))
+    sources = place / "kb/core/sources.py"
+    text = f"from kb.feed.source import Feed\n{sources.read_text()}"
+    sources.write_text(text.replace("YouTube, Wiki, Reddit)", "YouTube, Wiki, Reddit, Feed)"))
     return place
 
 
@@ -112,7 +112,11 @@ def test_from_crawl_to_purge(project: Path, kb: Kb) -> None:
     status = kb("status")
     assert (status["sources"]["feed"]["crawled_so_far"], status["left"]) == (10, 0)
     (project / "gone.txt").write_text("n007\n")
-    assert kb("purge", "feed", "--ids", "gone.txt")["purged"] == 1
+    planned = kb("purge", "feed", "--ids", "gone.txt", "--plan")
+    for summary in (planned, kb("purge", "feed", "--ids", "gone.txt")):
+        assert [summary[name] for name in ("purged", "known", "unknown", "unread")] == [1, 0, 0, 0]
+    again = kb("purge", "feed", "--ids", "gone.txt")
+    assert [again[name] for name in ("purged", "known", "unknown", "unread")] == [0, 1, 0, 0]
     assert released(project) == [key for key in kept if key != "n007"]
     assert kb("search", "n007")["answers"] == []
     assert kb("verify")["files_damaged"] == 0

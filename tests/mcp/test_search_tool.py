@@ -50,7 +50,7 @@ def test_a_hundred_questions(ask: Ask) -> None:
     found = 0
     for count in range(100):
         number, action, animal = every[count % len(every)]
-        source, size = SOURCES[count // len(every) % 3], 2000 + 37 * count
+        source, size = [*SOURCES][count // len(every) % 3], 2000 + 37 * count
         text = ask("search", query=f"How to {action} a {animal}?", source=[source], max_chars=size)
         link, ref = right(source, number, action, animal)
         here = f"link: {link}\nref: {ref}\n" in outside(text)

@@ -89,7 +89,7 @@ OPTIONAL = (
     "distributed",
     "matplotlib",
     "wordcloud",
-    "instant_clip_tokenizer",
+    "tokenizers",
     "mlcroissant",
     "cffconvert",
     "numpy",

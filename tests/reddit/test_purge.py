@@ -14,6 +14,7 @@ from kb.sandbox.reddit.service import dumps
 from kb.sandbox.reddit.subreddit import CASES
 from kb.store.layout import Layout
 from kb.store.state import tombstones
+from tests.artifacts.purged import purged
 from tests.reddit.work import Work, texts
 
 
@@ -217,3 +218,28 @@ def test_a_comment_with_a_posts_bare_id_is_another_thing(tiny: Work) -> None:
     ids.write_text(f"t3_{row['comment_id']}")
     tiny.purge(ids)
     assert tiny.table("clean", "reddit", "comments")[0] == row
+
+
+@pytest.mark.parametrize("filtered", [False, True])
+def test_each_name_is_told_apart(tiny: Work, filtered: bool) -> None:
+    """Full names and addresses, in raw answers or tables; comments of a post go with it and don't
+    count.
+    """
+    tiny.purge()  # what was deleted before
+    if filtered:
+        tiny.filter()
+    post = list(tiny.world.posts)[CASES.index("text")]
+    comment = next(
+        key
+        for key, one in tiny.world.comments.items()
+        if one["link_id"] != f"t3_{post}" and one["body"] not in ("[deleted]", "[removed]")
+    )
+    lines = (
+        f"https://www.reddit.com/r/x/comments/{post}/a_title/?utm_name=zzzzz",
+        f"T1_{comment.upper()}",
+        "t1_zzzzzzz",
+        "https://www.reddit.com/user/somebody",
+    )
+    assert purged(tiny.run(), "reddit", *lines) == (2, 0, 1, 1)
+    assert {f"t3_{post}", f"t1_{comment}", "t1_zzzzzzz"} <= tombstones.keys(tiny.root, "reddit")
+    assert purged(tiny.run(), "reddit", *lines) == (0, 3, 0, 1)

@@ -7,7 +7,7 @@ import pytest
 
 from kb.crawl.session import open_session
 from kb.store.state import tombstones
-from kb.youtube.connector.source import YouTubeSource
+from kb.youtube.connector.source import YouTubeConnector
 from tests.cli.conftest import kb  # noqa: F401  a fixture
 from tests.filters import full_root
 from tests.filters.made import run_at
@@ -21,7 +21,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     full_root.make(root)
     tombstones.add(root, "youtube", [("gone", "named")])
     run = run_at(root)
-    with open_session(run, YouTubeSource(run), asks=False):
+    with open_session(run, YouTubeConnector(run), asks=False):
         pass  # the state is made of the raw answers
     return root
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from kb.cli.framework.command import command, group
 from kb.cli.framework.demo_root import FINISHED, without_scores
 from kb.cli.framework.options import CLUSTER, Options, pipeline
+from kb.cli.framework.tree import find_command
 from kb.core.context import Run
 from kb.core.errors import MissingExtra
 from kb.core.sources import SOURCES, made_of
@@ -116,7 +117,6 @@ def _all(
     given: dict[str, dict[str, Any]],
 ) -> Summary:
     """Run every step, with the arguments `given` to some."""
-    from kb.cli.app import find_command
     from kb.store.atomic import write_text
 
     done = Summary()

@@ -11,14 +11,14 @@ from kb.cli.framework.command import command, group
 from kb.cli.framework.command_classes import DumpsCommand
 from kb.cli.framework.options import Dumps, Options, Plan
 from kb.core.config.pipeline import load, locate
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 
 app = group("Restore the content of a downloaded release with your own keys.")
 
 
 # Parts that can be restored; releases of the other sources are complete.
-_PARTS = (*(name for name, spec in SPECS.items() if spec.restored), "pairs")
+_PARTS = (*(name for name, source in SOURCES.items() if source.restored), "pairs")
 RestorePart = StrEnum("RestorePart", _PARTS)  # type: ignore[misc]
 
 

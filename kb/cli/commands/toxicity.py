@@ -11,8 +11,7 @@ from kb.cli.framework.command import command, group
 from kb.cli.framework.options import CLUSTER
 from kb.core.context import Run
 from kb.core.errors import KbError
-from kb.core.source_spec import CommandHelp
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 
 annotate_app = group("Score text for toxicity. `filter` does this as well.")
@@ -96,9 +95,9 @@ def _add(source: str, about: str, *examples: str) -> None:
         return _annotate(run, source, precision, device)
 
 
-for _name, _spec in SPECS.items():
-    _text = _spec.annotate_help or CommandHelp(f"Score the texts of {_name}.")
-    _add(_name, _text.about, *(_text.examples or (f"kb annotate {_name}",)))
+for _name, _source in SOURCES.items():
+    _examples = _source.annotate_examples or (f"kb annotate {_name}",)
+    _add(_name, _source.annotate_help, *_examples)
 
 
 @command(

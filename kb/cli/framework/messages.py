@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterable
 from typing import Any
 
+from kb.cli.framework.tree import find_command
 from kb.core import terminal
 from kb.net import redact
 
@@ -34,8 +35,6 @@ def with_options(text: str) -> str:
 
 def complete(words: str) -> str:
     """A command line ("pairs --limit 3") with its `kb`, --data and --profile."""
-    from kb.cli.app import find_command
-
     first = words.split()
     command = find_command(first) if _options else None
     if command is None or first[0] in _NOT_COMPLETED or "--help" in first:

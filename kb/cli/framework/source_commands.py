@@ -11,7 +11,7 @@ from kb.cli.framework.command import command, group
 from kb.cli.framework.command_classes import Group
 from kb.cli.framework.options import CLUSTER, pipeline
 from kb.core.context import Run
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 
 
@@ -41,8 +41,8 @@ def add_filter(app: Group, source: str, what: str = "raw answers") -> None:
 def add_export(
     app: Group, source: str, *, goes: str = "Parquet goes", tables: str = "the released tables"
 ) -> None:
-    """`kb <source> export`, as Parquet and in the other formats of its spec."""
-    others = [name for name in SPECS[source].formats if name != "parquet"]
+    """`kb <source> export`, as Parquet and in its other formats."""
+    others = SOURCES[source].formats
     formats = StrEnum("Format", ["parquet", *others])  # type: ignore[misc]
     parquet = formats("parquet")
     about = f"{goes} to release/, other formats to export/FORMAT/."
@@ -75,14 +75,14 @@ def add_export(
 
 def app_of(name: str) -> Group:
     """The commands of a source that declares none: crawl, filter and export."""
-    spec = SPECS[name]
-    app = group(spec.help)
+    source = SOURCES[name]
+    app = group(source.help)
 
     @command(
         app,
-        help=f"Crawl what is left: {', '.join(spec.nouns.values())}, as raw answers.",
+        help=f"Crawl what is left: {', '.join(source.nouns.values())}, as raw answers.",
         uses=("workers", "wait"),
-        limit=f"Stop after N more {spec.counted} (exit code 3); the next run resumes.",
+        limit=f"Stop after N more {source.counted} (exit code 3); the next run resumes.",
         json="crawled, failed, pending, requests",
         checks=True,
         examples=[f"kb {name} crawl", f"kb {name} crawl --limit 100"],
@@ -90,7 +90,7 @@ def app_of(name: str) -> Group:
     def crawl(run: Run) -> Summary:
         from kb.crawl.job import crawl_source
 
-        return crawl_source(run, spec)
+        return crawl_source(run, source)
 
     add_filter(app, name)
     add_export(app, name)

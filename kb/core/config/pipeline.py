@@ -7,7 +7,7 @@ from types import ModuleType
 
 from kb.core.errors import SettingError
 from kb.core.installation import folder
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 
 
 def locate(name: str, override: str | None = None) -> Path:
@@ -16,8 +16,8 @@ def locate(name: str, override: str | None = None) -> Path:
     Raises SettingError.
     """
     path = Path(override) if override else folder("pipelines") / f"{name}.py"
-    if not override and not path.is_file() and name in SPECS:
-        path = Path(str(SPECS[name].load(".spec").__file__)).with_name("pipeline.py")
+    if not override and not path.is_file() and name in SOURCES:
+        path = SOURCES[name].folder / "pipeline.py"
     if not path.is_file():
         raise SettingError(
             f"there is no pipeline file {path}", hint="give --pipeline a Python file that exists"

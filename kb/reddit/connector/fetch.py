@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection
 from typing import Any
 
 from kb.core.errors import FatalError, ItemFinal
-from kb.crawl.source import Answer
+from kb.crawl.connector import Answer
 from kb.reddit.connector.client import LISTED, Client
 from kb.reddit.connector.discover import Span
 from kb.reddit.connector.errors import REDIRECT, STATUS, no_subreddit, too_deep

@@ -48,6 +48,10 @@ def _key(entry: ListedId) -> str | None:
     return text if _NAME.fullmatch(text) else None
 
 
+def _is_full_name(text: str) -> bool:
+    return bool(_NAME.fullmatch(text) or (text[:4] == "http" and _ADDRESS.search(text)))
+
+
 RULES = IdRules(
     option="--ids",
     noun="full names of posts or comments",
@@ -56,6 +60,7 @@ RULES = IdRules(
     columns=(*_PREFIXES, "id", "permalink"),
     tables=(("posts", "comments"),),
     parse=_key,
+    is_unmistakable=_is_full_name,
 )
 
 

@@ -18,15 +18,15 @@ from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import Retryable
 from kb.core.summary import Summary
+from kb.crawl.connector import Answer, Opened, Phase
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
-from kb.crawl.source import Answer, Opened, Phase
 from kb.reddit.connector.reduce import RefreshItem
-from kb.reddit.connector.source import INFO, RedditSource
+from kb.reddit.connector.source import INFO, RedditConnector
 from kb.reddit.parse import answer_tree
 from kb.reddit.parse.latest_state import LatestState, latest_state
-from kb.reddit.spec import SPEC
+from kb.reddit.source import Reddit
 from kb.store.atomic import full_disk_is_resumable
 from kb.store.state.frontier import ROUND, Frontier, Item, going_on
 from kb.store.tables import database, parquet, reading
@@ -65,7 +65,7 @@ def refresh(run: Run, older_than: int | None = None) -> Summary:
         source.warn()
 
 
-class RedditRefresh(RedditSource):
+class RedditRefresh(RedditConnector):
     """Reads due things again by name. Counts `answered` ids and the `missing` ones of them."""
 
     def __init__(self, run: Run, older_than: int | None) -> None:
@@ -128,7 +128,7 @@ class RedditRefresh(RedditSource):
     def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """Figures of this run and what is left."""
         counts = session.frontier.counts(INFO.kind)
-        left = SPEC.left_by({INFO.kind: counts})
+        left = Reddit.left_by({INFO.kind: counts})
         return Summary(
             command="refresh reddit",
             source="reddit",

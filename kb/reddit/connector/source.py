@@ -12,10 +12,10 @@ from kb.core.config.profile.reddit import RedditSection
 from kb.core.context import Run
 from kb.core.errors import ItemFinal
 from kb.core.summary import Summary
+from kb.crawl.connector import Answer, Connector, Opened, Phase
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
-from kb.crawl.source import Answer, Opened, Phase, Source
 from kb.reddit.connector import discover, reduce
 from kb.reddit.connector.client import IDS, ROOT, Client
 from kb.reddit.connector.discover import KINDS
@@ -25,7 +25,7 @@ from kb.reddit.connector.reduce import crawled, outside
 from kb.reddit.dumps.cursor import recover_segments
 from kb.reddit.parse import answer_tree
 from kb.reddit.parse.anonymize import Scrubber, load_key
-from kb.reddit.spec import SPEC
+from kb.reddit.source import Reddit
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
 
@@ -44,7 +44,7 @@ LISTING = Phase(kind="listing", unit="listings", feeds=("tree", "listing"), show
 INFO = Phase(kind="info", unit="posts and comments", batch=IDS, limited=True)
 
 
-class RedditSource(Source):
+class RedditConnector(Connector):
     """The crawl of a subreddit. `since` and `until` bound the dates of posts (UTC, since included).
 
     `comments` counts the comments that this run has read.
@@ -140,7 +140,7 @@ class RedditSource(Source):
         )
 
 
-class Dumps(RedditSource):
+class Dumps(RedditConnector):
     """The import of dumps, which sends no requests."""
 
     def identity(self) -> dict[str, str]:
@@ -156,13 +156,13 @@ def crawl(run: Run, since: datetime | None = None, until: datetime | None = None
     Raises LimitReached, Blocked, Unreachable, Interrupted (exit 3), CredentialRefused and
     FatalError (exit 1); the summary so far is on the error.
     """
-    source = RedditSource(run, since, until)
+    source = RedditConnector(run, since, until)
 
     def summary(session: CrawlSession, loop: Loop) -> Summary:
         """Figures of this run and what is left."""
         frontier = session.frontier
         counts = {kind: frontier.counts(kind) for kind in KINDS}
-        left = SPEC.left_by(counts)
+        left = Reddit.left_by(counts)
         left_out = outside(frontier)
         return Summary(
             command="reddit crawl",

@@ -20,6 +20,21 @@ from typing import Any, NamedTuple
 
 LATEST = 253402300800  # seconds of Unix time: the year 10000
 _BY_ITS_AUTHOR = frozenset({"deleted", "author", "deleted by user"})
+# One pair of brackets around it all. What follows the verb is known, as people also write of
+# removals in brackets; behind it may stand a reason, with links.
+_PLACEHOLDER = re.compile(
+    r"""\s* \[ \s* (?P<verb> removed | deleted )
+    (?: \s+ by \s+ (?:(?: the | a | its ) \s+)?
+            (?P<actor> user | author | reddit | (?: auto)? mod(?: erator)? s? | admin s?
+                     | anti.evil \s+ op(?: eration)? s )
+            (?: \s+ (?: on \s+ account \s+ of | in \s+ response \s+ to | for | due \s+ to )
+                \b (?: [^\[\]] | \[ [^\[\]]* \] )* )?
+      | \s+ (?: in \s+ response \s+ to \b | on \s+ account \s+ of \b
+            | too \s+ quickly \s+ to \s+ be \s+ archived )
+            (?: [^\[\]] | \[ [^\[\]]* \] )*
+    )? \s* [.]? \s* \] \s*""",
+    re.VERBOSE | re.IGNORECASE,
+)
 _NO_LETTERS = re.compile(r"[^a-z]+")
 _WORDS = {"true": True, "1": True, "false": False, "0": False}
 
@@ -93,10 +108,9 @@ def _moment(value: Any) -> int | None:
 
 def _of_record(thing: Mapping[str, Any]) -> Removal | None:
     """What Reddit says in the fields of a record."""
-    category = thing.get("removed_by_category")
-    text = _text(thing)
-    if category in ("deleted", "author") or text == "[deleted]":
-        return Removal("deleted", str(category or text))
+    category, text = thing.get("removed_by_category"), _text(thing)
+    if category in ("deleted", "author") or _in_place_of(text) == "deleted":
+        return Removal("deleted", str(category or text).strip())
     if category:
         return Removal("removed", str(category))
     if of_text := _of_text(thing):
@@ -110,14 +124,21 @@ def _of_record(thing: Mapping[str, Any]) -> Removal | None:
 
 def _of_text(thing: Mapping[str, Any]) -> Removal | None:
     """The site's words in place of a text or title."""
-    text, title = _text(thing), thing.get("title")
-    if text == "[deleted]":
-        return Removal("deleted", "[deleted]")
-    if text in ("[removed]", "[ Removed by Reddit ]"):
-        return Removal("removed", str(text))
-    if title in ("[deleted by user]", "[ Removed by Reddit ]", "[ Removed by moderator ]"):
-        return Removal("deleted" if "user" in str(title) else "removed", str(title))
+    for text in (_text(thing), thing.get("title")):
+        if reason := _in_place_of(text):
+            return Removal(reason, str(text).strip())
     return None
+
+
+def _in_place_of(text: Any) -> str | None:
+    """The reason where a text is the site's or an archive's own, in any spelling; None where
+    people may have written it.
+    """
+    match = _PLACEHOLDER.fullmatch(text) if isinstance(text, str) and len(text) < 300 else None
+    if match is None:
+        return None
+    who = (match["actor"] or match["verb"]).casefold()
+    return "deleted" if who in ("user", "author", "deleted") else "removed"
 
 
 def _text(thing: Mapping[str, Any]) -> Any:

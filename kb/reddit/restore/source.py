@@ -6,20 +6,20 @@ from pathlib import Path
 
 from kb.core.context import Run
 from kb.core.summary import Summary
+from kb.crawl.connector import Answer, Phase
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
-from kb.crawl.source import Answer, Phase
 from kb.reddit.connector.ids import WantedThings
 from kb.reddit.connector.reduce import PAYLOADS
-from kb.reddit.connector.source import INFO, MORE, THREAD, TREE, RedditSource
-from kb.reddit.spec import SPEC
+from kb.reddit.connector.source import INFO, MORE, THREAD, TREE, RedditConnector
+from kb.reddit.source import Reddit
 from kb.store.state.frontier import Frontier, Item
 from kb.store.tables import reading
 
 _WHY = {"404": "missing", "410": "missing", "purged": "purged"}
 
 
-class KnownIds(RedditSource):
+class KnownIds(RedditConnector):
     """What is wanted: names, and posts whose whole trees are read. `answered` counts names."""
 
     phases = (replace(INFO, name="reddit reconstruct"), MORE, THREAD, TREE)
@@ -58,7 +58,7 @@ class KnownIds(RedditSource):
         """Figures of this run and what is left."""
         frontier = session.frontier
         counts = {phase.kind: frontier.counts(phase.kind) for phase in self.phases}
-        left = SPEC.left_by(counts)
+        left = Reddit.left_by(counts)
         return Summary(
             command="reddit reconstruct",
             source="reddit",

@@ -13,7 +13,7 @@ from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.sources import RELEASES, SOURCES, SPECS, exported_by, made_by, made_of
+from kb.core.sources import RELEASES, SOURCES, exported_by, made_by, made_of
 from kb.release.gate import GateProblem, damaged
 from kb.schema import Table, released_tables
 from kb.store.layout import Layout
@@ -119,7 +119,7 @@ def _age(run: Run, source: str, part: ReleasedTable) -> list[GateProblem]:
     if not row or not row[0]:
         return []
     what = f"{row[0]:,} rows were read more than {days} days ago (the oldest on {row[1]})"
-    if source in SPECS and SPECS[source].refreshed:
+    if source in SOURCES and SOURCES[source].refreshed:
         what = f"{what}; run `kb refresh {source}`"
     return [GateProblem("age", f"{source}/{part.table.short}", what)]
 

@@ -9,7 +9,7 @@ from datetime import datetime
 from typing import Any
 
 from kb.core.context import Run
-from kb.core.sources import SPECS, made_of
+from kb.core.sources import SOURCES, made_of
 from kb.release.metadata.measure import Facts
 from kb.release.metadata.templates import about, dataset_name
 from kb.release.provenance import made_with
@@ -27,16 +27,16 @@ def lineage(run: Run, facts: Facts) -> dict[str, Any]:
 
 def _origins(run: Run, source: str) -> list[dict[str, Any]]:
     """The service that a source reads, or the data sets that others are made of."""
-    if source not in SPECS:
+    if source not in SOURCES:
         return [
             {"@type": "prov:Entity", "prov:label": dataset_name(run.profile, one)}
             for one in made_of(source)
         ]
-    spec = SPECS[source]
-    entity = {"@type": "prov:Entity", "prov:label": spec.report.title}
+    of = SOURCES[source]
+    entity = {"@type": "prov:Entity", "prov:label": of.report.title}
     section = getattr(run.profile, source, None)
-    if spec.release.origin and section is not None:
-        entity["url"] = spec.release.origin.format_map(section.model_dump())
+    if of.release.origin and section is not None:
+        entity["url"] = of.release.origin.format_map(section.model_dump())
     return [entity]
 
 

@@ -18,7 +18,7 @@ from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.core.context import Run
 from kb.core.licences import KNOWN
 from kb.core.source_spec import load_name
-from kb.core.sources import RELEASES, SPECS, made_of
+from kb.core.sources import RELEASES, SOURCES, made_of
 from kb.release.gate.personal import personal_counts
 from kb.release.metadata.gaps import gaps
 from kb.schema import Column, Table, released_tables
@@ -169,7 +169,7 @@ def folder_licence(run: Run, folder: ReleaseFolder) -> str:
                 return name
     given = run.profile.release.licenses
     # What else is made from sources is an index as the pairs are, and may be under their licence.
-    return given.get(folder.source) or ("" if folder.source in SPECS else given.get("pairs", ""))
+    return given.get(folder.source) or ("" if folder.source in SOURCES else given.get("pairs", ""))
 
 
 def licences(folder: ReleaseFolder, *tables: str) -> tuple[tuple[str, int], ...]:

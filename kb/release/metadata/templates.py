@@ -27,7 +27,7 @@ import msgspec
 from kb.core import terminal
 from kb.core.config.profile import Profile
 from kb.core.context import Run
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 from kb.core.templates import environment
 from kb.release.metadata.measure import Facts
 
@@ -168,7 +168,7 @@ def about(profile: Profile, source: str, show: Callable[[str], str] = line) -> A
 def _neutral(source: str, topic: str) -> About:
     path = TEMPLATES / "about" / f"{source}.toml"
     if not path.is_file():  # a source may bring its own
-        path = Path(SPECS[source].load(".spec").__file__).with_name("about.toml")
+        path = SOURCES[source].folder / "about.toml"
     sentences = {
         name: _render(text, topic)
         for name, text in tomllib.loads(path.read_text(encoding="utf-8")).items()

@@ -23,7 +23,7 @@ def rows(folder: Path) -> int:
 def tally(clean: Path, tables: Mapping[str, str]) -> dict[str, dict[str, int]]:
     """By table: crawled, kept, rejected, failed, pending, and `missing` of the rejected ones.
 
-    `clean` is the folder of a source, `tables` as in SourceSpec.tables. Tables that are not
+    `clean` is the folder of a source, `tables` as in Source.tables. Tables that are not
     there are left out. Raises DamagedData.
     """
     by_table = {}

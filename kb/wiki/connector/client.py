@@ -15,7 +15,7 @@ from urllib.parse import urljoin, urlsplit, urlunsplit
 import msgspec
 
 from kb.core.errors import Blocked, FatalError, ItemFinal, Retryable
-from kb.crawl.source import Answer
+from kb.crawl.connector import Answer
 from kb.net import retry
 from kb.wiki.connector.http_client import WikiHosts
 from kb.wiki.errors import PageRefused

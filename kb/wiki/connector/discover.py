@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from kb.core import clock
-from kb.core.config.profile.wiki import Wiki
+from kb.core.config.profile.wiki import WikiSection
 from kb.core.errors import DamagedData
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog, sidefiles
@@ -131,7 +131,7 @@ def comparison_urls(frontier: Frontier, key: str, front: str) -> list[str]:
     return [front]
 
 
-def reopen_larger(frontier: Frontier, section: Wiki) -> None:
+def reopen_larger(frontier: Frontier, section: WikiSection) -> None:
     """Reopen pages that were too large if the profile now allows their size."""
     for key, _, reason, page in list(frontier.items("pages", "skipped")):
         if page.final is None or reason not in reduce.TOO_LARGE:

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from kb.core import signals
-from kb.core.config.profile.wiki import Wiki
+from kb.core.config.profile.wiki import WikiSection
 from kb.core.errors import ItemFinal, Retryable
-from kb.crawl.source import Answer
+from kb.crawl.connector import Answer
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog
 from kb.store.state.frontier import Frontier, Item
@@ -88,7 +88,7 @@ def _replaced(api: WikiApi, frontier: Frontier, root: Path) -> Iterator[Answer]:
 
 
 def files(
-    api: WikiApi, web: WikiHosts, section: Wiki, threads: Executor, items: list[Item]
+    api: WikiApi, web: WikiHosts, section: WikiSection, threads: Executor, items: list[Item]
 ) -> Iterator[Answer]:
     """The original images, with their descriptions by the wiki."""
     known: dict[str, dict[str, Any]] = {}
@@ -123,7 +123,7 @@ def _by_title(answer: Answer) -> dict[str, dict[str, Any]]:
 
 
 def fetch_original(
-    web: WikiHosts, section: Wiki, item: Item, page: dict[str, Any]
+    web: WikiHosts, section: WikiSection, item: Item, page: dict[str, Any]
 ) -> dict[str, Any]:
     """Fetch one original image; returns the answer to be recorded.
 

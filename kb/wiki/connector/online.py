@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from kb.core.config import value_errors
 from kb.core.config.profile.check_finding import NOTE, OnlineAnswer, QuestionCost
-from kb.core.config.profile.wiki import Markup, Wiki
+from kb.core.config.profile.wiki import Markup, WikiSection
 from kb.core.context import Run
 from kb.core.errors import ItemFinal
 from kb.wiki.browser import chromium
@@ -25,7 +25,7 @@ PAGES = 5  # that are read, to try the selectors on
 def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
     """robots.txt and the front page, which names the API; then siteinfo and some pages."""
     run.settings.need("kb_contact")
-    section = run.profile.section(Wiki)
+    section = run.profile.section(WikiSection)
     url = run.settings.kb_wiki_url or section.url
     # Users who wait for a check want no retries.
     web = WikiHosts(run, url, section.hosts, section.seconds_between, tries=1)

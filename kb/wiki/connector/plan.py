@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 
 from kb.core.config.addresses import is_loopback
-from kb.core.config.profile.wiki import Wiki
+from kb.core.config.profile.wiki import WikiSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase, plan, to_read
@@ -22,7 +22,7 @@ SECONDS_A_PAGE = 3  # that a browser takes
 
 def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
     """Titles, pages and image files that are left, by what this data root shows or assumed."""
-    section = run.profile.section(Wiki)
+    section = run.profile.section(WikiSection)
     kinds: dict[str, dict[str, int]] = {}
     listed = False
     path = Layout(run.root).state("wiki")
@@ -31,7 +31,9 @@ def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
             kinds = frontier.kinds()
             listed = bool((frontier.cursor("round") or {}).get("done"))
     assumed = [f"{SECONDS_A_PAGE} s a page in each of {run.workers} browsers"]
-    asked = len(read_titles(titles, section.namespaces).keys) if titles else to_read(kinds, "info")
+    asked = to_read(kinds, "info")
+    if titles:
+        asked = len(read_titles(titles, section.namespaces, run.progress.say).keys)
     if not titles and not listed and not kinds.get("info"):
         asked = PAGES
         assumed.append(f"{PAGES:,} pages, as the wiki's list was not read yet")

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from kb.core import clock
-from kb.core.config.profile.wiki import Wiki
+from kb.core.config.profile.wiki import WikiSection
 from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.net import retry
 from kb.store.atomic import full_disk_is_resumable, replacing_folder
@@ -30,7 +30,11 @@ _ENCODER = msgspec.json.Encoder()
 
 
 def render_page(
-    web: WikiHosts, section: Wiki, pool: Pool, item: Item, others: Callable[[], Iterable[str]]
+    web: WikiHosts,
+    section: WikiSection,
+    pool: Pool,
+    item: Item,
+    others: Callable[[], Iterable[str]],
 ) -> dict[str, Any]:
     """All tries of one page; returns the answer to record. `others` are URLs of pages to compare
     with when this one is answered by a challenge. Raises Retryable, Stopped, MissingExtra.

@@ -18,14 +18,14 @@ from urllib.parse import urlsplit
 
 from requests import PreparedRequest
 
-from kb.core.config.profile.wiki import Wiki
+from kb.core.config.profile.wiki import WikiSection
 from kb.core.context import Run
 from kb.core.summary import Summary
+from kb.crawl.connector import Answer, Connector, Opened, Phase
 from kb.crawl.id_list import IdList
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
-from kb.crawl.source import Answer, Opened, Phase, Source
 from kb.net.session import Note
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state import tombstones
@@ -38,7 +38,7 @@ from kb.wiki.connector.client import BATCH, WikiApi, find_endpoint
 from kb.wiki.connector.http_client import WikiHosts
 from kb.wiki.connector.ids import read_titles
 from kb.wiki.connector.reduce import PAYLOADS
-from kb.wiki.spec import SPEC
+from kb.wiki.source import Wiki
 
 _NAMED = ("robots.txt", "api.php")  # requests of the ledger that have a name of their own
 SITE = Phase(kind="site", unit="sites", feeds=("titles",), shown=False)
@@ -55,20 +55,20 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
 
     Raises UsageError before anything is sent, Stopped when it can go on later.
     """
-    spaces = run.profile.section(Wiki).namespaces
+    spaces = run.profile.section(WikiSection).namespaces
     named = read_titles(titles, spaces, run.progress.say) if titles else None
-    source = WikiSource(run, named)
+    source = WikiConnector(run, named)
     return work(run, source, source.summary, phases=source.wanted, facts=source.facts)
 
 
-class WikiSource(Source):
+class WikiConnector(Connector):
     """The wiki of a profile, or the one that the settings name."""
 
     name = "wiki"
     payloads = PAYLOADS
 
     def __init__(self, run: Run, titles: IdList | None = None) -> None:
-        section = run.profile.section(Wiki)
+        section = run.profile.section(WikiSection)
         self.url = run.settings.kb_wiki_url or section.url
         self.section, self._run, self._titles = section, run, titles
         pages = Phase(
@@ -253,7 +253,7 @@ class WikiSource(Source):
         robots = skipped.pop("disallowed", 0)
         departed = sum(skipped.pop(reason, 0) for reason in (*reduce.LEFT, "removed"))
         missing = reduce.missing(frontier)
-        left = SPEC.left_by(kinds)
+        left = Wiki.left_by(kinds)
         return Summary(
             command="wiki crawl",
             source="wiki",

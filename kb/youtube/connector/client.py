@@ -18,7 +18,7 @@ from googleapiclient.errors import HttpError
 from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import CredentialRefused, ItemFinal, KbError, Retryable
-from kb.crawl.source import Opened
+from kb.crawl.connector import Opened
 from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
 from kb.net.session import HttpSession, failure, host_of, never_sent, user_agent
 from kb.youtube.connector import quota

@@ -9,7 +9,7 @@ from kb.core.config.addresses import is_loopback
 from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import ItemFinal, Retryable
-from kb.crawl.source import Answer, Opened
+from kb.crawl.connector import Answer, Opened
 from kb.net.rate import Pace
 from kb.store.state.frontier import Item
 from kb.youtube.connector.client import YouTubeApi

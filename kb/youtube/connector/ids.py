@@ -1,31 +1,30 @@
 """Video ids from a list, and the share of one machine of several."""
 
 import hashlib
-import re
 from collections.abc import Callable
 
 from kb.crawl.id_list import IdRules, ListedId
+from kb.youtube.addresses import is_unmistakable, video_of
 
 Part = tuple[int, int] | None
 """Which of how many machines, from 1; None for one that does it all."""
 
-_ID = re.compile(r"(?:^|[=/])([A-Za-z0-9_-]{11})(?:$|[?&#])")
-_ARCHIVED = re.compile(r"youtube ([A-Za-z0-9_-]{11})")  # a line of yt-dlp's download archive
-
 
 def _video_id(entry: ListedId) -> str | None:
-    value = str(entry.value).strip()
-    match = _ARCHIVED.fullmatch(value) or _ID.search(value)
-    return match[1] if match else None
+    return video_of(entry.value) if isinstance(entry.value, str) else None
 
 
 RULES = IdRules(
     option="--ids",
     noun="video ids",
     hint="write one per line: 11 characters, or a video's URL",
-    columns=("video_id", "videoid", "youtube_id", "vid", "id", "key", "url", "link"),
+    columns=(
+        *("video_id", "youtube_id", "vid", "id", "key"),
+        *("video_url", "youtube_url", "title_url", "webpage_url", "original_url", "url", "link"),
+    ),
     tables=(("videos",), ("pairs",)),
     parse=_video_id,
+    is_unmistakable=is_unmistakable,
 )
 
 

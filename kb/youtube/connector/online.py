@@ -8,7 +8,7 @@ from kb.core.config import value_errors
 from kb.core.config.profile.check_finding import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
 from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
-from kb.crawl.source import Opened
+from kb.crawl.connector import Opened
 from kb.store.state.frontier import Frontier
 from kb.youtube.connector.client import YouTubeApi
 

@@ -25,19 +25,19 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase as Step
 from kb.core.summary.plan import plan
+from kb.crawl.connector import Opened, Phase
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
-from kb.crawl.source import Opened, Phase
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
 from kb.store.state.frontier import ROUND, Frontier, going_on
 from kb.youtube.connector import quota
 from kb.youtube.connector.fetch import API, PACK
 from kb.youtube.connector.reduce import RAW_INFO, RAW_STATISTICS, RAW_VIDEOS, REFRESH, STATISTICS
-from kb.youtube.connector.source import YouTubeSource
+from kb.youtube.connector.source import YouTubeConnector
 from kb.youtube.parse import answers as parse
-from kb.youtube.spec import SPEC
+from kb.youtube.source import YouTube
 
 BYTES_A_CALL = {REFRESH: 60_000, STATISTICS: 3_000}  # compressed, of 50 videos
 READ = Phase(
@@ -168,7 +168,7 @@ def refresh(run: Run, older_than: int | None = None) -> Summary:
     return work(run, source, source.summary, phases=source.chosen, facts=source.facts)
 
 
-class YouTubeRefresh(YouTubeSource):
+class YouTubeRefresh(YouTubeConnector):
     """The videos that are due. Nothing is asked of the web site: transcripts don't age."""
 
     def __init__(self, run: Run, older_than: int | None) -> None:
@@ -198,6 +198,6 @@ class YouTubeRefresh(YouTubeSource):
     def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """What was read again, and what is left."""
         kinds = {phase.kind: session.frontier.counts(phase.kind) for phase in self.chosen}
-        left = SPEC.left_by(kinds)
+        left = YouTube.left_by(kinds)
         asked = self.of_known("refresh youtube", session, STATISTICS, REFRESH)
         return Summary(asked, left=sum(left.values()), left_by=left)

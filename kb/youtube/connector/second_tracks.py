@@ -14,18 +14,18 @@ from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import plan
+from kb.crawl.connector import Phase
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
-from kb.crawl.source import Phase
 from kb.store.rawlog import rawlog
 from kb.store.state.frontier import Frontier
 from kb.youtube.connector.fetch import WEB
 from kb.youtube.connector.plan import phase_of_tracks
 from kb.youtube.connector.reduce import FINAL, RAW_SECOND_TRACKS, RAW_TRANSCRIPTS, SECOND_TRACKS
-from kb.youtube.connector.source import YouTubeSource
+from kb.youtube.connector.source import YouTubeConnector
 from kb.youtube.parse.answers import PO_TOKEN
-from kb.youtube.spec import SPEC
+from kb.youtube.source import YouTube
 from kb.youtube.ytdlp.tracks import TrackLanguage
 
 PHASE = Phase(
@@ -87,7 +87,7 @@ def not_fetched(root: Path, ids: Iterable[str]) -> list[str]:
 
 def _answers(root: Path, kind: str) -> Iterator[_Answer]:
     decoder = msgspec.json.Decoder(_Answer)
-    for path in rawlog.segments(root, SPEC.name, kind):
+    for path in rawlog.segments(root, YouTube.name, kind):
         for _, line in rawlog.Frames(path):
             yield decoder.decode(line)
 
@@ -95,7 +95,7 @@ def _answers(root: Path, kind: str) -> Iterator[_Answer]:
 def plan_second_tracks(run: Run, ids: Collection[str]) -> Summary:
     """What `fetch_second_tracks` would ask for now. Sends and writes nothing."""
     phase = phase_of_tracks(run, "second tracks", len(not_fetched(run.root, ids)))
-    return Summary(plan("pairs measure", SPEC.name, [phase]))
+    return Summary(plan("pairs measure", YouTube.name, [phase]))
 
 
 def fetch_second_tracks(run: Run, ids: Collection[str]) -> Summary:
@@ -107,7 +107,7 @@ def fetch_second_tracks(run: Run, ids: Collection[str]) -> Summary:
     return work(run, source, source.summary, phases=source.chosen, facts=source.facts)
 
 
-class YouTubeSecondTracks(YouTubeSource):
+class YouTubeSecondTracks(YouTubeConnector):
     """The second tracks of a sample of videos."""
 
     def __init__(self, run: Run, ids: Collection[str]) -> None:
@@ -121,10 +121,10 @@ class YouTubeSecondTracks(YouTubeSource):
 
     def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """What was fetched, and what is left."""
-        left = SPEC.left_by({SECOND_TRACKS: session.frontier.counts(SECOND_TRACKS)})
+        left = YouTube.left_by({SECOND_TRACKS: session.frontier.counts(SECOND_TRACKS)})
         return Summary(
             command="pairs measure",
-            source=SPEC.name,
+            source=YouTube.name,
             fetched=self.counts["second_tracks"],
             failed=session.frontier.counts(SECOND_TRACKS).get("error", 0),
             requests=session.requests()[0],

@@ -26,10 +26,10 @@ from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import KbError, SettingError
 from kb.core.summary import Summary
+from kb.crawl.connector import Answer, Connector, Opened, Phase
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
-from kb.crawl.source import Answer, Opened, Phase, Source
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
 from kb.youtube.connector.client import GOOGLE
@@ -54,7 +54,7 @@ from kb.youtube.connector.reduce import (
 )
 from kb.youtube.connector.transcripts import SITE
 from kb.youtube.parse.assemble import assemble
-from kb.youtube.spec import SPEC
+from kb.youtube.source import YouTube
 
 PHASES = (
     Phase(
@@ -91,7 +91,7 @@ def crawl(
     machine's share. Raises Stopped (with `summary`) when something is left for another run, and
     what kb.core.errors says for the rest.
     """
-    source = YouTubeSource(run, partial(_promising, worth), only=only, ids=ids, part=part)
+    source = YouTubeConnector(run, partial(_promising, worth), only=only, ids=ids, part=part)
     try:
         summary = work(run, source, source.summary, phases=source.chosen, facts=source.facts)
     except KbError as error:
@@ -112,7 +112,7 @@ def _promising(worth: Worth, videos: pa.Table) -> list[str]:
     return cast("list[str]", rows.filter(worth(rows))["video_id"].to_pylist())
 
 
-class YouTubeSource(Source):
+class YouTubeConnector(Connector):
     """One run's source. Raises SettingError for ids that can't be read.
 
     `chosen` are the phases of this run; `counts` what it had, by the names of its summary.
@@ -219,7 +219,7 @@ class YouTubeSource(Source):
             self._barren = without_channels(frontier, self.profile.keywords)
         kinds = frontier.kinds()
         handled = {phase.kind: kinds.get(phase.kind, {}) for phase in self.chosen}
-        left = SPEC.left_by(handled)
+        left = YouTube.left_by(handled)
         requests, units = session.requests()
         return Summary(
             command="youtube crawl",

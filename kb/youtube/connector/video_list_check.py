@@ -25,10 +25,10 @@ from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase as Step
 from kb.core.summary.plan import plan as make_plan
+from kb.crawl.connector import Answer, Phase
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
-from kb.crawl.source import Answer, Phase
 from kb.schema.coerce import durations
 from kb.schema.decode import holdable
 from kb.store.atomic import write_bytes
@@ -39,7 +39,7 @@ from kb.store.state.frontier import Frontier, Item
 from kb.youtube.connector.fetch import API, PACK
 from kb.youtube.connector.ids import RULES
 from kb.youtube.connector.quota import GENERAL
-from kb.youtube.connector.source import YouTubeSource
+from kb.youtube.connector.source import YouTubeConnector
 from kb.youtube.parse.answers import requested
 
 CHECKS = "checks"  # kind of the frontier and of the verdicts
@@ -113,7 +113,7 @@ def lines(summary: Mapping[str, Any]) -> Iterator[str]:
         yield year.ljust(8) + "".join(f"{n:,}".rjust(12) for n in numbers)
 
 
-class Check(YouTubeSource):
+class Check(YouTubeConnector):
     """The ids of a list, each asked for once."""
 
     def __init__(self, run: Run, listed: list[str], facts_of: Mapping[str, Said]) -> None:

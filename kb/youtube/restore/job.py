@@ -41,7 +41,7 @@ from kb.store.tables import parquet
 from kb.store.tables.partition import Shuffle
 from kb.store.tables.reading import reading
 from kb.youtube.connector.plan import REQUESTS_A_TRANSCRIPT, phases_of_known
-from kb.youtube.connector.source import YouTubeSource
+from kb.youtube.connector.source import YouTubeConnector
 
 VIDEO, TRANSCRIPT = "video ", "transcript "  # prefixes of names in missing.parquet
 TABLES = (
@@ -127,7 +127,7 @@ class VideoRestore:
             write_text(place / "ids.txt", "".join(f"{key}\n" for key in wanted))
             if run.again:
                 write_text(place / _AGAIN, "")
-            source = YouTubeSource(run, _available, ids=place / "ids.txt")
+            source = YouTubeConnector(run, _available, ids=place / "ids.txt")
             try:
                 summary |= work(
                     run,

@@ -24,7 +24,7 @@ from kb.schema.tables import table
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request
 from kb.youtube.connector.reduce import RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES
-from kb.youtube.connector.source import YouTubeSource
+from kb.youtube.connector.source import YouTubeConnector
 from kb.youtube.ytdlp import files, info, subtitles
 
 AT_ONCE = 256  # answers that are written and synced together
@@ -61,7 +61,7 @@ def import_folders(run: Run, folders: Sequence[Path]) -> Summary:
             raise SettingError(
                 f"{folder} is not a folder", hint="name the folders that yt-dlp wrote to"
             )
-    with open_session(run, YouTubeSource(run), asks=False) as session:
+    with open_session(run, YouTubeConnector(run), asks=False) as session:
         work = _Import(run, session)
         try:
             work.read(folders)

@@ -6,7 +6,7 @@ import pytest
 
 from kb.cli.framework.exit_codes import run_to_exit_code
 from kb.cli.framework.source_commands import app_of
-from kb.core.sources import SOURCES, SPECS
+from kb.core.sources import SOURCES
 from tests.inprocess import Here
 
 
@@ -16,7 +16,7 @@ def test_formats_are_those_of_the_source(here: Here, tmp_path: Path, source: str
     at = ("--data", str(tmp_path / "data"))
     done = here(source, "export", "--format", "nonesuch", *at)
     assert done.code == 2
-    assert all(name in done.said for name in SPECS[source].formats), done.said
+    assert all(name in done.said for name in SOURCES[source].formats), done.said
 
 
 @pytest.mark.parametrize("source", SOURCES)

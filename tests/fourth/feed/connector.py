@@ -9,7 +9,7 @@ from typing import Any
 
 from kb.core.context import Run
 from kb.core.errors import Blocked, ItemFinal, Retryable
-from kb.crawl.source import Answer, Phase, Source
+from kb.crawl.connector import Answer, Connector, Phase
 from kb.net.session import HttpSession, send
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier, Item
@@ -18,7 +18,7 @@ PAGES = Phase(kind="pages", unit="pages", feeds=("notes",))
 NOTES = Phase(kind="notes", unit="notes", limited=True)
 
 
-class Feed(Source):
+class FeedConnector(Connector):
     """The feed at one address."""
 
     name = "feed"

@@ -38,6 +38,46 @@ def test_who_took_it_away(thing: dict[str, Any], expected: tuple[str, str] | Non
     assert (gone and gone[:2]) == expected
 
 
+PLACEHOLDERS = {
+    "deleted": (
+        *("[deleted]", "[Deleted]", " [deleted]\n", "[ deleted ]", "[deleted by user]"),
+        *(
+            "[ Deleted by User ]",
+            "[deleted by its author]",
+            "[removed by user]",
+            "\N{NO-BREAK SPACE}[deleted]",
+        ),
+    ),
+    "removed": (
+        *("[removed]", "[REMOVED]", "\t[removed] \n", "[ Removed ]", "[removed by reddit]"),
+        *("[ Removed by Reddit ]", "[Removed by moderator]", "[ removed by moderators ]"),
+        *("[deleted by moderator]", "[removed by a mod]", "[removed by AutoModerator]"),
+        *("[removed by the admins]", "[ Removed by Anti-Evil Operations ]"),
+        "[ Removed by Reddit in response to a legal request. ]",
+        "[ removed by reddit in response to a copyright notice ]",
+        "[ Removed by Reddit on account of violating the [content policy](/help/contentpolicy). ]",
+        "[removed too quickly to be archived]",
+    ),
+    None: (
+        *("removed", "deleted", "[removed", "removed]", "[]", "", "[removed] and [deleted]"),
+        *("[removed] sorry, wrong world", "the answer was [removed]", "> [removed]"),
+        *("[removed the torches]", "[removed by me, it was wrong]", "[deleted my world]"),
+        *("[removed by mods] again?", "[removed by reddit] in response to [what]", "[removed](a)"),
+        *("[moderators]", "[remove]", "[deleted.schematic]", "`[deleted]`", 5, None, ["[deleted]"]),
+        "[removed by reddit in response to " + "words " * 60 + "]",
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"), [(text, why) for why, texts in PLACEHOLDERS.items() for text in texts]
+)
+@pytest.mark.parametrize("field", ["selftext", "body", "title"])
+def test_words_of_the_site_in_place_of_a_text(field: str, text: Any, reason: str | None) -> None:
+    gone = removal({field: text, "author": "0" * 32})
+    assert (gone and gone.reason) == reason
+
+
 LATER = {"was_deleted_later": True}
 
 

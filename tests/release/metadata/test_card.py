@@ -14,7 +14,7 @@ from PIL import Image
 
 from kb import __version__
 from kb.cli.app import leaves
-from kb.core.sources import BY_DEFAULT, SPECS
+from kb.core.sources import BY_DEFAULT, SOURCES
 from kb.export import wiki_tar
 from kb.release.build import release
 from kb.release.metadata.card import size_category
@@ -96,8 +96,8 @@ def test_the_stages_are_those_of_the_pipelines(released: Path) -> None:
         "wiki": "missing, robots, render, words, toxicity",
     }
     for source, stages in contract.items():
-        assert ", ".join(SPECS[source].release.stages) == stages
-    stages = set(SPECS["reddit"].release.stages)
+        assert ", ".join(SOURCES[source].release.stages) == stages
+    stages = set(SOURCES["reddit"].release.stages)
     assert stages == {
         "missing",
         "removed",

@@ -14,6 +14,7 @@ from kb.filters.filter_run import run_clean
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
 from kb.wiki.connector.source import crawl
+from tests.artifacts.purged import purged
 from tests.wiki.small_wiki import WORDS, SmallWiki
 
 MOST = 3000  # pixels; a page of the default's 100,000 takes seconds to be pictured
@@ -205,3 +206,9 @@ def test_purge_counts_what_it_knows(wiki, run, tmp_path):
         with pytest.raises(SettingError, match="can't be read"):
             purge(run, "wiki", ids)
     assert len(tombstones.keys(run.root, "wiki")) == 5
+    # A plan says the same, whatever a page was named by; a crawl since brings nothing back.
+    crawl(dataclasses.replace(run, again=True))
+    lines = (f"{wiki.url}/wiki/Gamma", "Alpha", "1", "5", "Nope", "Never seen", "A|B")
+    assert purged(run, "wiki", *lines) == (1, 3, 1, 1)
+    assert purged(run, "wiki", *lines) == (0, 5, 0, 1)
+    assert filtered(run)[1] == ["Zeta"]

@@ -217,9 +217,9 @@ def _proposal(run: Run) -> Proposal:
     from kb.pairs.keyword_proposal import PageNames, propose
     from kb.store.rawlog import rawlog
     from kb.wiki.parse.answers import named_pages
-    from kb.wiki.spec import SPEC
+    from kb.wiki.source import Wiki
 
-    if not rawlog.segments(run.root, SPEC.name, "pages"):
+    if not rawlog.segments(run.root, Wiki.name, "pages"):
         raise SettingError(
             f"no wiki was crawled into {run.root}",
             hint="run `kb wiki crawl` first, or name its data root with --data",

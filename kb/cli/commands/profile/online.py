@@ -29,7 +29,7 @@ from kb.core.errors import (
     SettingError,
     Stopped,
 )
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 
 if TYPE_CHECKING:
     from kb.core.context import Run
@@ -51,17 +51,19 @@ class ServiceCheck(NamedTuple):
 
 def ask(run: Run) -> Iterator[ServiceCheck]:
     """One answer for each source of the profile. Raises Interrupted only."""
-    for source, spec in SPECS.items():
-        if not spec.online or getattr(run.profile, source) is None:
+    for source, each in SOURCES.items():
+        if getattr(run.profile, source) is None:
             continue
-        question = spec.load(spec.online)
         cost = QuestionCost()
-        level, key, what, fix, code = _tried(partial(question, run, cost), source)
+        answer = _tried(partial(each.question, run, cost), source)
+        if answer is None:
+            continue
+        level, key, what, fix, code = answer
         finding = Finding(level, f"online: {source}", 0, key, f"{what} ({cost})", fix)
         yield ServiceCheck(source, finding, cost.requests, cost.units, code, tuple(cost.pages))
 
 
-def _tried(question: Callable[[], OnlineAnswer], source: str) -> OnlineAnswer:
+def _tried(question: Callable[[], OnlineAnswer | None], source: str) -> OnlineAnswer | None:
     """The answer, or what an error means for the profile."""
     try:
         return question()

@@ -11,8 +11,7 @@ from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show_row
 from kb.cli.framework.options import CLUSTER, pipeline
 from kb.core.context import Run
-from kb.core.source_spec import CommandHelp
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 
 app = group("Remove content that was deleted at its source or that a file names.")
@@ -57,6 +56,6 @@ def _add(source: str, about: str, *examples: str) -> None:
         return summary
 
 
-for _name, _spec in SPECS.items():
-    _text = _spec.purge_help or CommandHelp("Remove what is named, everywhere, and remember it.")
-    _add(_name, _text.about, *(_text.examples or (f"kb purge {_name} --ids ids.txt",)))
+for _name, _source in SOURCES.items():
+    _examples = _source.purge_examples or (f"kb purge {_name} --ids ids.txt",)
+    _add(_name, _source.purge_help, *_examples)

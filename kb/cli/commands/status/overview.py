@@ -16,13 +16,12 @@ from kb.artifacts import manifest, texts
 from kb.artifacts.table_catalog import Catalog, view_name
 from kb.cli.framework.messages import complete
 from kb.core import clock
-from kb.core.source_spec import SourceSpec
-from kb.core.sources import SOURCES, SPECS, made_of
+from kb.core.source import Source
+from kb.core.sources import SOURCES, made_of
 from kb.core.summary import vocabulary
 from kb.schema.tables import tables as declared
 from kb.store import lock
 from kb.store.layout import TOP, Layout, parquet_files
-from kb.store.state.frontier import Frontier
 from kb.store.tables import reading
 from kb.store.tables.row_counts import rows, span, tally
 
@@ -48,9 +47,9 @@ def _step(run: Run, source: str, about: dict[str, Any]) -> str:
     """
     if about["running_pid"]:
         return ""
-    spec, root = SPECS[source], run.root
-    asks = not spec.credential or getattr(run.settings, spec.credential) is not None
-    if asks and spec.refreshed and set(about["left_by"]) == {spec.noun(spec.refreshed)}:
+    of, root = SOURCES[source], run.root
+    asks = not of.credential or getattr(run.settings, of.credential) is not None
+    if asks and of.refreshed and set(about["left_by"]) == {of.noun(of.refreshed)}:
         return f"refresh {source}"
     failed = sum(counts.get("error", 0) for counts in about["phases"].values())
     if asks and (about["left"] or failed):
@@ -112,14 +111,14 @@ def overview(run: Run) -> dict[str, Any]:
 
 def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     """Progress, quota, age and rows of a source; empty without data of it."""
-    spec, state = SPECS[source], Layout(run.root).state(source)
+    of, state = SOURCES[source], Layout(run.root).state(source)
     tables = _clean_rows(run.root, source)
     released, restored = (_schema_rows(catalog, one, source) for one in ("release", "restored"))
     if not (state.is_file() or tables or released or restored):
         return {}
     about: dict[str, Any] = {
         "running_pid": _writer(run.root, source),
-        "counted": spec.counted,
+        "counted": of.counted,
         "phases": {},
         "left_by": {},
         "crawled_so_far": 0,
@@ -128,46 +127,35 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
         "quota": {},
     }
     if state.is_file():
-        about |= _frontier(run, spec, state)
+        about |= _frontier(run, of, state)
     about["left"] = sum(counts["left"] for counts in about["phases"].values())
     about["rows"] = tables
     about |= _verdicts(run.root, source)
     about |= {"released": released, "restored": restored}
     about |= _age(run, source, catalog)
     about["unknown_keys"] = _unknown_keys(run.root, source)
-    incomplete = getattr(spec.load(spec.status), "incomplete", None) if spec.status else None
-    about |= incomplete(run.root) if incomplete is not None else {}
-    return about
+    return about | of.incomplete(run.root)
 
 
-def _frontier(run: Run, spec: SourceSpec, state: Path) -> dict[str, Any]:
+def _frontier(run: Run, source: Source, state: Path) -> dict[str, Any]:
     with reading.state(state) as frontier:
         kinds = frontier.kinds()
         phases = {}
-        for kind in spec.in_order(kinds):
+        for kind in source.in_order(kinds):
             counts = kinds[kind]
-            phases[spec.noun(kind)] = {
+            phases[source.noun(kind)] = {
                 **counts,
                 "total": sum(counts.values()),
                 "left": sum(counts.get(status, 0) for status in _LEFT),
             }
         requests, _ = frontier.requests()
-        details = getattr(spec.load(spec.status), "details", None) if spec.status else None
         return {
             "phases": phases,
-            "left_by": spec.left_by(kinds),
-            "crawled_so_far": _crawled(spec, frontier),
+            "left_by": source.left_by(kinds),
+            "crawled_so_far": source.crawled(frontier),
             "requests": requests,
-            **(details(run, frontier) if details is not None else {}),
+            **source.status(run, frontier),
         }
-
-
-def _crawled(spec: SourceSpec, frontier: Frontier) -> int:
-    """Items read by all crawls, as their summaries count them."""
-    if spec.status:
-        return int(spec.load(spec.status).crawled(frontier))
-    counts = (frontier.counts(kind) for kind, noun in spec.nouns.items() if noun == spec.counted)
-    return sum(each.get("done", 0) for each in counts)
 
 
 def _links(catalog: Catalog) -> dict[str, Any]:
@@ -181,7 +169,7 @@ def _links(catalog: Catalog) -> dict[str, Any]:
 
 def _verdicts(root: Path, source: str) -> dict[str, Any]:
     """The four verdicts of the last filter, in total and by table; empty before the first."""
-    by_table = tally(Layout(root).clean(source), SPECS[source].tables)
+    by_table = tally(Layout(root).clean(source), SOURCES[source].tables)
     if not by_table:
         return {"tally": {}}
     total = {name: sum(each[name] for each in by_table.values()) for name in _ANSWERS}
@@ -211,7 +199,7 @@ def _age(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     max_age = getattr(getattr(run.profile, source), "max_age_days", None)
     limit = clock.now() - timedelta(days=max_age or 0)
     schema = catalog.schema_of(source)
-    shown = {f"{schema}.{source}_{short}" for short in SPECS[source].tables}
+    shown = {f"{schema}.{source}_{short}" for short in SOURCES[source].tables}
     files = [file for view in catalog.views if view.full in shown for file in view.files]
     with reading.reading(files):
         oldest, newest, old = span(files, "fetched_at", limit)

@@ -19,11 +19,11 @@ from kb.core.config.profile.reddit import RedditSection
 from kb.core.config.profile.release import Release, Report
 from kb.core.config.profile.tasks import Tasks
 from kb.core.config.profile.toxicity import Toxicity
-from kb.core.config.profile.wiki import Wiki
+from kb.core.config.profile.wiki import WikiSection
 from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.errors import ProfileError
 from kb.core.installation import PROFILE_FILE, folder
-from kb.core.sources import SPECS
+from kb.core.sources import SOURCES
 
 DEFAULT = "minecraft"
 AnySection = TypeVar("AnySection", bound=Section)
@@ -40,7 +40,7 @@ class ShippedProfile(Section):
     title: str = Field(description="the domain's name for people, e.g. Minecraft")
     seed: int = Field(0, description="seed of every random choice")
     youtube: YouTubeSection | None = None
-    wiki: Wiki | None = None
+    wiki: WikiSection | None = None
     reddit: RedditSection | None = None
     pairs: Pairs | None = None
     tasks: Tasks = Tasks()
@@ -86,9 +86,9 @@ else:  # with the sections of further sources
         __base__=ShippedProfile,
         __module__=__name__,
         **{
-            name: (spec.load(spec.section) | None, None)
-            for name, spec in SPECS.items()
-            if spec.section and name not in ShippedProfile.model_fields
+            name: (section | None, None)
+            for name, source in SOURCES.items()
+            if (section := source.section()) is not None
         },
     )
 

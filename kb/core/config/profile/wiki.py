@@ -116,7 +116,7 @@ class Markup(Section):
         return value
 
 
-class Wiki(Section):
+class WikiSection(Section):
     """The wiki part of a profile (MineDojo paper, data collection appendix: Wiki)."""
 
     table = "wiki"

@@ -1,4 +1,4 @@
-"""The interface of a source: phases, answers, and the methods that a crawl calls."""
+"""The interface of a connector: phases, answers, and the methods that a crawl calls."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -69,8 +69,8 @@ class Answer:
 
 @dataclass(kw_only=True)
 class Opened:
-    """What a source may use of its open data root. A crawl's session is one; this is a source that
-    asks alone, outside of a crawl. Thread-safe.
+    """What a connector may use of its open data root. A crawl's session is one; this is of one
+    that asks alone, outside of a crawl. Thread-safe.
 
     `purged` has the keys of purged items.
     """
@@ -97,9 +97,9 @@ class Opened:
         clock.sleep(seconds)
 
 
-class Source:
-    """One source, to inherit from. It keeps its own state; the frame calls it from the threads of
-    its services.
+class Connector:
+    """What crawls one source, to inherit from. It keeps its own state; the frame calls it from the
+    threads of its services.
 
     name       the folder under raw/, the file under state/
     phases     of a crawl, in order of priority: nearest to a complete item first; they also request

@@ -1,0 +1,164 @@
+"""A source: what the rest of Lorecrawl needs to know of YouTube, the wiki or Reddit.
+
+What is plain data is a class attribute, what is behaviour a method with a default for sources that
+have nothing to say. A method imports what it needs when it is called: every command reads the
+classes, and `kb --help` must not pay for a browser.
+"""
+
+from __future__ import annotations
+
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+if TYPE_CHECKING:
+    from kb.artifacts.purge import PurgeRules
+    from kb.core.config.profile import Profile
+    from kb.core.config.profile.base import Section
+    from kb.core.config.profile.check_finding import OnlineAnswer, QuestionCost
+    from kb.core.context import Run
+    from kb.core.source_spec import AgentSpec, ReleaseSpec, ReportSpec
+    from kb.crawl.connector import Connector
+    from kb.export.layouts import Writer
+    from kb.links.texts import TextPart
+    from kb.search.passage import Passage
+    from kb.store.state.frontier import Frontier
+
+
+class Source(ABC):
+    """One source of Lorecrawl, to inherit from."""
+
+    name: ClassVar[str]
+    """The folders raw/<name>, clean/<name> … and the group of its commands."""
+
+    help: ClassVar[str]
+    """One line for `kb --help`."""
+
+    tables: ClassVar[Mapping[str, str]]
+    """Tables that the filter sorts → what their keys begin with in rejected, failed and pending."""
+
+    nouns: ClassVar[Mapping[str, str]]
+    """Kinds of the frontier in the order of work → nouns for messages."""
+
+    counted: ClassVar[str]
+    """The noun of what a crawl counts."""
+
+    release: ClassVar[ReleaseSpec]
+    report: ClassVar[ReportSpec]
+    agent: ClassVar[AgentSpec | None] = None
+
+    noted: ClassVar[tuple[str, ...]] = ()
+    """Kinds of the frontier that are never fetched."""
+
+    samples: ClassVar[tuple[str, ...]] = ()
+    """Raw kinds that no filter reads: samples that measures compare."""
+
+    files: ClassVar[tuple[str, ...]] = ()
+    """Folders below raw/<name> with captured files."""
+
+    credential: ClassVar[str] = ""
+    """The setting without which a crawl is not offered as a next step."""
+
+    refreshed: ClassVar[str] = ""
+    """The kind that `kb refresh` fetches; "" without such a command."""
+
+    restored: ClassVar[bool] = False
+    """Whether `kb restore` brings back its content."""
+
+    linked: ClassVar[tuple[str, ...]] = ()
+    """Tables in whose texts entities are found."""
+
+    indexed: ClassVar[tuple[str, ...]] = ()
+    """Tables that passages are made of."""
+
+    exports: ClassVar[tuple[str, ...]] = ()
+    """Files and folders that formats besides Parquet write below export/."""
+
+    annotate_help: ClassVar[str] = "Score its texts."
+    annotate_examples: ClassVar[tuple[str, ...]] = ()
+    purge_help: ClassVar[str] = "Remove what is named, everywhere, and remember it."
+    purge_examples: ClassVar[tuple[str, ...]] = ()
+
+    # -- crawl -------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def connector(self, run: Run) -> Connector:
+        """What crawls the source."""
+
+    def section(self) -> type[Section] | None:
+        """The class of its section in the profile, where ShippedProfile does not declare it."""
+        return None
+
+    def question(self, run: Run, cost: QuestionCost) -> OnlineAnswer | None:
+        """One question to the service for `kb profile check --online`; its cost goes to `cost`."""
+        return None
+
+    # -- status ------------------------------------------------------------------------------------
+
+    def crawled(self, frontier: Frontier) -> int:
+        """Items read by all crawls, as their summaries count them."""
+        kinds = [kind for kind, noun in self.nouns.items() if noun == self.counted]
+        return sum(frontier.counts(kind).get("done", 0) for kind in kinds)
+
+    def status(self, run: Run, frontier: Frontier) -> dict[str, Any]:
+        """What `kb status` shows of the state beside the counts of items."""
+        return {}
+
+    def incomplete(self, root: Path) -> dict[str, Any]:
+        """What `kb status` shows of items that could be read in part only."""
+        return {}
+
+    # -- tables ------------------------------------------------------------------------------------
+
+    def texts(self, table: str, path: Path) -> Iterator[TextPart]:
+        """The texts in a file of one of the `linked` tables, in batches."""
+        return iter(())
+
+    def passages(self, profile: Profile, root: Path) -> Iterator[Passage]:
+        """What `kb search` indexes."""
+        return iter(())
+
+    def writers(self) -> Mapping[str, Writer]:
+        """The writers of the export formats, and of Parquet where tables are not all of it."""
+        return {}
+
+    def purge_rules(self) -> PurgeRules:
+        """The rules of `kb purge`; by default items are removed by name only."""
+        from kb.crawl.purge import rules_by_name
+
+        return rules_by_name(self)
+
+    # -- names -------------------------------------------------------------------------------------
+
+    @property
+    def folder(self) -> Path:
+        """The folder of its package."""
+        return Path(str(sys.modules[type(self).__module__].__file__)).parent
+
+    @property
+    def formats(self) -> list[str]:
+        """The export formats besides Parquet."""
+        return list(dict.fromkeys(place.partition("/")[0] for place in self.exports))
+
+    @classmethod
+    def noun(cls, kind: str) -> str:
+        """What an item of the frontier is called."""
+        return cls.nouns.get(kind, kind.replace("_", " "))
+
+    @classmethod
+    def in_order(cls, kinds: Iterable[str]) -> list[str]:
+        """Kinds of the frontier in the order of work, without those that are never fetched."""
+        order = list(cls.nouns)
+        known = [kind for kind in kinds if kind not in cls.noted]
+        return sorted(known, key=lambda kind: order.index(kind) if kind in order else len(order))
+
+    @classmethod
+    def left_by(cls, kinds: Mapping[str, Mapping[str, int]]) -> dict[str, int]:
+        """Items that are left to fetch, by noun in the order of work; zeros are left out."""
+        left = {
+            cls.noun(kind): kinds[kind].get("todo", 0) + kinds[kind].get("in_progress", 0)
+            for kind in cls.in_order(kinds)
+        }
+        return {noun: count for noun, count in left.items() if count}

@@ -1,0 +1,57 @@
+"""The text of a list: unpacked, decoded, as JSON documents or as cells."""
+
+import codecs
+import csv
+import gzip
+import io
+import json
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import IO, Any, cast
+
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF32_LE, "utf-32"),  # begins with UTF-16's mark
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+
+
+def opened(path: Path) -> IO[str]:
+    """A file's text, decompressed, in the encoding that its first bytes name."""
+    file = _unpacked(path)
+    start = file.read(4)
+    file.seek(0)
+    encoding = next((name for mark, name in _MARKS if start.startswith(mark)), "utf-8")
+    return io.TextIOWrapper(file, encoding=encoding, newline="")
+
+
+def _unpacked(path: Path) -> IO[bytes]:
+    with path.open("rb") as file:
+        packed = file.read(2) == b"\x1f\x8b"
+    return cast("IO[bytes]", gzip.open(path)) if packed else path.open("rb")
+
+
+def documents(text: str) -> Iterator[Any]:
+    """JSON documents that stand one after the other."""
+    decoder, place = json.JSONDecoder(), 0
+    while place < len(text):
+        if text[place].isspace():
+            place += 1
+            continue
+        document, place = decoder.raw_decode(text, place)
+        yield document
+
+
+def delimiter_of(line: str) -> str:
+    """What stands between the cells of a header, "" where it is one cell."""
+    return next((sign for sign in "\t,;" if sign in line), "")
+
+
+def cells(lines: Iterable[str], delimiter: str) -> Iterator[list[str]]:
+    """The cells of each line. Raises csv.Error."""
+    # Titles hold quotation marks; what is between tabs is not quoted.
+    if delimiter == "\t":
+        return csv.reader(lines, delimiter=delimiter, quoting=csv.QUOTE_NONE)
+    return csv.reader(lines, delimiter=delimiter or ",")

@@ -1,0 +1,126 @@
+"""The source Reddit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kb.core.source import Source
+from kb.core.source_spec import AgentSpec, ReleaseSpec, ReportSpec
+
+if TYPE_CHECKING:
+    from kb.artifacts.purge import PurgeRules
+    from kb.core.config.profile import Profile
+    from kb.core.config.profile.check_finding import OnlineAnswer, QuestionCost
+    from kb.core.context import Run
+    from kb.crawl.connector import Connector
+    from kb.export.layouts import Writer
+    from kb.links.texts import TextPart
+    from kb.search.passage import Passage
+    from kb.store.state.frontier import Frontier
+
+
+class Reddit(Source):
+    """Posts and comments of a subreddit."""
+
+    name = "reddit"
+    help = "Posts and comments: crawl, import, filter, export, reconstruct."
+    tables = {"posts": "t3_", "comments": "t1_"}
+    nouns = {
+        "listing": "listings",  # listings of posts
+        "tree": "posts",  # posts that are read with their comments
+        "more": "further comments",  # comments that a post's page only names
+        "thread": "deep threads",  # threads that go on on a page of their own
+        "info": "posts and comments to refresh",  # those that are read again
+    }
+    counted = "posts"
+    refreshed = "info"
+    credential = "reddit_client_id"
+    restored = True
+    linked = ("posts", "comments")
+    indexed = ("posts", "comments")
+    exports = ("minedojo/reddit.json", "convokit")
+    release = ReleaseSpec(
+        origin="https://www.reddit.com/r/{subreddit}/",
+        main="posts",
+        counted=("posts", "comments"),
+        query="SELECT type, count(*) AS posts, sum(comments_released) AS comments"
+        " FROM reddit_posts GROUP BY ALL ORDER BY posts DESC",
+        stages=("missing", "post", "removed", "nsfw", "score", "toxicity"),
+        rules=("subreddit", "search", "listings", "spans", "min_score"),
+        gaps=("kb.release.metadata.gaps:threads", "kb.release.metadata.gaps:unread"),
+        ids_only=True,
+    )
+    report = ReportSpec(
+        title="Reddit",
+        tables=("reddit/posts", "reddit/comments"),
+        hint="run `kb reddit crawl` or `kb reddit import FILE`, then `kb reddit filter`",
+        figures="kb.report.sources:REDDIT",
+        samples={"reddit/posts": ("title", "type", "score", "num_comments", "created_utc")},
+        only="only threads",
+        color="blue",
+    )
+    agent = AgentSpec(
+        time=("created_utc", "written"),
+        reader="kb.mcp.reddit:document",
+        link="kb.mcp.reddit:from_link",
+        ref="reddit:POST/COMMENT",
+        between="/",
+        hosts=(".reddit.com",),
+        note="texts are their authors', Reddit gives no licence",
+        prefixes=("t3_", "t1_"),
+        item="https://www.reddit.com/comments/{key}/",
+    )
+    annotate_help = "Score titles, bodies and comments."
+    annotate_examples = (
+        "kb annotate reddit --precision int8     faster; exact near the threshold",
+        "kb annotate reddit --engine dask --scheduler tcp://10.0.0.1:8786",
+    )
+    purge_help = (
+        "Remove posts and comments that were deleted or are named, and never collect them again."
+    )
+    purge_examples = ("kb purge reddit", "kb purge reddit --ids requests.txt")
+
+    def connector(self, run: Run) -> Connector:
+        from kb.reddit.connector.source import RedditConnector
+
+        return RedditConnector(run)
+
+    def question(self, run: Run, cost: QuestionCost) -> OnlineAnswer:
+        from kb.reddit.connector.online import question
+
+        return question(run, cost)
+
+    def crawled(self, frontier: Frontier) -> int:
+        from kb.reddit.connector.reduce import crawled
+
+        return crawled(frontier)
+
+    def incomplete(self, root: Path) -> dict[str, Any]:
+        from kb.reddit.status import incomplete
+
+        return incomplete(root)
+
+    def texts(self, table: str, path: Path) -> Iterator[TextPart]:
+        from kb.links.texts import in_columns
+
+        if table == "comments":
+            return in_columns(path, "comment_id", {"comment": ("body",)}, "t1_")
+        parts = {"title": ("title",), "body": ("body", "poll_options")}
+        return in_columns(path, "post_id", parts, "t3_")
+
+    def passages(self, profile: Profile, root: Path) -> Iterator[Passage]:
+        from kb.search.reddit_passages import passages
+
+        return passages(profile, root)
+
+    def writers(self) -> Mapping[str, Writer]:
+        from kb.export import convokit, minedojo
+
+        return {"minedojo": minedojo.reddit, "convokit": convokit.export}
+
+    def purge_rules(self) -> PurgeRules:
+        from kb.reddit.purge import RULES
+
+        return RULES

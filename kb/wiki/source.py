@@ -1,0 +1,121 @@
+"""The source wiki."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kb.core.source import Source
+from kb.core.source_spec import AgentSpec, ReleaseSpec, ReportSpec
+
+if TYPE_CHECKING:
+    from kb.artifacts.purge import PurgeRules
+    from kb.core.config.profile import Profile
+    from kb.core.config.profile.check_finding import OnlineAnswer, QuestionCost
+    from kb.core.context import Run
+    from kb.crawl.connector import Connector
+    from kb.export.layouts import Writer
+    from kb.links.texts import TextPart
+    from kb.search.passage import Passage
+    from kb.store.state.frontier import Frontier
+
+
+class Wiki(Source):
+    """Pages of a wiki as a browser shows them."""
+
+    name = "wiki"
+    help = "Wiki pages as a browser shows them: crawl, filter, export."
+    tables = {"pages": ""}
+    nouns = {
+        "site": "site descriptions",  # what the wiki says of itself, once a round
+        "titles": "title lists",  # lists of titles, one a namespace and round
+        "info": "titles",  # titles whose revision is fetched, a round each
+        "gone": "comparisons",  # rounds that are compared with the pages known before
+        "pages": "pages",  # pages that the browser shows
+        "files": "image files",  # original files of images
+    }
+    counted = "pages"
+    files = ("pages", "images")
+    linked = ("pages", "elements")
+    indexed = ("pages", "elements", "cells", "images")
+    exports = ("minedojo/wiki_full", "minedojo/wiki_samples")
+    release = ReleaseSpec(
+        main="pages",
+        query="SELECT kind, region, count(*) AS elements FROM wiki_elements WHERE visible"
+        " GROUP BY ALL ORDER BY elements DESC",
+        stages=("missing", "robots", "render", "words", "toxicity"),
+        rules=("url", "namespaces", "min_words", "max_page_height", "max_elements"),
+        gaps=("kb.release.metadata.gaps:large_screenshots",),
+        archives=("screenshots", "images"),
+        paths=(("pages", "screenshot_path"), ("images", "path")),
+        licensed=("pages", "images"),
+        licence="",
+        scraped=True,
+        origin="{url}",
+        extra="wiki",
+    )
+    report = ReportSpec(
+        title="Wiki",
+        tables=("wiki/pages", "wiki/elements", "wiki/images"),
+        hint="run `kb wiki crawl`, then `kb wiki filter`",
+        figures="kb.report.sources:WIKI",
+        samples={
+            "wiki/pages": ("title", "word_count", "page_width", "page_height", "license", "url")
+        },
+        only="only the wiki",
+        color="green",
+    )
+    agent = AgentSpec(
+        time=("revision_timestamp", "last edited"),
+        reader="kb.mcp.wiki:document",
+        link="kb.mcp.wiki:from_link",
+        ref="wiki:PAGE#Section",
+        between="#",
+    )
+    annotate_help = "Score the text of crawled wiki pages."
+    annotate_examples = ("kb annotate wiki                        each page's visible text",)
+    purge_help = """\
+    Remove pages that the wiki deleted or that are named, and never collect them again.
+
+    The file names pages by id, title or URL, one per line, or is MineDojo's JSON. Names that match
+    nothing are counted as unknown, and are skipped by later crawls.
+    """
+    purge_examples = ("kb purge wiki --ids pages.txt",)
+
+    def connector(self, run: Run) -> Connector:
+        from kb.wiki.connector.source import WikiConnector
+
+        return WikiConnector(run)
+
+    def question(self, run: Run, cost: QuestionCost) -> OnlineAnswer:
+        from kb.wiki.connector.online import question
+
+        return question(run, cost)
+
+    def crawled(self, frontier: Frontier) -> int:
+        from kb.wiki.connector.reduce import crawled
+
+        return crawled(frontier)
+
+    def texts(self, table: str, path: Path) -> Iterator[TextPart]:
+        from kb.links.texts import in_columns, in_elements
+
+        if table == "elements":
+            return in_elements(path)
+        return in_columns(path, "page_id", {"title": ("title",)})
+
+    def passages(self, profile: Profile, root: Path) -> Iterator[Passage]:
+        from kb.search.wiki_passages import passages
+
+        return passages(profile, root)
+
+    def writers(self) -> Mapping[str, Writer]:
+        from kb.export import minedojo_wiki, wiki_tar
+
+        return {"parquet": wiki_tar.export, "minedojo": minedojo_wiki.wiki}
+
+    def purge_rules(self) -> PurgeRules:
+        from kb.wiki.purge import RULES
+
+        return RULES

@@ -1,0 +1,143 @@
+"""The source YouTube."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kb.core.source import Source
+from kb.core.source_spec import AgentSpec, ReleaseSpec, ReportSpec
+
+if TYPE_CHECKING:
+    from kb.artifacts.purge import PurgeRules
+    from kb.core.config.profile import Profile
+    from kb.core.config.profile.check_finding import OnlineAnswer, QuestionCost
+    from kb.core.context import Run
+    from kb.crawl.connector import Connector
+    from kb.export.layouts import Writer
+    from kb.links.texts import TextPart
+    from kb.search.passage import Passage
+    from kb.store.state.frontier import Frontier
+
+
+class YouTube(Source):
+    """Videos and transcripts."""
+
+    name = "youtube"
+    help = "Videos and transcripts: crawl, import, filter, export."
+    tables = {"videos": ""}
+    nouns = {
+        "searches": "searches",  # pages of channel searches
+        "uploads": "channels",  # channels whose uploads are listed
+        "videos": "videos",  # videos whose metadata is read
+        "transcripts": "transcripts",  # videos whose transcript is fetched
+        "statistics": "statistics to refresh",  # videos whose counts are read again
+        "refresh": "videos to refresh",  # videos that are read again in full
+        "second_tracks": "second tracks",  # automatic tracks that a sample compares
+    }
+    counted = "videos"
+    noted = ("channels",)
+    samples = ("second_tracks",)
+    refreshed = "refresh"
+    restored = True
+    linked = ("videos", "transcripts")
+    indexed = ("videos", "transcripts")
+    exports = (
+        "minedojo/youtube_full.json",
+        "minedojo/youtube_tutorial.json",
+        "text/youtube.jsonl",
+    )
+    release = ReleaseSpec(
+        main="videos",
+        query="SELECT transcript_kind, count(*) AS videos, round(sum(duration_s) / 3600) AS hours"
+        " FROM youtube_videos GROUP BY ALL ORDER BY videos DESC",
+        stages=(
+            *("missing", "topic", "views", "aspect_ratio", "duration", "age_restricted"),
+            *("toxicity", "transcript"),
+        ),
+        rules=(
+            *("keywords", "topic_keywords", "game_ids", "category_ids", "search_pages", "uploads"),
+            *("min_views", "min_aspect_ratio", "min_duration_s", "transcripts", "language"),
+            "translate",
+        ),
+        gaps=("kb.release.metadata.gaps:views",),
+        scraped=True,
+        origin="https://www.youtube.com/",
+    )
+    report = ReportSpec(
+        title="YouTube",
+        tables=("youtube/videos",),
+        hint="run `kb youtube crawl`, then `kb youtube filter`",
+        figures="kb.report.sources:YOUTUBE",
+        samples={
+            "youtube/videos": (
+                *("title", "view_count", "like_count", "duration_s", "transcript_kind"),
+                "published_at",
+            )
+        },
+        only="only videos",
+        color="red",
+        units=True,
+    )
+    agent = AgentSpec(
+        time=("published_at", "published"),
+        reader="kb.mcp.youtube:document",
+        link="kb.mcp.youtube:from_link",
+        ref="youtube:VIDEO@61",
+        between="@",
+        hosts=(".youtube.com",),
+        item="https://www.youtube.com/watch?v={key}",
+    )
+    annotate_help = "Score titles and descriptions of crawled videos."
+    annotate_examples = ("kb annotate youtube                     titles and descriptions",)
+    purge_help = (
+        "Remove videos that are gone from YouTube or are named, and never collect them again."
+    )
+    purge_examples = (
+        "kb purge youtube",
+        "kb purge youtube --ids gone.txt",
+        "kb purge youtube --plan",
+    )
+
+    def connector(self, run: Run) -> Connector:
+        from kb.youtube.connector.source import YouTubeConnector
+
+        return YouTubeConnector(run)
+
+    def question(self, run: Run, cost: QuestionCost) -> OnlineAnswer:
+        from kb.youtube.connector.online import question
+
+        return question(run, cost)
+
+    def crawled(self, frontier: Frontier) -> int:
+        from kb.youtube.connector.reduce import crawled
+
+        return crawled(frontier)
+
+    def status(self, run: Run, frontier: Frontier) -> dict[str, Any]:
+        from kb.youtube.status import status
+
+        return status(run, frontier)
+
+    def texts(self, table: str, path: Path) -> Iterator[TextPart]:
+        from kb.links.texts import in_columns, in_transcripts
+
+        if table == "transcripts":
+            return in_transcripts(path)
+        return in_columns(path, "video_id", {"title": ("title",), "body": ("description",)})
+
+    def passages(self, profile: Profile, root: Path) -> Iterator[Passage]:
+        from kb.search.youtube_passages import passages
+
+        return passages(profile, root)
+
+    def writers(self) -> Mapping[str, Writer]:
+        from kb.export import flat_text, minedojo
+
+        return {"minedojo": minedojo.youtube, "text": flat_text.youtube}
+
+    def purge_rules(self) -> PurgeRules:
+        from kb.youtube.purge import RULES
+
+        return RULES
