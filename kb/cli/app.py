@@ -8,7 +8,7 @@ import typer
 import typer.core
 
 from kb import __version__
-from kb.cli.framework import tree
+from kb.cli.framework import messages
 from kb.cli.framework.usage_errors import refuse_unknown
 from kb.core.sources import SOURCES
 
@@ -127,7 +127,7 @@ def find_command(words: Sequence[str]) -> Any | None:
     return known.get(" ".join(words[:2])) or known.get(words[0])
 
 
-tree.set_finder(find_command)
+messages.set_finder(find_command)
 
 
 def context(path: str, command: Any) -> Any:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.demo_root import FINISHED, without_scores
+from kb.cli.framework.messages import find_command
 from kb.cli.framework.options import CLUSTER, Options, pipeline
-from kb.cli.framework.tree import find_command
 from kb.core.context import Run
 from kb.core.errors import MissingExtra
 from kb.core.sources import SOURCES, made_of
