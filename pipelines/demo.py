@@ -20,6 +20,7 @@ STEPS = [
     "pairs",
     "tasks",
     "links",
+    "index",
     "release",
     "report",
 ]

@@ -32,7 +32,9 @@ ALLOWED: dict[str, set[str]] = {
     "artifacts": {"store", "schema", "core"},
     "crawl": GROUND | {"core"},
     **{room: GROUND | {"core"} for room in ROOMS},
-    **dict.fromkeys(SOURCES, GROUND | {"core", "crawl", "export", "links", "search"}),
+    **dict.fromkeys(
+        SOURCES, GROUND | {"core", "crawl", "export", "links", "search", "reader", "mcp"}
+    ),
     **dict.fromkeys(ASKING, DATA),
     "links": {"pairs", *DATA},  # over the pairs' matcher
     "labels": {"pairs", *DATA},  # over the pairs' transcripts

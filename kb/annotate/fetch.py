@@ -19,7 +19,8 @@ from kb.core.errors import DamagedData, FatalError, Retryable, SettingError
 from kb.core.summary import Summary
 from kb.net.retry import attempt
 from kb.net.session import HttpSession, failure, send
-from kb.store.atomic import full_disk_is_resumable, sync_file, sync_folder
+from kb.store.atomic import sync_file, sync_folder
+from kb.store.full_disk import full_disk_is_resumable
 
 PIECE = 1 << 16  # bytes; of a connection that breaks only whole pieces are kept
 

@@ -124,19 +124,21 @@ def _of(root: Path, profile: Profile) -> Remembered:
 
 
 @contextmanager
-def writing(run: Run, *locks: str) -> Iterator[None]:
+def writing(run: Run, *locks: str, workplace: Path | None = None) -> Iterator[None]:
     """Hold these locks of the run's data root, which remembers the run's profile from then on; of a
-    download, those of its workplace.
+    download, those of its workplace, or of another folder for what can't be kept in the root.
 
     Every command that works on stored data writes inside this block, and looks for the
     credential, model or extra that it needs before it. A root without data is left as it is.
     Raises WriterLocked, OtherService.
     """
     catalog = Catalog(run.root.absolute())
-    if catalog.is_download:
-        catalog.workplace.mkdir(parents=True, exist_ok=True)
-    with lock.taking(catalog.workplace, *locks):
-        note_if_stored(run.root, run.profile)
+    place = workplace or catalog.workplace
+    if place != catalog.path:
+        place.mkdir(parents=True, exist_ok=True)
+    with lock.taking(place, *locks):
+        if place == catalog.path:
+            note_if_stored(run.root, run.profile)
         yield
 
 

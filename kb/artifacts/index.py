@@ -21,23 +21,50 @@ _LARGE = 256 << 20  # bytes; a larger index is not read as a whole before it is 
 _verified: set[frozenset[tuple[str, int, int, int]]] = set()  # files that this process has read
 
 
+def home(root: Path, source: str) -> Path:
+    """The folder that the index is below: the data root; one of the user's cache for a download,
+    and for a data root that can't be written and has no current one.
+    """
+    catalog = Catalog(root.absolute())
+    if catalog.is_writable:
+        return catalog.path
+    places = [] if catalog.is_download else [catalog.cached, catalog.path]
+    return next((one for one in places if _is_current(catalog, one, source)), catalog.cached)
+
+
 def folder(root: Path, source: str) -> Path:
-    """Where the index is: below the data root, or in the cache for a download."""
-    return Layout(Catalog(root.absolute()).workplace).index(source)
+    """Where the index is."""
+    return Layout(home(root, source)).index(source)
+
+
+def known(root: Path, source: str) -> manifest.Manifest | None:
+    """What the index was made from; None where there is none. Raises DamagedData."""
+    return manifest.read(home(root, source), f"index/{source}")
+
+
+def is_current(root: Path, source: str) -> bool:
+    """Whether the index was made from the texts that are there now. Raises DamagedData."""
+    return _is_current(Catalog(root.absolute()), home(root, source), source)
+
+
+def _is_current(catalog: Catalog, place: Path, source: str) -> bool:
+    made = manifest.read(place, f"index/{source}")
+    return made is not None and made.inputs == texts.inputs(catalog.path, f"index/{source}")
 
 
 def remove(root: Path, source: str) -> None:
     """Remove the index; no byte of it stays."""
-    place = folder(root, source)
-    (place / MANIFEST).unlink(missing_ok=True)  # from here on there is no index
-    shutil.rmtree(followed(place), ignore_errors=True)
-    if place.is_symlink():
-        place.unlink()
+    catalog = Catalog(root.absolute())
+    for place in (Layout(one).index(source) for one in (catalog.workplace, catalog.cached)):
+        (place / MANIFEST).unlink(missing_ok=True)  # from here on there is no index
+        shutil.rmtree(followed(place), ignore_errors=True)
+        if place.is_symlink():
+            place.unlink()
 
 
 def remove_stale(root: Path, source: str) -> None:
     """Remove an index that was made from other texts than those that are there now."""
-    if not texts.is_current(root, f"index/{source}"):
+    if not is_current(root, source):
         remove(root, source)
 
 
@@ -47,15 +74,15 @@ def check(root: Path, source: str) -> None:
     A large one is not read for that: `kb verify` does it.
     """
     place = folder(root, source)
-    known = manifest.read(Catalog(root.absolute()).workplace, f"index/{source}")
-    if known is None:
+    made = known(root, source)
+    if made is None:
         return
     now = [(path.name, path.stat()) for path in _files(place)]
     mark = frozenset((name, it.st_ino, it.st_size, it.st_mtime_ns) for name, it in now)
     if mark in _verified:
         return
-    read = sum(entry.size for entry in known.files.values()) <= _LARGE
-    if damage := damaged(place, known, read=read):
+    read = sum(entry.size for entry in made.files.values()) <= _LARGE
+    if damage := damaged(place, made, read=read):
         raise DamagedData(damage, hint=ARTIFACTS[f"index/{source}"].hint)
     _verified.add(mark)
 

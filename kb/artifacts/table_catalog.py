@@ -80,6 +80,11 @@ class Catalog:
             return False
         return bool(self.releases) or (self.path / "missing.parquet").is_file()
 
+    @property
+    def is_writable(self) -> bool:
+        """Whether what is made of this can be kept in it."""
+        return not self.is_download and os.access(self.path, os.W_OK)
+
     @cached_property
     def releases(self) -> tuple[ReleaseFolder, ...]:
         """The release folder itself, or those below; of a data root those of `kb release`, else
@@ -115,8 +120,11 @@ class Catalog:
         """The folder under which an index, a report or links of this are kept: the data root
         itself, or one of the user's cache for a download.
         """
-        if not self.is_download:
-            return self.path
+        return self.cached if self.is_download else self.path
+
+    @cached_property
+    def cached(self) -> Path:
+        """A folder of the user's cache for what is made of this and can't be kept in it."""
         mark = hashlib.sha256(os.fsencode(self.path.resolve())).hexdigest()[:16]
         return cache_root() / "downloads" / f"{self.path.name or 'root'}-{mark}"
 

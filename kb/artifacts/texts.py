@@ -35,9 +35,3 @@ def changed(root: Path, name: str) -> list[str]:
         return []
     now = inputs(root, name)
     return [one.partition("/")[2] for one in now if now[one] != known.inputs.get(one)]
-
-
-def is_current(root: Path, name: str) -> bool:
-    """Whether the artifact was made from the texts that are there now. Raises DamagedData."""
-    known = manifest.read(Catalog(root.absolute()).workplace, name)
-    return known is not None and known.inputs == inputs(root, name)

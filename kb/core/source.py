@@ -12,6 +12,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
+from urllib.parse import SplitResult
+
+from kb.core.errors import UsageError
 
 if TYPE_CHECKING:
     from kb.artifacts.purge import PurgeRules
@@ -19,10 +22,13 @@ if TYPE_CHECKING:
     from kb.core.config.profile.base import Section
     from kb.core.config.profile.check_finding import OnlineAnswer, QuestionCost
     from kb.core.context import Run
-    from kb.core.source_spec import AgentSpec, ReleaseSpec, ReportSpec
+    from kb.core.source_spec import ReleaseSpec, ReportSpec
     from kb.crawl.connector import Connector
     from kb.export.layouts import Writer
     from kb.links.texts import TextPart
+    from kb.mcp.read_tool import AgentDocument
+    from kb.mcp.references import SourceLocation
+    from kb.reader.open_tables import OpenTables
     from kb.search.passage import Passage
     from kb.store.state.frontier import Frontier
 
@@ -47,7 +53,6 @@ class Source(ABC):
 
     release: ClassVar[ReleaseSpec]
     report: ClassVar[ReportSpec]
-    agent: ClassVar[AgentSpec | None] = None
 
     noted: ClassVar[tuple[str, ...]] = ()
     """Kinds of the frontier that are never fetched."""
@@ -75,6 +80,21 @@ class Source(ABC):
 
     exports: ClassVar[tuple[str, ...]] = ()
     """Files and folders that formats besides Parquet write below export/."""
+
+    ref: ClassVar[str] = ""
+    """An example of a reference to a place in it; "" when `read` shows nothing of it."""
+
+    mark: ClassVar[str] = "#"
+    """What stands between the key and the position in a reference."""
+
+    hosts: ClassVar[tuple[str, ...]] = ()
+    """Endings of the hosts of its links; none when its links are those of any other host."""
+
+    dated: ClassVar[tuple[str, str]] = ("fetched_at", "fetched")
+    """The column of the main table that dates a row, and what happened then."""
+
+    unlicensed: ClassVar[str] = ""
+    """A sentence on licences where rows name none of their own."""
 
     annotate_help: ClassVar[str] = "Score its texts."
     annotate_examples: ClassVar[tuple[str, ...]] = ()
@@ -129,6 +149,24 @@ class Source(ABC):
         from kb.crawl.purge import rules_by_name
 
         return rules_by_name(self)
+
+    # -- places ------------------------------------------------------------------------------------
+
+    def document(self, tables: OpenTables, place: SourceLocation) -> AgentDocument:
+        """What `read` shows around a place. Raises UsageError for an unknown one, DamagedData."""
+        raise UsageError(f"`read` does not support {self.name}", hint="use `query`")
+
+    def place_of(self, url: SplitResult) -> tuple[str, str] | None:
+        """The key and the position that a link names."""
+        return None
+
+    def bare(self, key: str, at: str) -> tuple[str, str]:
+        """The key and the position of a reference, without prefixes."""
+        return key, at
+
+    def address(self, key: str) -> str:
+        """The URL of an item at the service; "" where the key alone does not give one."""
+        return ""
 
     # -- names -------------------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""What a source declares of its release, report and agent: light data that names code as
+"""What a source declares of its release and report: light data that names code as
 "module:attribute", imported when it is first needed.
 """
 
@@ -80,29 +80,3 @@ class ReportSpec:
     only: str = ""
     color: str = "grey"
     units: bool = False
-
-
-@dataclass(frozen=True)
-class AgentSpec:
-    """What `kb mcp` says of a source and reads around a place in it.
-
-    time        the column that dates a row, and the verb: ("published_at", "published")
-    reader      function that reads what stands around a place
-    link        function that takes a URL apart into a place
-    ref         an example of a ref
-    between     the character between key and position in a ref
-    hosts       endings of the hosts whose URLs `link` takes; none for any other host
-    note        a sentence about licences; "" when rows name their own
-    prefixes    prefixes that are taken off a key and a position
-    item        URL of an item, with {key}
-    """
-
-    time: tuple[str, str]
-    reader: str
-    link: str
-    ref: str
-    between: str
-    hosts: tuple[str, ...] = ()
-    note: str = ""
-    prefixes: tuple[str, str] = ("", "")
-    item: str = ""

@@ -195,7 +195,7 @@ def _fold(name: Any) -> str:
 
 def _shown(entry: ListedId) -> str:
     """An entry as a message shows it."""
-    if entry.value is None and entry.record:
+    if entry.value in (None, "") and entry.record:
         return json.dumps(entry.record, ensure_ascii=False, default=str)[:200]
     return str(entry.value)
 
@@ -325,7 +325,17 @@ def _of_lines(sample: Sequence[str], lines: Iterator[str], rules: IdRules) -> It
             if number or rules.parse(entry):  # the first may be a header
                 yield entry
         return
-    yield from (ListedId(line.strip("\r\n ")) for line in lines)
+    for line in lines:
+        several = _several(line, rules)
+        yield from map(ListedId, several or [line.strip("\r\n ")])
+
+
+def _several(line: str, rules: IdRules) -> list[str]:
+    """The ids of a line that holds nothing else than several of them."""
+    cells = [cell.strip() for cell in line.split(delimiter_of(line) or None)]
+    found = [cell for cell in cells if cell]
+    certain = rules.is_unmistakable
+    return found if certain and len(found) > 1 and all(map(certain, found)) else []
 
 
 def _held(sample: Sequence[str], rules: IdRules) -> tuple[str, int] | None:
@@ -333,7 +343,7 @@ def _held(sample: Sequence[str], rules: IdRules) -> tuple[str, int] | None:
     delimiter = delimiter_of(sample[0]) if sample else ""
     if rules.is_unmistakable is None or not delimiter:
         return None
-    if any(rules.parse(ListedId(line.strip("\r\n "))) for line in sample):
+    if any(_several(line, rules) or rules.parse(ListedId(line.strip("\r\n "))) for line in sample):
         return None
     rows = [dict(enumerate(values)) for values in cells(sample, delimiter)]
     column = rules.column_of(sorted({at for row in rows for at in row}), rows)
@@ -374,8 +384,8 @@ def _of_record(value: Any, rules: IdRules, held: Any = None) -> Iterator[ListedI
     elif lists := [one for one in value.values() if _is_records(one)]:
         for one in lists:
             yield from _of_records(one, rules)
-    elif value and rules.ids_among(value) == len(value):
-        yield from (ListedId(key, "[]") for key in value)  # {id: …}
+    elif named := [one for one in (value, *value.values()) if _are_ids(one, rules)]:
+        yield from (ListedId(key, "[]") for one in named for key in one)  # {id: …}, {"ids": [id]}
     else:
         yield ListedId(value.get(held), "", value)
 
@@ -393,6 +403,12 @@ def _by_name(record: Mapping[str, Any], rules: IdRules) -> ListedId | None:
             return entry
     parts = (record[name] for name in _PARTS if isinstance(record.get(name), dict))
     return next((found for part in parts if (found := _by_name(part, rules))), None)
+
+
+def _are_ids(value: Any, rules: IdRules) -> bool:
+    if not isinstance(value, (dict, list)) or not value:
+        return False
+    return rules.ids_among(value) == len(value)
 
 
 def _is_records(value: Any) -> bool:

@@ -22,10 +22,11 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from kb.core.config.profile import Profile
-from kb.core.errors import DamagedData, KbError, UsageError
+from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.core.templates import environment
 from kb.explore import funnel, pairs, rows, search, thresholds
 from kb.explore.tables import CurrentTables
+from kb.store.state import demo_mark
 
 HOST = "127.0.0.1"
 _HOSTS = [HOST, "localhost"]  # with any port
@@ -57,6 +58,7 @@ PAGES = {
 }
 
 Page = Callable[[Path, Mapping[str, str]], Any]
+Instead = Callable[[Mapping[str, str], KbError], Any]
 
 
 def make(root: Path, profile: Profile, status: Callable[[], list[str]]) -> Starlette:
@@ -67,17 +69,24 @@ def make(root: Path, profile: Profile, status: Callable[[], list[str]]) -> Starl
 
     def html(name: str, status: int = 200, **values: Any) -> HTMLResponse:
         text = templates.get_template(f"{name}.html.jinja").render(
-            **values, root=str(root), nav=PAGES
+            **values, root=str(root), nav=PAGES, notes=demo_mark.note(root)
         )
         return HTMLResponse(text, status)
 
-    def page(name: str, read: Page) -> Callable[[Request], Response]:
+    def page(
+        name: str, read: Page, instead: Instead | None = None
+    ) -> Callable[[Request], Response]:
+        """`instead`: the data of the same page when `read` raises."""
+
         def answer(request: Request) -> Response:
+            path, query, status = request.url.path, request.query_params, 200
             try:
-                data = read(root, request.query_params)
-            except DamagedData:  # a filter may have replaced the files after they were listed
-                data = read(root, request.query_params)
-            return html(name, path=request.url.path, page=data)
+                data = _read(read, root, query)
+            except KbError as error:
+                if instead is None:
+                    raise
+                data, status = instead(query, error), status_of(error)
+            return html(name, status, path=path, page=data)
 
         return answer
 
@@ -85,18 +94,17 @@ def make(root: Path, profile: Profile, status: Callable[[], list[str]]) -> Starl
         return Response(search.screenshot(root, request.query_params), media_type="image/png")
 
     def problem(request: Request, error: Exception) -> Response:
-        status = getattr(error, "status_code", 400 if isinstance(error, UsageError) else 500)
         what = error.detail if isinstance(error, HTTPException) else str(error)
         hint = getattr(error, "hint", "")
         headers = getattr(error, "headers", None)
-        answer = html("error", status, path=request.url.path, what=what, hint=hint)
+        answer = html("error", status_of(error), path=request.url.path, what=what, hint=hint)
         answer.headers.update(headers or {})
         return answer
 
     return Starlette(
         routes=[
             Route("/", page("funnel", lambda at, _: funnel.read(CurrentTables(at)))),
-            Route("/search", page("search", search.read)),
+            Route("/search", page("search", search.read, search.without_answers)),
             Route("/document", page("document", search.document)),
             Route("/screenshot", picture),
             Route("/rows", page("rows", lambda at, q: rows.read(CurrentTables(at), rows.parse(q)))),
@@ -115,6 +123,25 @@ def make(root: Path, profile: Profile, status: Callable[[], list[str]]) -> Starl
         ],
         exception_handlers={KbError: problem, HTTPException: problem},
     )
+
+
+def _read(read: Page, root: Path, query: Mapping[str, str]) -> Any:
+    """A page's data. A command may have replaced files after they were listed: then read again."""
+    try:
+        return read(root, query)
+    except (DamagedData, FileNotFoundError):
+        pass
+    try:
+        return read(root, query)
+    except FileNotFoundError as error:
+        message = f"{error.filename or root} was replaced while this page was made"
+        raise FatalError(message, hint="load it again") from None
+
+
+def status_of(error: Exception) -> int:
+    """The HTTP status of a page that an error is shown on."""
+    known: int | None = getattr(error, "status_code", None)
+    return known or (400 if isinstance(error, UsageError) else 500)
 
 
 class _SecurityHeaders:

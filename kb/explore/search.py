@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlencode
 
-from kb.core.errors import UsageError
+from kb.core.errors import KbError, UsageError
 from kb.core.sources import SOURCES
 from kb.mcp.read_tool import AgentDocument, surroundings
 from kb.mcp.references import parse_reference
 from kb.mcp.search_tool import ref
 from kb.reader.screenshots import stored_png
-from kb.search.answers import MARK, SearchHit, search, suggest
+from kb.search.answers import MARK, NotIndexed, SearchHit, search, suggest
 from kb.search.ranking import Only, day_given
 
 LIMIT = 50  # answers
@@ -35,11 +35,15 @@ class ShownHit:
 
 @dataclass(frozen=True)
 class SearchPage:
-    """What was asked, by the name of its field, and the answers, best first."""
+    """What was asked, by the name of its field, and the answers, best first; or why there are none:
+    `problem`, and a `hint` what to do.
+    """
 
     asked: dict[str, str]
     hits: list[ShownHit]
     suggestion: str
+    problem: str = ""
+    hint: str = ""
     sources: tuple[str, ...] = tuple(SOURCES)
     kinds: tuple[str, ...] = KINDS
 
@@ -64,10 +68,11 @@ class DocumentPage:
 
 
 def read(root: Path, query: Mapping[str, str]) -> SearchPage:
-    """The answers to an address; none without words. Raises UsageError where the index is missing
-    or out of date: a page that only reads builds none. Raises DamagedData.
+    """The answers to an address; none without words, and none where the index is missing or out of
+    date: it is not built here, as that could keep other commands from writing. Raises UsageError,
+    DamagedData.
     """
-    asked = {name: query.get(name, "").strip() for name in _FIELDS}
+    asked = _asked(query)
     if not asked["words"]:
         return SearchPage(asked, [], "")
     if asked["source"] not in ("", *SOURCES):
@@ -86,9 +91,21 @@ def read(root: Path, query: Mapping[str, str]) -> SearchPage:
         limit=LIMIT,
     )
     sources = [asked["source"]] if asked["source"] else []
-    hits = search(root, asked["words"], sources=sources, only=only, entity=asked["entity"])
-    meant = suggest(root, asked["words"], sources=sources)
+    try:
+        hits = search(root, asked["words"], sources=sources, only=only, entity=asked["entity"])
+        meant = suggest(root, asked["words"], sources=sources)
+    except NotIndexed as error:
+        return without_answers(query, error)
     return SearchPage(asked, [_shown(hit) for hit in hits], meant)
+
+
+def without_answers(query: Mapping[str, str], error: KbError) -> SearchPage:
+    """The page of a question that has no answers for this reason."""
+    return SearchPage(_asked(query), [], "", str(error), error.hint)
+
+
+def _asked(query: Mapping[str, str]) -> dict[str, str]:
+    return {name: query.get(name, "").strip() for name in _FIELDS}
 
 
 def _shown(hit: SearchHit) -> ShownHit:

@@ -21,9 +21,10 @@ def serve(
     *,
     browser: bool,
     say: Callable[[str], None],
+    first: Callable[[], None],
 ) -> None:
-    """`port` 0 takes a free one; `say` is told the address when requests are answered. The rest is
-    as in `kb.explore.app.make`.
+    """`port` 0 takes a free one; `say` is told the address when requests are answered; `first` is
+    called once nothing stands in the way of serving. The rest is as in `kb.explore.app.make`.
 
     Raises MissingExtra, SettingError for a port that is taken.
     """
@@ -40,6 +41,7 @@ def serve(
         raise SettingError(
             f"port {port} can't be used: {error.strerror}", hint="leave --port out, or take another"
         ) from None
+    first()
     address = f"http://{HOST}:{listening.getsockname()[1]}/"
 
     class Announced(uvicorn.Server):  # type: ignore[misc]  # read without its types

@@ -112,13 +112,13 @@ class ThresholdRows:
         "" where the key alone does not give one.
         """
         source = self.stage.source
-        agent = SOURCES[source].agent
-        if agent is None:
+        if not SOURCES[source].ref:
             return ""
         if is_kept:
             return f"/document?{urlencode({'ref': f'{source}:{key}'})}"
         bare = key.removeprefix(self.stage.chain.prefix)
-        return agent.item.format(key=bare) if self.stage.table == RELEASES[source].main else ""
+        is_main = self.stage.table == RELEASES[source].main
+        return SOURCES[source].address(bare) if is_main else ""
 
 
 def rows_of(tables: CurrentTables, stage: StageOfTable) -> ThresholdRows:

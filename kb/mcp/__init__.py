@@ -2,7 +2,7 @@
 
 server            the four tools; `query` runs SQL in a process of its own (kb.query.isolated)
 search_tool       `search`: ranked answers
-read_tool         `read`: what surrounds one of them; `youtube`, `wiki` and `reddit` find its parts
+read_tool         `read`: what surrounds one of them; kb.<source>.documents finds its parts
 about_tool        `about`: contents, age and licences
 references        references to places, such as "wiki:14#Taming", and links
 untrusted_text    retrieved text between unforgeable markers, and answers of limited size

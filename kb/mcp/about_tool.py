@@ -3,12 +3,12 @@
 from collections.abc import Iterator
 from typing import Any
 
-from kb.artifacts import manifest, table_catalog, texts
+from kb.artifacts import index, table_catalog, texts
 from kb.artifacts.table_catalog import bare
 from kb.core import terminal
 from kb.core.context import Run
+from kb.core.source import Source
 from kb.core.sources import SOURCES
-from kb.mcp.references import AGENTS
 from kb.mcp.untrusted_text import AnswerPart, Fence, cut, fit
 from kb.reader.open_tables import OpenTables
 from kb.reader.tables import TableView
@@ -26,8 +26,9 @@ def run_about(run: Run, size: int) -> str:
         "`search` finds places, `read` shows the surroundings of one, `query` runs SQL (DuckDB)"
         " over the views below; SELECT column_name FROM (DESCRIBE view) lists columns."
     )
-    sources = [AnswerPart(_source(opened, source), _licences(opened, source)) for source in AGENTS]
-    known = [unit for unit in sources if unit.facts]
+    sources = [source for source in SOURCES.values() if source.ref]
+    parts = [AnswerPart(_source(opened, one), _licences(opened, one)) for one in sources]
+    known = [part for part in parts if part.facts]
     index = AnswerPart("\n".join(["Indexed for `search`:", *_indexed(run)]), "")
     views = [AnswerPart(line, "") for line in _views(opened)]
     return fit(fence, head, [*known, index, *views], _left_out, size)
@@ -37,27 +38,28 @@ def _left_out(count: int) -> str:
     return f"{count} more parts were left out: raise max_chars."
 
 
-def _source(opened: OpenTables, source: str) -> str:
-    agent, noun = AGENTS[source], SOURCES[source].release.main
-    ranked = opened.ranked(f"{source}_{noun}")
+def _source(opened: OpenTables, source: Source) -> str:
+    noun = source.release.main
+    ranked = opened.ranked(f"{source.name}_{noun}")
     if not ranked:
         return ""
-    view, (when, word) = ranked[0].full, agent.time
+    view, (when, word) = ranked[0].full, source.dated
     row = _row(
         opened,
         f"SELECT count(*) AS n, min({when}) AS first, max({when}) AS last,"
         f" min(fetched_at) AS oldest, max(fetched_at) AS newest FROM {view}",
     )
     return (
-        f"{source}: {row['n']:,} {noun}, {word} from {_day(row['first'])} to {_day(row['last'])},"
+        f"{source.name}: {row['n']:,} {noun}, {word}"
+        f" from {_day(row['first'])} to {_day(row['last'])},"
         f" fetched from {_day(row['oldest'])} to {_day(row['newest'])} ({view})"
-        + (f"; {agent.note}" if agent.note else "")
+        + (f"; {source.unlicensed}" if source.unlicensed else "")
     )
 
 
-def _licences(opened: OpenTables, source: str) -> str:
-    ranked = opened.ranked(f"{source}_{SOURCES[source].release.main}")
-    if not ranked or AGENTS[source].note:
+def _licences(opened: OpenTables, source: Source) -> str:
+    ranked = opened.ranked(f"{source.name}_{source.release.main}")
+    if not ranked or source.unlicensed:
         return ""
     sql = f"SELECT license, count(*) AS n FROM {ranked[0].full} GROUP BY 1 ORDER BY 2 DESC, 1"
     rows = opened.rows(sql).to_pylist()
@@ -78,11 +80,10 @@ def _day(when: Any) -> str:
 
 def _indexed(run: Run) -> Iterator[str]:
     for source in SOURCES:
-        name = f"index/{source}"
-        if not texts.files(run.root, name):
+        if not texts.files(run.root, f"index/{source}"):
             yield f"{source}: no clean texts"
-        elif texts.is_current(run.root, name):
-            known = manifest.read(table_catalog.Catalog(run.root.absolute()).workplace, name)
+        elif index.is_current(run.root, source):
+            known = index.known(run.root, source)
             yield f"{source}: {known.figures['passages'] if known else 0:,} passages"
         else:
             yield f"{source}: indexed by the first search"

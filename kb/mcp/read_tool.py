@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from kb.artifacts import table_catalog
-from kb.core.errors import UsageError
-from kb.core.source_spec import load_name
 from kb.core.sources import SOURCES
 from kb.mcp.references import SourceLocation
 from kb.mcp.untrusted_text import AnswerPart, Fence
@@ -53,11 +51,7 @@ class AgentDocument(NamedTuple):
 def surroundings(root: Path, place: SourceLocation) -> AgentDocument:
     """The document of a place. Raises UsageError for an unknown place, DamagedData."""
     tables = OpenTables([table_catalog.read(root)])
-    agent = SOURCES[place.source].agent
-    if agent is None:
-        raise UsageError(f"`read` does not support {place.source}", hint="use `query`")
-    document: AgentDocument = load_name(agent.reader)(tables, place)
-    return document
+    return SOURCES[place.source].document(tables, place)
 
 
 def run_read(root: Path, place: SourceLocation, size: int) -> str:

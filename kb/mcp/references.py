@@ -7,14 +7,12 @@ reddit:POST           reddit:POST/COMMENT   bare ids
 
 import re
 from typing import NamedTuple
-from urllib.parse import parse_qs, unquote, urlsplit
+from urllib.parse import unquote, urlsplit
 
 from kb.core.errors import UsageError
-from kb.core.source_spec import load_name
 from kb.core.sources import SOURCES
 
-AGENTS = {name: source.agent for name, source in SOURCES.items() if source.agent is not None}
-_REF = re.compile(rf"({'|'.join(AGENTS)}):([^\s@#/]+)(?:[@#/](.+))?")
+_REF = re.compile(rf"({'|'.join(SOURCES)}):([^\s@#/]+)(?:[@#/](.+))?")
 
 
 class SourceLocation(NamedTuple):
@@ -27,8 +25,8 @@ class SourceLocation(NamedTuple):
     @property
     def ref(self) -> str:
         """The reference, as `read` takes it."""
-        between = AGENTS[self.source].between if self.at else ""
-        return f"{self.source}:{self.key}{between}{self.at}"
+        mark = SOURCES[self.source].mark if self.at else ""
+        return f"{self.source}:{self.key}{mark}{self.at}"
 
 
 def from_link(url: str) -> SourceLocation | None:
@@ -37,11 +35,10 @@ def from_link(url: str) -> SourceLocation | None:
     if parts.scheme not in ("http", "https"):
         return None
     host = f".{parts.hostname or ''}"
-    of_host = [name for name, agent in AGENTS.items() if host.endswith(agent.hosts or "-")]
-    of_any = [name for name, agent in AGENTS.items() if not agent.hosts]
-    for name in of_host or of_any:
-        known: SourceLocation | None = load_name(AGENTS[name].link)(parts, parse_qs(parts.query))
-        return known
+    of_host = [source for source in SOURCES.values() if host.endswith(source.hosts or "-")]
+    for source in of_host or [source for source in SOURCES.values() if not source.hosts]:
+        if found := source.place_of(parts):
+            return SourceLocation(source.name, *found)
     return None
 
 
@@ -49,12 +46,10 @@ def parse_reference(given: str) -> SourceLocation:
     """The place of a ref or link. Raises UsageError."""
     given = given.strip()
     if match := _REF.fullmatch(given):
-        source, key, at = match[1], match[2], match[3] or ""
-        key_prefix, at_prefix = AGENTS[source].prefixes
-        return SourceLocation(source, key.removeprefix(key_prefix), at.removeprefix(at_prefix))
+        return SourceLocation(match[1], *SOURCES[match[1]].bare(match[2], match[3] or ""))
     if known := from_link(given):
         return known
-    refs = ", ".join(agent.ref for agent in AGENTS.values())
+    refs = ", ".join(source.ref for source in SOURCES.values() if source.ref)
     raise UsageError(
         f"invalid reference {given[:200]!r}", hint=f"give the ref or link of an answer: {refs}"
     )

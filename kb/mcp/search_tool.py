@@ -6,7 +6,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from kb.core.context import Run
 from kb.core.sources import SOURCES
-from kb.mcp.references import AGENTS, from_link
+from kb.mcp.references import from_link
 from kb.mcp.untrusted_text import AnswerPart, Fence, fit
 from kb.search.answers import SearchHit, search, suggest
 from kb.search.build import ensure
@@ -68,5 +68,4 @@ def ref(one: SearchHit) -> str:
     known = from_link(one.url)
     if known is None or known.source != one.source:
         return f"{one.source}:{one.key}"
-    agent = AGENTS[one.source]
-    return known.ref if agent.hosts else known._replace(key=one.key).ref
+    return known.ref if SOURCES[one.source].hosts else known._replace(key=one.key).ref

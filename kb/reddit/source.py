@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import SplitResult
 
 from kb.core.source import Source
-from kb.core.source_spec import AgentSpec, ReleaseSpec, ReportSpec
+from kb.core.source_spec import ReleaseSpec, ReportSpec
 
 if TYPE_CHECKING:
     from kb.artifacts.purge import PurgeRules
@@ -17,6 +19,9 @@ if TYPE_CHECKING:
     from kb.crawl.connector import Connector
     from kb.export.layouts import Writer
     from kb.links.texts import TextPart
+    from kb.mcp.read_tool import AgentDocument
+    from kb.mcp.references import SourceLocation
+    from kb.reader.open_tables import OpenTables
     from kb.search.passage import Passage
     from kb.store.state.frontier import Frontier
 
@@ -61,17 +66,11 @@ class Reddit(Source):
         only="only threads",
         color="blue",
     )
-    agent = AgentSpec(
-        time=("created_utc", "written"),
-        reader="kb.mcp.reddit:document",
-        link="kb.mcp.reddit:from_link",
-        ref="reddit:POST/COMMENT",
-        between="/",
-        hosts=(".reddit.com",),
-        note="texts are their authors', Reddit gives no licence",
-        prefixes=("t3_", "t1_"),
-        item="https://www.reddit.com/comments/{key}/",
-    )
+    ref = "reddit:POST/COMMENT"
+    mark = "/"
+    hosts = (".reddit.com",)
+    dated = ("created_utc", "written")
+    unlicensed = "texts are their authors', Reddit gives no licence"
     annotate_help = "Score titles, bodies and comments."
     annotate_examples = (
         "kb annotate reddit --precision int8     faster; exact near the threshold",
@@ -111,9 +110,24 @@ class Reddit(Source):
         return in_columns(path, "post_id", parts, "t3_")
 
     def passages(self, profile: Profile, root: Path) -> Iterator[Passage]:
-        from kb.search.reddit_passages import passages
+        from kb.reddit.passages import passages
 
         return passages(profile, root)
+
+    def document(self, tables: OpenTables, place: SourceLocation) -> AgentDocument:
+        from kb.reddit.documents import document
+
+        return document(tables, place)
+
+    def place_of(self, url: SplitResult) -> tuple[str, str] | None:
+        match = re.search(r"/comments/(\w+)(?:/[^/]*/(\w+))?", url.path)
+        return (match[1], match[2] or "") if match else None
+
+    def bare(self, key: str, at: str) -> tuple[str, str]:
+        return key.removeprefix("t3_"), at.removeprefix("t1_")
+
+    def address(self, key: str) -> str:
+        return f"https://www.reddit.com/comments/{key}/"
 
     def writers(self) -> Mapping[str, Writer]:
         from kb.export import convokit, minedojo

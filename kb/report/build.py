@@ -30,6 +30,7 @@ from kb.report.figures import funnel
 from kb.schema import table
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
+from kb.store.state import demo_mark
 from kb.store.tables.reading import SANDBOX_MODEL, filtered
 
 _TEMPLATES = Path(__file__).with_name("templates")
@@ -235,11 +236,10 @@ def _head(name: str, column: str) -> str:
 
 def _notes(run: Run) -> list[str]:
     """What a reader must know before believing the figures."""
+    notes = demo_mark.note(run.root)
     if any(filtered(run.root, source).get("model") == SANDBOX_MODEL for source in SOURCES):
-        return [
-            (
-                "Toxicity scores are those of the sandbox's tiny model: "
-                "they mean nothing about real texts."
-            )
-        ]
-    return []
+        notes.append(
+            "Toxicity scores are those of the sandbox's tiny model: "
+            "they mean nothing about real texts."
+        )
+    return notes

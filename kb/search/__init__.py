@@ -1,7 +1,6 @@
 """One local index over all clean texts, and questions to it.
 
-youtube_passages, wiki_passages, reddit_passages   clean rows → passages of each source
-passage          the unit that is indexed and shown
+passage          the unit that is indexed and shown; kb.<source>.passages makes them
 build            passages → index/<source>/
 tantivy_index    writes and reads an index by tantivy
 query            parses a query

@@ -27,6 +27,10 @@ MARK = "**"  # around matching words
 MOST = 32  # words
 
 
+class NotIndexed(UsageError):
+    """There are no texts to search, or their index is missing or out of date."""
+
+
 class SearchHit(msgspec.Struct):
     """A passage that was asked for. `text` is at most as long as was asked, `snippet` a part of it
     with the words marked (of the title where the passage has no text of its own); `start_s` where
@@ -59,9 +63,9 @@ def search(
     """The best answers first. `size`: characters of an answer's text at most. `entity`: out of
     videos, pages, posts and comments alone that are linked to it (kb.search.answers).
 
-    Raises UsageError for a query without a word to look for, where a source has no index or one
-    that does not follow clean/, and so for the entity tables where they are asked for; DamagedData
-    for what can't be read.
+    Raises UsageError for a query without a word to look for, and where the entity tables are asked
+    for and don't follow clean/; NotIndexed where an index does not; DamagedData for what can't be
+    read.
     """
     asked = question(words)
     indexes = {source: _opened(root, source) for source in usable(root, sources or tuple(SOURCES))}
@@ -84,17 +88,17 @@ def suggest(root: Path, words: str, *, sources: Sequence[str] = ()) -> str:
 def usable(root: Path, sources: Sequence[str]) -> list[str]:
     """Those of the sources that have texts here; their index is current.
 
-    Raises UsageError for one whose index is not, and where there are no texts.
+    Raises NotIndexed for one whose index is not, and where there are no texts.
     """
     with_rows = [source for source in sources if texts.files(root, f"index/{source}")]
     if not with_rows:
-        raise UsageError(
+        raise NotIndexed(
             f"nothing to search: {root} has no texts of {' or '.join(sources)}",
             hint=f"`kb restore` brings back a release's texts; for a data root {NO_TABLES}",
         )
     for source in with_rows:
-        if not texts.is_current(root, f"index/{source}"):
-            raise UsageError(
+        if not index.is_current(root, source):
+            raise NotIndexed(
                 f"the index of {source} is missing or out of date",
                 hint="run `kb index`",
             )
@@ -103,7 +107,7 @@ def usable(root: Path, sources: Sequence[str]) -> list[str]:
 
 def _opened(root: Path, source: str) -> PassageIndex:
     index.check(root, source)
-    known = manifest.read(Catalog(root.absolute()).workplace, f"index/{source}")
+    known = index.known(root, source)
     stemmer = str(known.figures["stemmer"]) if known is not None else ""
     return PassageIndex(index.folder(root, source), stemmer)
 

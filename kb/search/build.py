@@ -16,7 +16,6 @@ from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.search import tantivy_index
 from kb.search.tantivy_index import STEMMERS
-from kb.store.layout import Layout
 
 _LAYOUT = 5  # raised when the same texts give another index
 
@@ -46,7 +45,7 @@ def index(run: Run) -> Summary:
         passages=sum(one.passages for one in made.values()),
         indexed=sorted(source for source, one in made.items() if one.fresh),
         sources={source: one.passages for source, one in made.items()},
-        path=str(Layout(Catalog(run.root.absolute()).workplace).indexes),
+        path=str(index_of.folder(run.root, next(iter(made))).parent),
     )
 
 
@@ -55,26 +54,20 @@ def follow(run: Run, source: str) -> BuiltIndex | None:
 
     None where the source has no texts: then no index stays either. Raises as `index`.
     """
-    name, root = f"index/{source}", run.root
-    with domain_binding.writing(run, f"index-{source}"):
+    name, root, catalog = f"index/{source}", run.root, Catalog(run.root.absolute())
+    if not catalog.is_writable and (built := _built(run, source)):
+        return built  # perhaps in the data root itself
+    home = catalog.path if catalog.is_writable else catalog.cached
+    with domain_binding.writing(run, f"index-{source}", workplace=home):
         if not texts.files(root, name):
             index_of.remove(root, source)
             return None
-        place, workplace = index_of.folder(root, source), Catalog(root.absolute()).workplace
-        youtube = run.profile.youtube
-        stemmer = STEMMERS.get("en" if youtube is None else youtube.language, "")
-        rules, inputs = f"{_LAYOUT} {stemmer}", texts.inputs(root, name)
-        known = None if run.again else manifest.read(workplace, name)
-        if (
-            known is not None
-            and (known.rules, known.inputs) == (rules, inputs)
-            and not index_of.has_unknown_files(place, known)
-            and not index_of.damaged(place, known)
-        ):
-            return BuiltIndex(known.figures["passages"], fresh=False)
+        if built := _built(run, source):
+            return built
+        inputs, stemmer = texts.inputs(root, name), _stemmer(run)
         with (
             run.progress.task(f"index {source}", unit="passages") as task,
-            manifest.replacing(workplace, name, inputs=inputs, rules=rules) as fresh,
+            manifest.replacing(home, name, inputs=inputs, rules=_rules(run)) as fresh,
         ):
             passages = SOURCES[source].passages(run.profile, root)
             count = tantivy_index.write(fresh.folder, stemmer, passages, task.advance)
@@ -82,10 +75,36 @@ def follow(run: Run, source: str) -> BuiltIndex | None:
     return BuiltIndex(count, fresh=True)
 
 
+def _built(run: Run, source: str) -> BuiltIndex | None:
+    """The source's index as it is; None where it has to be made."""
+    place, made = index_of.folder(run.root, source), index_of.known(run.root, source)
+    if (
+        run.again
+        or made is None
+        or made.rules != _rules(run)
+        or made.inputs != texts.inputs(run.root, f"index/{source}")
+        or index_of.has_unknown_files(place, made)
+        or index_of.damaged(place, made)
+    ):
+        return None
+    return BuiltIndex(made.figures["passages"], fresh=False)
+
+
+def _stemmer(run: Run) -> str:
+    youtube = run.profile.youtube
+    return STEMMERS.get("en" if youtube is None else youtube.language, "")
+
+
+def _rules(run: Run) -> str:
+    return f"{_LAYOUT} {_stemmer(run)}"
+
+
 def ensure(run: Run, sources: Sequence[str]) -> None:
     """Make the indexes of these sources that are missing or out of date. Raises as `index`."""
     for source in sources:
-        name = f"index/{source}"
-        if texts.files(run.root, name) and not texts.is_current(run.root, name):
+        if not texts.files(run.root, f"index/{source}"):
+            continue
+        made = index_of.known(run.root, source)
+        if made is None or made.rules != _rules(run) or not index_of.is_current(run.root, source):
             run.progress.say(f"the index of {source} is missing or out of date; building it")
             follow(run, source)

@@ -75,7 +75,7 @@ def batches(root: Path, name: str, columns: list[str]) -> Iterator[pa.Table]:
     with reading(files):
         names = set(columns).intersection(*(pq.read_schema(path).names for path in files))
     there = [column for column in columns if column in names]
-    scratch = catalog.workplace if catalog.is_download else None
+    scratch = None if catalog.is_writable else catalog.cached
     merge = Merge(files, order(declared), there, ahead=_AHEAD, scratch=scratch)
     with closing(merge) as merged:
         for part in merged:

@@ -8,7 +8,6 @@ the next. Next to them are the fields that filters use, and `row`, all that an a
 import contextlib
 import os
 import re
-import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -19,10 +18,9 @@ import tantivy
 from tantivy import Filter, Occur, Query, Tokenizer
 
 from kb.artifacts import index as index_of
-from kb.core.errors import DiskFull
 from kb.search.passage import KINDS, Passage
-from kb.store.atomic import FULL_HINT
 from kb.store.damage import opening, unreadable
+from kb.store.full_disk import full_disk_is_resumable
 
 WORDS, KEY, KIND, NUMBER, THING, DAY, ROW = "words", "key", "kind", "number", "thing", "day", "row"
 ANALYZER = "words"  # the name of kb.search.tantivy_index.analyzer in an index
@@ -71,7 +69,8 @@ class PassageIndex:
     @contextlib.contextmanager
     def _reading(self) -> Iterator[None]:
         try:
-            with opening(self._folder, ValueError):
+            # tantivy writes a lock beside it.
+            with opening(self._folder, ValueError), full_disk_is_resumable(self._folder):
                 yield
         except BaseException as error:
             if type(error).__name__ != "PanicException":  # tantivy's, which it does not export
@@ -187,7 +186,6 @@ def analyzer(stemmer: str) -> tantivy.TextAnalyzer:
 _HEAP = 128 << 20  # bytes that all threads of a writer may take before they write a segment
 _THREADS = 2  # on any machine, so that the memory is the same
 _AT_ONCE = 4_096  # passages between two reports of progress
-_LEAST_ROOM = 64 << 20  # bytes; where less is left on the disk, that is why a writer failed
 
 
 def write(
@@ -200,28 +198,22 @@ def write(
     """Write an index of passages into an empty folder and return how many they are.
 
     `advance` is called with the number of passages written since the last call. The passages of
-    one thing come together. Raises DiskFull.
+    one thing come together. On a full disk tantivy says only that one of its threads failed.
     """
     index = tantivy.Index(schema(), path=str(folder))
     index.register_tokenizer(ANALYZER, analyzer(stemmer))
     count = reported = things = 0
     thing = None
-    try:
-        writer = index.writer(heap_size=heap, num_threads=_THREADS)
-        for count, passage in enumerate(passages, 1):
-            things += passage.thing != thing
-            thing = passage.thing
-            writer.add_document(_document(passage, count, things))
-            if count - reported == _AT_ONCE:
-                advance(_AT_ONCE)
-                reported = count
-        writer.commit()
-        writer.wait_merging_threads()
-    except ValueError as error:
-        # tantivy says only that one of its threads failed.
-        if shutil.disk_usage(folder).free < _LEAST_ROOM:
-            raise DiskFull(f"no space left to write {folder}", hint=FULL_HINT) from error
-        raise
+    writer = index.writer(heap_size=heap, num_threads=_THREADS)
+    for count, passage in enumerate(passages, 1):
+        things += passage.thing != thing
+        thing = passage.thing
+        writer.add_document(_document(passage, count, things))
+        if count - reported == _AT_ONCE:
+            advance(_AT_ONCE)
+            reported = count
+    writer.commit()
+    writer.wait_merging_threads()
     advance(count - reported)
     written = PassageIndex(folder, stemmer).size
     assert written == count, f"{written} of {count} passages in {folder}"

@@ -7,25 +7,10 @@ import shutil
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
-from kb.core.errors import DiskFull
 from kb.store import process
-
-_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
-FULL_HINT = "free some space and run the same command again"
-
-
-@contextlib.contextmanager
-def full_disk_is_resumable(path: Path) -> Iterator[None]:
-    """Turn "no space left" into DiskFull (exit 3), whichever library met it."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno in _FULL or any(
-            f"[errno {number}]" in str(error).lower() for number in _FULL
-        ):
-            raise DiskFull(f"no space left to write {path}", hint=FULL_HINT) from error
-        raise
+from kb.store.full_disk import full_disk_is_resumable
 
 
 @contextlib.contextmanager
@@ -35,10 +20,10 @@ def writing(path: Path, *, sync: bool = True) -> Iterator[Path]:
     `sync=False` is for files in a fresh folder, which `replacing_folder` syncs before it counts.
     Raises DiskFull. Nothing is left behind when the block fails.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{process.mark()}-{uuid.uuid4().hex[:8]}.tmp")
     try:
         with full_disk_is_resumable(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
             yield temporary
             if sync:
                 sync_file(temporary)
@@ -57,6 +42,28 @@ def write_bytes(path: Path, data: bytes, mode: int = 0o644) -> None:
             file.write(data)
 
 
+def append(file: IO[bytes], data: bytes) -> int:
+    """Write all of `data` to the end of an unbuffered file and sync it; the offset behind it.
+
+    What could only be written in part is cut away again. Raises OSError.
+    """
+    start = file.seek(0, os.SEEK_END)
+    left = memoryview(data)
+    try:
+        while left:
+            # On a disk that fills up it takes what there is room for, and says how much.
+            written = file.write(left)
+            if not written:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            left = left[written:]
+        os.fsync(file.fileno())
+    except BaseException:
+        file.truncate(start)
+        os.fsync(file.fileno())
+        raise
+    return start + len(data)
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a whole UTF-8 file. Raises DiskFull."""
     write_bytes(path, text.encode())
@@ -72,11 +79,10 @@ def replacing_folder(path: Path) -> Iterator[Path]:
     """
     path = followed(path)
     settle_folder(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     fresh, old = _fresh(path), _old(path)
-    fresh.mkdir()
     try:
         with full_disk_is_resumable(path):
+            fresh.mkdir(parents=True)
             yield fresh
             # A worker that was killed leaves what it was writing; its task was done again by
             # another.

@@ -16,13 +16,14 @@ from kb.store import leftovers
 from kb.store.artifact_registry import MANIFEST, Artifact, artifact_of
 from kb.store.damage import remedy
 from kb.store.rawlog import rawlog, sidefiles
+from kb.store.state import demo_mark
 from kb.store.tables import checksums
 from kb.store.tables.reading import broken
 from kb.verify import raw
 from kb.verify.findings import KINDS, Findings
 
 # Beside the folders of commands: other roots and what belongs to a checkout.
-NEIGHBOURS = {"demo", "dumps", "profiles", "demo-finished", ".gitignore", ".gitkeep"}
+NEIGHBOURS = {"demo", "dumps", "profiles", *demo_mark.FILES, ".gitignore", ".gitkeep"}
 _OF_STATE = (
     *(".lock", ".key", ".key.sha256", ".exported", ".repair", ".txt"),
     *(".sqlite-wal", ".sqlite-shm", ".bak"),

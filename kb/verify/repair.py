@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from kb.core.errors import KbError
+from kb.core.errors import DiskFull, Interrupted, KbError
 from kb.core.progress import Progress
 from kb.store import lock
 from kb.store.artifact_registry import MANIFEST, SUMS
@@ -35,7 +35,7 @@ class Step(Protocol):
 def repaired(root: Path, progress: Progress, steps: Iterable[Step]) -> tuple[Findings, list[str]]:
     """Look, repair and look again, under all locks: (what is left, lines of what was done).
 
-    Raises WriterLocked, DiskFull.
+    Raises WriterLocked, DiskFull, Interrupted.
     """
     with lock.taking(root, *lock.ORDER):  # which clears what killed commands left
         findings = verify(root, progress)
@@ -129,6 +129,8 @@ def _tried(command: str, act: Act, note: Path | None = None) -> list[str]:
         act()
         if note is not None:
             note.unlink(missing_ok=True)
+    except (DiskFull, Interrupted):  # stops that concern every command
+        raise
     except KbError as error:
         way = f"; {error.hint}" if error.hint else ""
         return [f"`{command}` has to be run: {error}{way}"]

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import SplitResult, urlunsplit
 
 from kb.core.source import Source
-from kb.core.source_spec import AgentSpec, ReleaseSpec, ReportSpec
+from kb.core.source_spec import ReleaseSpec, ReportSpec
 
 if TYPE_CHECKING:
     from kb.artifacts.purge import PurgeRules
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
     from kb.crawl.connector import Connector
     from kb.export.layouts import Writer
     from kb.links.texts import TextPart
+    from kb.mcp.read_tool import AgentDocument
+    from kb.mcp.references import SourceLocation
+    from kb.reader.open_tables import OpenTables
     from kb.search.passage import Passage
     from kb.store.state.frontier import Frontier
 
@@ -66,13 +70,8 @@ class Wiki(Source):
         only="only the wiki",
         color="green",
     )
-    agent = AgentSpec(
-        time=("revision_timestamp", "last edited"),
-        reader="kb.mcp.wiki:document",
-        link="kb.mcp.wiki:from_link",
-        ref="wiki:PAGE#Section",
-        between="#",
-    )
+    ref = "wiki:PAGE#Section"
+    dated = ("revision_timestamp", "last edited")
     annotate_help = "Score the text of crawled wiki pages."
     annotate_examples = ("kb annotate wiki                        each page's visible text",)
     purge_help = """\
@@ -106,9 +105,19 @@ class Wiki(Source):
         return in_columns(path, "page_id", {"title": ("title",)})
 
     def passages(self, profile: Profile, root: Path) -> Iterator[Passage]:
-        from kb.search.wiki_passages import passages
+        from kb.wiki.passages import passages
 
         return passages(profile, root)
+
+    def document(self, tables: OpenTables, place: SourceLocation) -> AgentDocument:
+        from kb.wiki.documents import document
+
+        return document(tables, place)
+
+    def place_of(self, url: SplitResult) -> tuple[str, str] | None:
+        """The URL of the page, without its revision, and the section."""
+        kept = "&".join(one for one in url.query.split("&") if not one.startswith("oldid="))
+        return urlunsplit(url._replace(query=kept, fragment="")), url.fragment
 
     def writers(self) -> Mapping[str, Writer]:
         from kb.export import minedojo_wiki, wiki_tar

@@ -18,6 +18,10 @@ _ID = re.compile(r"[A-Za-z0-9_-]{11}")
 _FIRST = re.compile(r"([A-Za-z0-9_-]{11})(?![A-Za-z0-9_-])")  # people add "?t=30" behind anything
 _ARCHIVED = re.compile(r"youtube ([A-Za-z0-9_-]{11})")  # a line of yt-dlp's download archive
 _WORD = re.compile(r"[A-Za-z]?[a-z]{10}")
+_BULLET = re.compile(r"(?:[-*•]|\d+[.)])\s+")
+_PLAIN = re.compile(  # most addresses of most lists; the long way takes many times as long
+    r"https://(?:www\.youtube\.com/watch\?v=|youtu\.be/)([A-Za-z0-9_-]{11})"
+)
 _SCHEME = re.compile(r"(?:https?:)?//", re.IGNORECASE)
 _HOSTS = (
     "youtube.com",
@@ -40,8 +44,12 @@ def video_of(text: str) -> str | None:
     words around one address. None for none, and for several.
     """
     text = re.sub(r"\s#.*", "", text).strip(_AROUND)
+    if bullet := _BULLET.match(text):
+        text = text[bullet.end() :]
     if _ID.fullmatch(text):
         return text
+    if plain := _PLAIN.fullmatch(text):
+        return _id(plain[1])
     if archived := _ARCHIVED.fullmatch(text):
         return archived[1]
     named = {video_of_address(word.strip(_AROUND)) for word in text.split()} - {None}

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import SplitResult, parse_qs
 
 from kb.core.source import Source
-from kb.core.source_spec import AgentSpec, ReleaseSpec, ReportSpec
+from kb.core.source_spec import ReleaseSpec, ReportSpec
 
 if TYPE_CHECKING:
     from kb.artifacts.purge import PurgeRules
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
     from kb.crawl.connector import Connector
     from kb.export.layouts import Writer
     from kb.links.texts import TextPart
+    from kb.mcp.read_tool import AgentDocument
+    from kb.mcp.references import SourceLocation
+    from kb.reader.open_tables import OpenTables
     from kb.search.passage import Passage
     from kb.store.state.frontier import Frontier
 
@@ -80,15 +84,10 @@ class YouTube(Source):
         color="red",
         units=True,
     )
-    agent = AgentSpec(
-        time=("published_at", "published"),
-        reader="kb.mcp.youtube:document",
-        link="kb.mcp.youtube:from_link",
-        ref="youtube:VIDEO@61",
-        between="@",
-        hosts=(".youtube.com",),
-        item="https://www.youtube.com/watch?v={key}",
-    )
+    ref = "youtube:VIDEO@61"
+    mark = "@"
+    hosts = (".youtube.com",)
+    dated = ("published_at", "published")
     annotate_help = "Score titles and descriptions of crawled videos."
     annotate_examples = ("kb annotate youtube                     titles and descriptions",)
     purge_help = (
@@ -128,9 +127,22 @@ class YouTube(Source):
         return in_columns(path, "video_id", {"title": ("title",), "body": ("description",)})
 
     def passages(self, profile: Profile, root: Path) -> Iterator[Passage]:
-        from kb.search.youtube_passages import passages
+        from kb.youtube.passages import passages
 
         return passages(profile, root)
+
+    def document(self, tables: OpenTables, place: SourceLocation) -> AgentDocument:
+        from kb.youtube.documents import document
+
+        return document(tables, place)
+
+    def place_of(self, url: SplitResult) -> tuple[str, str] | None:
+        query = parse_qs(url.query)
+        at = query.get("t", [""])[0].removesuffix("s")
+        return (query["v"][0], at) if "v" in query else None
+
+    def address(self, key: str) -> str:
+        return f"https://www.youtube.com/watch?v={key}"
 
     def writers(self) -> Mapping[str, Writer]:
         from kb.export import flat_text, minedojo

@@ -30,12 +30,12 @@ import pytest
 
 from kb.core.config.profile import load_profile
 from kb.schema import table
-from kb.search import youtube_passages
 from kb.search.answers import search
 from kb.search.build import index
 from kb.search.ranking import Only
 from kb.store.layout import Layout
 from kb.store.tables.shard_writer import write_table
+from kb.youtube import passages as youtube
 from tests.bench.scale_raw import Words, _spoken, _vocabulary, video_id
 from tests.filters.made import run_at
 
@@ -131,9 +131,7 @@ class Clock:
 
 def passages(root: Path) -> Iterator[list[tuple[str, str]]]:
     """Titles and texts, a thousand at a time."""
-    every = (
-        (one.title, one.text) for one in youtube_passages.passages(load_profile("minecraft"), root)
-    )
+    every = ((one.title, one.text) for one in youtube.passages(load_profile("minecraft"), root))
     while some := list(islice(every, _AT_ONCE)):
         yield some
 

@@ -137,9 +137,10 @@ class Trial:
             self._deposits.clear()
         shutil.copytree(self.made.base(base), self.root, symlinks=True)
 
-    def run(self, kind: str = "", before: int = 0, at: str = "") -> harm.Ended:
+    def run(self, kind: str = "", before: int = 0, at: str = "", largest: int = 0) -> harm.Ended:
         """The command, harmed or not."""
-        return harm.run(self.case.words, self.env, self.place, harm=kind, before=before, at=at)
+        how = {"harm": kind, "before": before, "at": at, "largest": largest}
+        return harm.run(self.case.words, self.env, self.place, **how)
 
     def shown(self) -> list[tuple[str, str]]:
         """Run what makes visible what the command did."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import random
+import resource
 import signal
 import sqlite3
 import stat
@@ -43,7 +44,8 @@ class Ended(NamedTuple):
 
 class HarmedProcess(processes.ForkedProcess):
     """A command that is killed, or stopped (PAUSE), before one of its file operations: before the
-    one of number `before`, or the first whose description ends with `at`.
+    one of number `before`, or the first whose description ends with `at`. `largest`: no file that
+    it writes may be larger (bytes), which is like a full disk.
     """
 
     def __init__(
@@ -54,10 +56,12 @@ class HarmedProcess(processes.ForkedProcess):
         harm: str = "",
         before: int = 0,
         at: str = "",
+        largest: int = 0,
     ) -> None:
         self._report = tempfile.TemporaryDirectory(prefix="kb-harm-")
         operations = _Operations(cwd, Path(self._report.name), harm, before, at)
-        super().__init__(partial(_run_harmed, operations=operations), words, env, cwd)
+        run = partial(_run_harmed, operations=operations, largest=largest)
+        super().__init__(run, words, env, cwd)
 
     def ends_within(self, seconds: float) -> bool:
         """Whether it ends within that time."""
@@ -91,8 +95,10 @@ def _text(path: Path) -> str:
     return path.read_text("utf-8", "replace") if path.exists() else ""
 
 
-def _run_harmed(words: list[str], *, operations: _Operations) -> None:
+def _run_harmed(words: list[str], *, operations: _Operations, largest: int) -> None:
     context.default_workers = lambda: 1
+    if largest:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (largest, resource.RLIM_INFINITY))
     operations.watch()
     try:
         processes.run_command(words)

@@ -85,6 +85,10 @@ VIDEOS = {
     "lists by another name": json.dumps(
         {"playlists": [{"videos": [{"videoId": A}, {"videoId": B}]}]}
     ),
+    "several a line": f"https://youtu.be/{A}, {B}\n",
+    "several in a line of words": f"youtu.be/{A} {B}\n{B}\n",
+    "a list by another name": json.dumps({"ids": [A, B], "tags": ["description"]}),
+    "objects by id below a name": json.dumps({"videos": {A: {"title": "x"}, B: {}}}),
     "objects by id": json.dumps({A: {"title": "Description"}, B: {"title": "x"}}),
     "an id that numbers rows": f"id,url\n1,https://youtu.be/{A}\n2,https://youtu.be/{B}\n",
     "a column that its values tell": f'Kiln,Source\n"One, two",{A}\nDescription,{B}\n',
@@ -140,6 +144,9 @@ def test_a_list_without_ids_is_shown_by_its_first_line(tmp_path: Path, text: str
 
 TITLES = {
     "lines": "# a note\nIron_Ore\n\nGold\nIron Ore\n",
+    "addresses": "https://w.example/wiki/Iron_Ore\nhttps://w.example/index.php?title=Gold\n",
+    "addresses by index.php": "https://w.example/index.php/Iron_Ore\n"
+    "https://w.example/w/index.php/Gold\nhttps://w.example/wiki/index.php/Gold\n",
     "allpages": json.dumps(
         {
             "batchcomplete": True,

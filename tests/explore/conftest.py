@@ -5,7 +5,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -54,11 +54,16 @@ class Explored:
         return answer.status, start
 
 
+# So that root, as which tests may run, obeys the permissions of files as well.
+UNPRIVILEGED = ("setpriv", "--bounding-set", "-dac_override") if os.geteuid() == 0 else ()
+
+
 @contextmanager
-def explored(root: Path, *options: str) -> Iterator[Explored]:
-    """`kb explore` over a folder, until the block ends."""
+def explored(root: Path, *options: str, before: Sequence[str] = ()) -> Iterator[Explored]:
+    """`kb explore` over a folder, until the block ends; `before` are words before the command."""
+    explore = [sys.executable, "-m", "kb", "explore", "--no-browser", "--data", str(root)]
     process = subprocess.Popen(
-        [sys.executable, "-m", "kb", "explore", "--no-browser", "--data", str(root), *options],
+        [*before, *explore, *options],
         stdout=subprocess.PIPE,
         text=True,
         env={**clean_environment(), "PYTHONPATH": str(ROOT)},

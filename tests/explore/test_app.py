@@ -1,10 +1,12 @@
 """The pages over HTTP: who may ask, what is answered, and that nothing is written."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.explore.conftest import Explored
+from kb.store.tables.shard_writer import write_table
+from tests.explore.conftest import Explored, explored
 
 PAGES = (
     *("/", "/search", "/rows", "/rows?source=reddit&verdict=rejected", "/thresholds", "/pairs"),
@@ -24,6 +26,21 @@ def test_every_page_answers_with_a_strict_policy(demo_pages: Explored, path: str
     assert "<style" not in answer.text
     assert " style=" not in answer.text
     assert "onclick" not in answer.text
+
+
+@pytest.mark.parametrize("path", [*PAGES, "/nothing", "/search?words=x&since=monday"])
+def test_every_page_of_a_demo_says_once_that_its_data_are_invented(
+    demo_pages: Explored, path: str
+) -> None:
+    assert demo_pages.ask(path).text.count("All data here are invented") == 1
+
+
+def test_no_page_of_other_data_says_so(tmp_path: Path, make_rows: Any) -> None:
+    videos = make_rows("youtube/videos", 3)
+    write_table(tmp_path / "clean/youtube/videos/videos-0.parquet", videos, "youtube/videos")
+    with explored(tmp_path) as pages:
+        for path in PAGES:
+            assert "invented" not in pages.ask(path).text
 
 
 @pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example", "10.0.0.1"])

@@ -10,7 +10,9 @@ from urllib.parse import quote
 
 import pytest
 
-from tests.explore.conftest import Explored, explored
+from kb.artifacts import index
+from kb.store.artifact_registry import MANIFEST
+from tests.explore.conftest import UNPRIVILEGED, Explored, explored
 from tests.inprocess import Here
 
 
@@ -98,16 +100,61 @@ def test_a_wrong_question_gets_one_clear_line(pages: Explored, path: str, said: 
     answer = pages.ask(path)
     assert answer.status == 400
     assert said in html.unescape(answer.text)
+    assert ('<input type="search"' in answer.text) == path.startswith("/search")
 
 
-def test_without_an_index_it_says_what_to_run_and_writes_nothing(
-    demo: Path, tmp_path: Path
+@pytest.fixture
+def wiki(demo: Path, tmp_path: Path) -> Path:
+    """A root with the demo's wiki alone, and no index."""
+    shutil.copytree(demo / "data" / "demo" / "clean" / "wiki", tmp_path / "root" / "clean" / "wiki")
+    return tmp_path / "root"
+
+
+def test_an_index_that_is_missing_or_old_is_built_at_the_start(wiki: Path, demo: Path) -> None:
+    with explored(wiki) as pages:
+        assert addresses(pages.ask("/search?words=creeper").text)
+    assert [path.name for path in (wiki / "index").iterdir()] == ["wiki"]
+    clean = demo / "data" / "demo" / "clean"
+    shutil.copytree(clean / "reddit", wiki / "clean" / "reddit")
+    manifest = wiki / "index" / "wiki" / MANIFEST
+    manifest.write_text(re.sub(r'"rules": "[^"]*"', '"rules": "0 en"', manifest.read_text()))
+    with explored(wiki) as pages:
+        assert addresses(pages.ask("/search?words=creeper&source=reddit").text)
+    assert '"rules": "0 en"' not in manifest.read_text(), "an older version has built it"
+
+
+def test_a_root_that_cannot_be_written_has_its_index_in_the_cache(
+    wiki: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    root = tmp_path / "root"
-    shutil.copytree(demo / "data" / "demo" / "clean" / "wiki", root / "clean" / "wiki")
-    before = sorted(root.rglob("*"))
-    with explored(root) as bare:
-        answer = bare.ask("/search?words=creeper")
-    assert answer.status == 400
-    assert "run `kb index`" in answer.text
-    assert sorted(root.rglob("*")) == before
+    cache = wiki.parent / "cache"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
+    wiki.chmod(0o555)
+    before = sorted(wiki.rglob("*"))
+    for _ in range(2):  # built, and then found
+        with explored(wiki, before=UNPRIVILEGED) as pages:
+            assert addresses(pages.ask("/search?words=creeper").text)
+    assert sorted(wiki.rglob("*")) == before
+    (built,) = cache.glob(f"lorecrawl/downloads/*/index/wiki/{MANIFEST}")
+    wiki.chmod(0o755)
+    with explored(wiki) as pages:
+        assert addresses(pages.ask("/search?words=creeper").text)
+    assert (wiki / "index" / "wiki" / MANIFEST).is_file()
+    index.remove(wiki, "wiki")
+    assert not built.exists(), "a purge leaves no byte of it"
+
+
+def test_search_keeps_its_form_while_the_index_is_replaced(wiki: Path, here: Here) -> None:
+    """As by a second demo: the tables go, then come back, then the index does."""
+    moved = wiki.with_name("moved")
+    with explored(wiki) as pages:
+        (wiki / "clean").rename(moved)
+        gone = pages.ask("/search?words=creeper")
+        moved.rename(wiki / "clean")
+        shutil.rmtree(wiki / "index")
+        missing = pages.ask("/search?words=creeper")
+        assert here("index", "--data", str(wiki), "--quiet").code == 0
+        assert addresses(pages.ask("/search?words=creeper").text)
+    for answer, said in ((gone, "nothing to search"), (missing, "index of wiki is missing")):
+        assert answer.status == 200
+        assert said in answer.text
+        assert '<input type="search" name="words" value="creeper">' in answer.text

@@ -3,6 +3,7 @@ the whole job, and nothing left out.
 """
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -29,6 +30,7 @@ STEPS = [
     "reddit reconstruct",
     "pairs",
     "links",
+    "index",
     "release",
     "report",
 ]
@@ -75,7 +77,7 @@ def test_nothing_is_lost_on_the_way(demo: Path) -> None:
 def test_it_leaves_what_the_contract_says(demo: Path) -> None:
     root = demo / "data" / "demo"
     for source in ("youtube", "wiki", "reddit"):
-        for folder in ("raw", "clean", "annotations", "release"):
+        for folder in ("raw", "clean", "annotations", "release", "index"):
             assert any((root / folder / source).rglob("*.*")), f"{folder}/{source}"
         assert (root / "state" / f"{source}.sqlite").is_file()
     for source in BY_DEFAULT:
@@ -89,7 +91,8 @@ def test_it_leaves_what_the_contract_says(demo: Path) -> None:
             "DATASHEET.md",
         ):
             assert (root / "release" / source / name).is_file(), f"release/{source}/{name}"
-    assert (root / "report" / "index.html").is_file()
+    page = (root / "report" / "index.html").read_text()
+    assert page.count("All data here are invented") == 1
     assert [path.name for path in demo.iterdir() if not path.name.startswith(("demo.", "."))] == [
         "data"
     ], "nothing else beside the data"
@@ -98,6 +101,7 @@ def test_it_leaves_what_the_contract_says(demo: Path) -> None:
 def test_it_prints_queries_with_results(demo: Path) -> None:
     out = (demo / "demo.out").read_text()
     assert out.count("\nkb query ") >= 3
+    assert re.search(r"^kb search .*\n 1\. ", out, re.MULTILINE)
     assert "Traceback" not in (demo / "demo.err").read_text()
 
 

@@ -18,6 +18,7 @@ from kb.core.sources import BY_DEFAULT
 from kb.report import figure_style
 from kb.report.build import report
 from kb.schema import table
+from kb.store.state import demo_mark
 from kb.store.state.frontier import Frontier
 from kb.store.tables.shard_writer import write_table
 from tests.release.made import build
@@ -131,7 +132,7 @@ def test_a_download_has_a_report_outside_of_it(
 
 
 @pytest.mark.usefixtures("no_pdf")
-def test_scores_of_the_tiny_model_are_marked(
+def test_a_demo_and_scores_of_the_tiny_model_are_marked(
     of_one: Callable[[str], OfOne], tmp_path: Path
 ) -> None:
     root, page, _, _ = of_one("wiki")  # the source with the fewest figures
@@ -139,10 +140,14 @@ def test_scores_of_the_tiny_model_are_marked(
         "model": "toxic_original"
     }
     assert "tiny model" not in page
+    assert "invented" not in page
     shutil.copytree(root / "clean", tmp_path / "clean")
     (tmp_path / "clean" / "wiki" / "summary.json").write_text('{"model": "lorecrawl_tiny"}')
+    demo_mark.write(tmp_path, finished=True)
     report(a_run(tmp_path))
-    assert "tiny model" in (tmp_path / "report" / "index.html").read_text()
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert "tiny model" in page
+    assert page.count(demo_mark.NOTE) == 1
 
 
 @pytest.mark.usefixtures("no_pdf")

@@ -20,18 +20,17 @@ from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData, UsageError
 from kb.core.sources import SOURCES
 from kb.filters.filter_run import run_clean
-from kb.search import reddit_passages, wiki_passages, youtube_passages
 from kb.search.answers import MOST as SNIPPET_WORDS
 from kb.search.answers import search, snippet
 from kb.search.build import index
 from kb.search.passage import MOST_WORDS, Passage
 from kb.search.ranking import Only
 from kb.search.tantivy_index import analyzer
-from kb.search.youtube_passages import MOST
 from kb.store import lock
 from kb.store.artifact_registry import ARTIFACTS, MANIFEST
 from kb.store.layout import Layout
 from kb.verify.root import verify
+from kb.youtube.passages import MOST
 from tests.filters import full_root
 from tests.filters.made import run_at
 from tests.inprocess import Here
@@ -125,11 +124,8 @@ def brute(passages: list[tuple[str, list[str]]], words: list[str]) -> list[float
 
 def every(root: Path) -> list[tuple[str, Passage]]:
     """All passages of the small world, by source."""
-    return [
-        *(("youtube", one) for one in youtube_passages.passages(load_profile("minecraft"), root)),
-        *(("wiki", one) for one in wiki_passages.passages(load_profile("minecraft"), root)),
-        *(("reddit", one) for one in reddit_passages.passages(load_profile("minecraft"), root)),
-    ]
+    profile = load_profile("minecraft")
+    return [(name, one) for name, each in SOURCES.items() for one in each.passages(profile, root)]
 
 
 @pytest.mark.parametrize("words", ["camel", "bones camel ride", "leather welcome nobody camel"])

@@ -81,6 +81,8 @@ def test_no_other_host_and_no_other_page_names_a_video(key: str, scheme: str) ->
         ID,
         f"  {ID}\t",
         f"youtube {ID}",
+        f"- {ID}",
+        f"12. https://youtu.be/{ID}",
         f"{ID}  # asked on 3 May",
         f"<https://youtu.be/{ID}>",
         f"The kiln, description: https://youtu.be/{ID}.",

@@ -11,14 +11,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.demo_root import FINISHED, without_scores
+from kb.cli.framework.demo_root import without_scores
 from kb.cli.framework.messages import find_command
 from kb.cli.framework.options import CLUSTER, Options, pipeline
 from kb.core.context import Run
-from kb.core.errors import MissingExtra
+from kb.core.errors import MissingExtra, UsageError
 from kb.core.sources import SOURCES, made_of
 from kb.core.summary import Summary
 from kb.store.layout import TOP, Layout
+from kb.store.state import demo_mark
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -28,6 +29,8 @@ app = group("Run the whole job on the sandbox in minutes: no key, no network.")
 # Settings that the demo keeps; all others, credentials included, are removed.
 _KEPT = {"kb_data", "kb_now", "source_date_epoch"}
 _DUMPS = "dumps"
+_REMOVED = ".demo.old"  # what a demo that starts over moves out of the way
+_ANSWERS = 3
 
 
 @command(
@@ -45,18 +48,19 @@ _DUMPS = "dumps"
     ],
 )
 def demo(options: Options) -> Summary:
-    """Crawl invented services with the real clients, and go on to a report and queries.
+    """Crawl invented services with the real clients, and go on to a report, queries and a search.
 
-    Filters, exports, makes pairs, links, release and report, then queries the shards. Channels,
-    pages and threads mention the profile's keywords; sources that the profile leaves out are
-    skipped. Everything goes to DIR/demo, in one process unless --workers is given. `.env` and
-    credentials are ignored, and nothing leaves this machine.
+    Filters, exports, makes pairs, links, index, release and report, then queries the shards and
+    searches the index. Channels, pages and threads mention the profile's keywords; sources that the
+    profile leaves out are skipped. Everything goes to DIR/demo, in one process unless --workers is
+    given. `.env` and credentials are ignored, and nothing leaves this machine.
     """
     return play(options)
 
 
 def play(options: Options, without: Collection[str] = (), **size: Any) -> Summary:
     """The demo without some steps, in a world of this size (n_channels …; kb.sandbox.world)."""
+    from kb.artifacts.table_catalog import is_root
     from kb.cli.commands.profile.check import refuse
     from kb.core.config.profile import DEFAULT, load_profile
     from kb.core.config.settings import Settings, load_settings
@@ -73,18 +77,35 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
     options = replace(options, data=root, profile=options.profile or DEFAULT)
     profile = load_profile(options.profile or DEFAULT)
     refuse(profile)
-    with Sandbox(World(domain=domain_of(profile), n_named=PAGES, **size)) as services:
+    domain = domain_of(profile)
+    words = next((one.name for one in domain.keywords), profile.title)
+    with Sandbox(World(domain=domain, n_named=PAGES, **size)) as services:
         settings = services.settings() | _model(options)
         os.environ |= settings  # worker processes read them too
-        if (root / FINISHED).exists():
-            for name in (_DUMPS, *TOP):
-                shutil.rmtree(root / name, ignore_errors=True)
-            (root / FINISHED).unlink()
+        mark = demo_mark.read(root)
+        if mark is None and is_root(root):
+            raise UsageError(
+                f"{root} holds data that no demo has made", hint="name another folder with --data"
+            )
+        if mark is not None and mark.finished:
+            _remove(root)
+        demo_mark.write(root, finished=False)
         run = _run(options, settings)
         plan = pipeline(run, "demo")
         given = {"reddit import": {"files": dumps(services.world.reddit, run.root / _DUMPS)}}
         steps = [step for step in plan.STEPS if step not in without]
-        return _all(steps, plan.QUERIES, run, services.ledger, given)
+        return _all(steps, plan.QUERIES, words, run, services.ledger, given)
+
+
+def _remove(root: Path) -> None:
+    """Remove a demo's data. Each folder goes in one step, so that who reads it meanwhile, such as a
+    running `kb explore`, finds all of it or none.
+    """
+    shutil.rmtree(root / _REMOVED, ignore_errors=True)  # of a demo that was killed here
+    for name in (_DUMPS, *TOP):
+        with contextlib.suppress(FileNotFoundError):
+            os.rename(root / name, root / _REMOVED)
+            shutil.rmtree(root / _REMOVED)
 
 
 def _model(options: Options) -> dict[str, str]:
@@ -112,13 +133,14 @@ def _run(options: Options, settings: dict[str, str]) -> Run:
 def _all(
     steps: Sequence[str],
     queries: list[tuple[str, str, list[str]]],
+    words: str,
     run: Run,
     ledger: Any,
     given: dict[str, dict[str, Any]],
 ) -> Summary:
-    """Run every step, with the arguments `given` to some."""
-    from kb.store.atomic import write_text
-
+    """Run every step, with the arguments `given` to some, then the queries, then search for
+    `words`.
+    """
     done = Summary()
     for step in steps:
         if missing := _missing_section(run, step):
@@ -135,9 +157,11 @@ def _all(
         done[step] = dict(summary)
         print(summary.line(), flush=True)
     _queries(queries, run.root)
+    if "index" in done and "left_out" not in done["index"]:
+        _search(words, run.root)
     page = Layout(run.root).page
     print(f"\nTables, figures and releases are in {run.root}; open {page}")
-    write_text(run.root / FINISHED, "")
+    demo_mark.write(run.root, finished=True)
     about = {"steps": len(done), "requests": len(ledger), "root": str(run.root)}
     return Summary({"command": "demo", **about, **done})
 
@@ -166,6 +190,19 @@ def _queries(queries: list[tuple[str, str, list[str]]], root: Path) -> None:
                 print(f"\n== {question}")
                 print(f'kb query --data {root} "{" ".join(sql.split())}"')
                 sys.stdout.writelines(for_people(select(db, sql)))
+
+
+def _search(words: str, root: Path) -> None:
+    from kb.cli.commands.search import lines
+    from kb.cli.framework.messages import show
+    from kb.search.answers import search
+    from kb.search.ranking import Only
+
+    print(f"\n== What do videos, pages and threads say about {words}?")
+    print(f'kb search --data {root} --limit {_ANSWERS} "{words}"')
+    for number, answer in enumerate(search(root, words, only=Only(limit=_ANSWERS)), 1):
+        for line in lines(number, answer):
+            show(line)
 
 
 def _say(options: Options, text: str) -> None:

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from kb.cli.framework.command import command, group
+from kb.cli.framework.messages import warn
 from kb.core.context import Run
 
 app = group("Search, rows, stages and pairs in a browser, on this machine.")
@@ -35,9 +36,10 @@ def explore(
 
     Pages: search with what surrounds an answer, the funnel of each source, its kept and rejected
     rows with the stage and value that decided, what another threshold would keep, and the pairs of
-    a keyword. Search reads the index that `kb index` builds. Prints the address on stdout. Listens
-    on 127.0.0.1 only, reads only, and asks no service; links to videos, threads and pages open when
-    you follow them. Needs the extra `explore`.
+    a keyword. An index that is missing or out of date is built at the start, in the user's cache
+    where the data root can't be written; nothing else is. Prints the address on stdout. Listens on
+    127.0.0.1 only, and asks no service; links to videos, threads and pages open when you follow
+    them. Needs the extra `explore`.
     """
     from kb.artifacts.table_catalog import read
     from kb.cli.commands.status.command import lines
@@ -51,4 +53,18 @@ def explore(
         port,
         browser=not no_browser,
         say=lambda address: print(address, flush=True),
+        first=lambda: _build_index(run),
     )
+
+
+def _build_index(run: Run) -> None:
+    from kb.core.errors import Interrupted, KbError
+    from kb.core.sources import SOURCES
+    from kb.search.build import ensure
+
+    try:
+        ensure(run, list(SOURCES))
+    except Interrupted:
+        raise
+    except KbError as error:  # the other pages need none
+        warn(f"no index for Search: {error}; {error.hint}")

@@ -162,7 +162,7 @@ def search(
         hits = [msgspec.to_builtins(one) for one in answers]
         return Summary(command="search", answers=hits, suggestion=meant or None)
     for number, one in enumerate(answers, 1):
-        for line in _lines(number, one):
+        for line in lines(number, one):
             show(line)
     notes = [] if answers else ["no answers"]
     if meant:
@@ -173,7 +173,7 @@ def search(
     return None
 
 
-def _lines(number: int, one: SearchHit) -> Iterator[str]:
+def lines(number: int, one: SearchHit) -> Iterator[str]:
     """The lines that show an answer."""
     yield f"{number:2}. {one.title} › {one.path}" if one.path else f"{number:2}. {one.title}"
     facts = [

@@ -21,9 +21,12 @@ command's own options. The return value is printed as the command's summary; Non
 
 import contextlib
 import inspect
+import os
 import signal
+import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from types import MethodType
 from typing import Any, TypeVar
 
@@ -36,6 +39,7 @@ from kb.cli.framework.exit_codes import report
 from kb.cli.framework.options import COMMON, RUNNING, SHARED, Options, shared_option
 from kb.core import signals, startup
 from kb.core.errors import SettingError
+from kb.core.installation import cache_root
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -147,10 +151,21 @@ def _call(
     except typer.Exit as done:
         return done.exit_code
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  the one place where everything ends
-        return report(error, debug=options.debug, as_json=options.json)
+        return report(
+            error, debug=options.debug, as_json=options.json, places=_written(options.data)
+        )
     finally:
         messages.set_options()  # for the next call in this process
     return 0
+
+
+def _written(data: Path | None) -> tuple[Path, ...]:
+    """Where any command may write: the data root, the cache, the temporary folder, and stdout, if
+    that is a file.
+    """
+    root = data or Path(os.environ.get("KB_DATA") or "data")
+    stdout = Path("/dev/stdout").resolve()
+    return root.expanduser(), cache_root(), Path(tempfile.gettempdir()), stdout
 
 
 def _check_plan_options(

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from kb.core.errors import MissingExtra
+from kb.store.state import demo_mark
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from kb.core.config.profile import Profile
     from kb.core.config.settings import Settings
-
-FINISHED = "demo-finished"  # a file in the root of a finished demo
 
 
 def in_demo_root(root: Path, settings: Settings, profile: Profile) -> tuple[Settings, Profile]:
@@ -21,7 +20,7 @@ def in_demo_root(root: Path, settings: Settings, profile: Profile) -> tuple[Sett
     The root's scores are the tiny model's, so that model is used again unless the user names
     another. Scoring stays off where the demo had to do without the model.
     """
-    if not (root / FINISHED).exists() or "kb_toxicity_model" in settings.model_fields_set:
+    if demo_mark.read(root) is None or "kb_toxicity_model" in settings.model_fields_set:
         return settings, profile
     from kb.sandbox import toxicity
 

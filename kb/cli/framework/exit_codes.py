@@ -5,11 +5,11 @@
 The traceback is shown with --debug only.
 """
 
-import errno
 import os
 import sys
 import traceback
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -19,6 +19,7 @@ from kb.cli.framework.usage_errors import UsageProblem, commands_with_option
 from kb.core import terminal
 from kb.core.errors import KbError
 from kb.net import redact
+from kb.store.full_disk import as_disk_full
 
 INTERRUPTED = 3
 
@@ -54,13 +55,20 @@ def _usage_error(error: Any) -> int:
     return 2
 
 
-def report(error: BaseException, *, debug: bool, as_json: bool) -> int:
-    """Print what ended a command, and return the exit code."""
+def report(error: BaseException, *, debug: bool, as_json: bool, places: Sequence[Path] = ()) -> int:
+    """Print what ended a command, and return the exit code.
+
+    `places`: where it may have written without saying so when there was no room.
+    """
     if isinstance(error, BrokenPipeError):  # `kb query … | head`
-        # Python complains at exit when it can't flush stdout.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_stdout()
         return 0
-    message, hint, code = describe(error)
+    if full := as_disk_full(error, *places):
+        try:
+            sys.stdout.flush()
+        except OSError:
+            _discard_stdout()
+    message, hint, code = describe(full or error)
     if debug:
         for part in traceback.format_exception(error):
             # Frames are this program's lines; the error's own text has to stay one line.
@@ -74,15 +82,17 @@ def report(error: BaseException, *, debug: bool, as_json: bool) -> int:
     return code
 
 
+def _discard_stdout() -> None:
+    """Python complains at exit when it can't flush stdout."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def describe(error: BaseException) -> tuple[str, str, int]:
     """(message, hint, exit code) of anything that can end a command."""
     if isinstance(error, KbError):
         return str(error), error.hint, error.exit_code
     if isinstance(error, KeyboardInterrupt):
         return "stopped", "run the same command to resume", INTERRUPTED
-    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-        message = f"no space left to write {error.filename or 'a file'}"
-        return message, "free some space, then run the same command to resume", INTERRUPTED
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}", "", 1
     if isinstance(error, MemoryError):

@@ -215,6 +215,7 @@ WORDS: dict[str, Word] = {
     "rows": Word("Rows of tables.", "{n} rows"),
     "scores": Word("Scores removed because no text needs them any more.", "{n} scores"),
     "purged": Word("Items removed for good.", "{n} removed for good", always=True),
+    "purge --plan.purged": Word("Items that a purge would remove.", "{n} to remove", always=True),
     "purge.known": Word("Items that were purged before.", "{n} purged before"),
     "unknown": Word("Items that were never in the data root.", "{n} never here"),
     "unread": Word("Entries of the list that name no item.", "{n} entries unread"),
@@ -280,8 +281,11 @@ def place(name: str) -> int:
 
 def word(name: str, command: str = "") -> Word | None:
     """A name's word, that of the command or its group first; None for one that nobody declared."""
-    own = WORDS.get(f"{command}.{name}") or WORDS.get(f"{command.partition(' ')[0]}.{name}")
-    return own or WORDS.get(name)
+    group, plan = command.partition(" ")[0], " --plan" if command.endswith("--plan") else ""
+    for whose in (f"{command}.", f"{group}{plan}.", f"{group}.", ""):
+        if known := WORDS.get(f"{whose}{name}"):
+            return known
+    return None
 
 
 def phrase(name: str, value: Any, summary: dict[str, Any]) -> str:

@@ -31,14 +31,24 @@ Ids = Path | str | Iterable[str | Path] | None
 
 _NAME = re.compile(r"t[13]_[0-9a-z]{1,13}")
 _BARE = re.compile(r"[0-9a-z]{1,13}")
-_ADDRESS = re.compile(r"/comments/([0-9a-z]{1,13})(?:/[^/]*(?:/([0-9a-z]{1,13}))?)?/?(?:[?#].*)?$")
+# Reddit's own hosts, or none: a permalink is a path.
+_ADDRESS = re.compile(
+    r"(?:(?:https?:)?//)?(?:[a-z0-9-]+\.)*(?:reddit\.com(?::\d+)?)?(?:/(?:r|u|user)/[^/?#]+)?"
+    r"/(?:comments|gallery)/([0-9a-z]{1,13})(?:/[^/?#]*(?:/([0-9a-z]{1,13}))?)?/?(?:[?#].*)?"
+)
+_SHORT = re.compile(r"(?:(?:https?:)?//)?(?:www\.)?redd\.it/([0-9a-z]{1,13})()/?(?:[?#].*)?")
 _PREFIXES = {"comment_id": "t1_", "post_id": "t3_", "key": "", "name": "", "fullname": ""}
+
+
+def _address(text: str) -> re.Match[str] | None:
+    """The bare ids of an address: of a post, and of a comment or nothing."""
+    return _ADDRESS.fullmatch(text) or _SHORT.fullmatch(text)
 
 
 def _key(entry: ListedId) -> str | None:
     """A full name, or the bare id of a post whose tree is meant."""
     text = str(entry.value).strip().lower()
-    if match := _ADDRESS.search(text):
+    if match := _address(text):
         return f"t1_{match[2]}" if match[2] else f"t3_{match[1]}"
     if entry.column in ("id", "[]"):
         text = text.removeprefix("t3_")
@@ -49,7 +59,7 @@ def _key(entry: ListedId) -> str | None:
 
 
 def _is_full_name(text: str) -> bool:
-    return bool(_NAME.fullmatch(text) or (text[:4] == "http" and _ADDRESS.search(text)))
+    return bool(_NAME.fullmatch(text) or (text[:4] == "http" and _address(text.lower())))
 
 
 RULES = IdRules(

@@ -28,7 +28,7 @@ from kb.reddit.dumps.cursor import (
     save_cursor,
 )
 from kb.reddit.dumps.extract import ExtractedChunk, ExtractedRecord, RecordRules, extract
-from kb.store.atomic import full_disk_is_resumable
+from kb.store.full_disk import full_disk_is_resumable
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import SEGMENT_BYTES, SUFFIX, Envelope, Request
 from kb.store.state import tombstones

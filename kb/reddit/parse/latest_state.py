@@ -17,7 +17,7 @@ from kb.core.config.profile.reddit import Links, RedditSection
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.reddit.parse import answers as parse
-from kb.store.atomic import full_disk_is_resumable
+from kb.store.full_disk import full_disk_is_resumable
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.tables import partition

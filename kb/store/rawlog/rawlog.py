@@ -23,7 +23,8 @@ import zstandard
 from kb.core.errors import DamagedData
 from kb.net import redact
 from kb.schema.decode import holdable
-from kb.store.atomic import full_disk_is_resumable, sync_folder
+from kb.store.atomic import append, sync_folder
+from kb.store.full_disk import full_disk_is_resumable
 from kb.store.layout import Layout
 from kb.store.rawlog.frames import intact_frames
 
@@ -216,7 +217,8 @@ class Segment:
     """The open segment of one kind. Only its source's one writer makes it."""
 
     def __init__(self, base: Path) -> None:
-        base.mkdir(parents=True, exist_ok=True)
+        with full_disk_is_resumable(base):
+            base.mkdir(parents=True, exist_ok=True)
         self._base = base
         self._compressor = compressor()
         self._file: Any = None
@@ -228,17 +230,16 @@ class Segment:
 
         What could only be written in part is cut away again. Raises DiskFull.
         """
+        frames = b"".join(map(self._compressor.compress, lines))
         with full_disk_is_resumable(self._base):
             if self._file is None:
                 self._open()
             try:
-                self._file.write(b"".join(map(self._compressor.compress, lines)))
-                self._file.flush()
-                os.fsync(self._file.fileno())
-            except OSError:
-                os.ftruncate(self._file.fileno(), self.size)
+                self.size = append(self._file, frames)
+            except BaseException:
+                if os.fstat(self._file.fileno()).st_size != self.size:
+                    self._abandon()
                 raise
-            self.size = self._file.tell()
         assert self.path is not None
         place = base_name(self.path), self.size
         if self.size >= SEGMENT_BYTES:
@@ -251,8 +252,19 @@ class Segment:
             return
         os.fsync(self._file.fileno())
         self._file.close()
-        os.rename(self.path, self.path.with_name(self.path.name.removesuffix(".open")))
+        if self.size:
+            os.rename(self.path, self.path.with_name(self.path.name.removesuffix(".open")))
+        else:  # of its first frame nothing could be written
+            self.path.unlink()
         sync_folder(self._base)
+        self._file = self.path = None
+        self.size = 0
+
+    def _abandon(self) -> None:
+        """Leave a torn frame that can't be cut away for `kb.store.rawlog.recorder.recover`, which
+        cuts open segments only; what follows goes into another segment.
+        """
+        self._file.close()
         self._file = self.path = None
         self.size = 0
 

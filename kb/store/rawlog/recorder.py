@@ -76,7 +76,7 @@ class Recorder:
     ) -> Envelope:
         """Keep one answer and its effect on the frontier.
 
-        Raises DiskFull, with nothing half-kept.
+        Raises DiskFull: then the answer is not on disk, or the next run replays it.
         """
         answer = Envelope(clock.stamp(), Request(endpoint, params), status, response)
         [(envelope, _)] = self._keep(kind, [answer])
@@ -85,7 +85,7 @@ class Recorder:
     def record_all(self, kind: str, answers: Iterable[Envelope]) -> list[bytes]:
         """Keep answers that came together, with times of their own; their lines as they are kept.
 
-        Raises DiskFull, with nothing half-kept.
+        Raises DiskFull, as `record`.
         """
         return [line for _, line in self._keep(kind, answers)]
 
@@ -96,10 +96,15 @@ class Recorder:
             if kind not in self._segments:
                 self._segments[kind] = Segment(rawlog.folder(self._root, self._source, kind))
             name, offset = self._segments[kind].append(*(line for _, line in kept))
-            with self._frontier.transaction():
-                for envelope, _ in kept:
-                    self._apply(self._frontier, kind, envelope)
-                self._frontier.set_offset(kind, name, offset)
+            try:
+                with self._frontier.transaction():
+                    for envelope, _ in kept:
+                        self._apply(self._frontier, kind, envelope)
+                    self._frontier.set_offset(kind, name, offset)
+            except BaseException:
+                # The next run replays these frames: no later offset of this run may cover them.
+                self._segments.pop(kind).close()
+                raise
         return kept
 
     def close(self) -> None:

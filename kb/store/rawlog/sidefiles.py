@@ -7,6 +7,7 @@ Whoever meets one that is not what it was notes it, without any lock; the next c
 as `<name>.damaged` and asks again for what it held.
 """
 
+import fcntl
 import os
 import re
 from collections.abc import Callable, Collection, Iterable
@@ -14,7 +15,8 @@ from pathlib import Path
 
 from kb.core.errors import DamagedData
 from kb.store.artifact_registry import SUMS
-from kb.store.atomic import sync_folder, write_bytes
+from kb.store.atomic import append, sync_folder, write_bytes
+from kb.store.full_disk import full_disk_is_resumable
 from kb.store.layout import BELOW, CAPTURED, Layout
 from kb.store.tables.checksums import digest, listed, parsed
 
@@ -58,17 +60,18 @@ def write_named(path: Path, data: bytes) -> None:
 
 
 def suspect(root: Path, source: str, paths: Iterable[Path]) -> None:
-    """Note files that are missing or not what they were, for the next crawl to ask again."""
+    """Note files that are missing or not what they were, for the next crawl to ask again.
+
+    Raises DiskFull, with none of them noted.
+    """
     lines = [f"{path.relative_to(root)}\n" for path in paths]
     place = _list(root, source)
-    place.parent.mkdir(parents=True, exist_ok=True)
-    # One write to the end: several processes may do so at a time.
-    descriptor = os.open(place, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-    try:
-        os.write(descriptor, "".join(lines).encode())
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    with full_disk_is_resumable(place):
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with place.open("ab", buffering=0) as file:
+            # Several processes may do so at a time, and each has to know where its lines begin.
+            fcntl.flock(file, fcntl.LOCK_EX)
+            append(file, "".join(lines).encode())
 
 
 def suspects(root: Path, source: str) -> list[str]:

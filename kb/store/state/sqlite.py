@@ -13,8 +13,8 @@ import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 
-from kb.core.errors import DamagedData, DiskFull, FatalError
-from kb.store.atomic import FULL_HINT
+from kb.core.errors import DamagedData, FatalError
+from kb.store.full_disk import as_disk_full, disk_full
 
 REBUILT = "move it away; the next run rebuilds it from the raw data"
 _FULL = {
@@ -53,7 +53,11 @@ def _as_kb_error(error: sqlite3.DatabaseError, path: Path) -> Exception:
     if isinstance(error, (sqlite3.ProgrammingError, sqlite3.IntegrityError)):
         return error
     if name in _FULL:
-        return DiskFull(f"no space left to write {path}", hint=FULL_HINT)
+        return disk_full(path)
+    # Without inodes the file, or one beside it, can't be made.
+    failed = name.startswith(("SQLITE_CANTOPEN", "SQLITE_IOERR")) and not _not_allowed(path)
+    if failed and (full := as_disk_full(error, path)):
+        return full
     if name.startswith(("SQLITE_BUSY", "SQLITE_LOCKED")):
         message = f"the state {path} can't be read: {error}"
         return FatalError(message, hint="another program uses it: try again in a moment")

@@ -81,7 +81,8 @@ def _of_address(name: str) -> str:
     parts = urlsplit(name)
     if titles := parse_qs(parts.query).get("title"):
         return titles[0]
-    return unquote(re.sub(r"^.*?/(?:wiki|w)/", "", parts.path).lstrip("/"))
+    name = re.sub(r"^.*?/(?:wiki|w)/", "", parts.path)
+    return unquote(re.sub(r"^(?:.*?/)?index\.php/", "", name).lstrip("/"))
 
 
 NAMES = _rules("--ids", None, ("page_id", "pageid", "title"))

@@ -14,7 +14,8 @@ from kb.core import clock
 from kb.core.config.profile.wiki import WikiSection
 from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.net import retry
-from kb.store.atomic import full_disk_is_resumable, replacing_folder
+from kb.store.atomic import replacing_folder
+from kb.store.full_disk import full_disk_is_resumable
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog, sidefiles
 from kb.store.state.frontier import Item

@@ -4,18 +4,19 @@ from pathlib import Path
 
 import pytest
 
-from kb.cli.framework.demo_root import FINISHED, in_demo_root
+from kb.cli.framework.demo_root import in_demo_root
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.errors import MissingExtra
 from kb.sandbox import toxicity
+from kb.store.state import demo_mark
 
 
 def test_a_demos_root_keeps_its_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("KB_TOXICITY_MODEL", raising=False)
     profile, plain = load_profile("minecraft"), load_settings(dotenv=False)
     assert in_demo_root(tmp_path, plain, profile) == (plain, profile)
-    (tmp_path / FINISHED).touch()
+    demo_mark.write(tmp_path, finished=True)
     monkeypatch.setattr(toxicity, "tiny_checkpoint", lambda: Path("tiny.ckpt"))
     settings, same = in_demo_root(tmp_path, plain, profile)
     assert settings.kb_toxicity_model == "tiny.ckpt"
@@ -32,6 +33,6 @@ def test_a_demo_without_the_model_is_not_scored(
 
     monkeypatch.delenv("KB_TOXICITY_MODEL", raising=False)
     monkeypatch.setattr(toxicity, "tiny_checkpoint", missing)
-    (tmp_path / FINISHED).touch()
+    demo_mark.write(tmp_path, finished=True)
     _, profile = in_demo_root(tmp_path, load_settings(dotenv=False), load_profile("minecraft"))
     assert profile.toxicity.toxicity == "off"

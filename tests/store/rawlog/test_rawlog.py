@@ -1,8 +1,6 @@
 """The raw log: what was written whole is there, whatever happens behind it."""
 
-import errno
 import json
-import os
 from urllib.parse import quote
 
 import msgspec
@@ -11,7 +9,7 @@ import zstandard
 from hypothesis import given
 from hypothesis import strategies as some
 
-from kb.core.errors import DamagedData, DiskFull
+from kb.core.errors import DamagedData
 from kb.net import redact
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request, Segment
@@ -114,32 +112,6 @@ def test_an_empty_open_segment_goes(tmp_path):
     (folder / "000001-aaaaaaaa.ndjson.zst.open").write_bytes(b"")
     recover(tmp_path, "youtube")
     assert not list(folder.iterdir())
-
-
-def test_a_full_disk_leaves_no_half_frame(tmp_path):
-    class Full:
-        def __init__(self, file):
-            self.file = file
-
-        def write(self, data):
-            self.file.write(data[: len(data) // 2])
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-        def __getattr__(self, name):
-            return getattr(self.file, name)
-
-    segment = Segment(rawlog.folder(tmp_path, "youtube", "videos"))
-    segment.append(rawlog.encode(envelope(1)))
-    whole, segment._file = segment._file, Full(segment._file)
-    with pytest.raises(DiskFull):
-        segment.append(rawlog.encode(envelope(2)))
-    segment._file = whole
-    segment.append(rawlog.encode(envelope(3)))
-    segment.close()
-    assert [entry.request.params["id"] for entry in rawlog.read(tmp_path, "youtube", "videos")] == [
-        "v1",
-        "v3",
-    ]
 
 
 def test_segments_of_several_machines_are_read_as_one(tmp_path):

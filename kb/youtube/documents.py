@@ -1,23 +1,13 @@
 """What `read` shows of a video: its description and its transcript in windows."""
 
-from collections.abc import Mapping
-from urllib.parse import SplitResult
-
 from kb.core.errors import UsageError
 from kb.mcp.read_tool import AgentDocument, DocumentPart, first_row, outward
 from kb.mcp.references import SourceLocation
 from kb.reader.open_tables import OpenTables
 from kb.search.passage import plain
-from kb.search.youtube_passages import Talk, talk
+from kb.youtube.passages import Talk, talk
 
 _WATCH = "https://www.youtube.com/watch?v="
-
-
-def from_link(url: SplitResult, query: Mapping[str, list[str]]) -> SourceLocation | None:
-    """The video, and the second in it, that a URL of a watch page names."""
-    if not query.get("v"):
-        return None
-    return SourceLocation("youtube", query["v"][0], query.get("t", [""])[0].removesuffix("s"))
 
 
 def document(tables: OpenTables, place: SourceLocation) -> AgentDocument:

@@ -1,23 +1,11 @@
 """What `read` shows of a thread: the post and its comments."""
 
-import re
-from collections.abc import Mapping
-from urllib.parse import SplitResult
-
 from kb.core.errors import UsageError
 from kb.mcp.read_tool import AgentDocument, DocumentPart, first_row, outward
 from kb.mcp.references import SourceLocation
 from kb.reader import thread as threads
 from kb.reader.open_tables import OpenTables
 from kb.search.passage import plain
-
-_THREAD = re.compile(r"/comments/(\w+)(?:/[^/]*/(\w+))?")
-
-
-def from_link(url: SplitResult, query: Mapping[str, list[str]]) -> SourceLocation | None:
-    """The post or comment that a URL names."""
-    match = _THREAD.search(url.path)
-    return SourceLocation("reddit", match[1], match[2] or "") if match else None
 
 
 def document(tables: OpenTables, place: SourceLocation) -> AgentDocument:

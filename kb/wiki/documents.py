@@ -1,8 +1,6 @@
 """What `read` shows of a wiki page: its sections with their tables."""
 
-from collections.abc import Mapping
 from typing import Any
-from urllib.parse import SplitResult, urlunsplit
 
 from kb.core.errors import UsageError
 from kb.mcp.read_tool import (
@@ -17,14 +15,7 @@ from kb.mcp.search_tool import revision
 from kb.reader.open_tables import OpenTables
 from kb.reader.screenshots import Box, box
 from kb.search.passage import plain
-from kb.search.wiki_passages import grid, link, sections
-
-
-def from_link(url: SplitResult, query: Mapping[str, list[str]]) -> SourceLocation | None:
-    """The page and section that a URL names, without its revision."""
-    kept = "&".join(one for one in url.query.split("&") if not one.startswith("oldid="))
-    page = urlunsplit(url._replace(query=kept, fragment=""))
-    return SourceLocation("wiki", page, url.fragment)
+from kb.wiki.passages import grid, link, sections
 
 
 def document(opened: OpenTables, place: SourceLocation) -> AgentDocument:

@@ -1,10 +1,10 @@
-"""Tests of `kb.search.reddit_passages`."""
+"""Tests of `kb.reddit.passages`."""
 
 from datetime import UTC, datetime
 from pathlib import Path
 
 from kb.core.config.profile import load_profile
-from kb.search.reddit_passages import passages
+from kb.reddit.passages import passages
 from tests.search.made import write
 
 NOON = datetime(2023, 1, 1, 12, tzinfo=UTC)

@@ -1,8 +1,8 @@
-"""Tests of `kb.search.wiki_passages`."""
+"""Tests of `kb.wiki.passages`."""
 
 import pytest
 
-from kb.search.wiki_passages import grid, link
+from kb.wiki.passages import grid, link
 
 
 def test_a_table_has_a_line_for_each_row_with_words() -> None:

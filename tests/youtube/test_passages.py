@@ -1,6 +1,6 @@
-"""Tests of `kb.search.youtube_passages`."""
+"""Tests of `kb.youtube.passages`."""
 
-from kb.search.youtube_passages import LEAST, MOST, talk
+from kb.youtube.passages import LEAST, MOST, talk
 
 
 def test_windows_end_where_the_talk_pauses() -> None:

@@ -1,0 +1,116 @@
+"""Tells a full disk from any other failure, and says what is free.
+
+Python, Arrow and PyAV report it with an errno, SQLite with codes of its own. NumPy, tantivy, torch,
+tokenizers and DuckDB say only that something failed, each in its own class and words. Where no
+errno says what happened, the file system is asked whether it still takes a file.
+"""
+
+import contextlib
+import errno
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from kb.core.errors import DiskFull, KbError, Stopped
+
+FULL_HINT = "free some space and run the same command again"
+_WHY = {
+    errno.ENOSPC: "",
+    errno.EDQUOT: " (the quota is used up)",
+    errno.EFBIG: " (the limit for the size of a file is reached)",
+}
+# Bytes: a library may have removed a part of what it wrote before it reports the failure.
+_LEAST_ROOM = 64 << 20
+
+
+@contextlib.contextmanager
+def full_disk_is_resumable(*places: Path) -> Iterator[None]:
+    """Turn "no space left" into DiskFull (exit 3), whichever library met it.
+
+    `places` are the files or folders that the block writes; the one that is full is named. Use it
+    around what writes, inside of what cleans up: afterwards there may be room again.
+    """
+    try:
+        yield
+    except BaseException as error:
+        if full := as_disk_full(error, *places):
+            raise full from error
+        raise
+
+
+def as_disk_full(error: BaseException, *places: Path) -> DiskFull | None:
+    """The DiskFull that an error stands for; None for one with another cause."""
+    if isinstance(error, Stopped) or not (isinstance(error, Exception) or _is_panic(error)):
+        return None
+    said = _said_by_system(error)
+    if said is None and not _says_nothing(error):
+        return None
+    if said is None:
+        full = next(filter(_is_full, places), None)
+        return disk_full(full) if full else None
+    # A block that writes one thing has a better name for it than that of a temporary file.
+    named = [] if len(places) == 1 else [*_named(said)]
+    written = (*named, *places) or (Path(),)
+    on_one = len({_folder(path).stat().st_dev for path in (*written, *_named(said))}) == 1
+    full = None if on_one else next(filter(_is_full, (*written, *_named(said))), written[-1])
+    return disk_full(full or written[0], said.errno or errno.ENOSPC)
+
+
+def disk_full(path: Path, number: int = errno.ENOSPC) -> DiskFull:
+    """The error for a file or folder that could not be written. Call it before anything is removed:
+    it says what is free.
+    """
+    folder = _folder(path)
+    free, files = shutil.disk_usage(folder).free, os.statvfs(folder)
+    more = " and no more files" if files.f_files and not files.f_favail else ""
+    what = f"no space left to write {path}{_WHY[number]}: {folder} has"
+    return DiskFull(f"{what} {free / 1e6:,.1f} MB{more} free", hint=FULL_HINT)
+
+
+def _said_by_system(error: BaseException | None) -> OSError | None:
+    """The error of the system's that is behind this one, if it is about room."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in _WHY:
+            return error
+        error = error.__cause__ or error.__context__
+    return None
+
+
+def _named(error: OSError | None) -> Iterator[Path]:
+    """The file that an error of the system's is about, where it says so."""
+    if error is not None and isinstance(error.filename, str | bytes):
+        yield Path(os.fsdecode(error.filename))
+
+
+def _says_nothing(error: BaseException) -> bool:
+    """Whether an error may be a full disk for all that is known.
+
+    Those of Lorecrawl say what they mean, and so does an errno.
+    """
+    if isinstance(error, (KbError, MemoryError)) or type(error).__module__.startswith("kb."):
+        return False
+    return not (isinstance(error, OSError) and error.errno is not None)
+
+
+def _is_panic(error: BaseException) -> bool:
+    """Whether it is what pyo3 makes of a panic: no Exception, and its class can't be imported."""
+    return type(error).__name__ == "PanicException"
+
+
+def _is_full(path: Path) -> bool:
+    """Whether the file system has no room for another file, as a full disk, a quota, the limit of a
+    file's size and a lack of inodes all show.
+    """
+    try:
+        with tempfile.TemporaryFile(dir=_folder(path), buffering=0) as file:
+            return (file.write(bytes(_LEAST_ROOM)) or 0) < _LEAST_ROOM
+    except OSError as error:
+        return error.errno in _WHY
+
+
+def _folder(path: Path) -> Path:
+    """The nearest folder there is."""
+    path = path.absolute()
+    return next((one for one in (path, *path.parents) if one.is_dir()), Path("/"))
