@@ -19,7 +19,6 @@ from kb.core.errors import MissingExtra, UsageError
 from kb.core.sources import SOURCES, made_of
 from kb.core.summary import Summary
 from kb.store.layout import TOP, Layout
-from kb.store.state import demo_mark
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -69,6 +68,7 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
     from kb.sandbox.server import Sandbox
     from kb.sandbox.wiki.generated import PAGES
     from kb.sandbox.world import World
+    from kb.store.state import demo_mark
 
     for name in set(Settings.model_fields) - _KEPT:
         os.environ.pop(name.upper(), None)
@@ -141,6 +141,8 @@ def _all(
     """Run every step, with the arguments `given` to some, then the queries, then search for
     `words`.
     """
+    from kb.store.state import demo_mark
+
     done = Summary()
     for step in steps:
         if missing := _missing_section(run, step):
