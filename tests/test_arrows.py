@@ -14,7 +14,6 @@ from pathlib import Path
 
 import pytest
 
-from kb.cli.app import TREE
 from kb.core.sources import SOURCES
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -249,9 +248,3 @@ def _module_level(body: list[ast.stmt]) -> list[ast.stmt]:
 @pytest.mark.parametrize("name", ["utils", "helpers", "common", "misc"])
 def test_no_module_without_a_subject(name: str) -> None:
     assert not [path for path in python_files() if path.stem == name]
-
-
-@pytest.mark.parametrize("name", TREE)
-def test_every_command_of_the_tree_is_there(name: str) -> None:
-    module = ROOT / Path(*TREE[name][0].partition(":")[0].split(".")).with_suffix(".py")
-    assert module.is_file(), f"kb {name} has no {module.relative_to(ROOT)}"
