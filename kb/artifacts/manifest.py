@@ -269,7 +269,7 @@ def _digest_of_raw(root: Path, source: str) -> str:
     """A digest of the names and sizes of all raw files that a filter reads: segments only grow, and
     each other file is named by its content.
     """
-    top, samples = Layout(root).raw(source), SOURCES[source].samples
+    top, samples = Layout(root).raw(source), SOURCES[source].unfiltered
     return _digest(
         f"{os.path.relpath(file, top).removesuffix(rawlog.OPEN.removeprefix(rawlog.SUFFIX))}"
         f" {file.stat().st_size}"
