@@ -240,25 +240,6 @@ def test_root_gets_a_browser_and_others_a_line(checkout: Path) -> None:
     assert len(re.findall("no chromium found", done.stderr)) == 1
 
 
-def test_the_lock_names_no_place() -> None:
-    """Packages by name and version: no index, no file, no torch."""
-    lines = (ROOT / ".ci" / "requirements.lock").read_text().splitlines()
-    packages = [line.removesuffix(" \\") for line in lines if not line.startswith(("#", " "))]
-    assert len(packages) > 100
-    assert all(re.match(r"^[A-Za-z0-9._-]+==[^ ]+( ; .+)?$", line) for line in packages)
-    assert not [line for line in packages if line.startswith(("torch=", "nvidia", "triton"))]
-    assert not [
-        line for line in lines if "://" in line or "--index" in line or "--find-links" in line
-    ]
-
-
-def test_every_file_of_the_lock_has_its_hash() -> None:
-    text = (ROOT / ".ci" / "requirements.lock").read_text().replace(" \\\n", "")
-    packages = [line for line in text.splitlines() if not line.startswith("#")]
-    assert len(packages) > 100
-    assert all(re.search(r"( +--hash=sha256:[0-9a-f]{64})+$", line) for line in packages)
-
-
 def test_targets_take_exit_3_for_success_and_pass_others_on(checkout: Path) -> None:
     setup(checkout)
     kb = checkout / ".venv" / "bin" / "kb"
