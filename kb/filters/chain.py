@@ -119,14 +119,21 @@ class Judged(NamedTuple):
 
 
 def judge_chain(
-    rows: pa.Table, chain: Chain, join: Callable[[pa.Table], pa.Table], *, until: str = ""
+    rows: pa.Table,
+    chain: Chain,
+    join: Callable[[pa.Table], pa.Table],
+    kept: Mapping[str, pa.Table] | None = None,
+    *,
+    until: str = "",
 ) -> Judged:
-    """Run the chain over rows. `join` adds the scores before the stage SCORED.
+    """Run the chain over rows. `join` adds the scores before the stage SCORED; `kept` are the rows
+    that earlier chains kept, by table.
 
     `until` names a stage to stop before: the rows that reach it are `kept`, and the others are left
-    out. Raises SchemaMismatch
-    when a stage reads a column that is not there.
+    out. Raises SchemaMismatch when a stage reads a column that is not there.
     """
+    if chain.relate is not None:
+        rows = chain.relate(rows, kept or {})
     out: dict[str, list[pa.Table]] = {verdict: [] for verdict in VERDICTS}
     joined = False
     for position, stage in enumerate(chain.stages):
