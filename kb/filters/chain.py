@@ -12,10 +12,10 @@ import pyarrow.compute as pc
 
 from kb.core.context import Run
 from kb.core.errors import SchemaMismatch
-from kb.filters.predicates import SCORED, Judgement, Predicate, column
+from kb.filters.predicates import SCORED, Judgement, Predicate
 from kb.filters.thresholds import outcome_of_other_stages, thresholds
 from kb.schema.tables import table
-from kb.store.tables.columns import with_nulls
+from kb.store.tables.columns import column, with_nulls
 from kb.store.tables.partition import RawKind
 
 DESCRIBED_BY = ("title", "channel_id", "channel_title", "type")  # columns of shared/rejected

@@ -7,9 +7,9 @@
     judge_chain  each row is kept, rejected, failed or pending           ) `filter_bucket`
     write        one part file per table and verdict                     )
 
-`collect_texts` does `latest`, `join` and a part of `judge_chain` before, to find the texts that need a
-toxicity score. A task is a `FilterJob` and the name of a segment or the number of a bucket; the
-pipeline is loaded by its path. No function holds more than a bucket.
+`collect_texts` does `latest`, `join` and a part of `judge_chain` before, to find the texts that
+need a toxicity score. A task is a `FilterJob` and the name of a segment or the number of a bucket;
+the pipeline is loaded by its path. No function holds more than a bucket.
 """
 
 import json
