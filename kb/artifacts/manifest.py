@@ -73,8 +73,7 @@ class Build:
 def read(root: Path, name: str) -> Manifest | None:
     """The manifest of an artifact; None where it was never made. Raises DamagedData."""
     artifact = ARTIFACTS[name]
-    made: Manifest | None = json_files.read(artifact.manifest(root), Manifest, fix=artifact.hint)
-    return made
+    return json_files.read(artifact.manifest(root), Manifest, fix=artifact.hint)
 
 
 @contextlib.contextmanager
@@ -270,7 +269,7 @@ def _digest_of_raw(root: Path, source: str) -> str:
     """A digest of the names and sizes of all raw files that a filter reads: segments only grow, and
     each other file is named by its content.
     """
-    top, samples = Layout(root).raw(source), SOURCES[source].samples
+    top, samples = Layout(root).raw(source), SOURCES[source].unfiltered
     return _digest(
         f"{os.path.relpath(file, top).removesuffix(rawlog.OPEN.removeprefix(rawlog.SUFFIX))}"
         f" {file.stat().st_size}"

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from urllib.parse import SplitResult
 
 from kb.core.errors import UsageError
+from kb.core.publication import Publication
 
 if TYPE_CHECKING:
     from kb.artifacts.purge import PurgeRules
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from kb.core.config.profile.base import Section
     from kb.core.config.profile.check_finding import OnlineAnswer, QuestionCost
     from kb.core.context import Run
-    from kb.core.source_spec import ReleaseSpec, ReportSpec
     from kb.crawl.connector import Connector
     from kb.export.layouts import Writer
     from kb.links.texts import TextPart
@@ -33,11 +33,9 @@ if TYPE_CHECKING:
     from kb.store.state.frontier import Frontier
 
 
-class Source(ABC):
-    """One source of Lorecrawl, to inherit from."""
-
-    name: ClassVar[str]
-    """The folders raw/<name>, clean/<name> … and the group of its commands."""
+class Source(Publication, ABC):
+    """One source of Lorecrawl, to inherit from. `name` is also that of raw/<name>, clean/<name> …
+    and of the group of its commands."""
 
     help: ClassVar[str]
     """One line for `kb --help`."""
@@ -51,13 +49,13 @@ class Source(ABC):
     counted: ClassVar[str]
     """The noun of what a crawl counts."""
 
-    release: ClassVar[ReleaseSpec]
-    report: ClassVar[ReportSpec]
+    only: ClassVar[str] = ""
+    """Who knows what no other source names: "only videos"."""
 
     noted: ClassVar[tuple[str, ...]] = ()
     """Kinds of the frontier that are never fetched."""
 
-    samples: ClassVar[tuple[str, ...]] = ()
+    unfiltered: ClassVar[tuple[str, ...]] = ()
     """Raw kinds that no filter reads: samples that measures compare."""
 
     files: ClassVar[tuple[str, ...]] = ()

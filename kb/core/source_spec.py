@@ -1,10 +1,9 @@
-"""What a source declares of its release and report: light data that names code as
+"""What a source declares of its release: light data that names code as
 "module:attribute", imported when it is first needed.
 """
 
 import importlib
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 
@@ -56,27 +55,3 @@ class ReleaseSpec:
     origin: str = ""
     extra: str = ""
     part_of: str = ""
-
-
-@dataclass(frozen=True)
-class ReportSpec:
-    """What `kb report` shows of a source, or of what is made from sources.
-
-    title       the heading
-    tables      tables with a card
-    hint        what to run while there is no data
-    figures     the functions that draw; by default what each filter stage leaves over
-    samples     columns of the sample rows, by table
-    only        who knows what no other source names: "only videos"
-    color       of the panel with its requests: red, blue, green or grey
-    units       whether its ledger counts units of a quota
-    """
-
-    title: str
-    tables: tuple[str, ...]
-    hint: str
-    figures: str = ""
-    samples: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    only: str = ""
-    color: str = "grey"
-    units: bool = False

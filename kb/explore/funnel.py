@@ -51,4 +51,4 @@ def _funnel(tables: CurrentTables, source: str) -> SourceFunnel | None:
     for stage in stages:
         left -= rejected[stage]
         steps.append(FunnelStep(stage, left, rejected[stage], left / crawled))
-    return SourceFunnel(source, of.report.title, steps, {"kept": kept, **verdicts})
+    return SourceFunnel(source, of.title, steps, {"kept": kept, **verdicts})

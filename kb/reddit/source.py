@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import SplitResult
 
 from kb.core.source import Source
-from kb.core.source_spec import ReleaseSpec, ReportSpec
+from kb.core.source_spec import ReleaseSpec
 
 if TYPE_CHECKING:
     from kb.artifacts.purge import PurgeRules
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from kb.mcp.read_tool import AgentDocument
     from kb.mcp.references import SourceLocation
     from kb.reader.open_tables import OpenTables
+    from kb.report.figures import FigureMaker
     from kb.search.passage import Passage
     from kb.store.state.frontier import Frontier
 
@@ -57,15 +58,11 @@ class Reddit(Source):
         gaps=("kb.release.metadata.gaps:threads", "kb.release.metadata.gaps:unread"),
         ids_only=True,
     )
-    report = ReportSpec(
-        title="Reddit",
-        tables=("reddit/posts", "reddit/comments"),
-        hint="run `kb reddit crawl` or `kb reddit import FILE`, then `kb reddit filter`",
-        figures="kb.report.sources:REDDIT",
-        samples={"reddit/posts": ("title", "type", "score", "num_comments", "created_utc")},
-        only="only threads",
-        color="blue",
-    )
+    title = "Reddit"
+    shown = ("reddit/posts", "reddit/comments")
+    hint = "run `kb reddit crawl` or `kb reddit import FILE`, then `kb reddit filter`"
+    sampled = {"reddit/posts": ("title", "type", "score", "num_comments", "created_utc")}
+    only = "only threads"
     ref = "reddit:POST/COMMENT"
     mark = "/"
     hosts = (".reddit.com",)
@@ -128,6 +125,11 @@ class Reddit(Source):
 
     def address(self, key: str) -> str:
         return f"https://www.reddit.com/comments/{key}/"
+
+    def figures(self) -> Sequence[FigureMaker]:
+        from kb.reddit.report import FIGURES
+
+        return FIGURES
 
     def writers(self) -> Mapping[str, Writer]:
         from kb.export import convokit, minedojo

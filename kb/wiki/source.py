@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import SplitResult, urlunsplit
 
 from kb.core.source import Source
-from kb.core.source_spec import ReleaseSpec, ReportSpec
+from kb.core.source_spec import ReleaseSpec
 
 if TYPE_CHECKING:
     from kb.artifacts.purge import PurgeRules
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from kb.mcp.read_tool import AgentDocument
     from kb.mcp.references import SourceLocation
     from kb.reader.open_tables import OpenTables
+    from kb.report.figures import FigureMaker
     from kb.search.passage import Passage
     from kb.store.state.frontier import Frontier
 
@@ -59,17 +60,11 @@ class Wiki(Source):
         origin="{url}",
         extra="wiki",
     )
-    report = ReportSpec(
-        title="Wiki",
-        tables=("wiki/pages", "wiki/elements", "wiki/images"),
-        hint="run `kb wiki crawl`, then `kb wiki filter`",
-        figures="kb.report.sources:WIKI",
-        samples={
-            "wiki/pages": ("title", "word_count", "page_width", "page_height", "license", "url")
-        },
-        only="only the wiki",
-        color="green",
-    )
+    title = "Wiki"
+    shown = ("wiki/pages", "wiki/elements", "wiki/images")
+    hint = "run `kb wiki crawl`, then `kb wiki filter`"
+    sampled = {"wiki/pages": ("title", "word_count", "page_width", "page_height", "license", "url")}
+    only = "only the wiki"
     ref = "wiki:PAGE#Section"
     dated = ("revision_timestamp", "last edited")
     annotate_help = "Score the text of crawled wiki pages."
@@ -118,6 +113,11 @@ class Wiki(Source):
         """The URL of the page, without its revision, and the section."""
         kept = "&".join(one for one in url.query.split("&") if not one.startswith("oldid="))
         return urlunsplit(url._replace(query=kept, fragment="")), url.fragment
+
+    def figures(self) -> Sequence[FigureMaker]:
+        from kb.wiki.report import FIGURES
+
+        return FIGURES
 
     def writers(self) -> Mapping[str, Writer]:
         from kb.export import minedojo_wiki, wiki_tar

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import SplitResult, parse_qs
 
 from kb.core.source import Source
-from kb.core.source_spec import ReleaseSpec, ReportSpec
+from kb.core.source_spec import ReleaseSpec
 
 if TYPE_CHECKING:
     from kb.artifacts.purge import PurgeRules
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from kb.mcp.read_tool import AgentDocument
     from kb.mcp.references import SourceLocation
     from kb.reader.open_tables import OpenTables
+    from kb.report.figures import FigureMaker
     from kb.search.passage import Passage
     from kb.store.state.frontier import Frontier
 
@@ -42,7 +43,7 @@ class YouTube(Source):
     }
     counted = "videos"
     noted = ("channels",)
-    samples = ("second_tracks",)
+    unfiltered = ("second_tracks",)
     refreshed = "refresh"
     restored = True
     linked = ("videos", "transcripts")
@@ -69,21 +70,16 @@ class YouTube(Source):
         scraped=True,
         origin="https://www.youtube.com/",
     )
-    report = ReportSpec(
-        title="YouTube",
-        tables=("youtube/videos",),
-        hint="run `kb youtube crawl`, then `kb youtube filter`",
-        figures="kb.report.sources:YOUTUBE",
-        samples={
-            "youtube/videos": (
-                *("title", "view_count", "like_count", "duration_s", "transcript_kind"),
-                "published_at",
-            )
-        },
-        only="only videos",
-        color="red",
-        units=True,
-    )
+    title = "YouTube"
+    shown = ("youtube/videos",)
+    hint = "run `kb youtube crawl`, then `kb youtube filter`"
+    sampled = {
+        "youtube/videos": (
+            *("title", "view_count", "like_count", "duration_s", "transcript_kind"),
+            "published_at",
+        )
+    }
+    only = "only videos"
     ref = "youtube:VIDEO@61"
     mark = "@"
     hosts = (".youtube.com",)
@@ -143,6 +139,11 @@ class YouTube(Source):
 
     def address(self, key: str) -> str:
         return f"https://www.youtube.com/watch?v={key}"
+
+    def figures(self) -> Sequence[FigureMaker]:
+        from kb.youtube.report import FIGURES
+
+        return FIGURES
 
     def writers(self) -> Mapping[str, Writer]:
         from kb.export import flat_text, minedojo
