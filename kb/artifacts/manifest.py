@@ -73,8 +73,7 @@ class Build:
 def read(root: Path, name: str) -> Manifest | None:
     """The manifest of an artifact; None where it was never made. Raises DamagedData."""
     artifact = ARTIFACTS[name]
-    made: Manifest | None = json_files.read(artifact.manifest(root), Manifest, fix=artifact.hint)
-    return made
+    return json_files.read(artifact.manifest(root), Manifest, fix=artifact.hint)
 
 
 @contextlib.contextmanager

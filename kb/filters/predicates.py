@@ -123,8 +123,7 @@ def malformed(rows: pa.Table, name: str) -> pa.Array[Any]:
     )
     parents = pc.list_parent_indices(problems).filter(hit)
     at = pc.index_in(pa.array(range(rows.num_rows), parents.type), value_set=parents)
-    values: pa.Array[Any] = entries.field("value").filter(hit).take(at)
-    return values
+    return entries.field("value").filter(hit).take(at)
 
 
 def column(rows: pa.Table, name: str) -> pa.Array[Any]:
@@ -216,10 +215,7 @@ class RatioAtLeast(Predicate):
         """The ratio; null unless both are positive."""
         top, bottom = (_as_double(column(rows, name)) for name in (self.top, self.bottom))
         usable = pc.fill_null(pc.and_(pc.greater(top, 0), pc.greater(bottom, 0)), False)
-        ratio: pa.Array[Any] = pc.if_else(
-            usable, pc.divide(top, pc.if_else(usable, bottom, 1.0)), None
-        )
-        return ratio
+        return pc.if_else(usable, pc.divide(top, pc.if_else(usable, bottom, 1.0)), None)
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`below`, `absent` or `malformed`; the value is the ratio,

@@ -39,8 +39,7 @@ class StageThreshold:
         Null where none is there.
         """
         nearest = pc.min_element_wise if self.at_least else pc.max_element_wise
-        numbers: pa.Array[Any] = nearest(*(part.numbers(rows) for part in self.parts))
-        return numbers
+        return nearest(*(part.numbers(rows) for part in self.parts))
 
 
 def thresholds(stages: Iterable[Predicate]) -> list[StageThreshold]:
@@ -85,8 +84,7 @@ def outcome_of_other_stages(
         judged = _without(predicate, dropped).judge(rows)
         out = pc.and_(pc.is_null(outcome), pc.is_valid(judged.reason))
         outcome = pc.if_else(out, judged.verdict, outcome)
-    decided: pa.Array[Any] = pc.if_else(pc.is_null(outcome), passing, outcome)
-    return decided
+    return pc.if_else(pc.is_null(outcome), passing, outcome)
 
 
 def _without(predicate: Predicate, stage: str) -> Predicate:

@@ -22,7 +22,7 @@ from tests.store.full import SmallDisk
 pytestmark = pytest.mark.crash
 
 FULL = re.compile(
-    r"kb: no space left to write .+: (/\S*) has [\d,]+\.\d MB( and no more files)? free"
+    r"kb: (\w+: )?no space left to write .+: (/\S*) has [\d,]+\.\d MB( and no more files)? free"
 )
 ENOUGH = 1 << 28
 WAYS = {  # how much is left, most first

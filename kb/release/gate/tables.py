@@ -104,8 +104,7 @@ def _array(values: list[Any], kind: pa.DataType) -> pa.Array[Any]:
     """JSON values in a column's type; times are ISO 8601."""
     if pa.types.is_timestamp(kind):
         values = [None if one is None else datetime.fromisoformat(one) for one in values]
-    made: pa.Array[Any] = pa.array(values, kind)
-    return made
+    return pa.array(values, kind)
 
 
 def _columns(declared: Table, names: Collection[str], where: str) -> list[GateProblem]:

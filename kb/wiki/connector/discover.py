@@ -69,8 +69,7 @@ def finish_round(frontier: Frontier, root: Path, tag: str) -> None:
 
 
 def _round(frontier: Frontier, cursor: str) -> Round:
-    known: Round = frontier.cursor(cursor, {}, of=Round)
-    return known
+    return frontier.cursor(cursor, {}, of=Round)
 
 
 def unlisted(frontier: Frontier, number: int) -> list[str]:

@@ -84,15 +84,11 @@ def _newer(one: pa.Table, other: pa.Table) -> pa.Array[Any]:
     """Where `one` has views, and is the newer or the other has none."""
     views = pc.is_valid(array_of(one, "view_count"))
     alone = pc.is_null(array_of(other, "view_count"))
-    newer: pa.Array[Any] = pc.and_(views, pc.or_(alone, _is_after(one, other, "counted_at")))
-    return newer
+    return pc.and_(views, pc.or_(alone, _is_after(one, other, "counted_at")))
 
 
 def _is_after(one: pa.Table, other: pa.Table, when: str) -> pa.Array[Any]:
-    after: pa.Array[Any] = pc.fill_null(
-        pc.greater(array_of(one, when), array_of(other, when)), False
-    )
-    return after
+    return pc.fill_null(pc.greater(array_of(one, when), array_of(other, when)), False)
 
 
 def _stamped(rows: pa.Table) -> pa.Table:

@@ -40,8 +40,7 @@ def view_rule(rows: pa.Table) -> pa.Array[Any]:
         pc.greater_equal(read, _moment(_ALL_VIDEOS)),
         pc.and_(_is_short(rows), pc.greater_equal(read, _moment(_SHORTS))),
     )
-    rule: pa.Array[Any] = pc.if_else(since_start, PLAYBACK_START, WATCH_TIME)
-    return rule
+    return pc.if_else(since_start, PLAYBACK_START, WATCH_TIME)
 
 
 def _is_short(rows: pa.Table) -> pa.Array[Any]:
@@ -52,8 +51,7 @@ def _is_short(rows: pa.Table) -> pa.Array[Any]:
     longest = pc.if_else(late, _LONG_SHORT_S, _SHORT_S)
     upright = pc.less_equal(array_of(rows, "width"), array_of(rows, "height"))
     brief = pc.less_equal(array_of(rows, "duration_s"), longest)
-    short: pa.Array[Any] = pc.fill_null(pc.and_(upright, brief), False)
-    return short
+    return pc.fill_null(pc.and_(upright, brief), False)
 
 
 def kept_counts(clean: Path) -> dict[str, dict[str, int]]:
