@@ -12,7 +12,7 @@ from kb.artifacts.purge_raw import over_segments
 from kb.artifacts.purge_rows import RowLocation, location_of
 from kb.store.layout import BELOW
 from kb.store.rawlog import rawlog
-from kb.youtube.connector import reduce
+from kb.youtube.crawl import reduce
 from kb.youtube.parse.channels import CHANNEL, KINDS, LISTS, UPLOADS, mark, theirs
 
 TABLES = (

@@ -5,8 +5,8 @@ from kb.artifacts.purge import Purge, PurgeRules
 from kb.artifacts.purge_rows import RowLocation, location_of, shared_locations
 from kb.store.layout import BELOW, Layout
 from kb.youtube import channels
-from kb.youtube.connector.ids import RULES as IDS
-from kb.youtube.connector.reduce import (
+from kb.youtube.crawl.ids import RULES as IDS
+from kb.youtube.crawl.reduce import (
     CHANNELS,
     RAW_SECOND_TRACKS,
     RAW_STATISTICS,
@@ -19,7 +19,7 @@ from kb.youtube.connector.reduce import (
     UPLOADS,
     VIDEOS,
 )
-from kb.youtube.connector.refresh import newest
+from kb.youtube.crawl.refresh import newest
 from kb.youtube.parse.channels import CHANNEL
 
 

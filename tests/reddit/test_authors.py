@@ -12,7 +12,7 @@ from kb.core.config import pipeline
 from kb.core.errors import SettingError
 from kb.reddit import authors
 from kb.reddit.authors import name_of
-from kb.reddit.connector.importer import import_dumps
+from kb.reddit.crawl.importer import import_dumps
 from kb.reddit.parse.anonymize import Scrubber, keyed, load_key
 from kb.reddit.restore.reconstruct import rebuild
 from kb.sandbox.reddit.subreddit import CASES

@@ -24,8 +24,8 @@ from kb.schema.tables import table
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request
 from kb.store.state import tombstones
-from kb.youtube.connector.reduce import RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES
-from kb.youtube.connector.source import YouTubeConnector
+from kb.youtube.crawl.connector import YouTubeConnector
+from kb.youtube.crawl.reduce import RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES
 from kb.youtube.parse.channels import ChannelFilter
 from kb.youtube.ytdlp import files, info, subtitles
 
