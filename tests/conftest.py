@@ -84,16 +84,40 @@ LONG = (
     "youtube/connector/test_refresh.py",
 )
 
+# Files whose tests have the mark `smoke`: what may differ on another Python, in less than a minute.
+# `.ci/others` runs them after the demo. They read nothing outside the clone, and need no torch.
+SMOKE = (
+    "cli/framework/test_exit_codes.py",
+    "clips/test_build.py",
+    "core/test_engine.py",
+    "core/test_signals.py",
+    "filters/test_predicates.py",
+    "mcp/test_search_tool.py",
+    "net/test_retry.py",
+    "net/test_session.py",
+    "pairs/test_clip_tokens.py",
+    "pairs/test_matching.py",
+    "query/test_execute.py",
+    "reddit/dumps/test_containers.py",
+    "schema/test_tables.py",
+    "store/rawlog/test_rawlog.py",
+    "store/state/test_sqlite.py",
+    "youtube/parse/test_answers.py",
+)
+
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests of long files, before `-m` chooses; put these and the slow kinds first, as a
-    worker that took one last would leave the others idle.
+    """Mark the tests of files named above, before `-m` chooses; put the long ones and the slow
+    kinds first, as a worker that took one last would leave the others idle.
     """
+    smoke = {ROOT / "tests" / name for name in SMOKE}
     long = {ROOT / "tests" / name: place for place, name in enumerate(LONG)}
     for item in items:
         if item.path in long:
             item.add_marker("slow")
+        if item.path in smoke:
+            item.add_marker("smoke")
     slow = {item.path for item in items if any(item.get_closest_marker(name) for name in SLOW)}
     items.sort(key=lambda item: (long.get(item.path, len(LONG)), item.path not in slow))
 

@@ -51,9 +51,7 @@ def here(
             for name, value in (env or {}).items():
                 patch.setenv(name, value)
             try:
-                code = run_to_exit_code(
-                    lambda: app(args=list(words), prog_name="kb", standalone_mode=False)
-                )
+                code = run_to_exit_code(app, list(words))
             finally:
                 logger.handlers[:] = handlers
                 logger.setLevel(level)

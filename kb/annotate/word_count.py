@@ -22,5 +22,4 @@ def word_count_of_lists(lists: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Array
     lengths = pc.fill_null(pc.list_value_length(lists), 0).cast(pa.int64())
     ends = pc.cumulative_sum(lengths)
     counts = pc.subtract(totals.take(ends), totals.take(pc.subtract(ends, lengths)))
-    result: pa.Array[Any] = pc.if_else(pc.is_valid(lists), counts, pa.scalar(None, pa.int64()))
-    return result
+    return pc.if_else(pc.is_valid(lists), counts, pa.scalar(None, pa.int64()))

@@ -12,9 +12,6 @@ A command that makes an artifact (kb.store.artifact_registry) writes it with `re
 The folder then takes the old one's place in one step. Whoever reads it asks `read` for the figures,
 `rows` for the files of a table, `is_current` whether its inputs have changed, `verify` whether the
 bytes are those that were written. A command that changes files in place does so within `editing`.
-
-Data roots of older versions have no manifests. For those `read` returns one that is built in memory
-from the notes of that time; its digests are those of the notes, or unknown.
 """
 
 import contextlib
@@ -32,10 +29,9 @@ from typing import Any
 import msgspec
 import pyarrow.parquet as pq
 
-from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES
 from kb.store import damage
-from kb.store.artifact_registry import ARTIFACTS, MANIFEST, Artifact, artifact_of, of_table
+from kb.store.artifact_registry import ARTIFACTS, MANIFEST, artifact_of, of_table
 from kb.store.atomic import replacing_folder, write_bytes
 from kb.store.layout import Layout, parquet_files, rows_pattern
 from kb.store.rawlog import rawlog
@@ -44,7 +40,6 @@ from kb.store.tables import checksums
 from kb.store.tables.checksums import FileEntry
 from kb.store.tables.parquet import content_digest
 
-SUMMARY = "_summary.json"  # the figures of pairs and links in data roots of older versions
 _SHARD = re.compile(r"(.+)-(\d{5})-of-(\d{5})(\.[a-z]+)")
 _THREADS = 4  # files that are hashed at a time
 
@@ -53,7 +48,7 @@ class Manifest(msgspec.Struct, frozen=True, omit_defaults=True):
     """What an artifact was made of and what it consists of; `files` by path within its folder.
 
     `inputs` are digests by the name of the input, `rules` the digest of everything else that
-    decides the content. Both are "" or empty where an older version has not noted them.
+    decides the content.
     """
 
     artifact: str
@@ -78,9 +73,7 @@ class Build:
 def read(root: Path, name: str) -> Manifest | None:
     """The manifest of an artifact; None where it was never made. Raises DamagedData."""
     artifact = ARTIFACTS[name]
-    place = artifact.manifest(root)
-    loaded: Manifest | None = json_files.read(place, Manifest, fix=artifact.hint)
-    return _from_older_notes(root, artifact) if loaded is None else loaded
+    return json_files.read(artifact.manifest(root), Manifest, fix=artifact.hint)
 
 
 @contextlib.contextmanager
@@ -244,14 +237,9 @@ def inputs(
 
 
 def is_current(root: Path, name: str) -> bool:
-    """Whether an artifact was made from the inputs that are there now; true where an older version
-    has not noted its inputs. Raises DamagedData.
-    """
+    """Whether an artifact was made from the inputs that are there now. Raises DamagedData."""
     manifest = read(root, name)
-    if manifest is None:
-        return False
-    known = {one: digest for one, digest in manifest.inputs.items() if digest}
-    return not known or known.items() <= inputs(root, name).items()
+    return manifest is not None and manifest.inputs.items() <= inputs(root, name).items()
 
 
 def note_inputs(root: Path, name: str) -> None:
@@ -281,7 +269,7 @@ def _digest_of_raw(root: Path, source: str) -> str:
     """A digest of the names and sizes of all raw files that a filter reads: segments only grow, and
     each other file is named by its content.
     """
-    top, samples = Layout(root).raw(source), SOURCES[source].samples
+    top, samples = Layout(root).raw(source), SOURCES[source].unfiltered
     return _digest(
         f"{os.path.relpath(file, top).removesuffix(rawlog.OPEN.removeprefix(rawlog.SUFFIX))}"
         f" {file.stat().st_size}"
@@ -301,44 +289,3 @@ def _files(folder: Path) -> list[Path]:
         for one in sorted(folder.rglob("*"))
         if one.is_file() and one.name != MANIFEST and not one.name.startswith(".")
     ]
-
-
-def _from_older_notes(root: Path, artifact: Artifact) -> Manifest | None:
-    """What the notes of older versions say of an artifact:
-
-    clean/<source>/files.json, inputs.json     the files by table; the digest of raw/<source>
-    state/release-<name>.exported              the digest of the clean tables
-    pairs/_summary.json, links/_summary.json   the figures, and that every table has a file
-    """
-    folder = artifact.folder(root)
-    kind, _, source = artifact.name.partition("/")
-    files: dict[str, FileEntry] = {}
-    inputs: dict[str, str] = {}
-    figures: dict[str, Any] = {}
-    if kind == "clean":
-        named: dict[str, list[str]] | None
-        named = json_files.read(folder / "files.json", dict[str, list[str]], fix=artifact.hint)
-        if named is None and not (folder / "summary.json").is_file():
-            return None
-        for table, names in (named or {}).items():
-            files.update({f"{table}/{one}": FileEntry() for one in names})
-        with contextlib.suppress(DamagedData):
-            noted = json_files.read(folder / "inputs.json", dict[str, str], fix="") or {}
-            inputs[f"raw/{source}"] = noted.get("raw", "")
-    elif kind == "release":
-        place = Layout(root).state_folder() / f"release-{source}.exported"
-        if not place.is_file():
-            return None
-        inputs = {artifact.inputs[0]: place.read_text(encoding="utf-8", errors="replace")}
-    elif artifact.name in ("pairs", "links"):
-        summary = json_files.read(folder / SUMMARY, dict[str, Any], fix=artifact.hint)
-        if summary is None:
-            return None
-        figures = summary
-        for table in artifact.tables:
-            there = [one.name for one in Layout(root).rows(table)]
-            for name in there or [f"{table.partition('/')[2]}-00000-of-00001.parquet"]:
-                files[name] = FileEntry()
-    else:
-        return None
-    return Manifest(artifact.name, artifact.command, inputs=inputs, files=files, figures=figures)

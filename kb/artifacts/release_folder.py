@@ -21,15 +21,13 @@ import pyarrow as pa
 
 from kb.artifacts import manifest
 from kb.core.installation import PROFILE_FILE
-from kb.core.sources import RELEASES
+from kb.core.sources import PUBLISHED
 from kb.schema.tables import Table, released_tables, table, tables
 from kb.store.artifact_registry import SUMS
 from kb.store.damage import DOWNLOAD, opening
-from kb.store.tables import parquet
 from kb.store.tables.checksums import parsed
 
 TOMBSTONES = "tombstones.ndjson"  # readers of `*.parquet` took a Parquet file for a shard
-EARLIER_TOMBSTONES = "tombstones.parquet"  # of earlier releases
 INDEX = "index.ndjson"
 _SHARD = re.compile(r"([a-z][a-z0-9_]*)-[0-9]{5}-of-[0-9]{5}\.parquet")
 _ARCHIVE = re.compile(r"(screenshots|images)-\d{5}-of-\d{5}\.tar")
@@ -72,8 +70,8 @@ class ReleaseFolder:
     @property
     def tombstones(self) -> Path | None:
         """The list of keys that were removed since collection began."""
-        places = (self.path / name for name in (TOMBSTONES, EARLIER_TOMBSTONES))
-        return next((path for path in places if path.is_file()), None)
+        path = self.path / TOMBSTONES
+        return path if path.is_file() else None
 
     def removed(self) -> set[str]:
         """The removed keys. Raises DamagedData."""
@@ -123,15 +121,13 @@ def read(folder: Path, source: str) -> ReleaseFolder:
     others = tuple(
         file
         for file in own
-        if RELEASES[source].archives and (file.name == INDEX or _ARCHIVE.fullmatch(file.name))
+        if PUBLISHED[source].archives and (file.name == INDEX or _ARCHIVE.fullmatch(file.name))
     )
     return ReleaseFolder(source, folder, parts, others)
 
 
 def read_tombstones(path: Path) -> pa.Table:
     """The rows of a folder's tombstones, as shared/tombstones declares them. Raises DamagedData."""
-    if path.suffix == ".parquet":
-        return parquet.read_table(path)
     with opening(path):
         return parse_tombstones(path.read_bytes(), path)
 

@@ -68,8 +68,6 @@ class PartedBuild:
         known = self.known()
         if known is None or not known.figures.get("complete", True):
             return False
-        if not known.rules:
-            self._run.progress.say(f"{self._name} are from an older version; making them again")
         if (known.inputs, known.rules) != (self._inputs, self._rules):
             return False
         manifest.check_complete(self.root, self._name)

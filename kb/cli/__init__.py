@@ -22,8 +22,7 @@ def main(arguments: list[str] | None = None) -> None:
         from kb.cli.app import app
         from kb.cli.framework.exit_codes import run_to_exit_code
 
-        words = {"args": arguments, "prog_name": "kb", "standalone_mode": False}
-        sys.exit(run_to_exit_code(lambda: app(**words)))
+        sys.exit(run_to_exit_code(app, arguments))
 
 
 def _leave(number: int, frame: object) -> None:

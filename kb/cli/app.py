@@ -1,90 +1,105 @@
 """The command tree of `kb`. A command's module is imported only when the command is named."""
 
 import functools
-import importlib
 from collections.abc import Iterator, Sequence
-from types import ModuleType
 from typing import Annotated, Any
 
 import typer
 import typer.core
-import typer.main
 
 from kb import __version__
+from kb.cli.framework import messages
 from kb.cli.framework.usage_errors import refuse_unknown
 from kb.core.sources import SOURCES
 
-DEFAULT = "kb.cli.framework.source_commands"  # of sources without commands of their own
-
-_COMMANDS = "kb.cli.commands."
-_OWN = {name: f"{_COMMANDS}sources.{name}" for name in ("youtube", "wiki", "reddit")}
-# name -> (module, one line for `kb --help`). The module has a typer app of one or several commands,
-# `app` unless another name follows a colon.
+# name -> one line for `kb --help`
 TREE = {
-    **{name: (_OWN.get(name, DEFAULT), source.help) for name, source in SOURCES.items()},
-    **{
-        name: (_COMMANDS + module, line)
-        for name, module, line in (
-            (
-                "restore",
-                "restore",
-                "Restore the content of a downloaded release with your own keys.",
-            ),
-            ("models", "toxicity:models_app", "Download the toxicity model."),
-            ("annotate", "toxicity:annotate_app", "Score text for toxicity."),
-            ("pairs", "pairs", "Make keyword-matched video-text pairs."),
-            ("tasks", "tasks", "Mine candidates for creative tasks from titles of videos."),
-            ("clips", "clips", "Cut the clips of pairs out of your own video files."),
-            ("label", "label", "Let people judge a sample in Label Studio."),
-            ("links", "links", "Find which videos, wiki pages and threads mention which entities."),
-            ("release", "release", "Check, describe and publish release/."),
-            ("report", "report", "Make figures and one HTML page about the collected data."),
-            ("status", "status.command", "Show progress, quota, age of the data and what is left."),
-            ("verify", "verify", "Find damaged, missing and foreign files; repair them."),
-            ("profile", "profile.command", "Make and check the profile of a new domain."),
-            ("index", "search:index_app", "Build the local search index."),
-            ("search", "search:search_app", "Search transcripts, wiki pages and threads."),
-            (
-                "mcp",
-                "search:mcp_app",
-                "Serve search and tables to agents (Model Context Protocol).",
-            ),
-            ("query", "query", "Run SQL over the tables with DuckDB."),
-            (
-                "explore",
-                "explore",
-                "Look at rows, stages and pairs in a browser, on this machine.",
-            ),
-            (
-                "refresh",
-                "sources.refresh",
-                "Re-read data that the services' terms require fresh.",
-            ),
-            (
-                "purge",
-                "sources.purge",
-                "Remove content that was deleted at its source or is named.",
-            ),
-            ("sandbox", "sandbox", "Serve invented YouTube, wiki and Reddit on this machine."),
-            ("demo", "demo", "Run the whole job on the sandbox in minutes: no key, no network."),
-        )
-    },
+    **{name: source.help for name, source in SOURCES.items()},
+    "restore": "Restore the content of a downloaded release with your own keys.",
+    "models": "Download the toxicity model.",
+    "annotate": "Score text for toxicity.",
+    "pairs": "Make keyword-matched video-text pairs.",
+    "tasks": "Mine candidates for creative tasks from titles of videos.",
+    "clips": "Cut the clips of pairs out of your own video files.",
+    "label": "Let people judge a sample in Label Studio.",
+    "links": "Find which videos, wiki pages and threads mention which entities.",
+    "release": "Check, describe and publish release/.",
+    "report": "Make figures and one HTML page about the collected data.",
+    "status": "Show progress, quota, age of the data and what is left.",
+    "verify": "Find damaged, missing and foreign files; repair them.",
+    "profile": "Make and check the profile of a new domain.",
+    "index": "Build the local search index.",
+    "search": "Search transcripts, wiki pages and threads.",
+    "mcp": "Serve search and tables to agents (Model Context Protocol).",
+    "query": "Run SQL over the tables with DuckDB.",
+    "explore": "Look at rows, stages and pairs in a browser, on this machine.",
+    "refresh": "Re-read data that the services' terms require fresh.",
+    "purge": "Remove content that was deleted at its source or is named.",
+    "sandbox": "Serve invented YouTube, wiki and Reddit on this machine.",
+    "demo": "Run the whole job on the sandbox in minutes: no key, no network.",
 }
 CONTEXT: dict[str, Any] = {"help_option_names": ["--help", "-h"]}  # groups inherit it
 
 
-def command_module(name: str) -> ModuleType:
-    """The module that declares a name in TREE."""
-    return importlib.import_module(TREE[name][0].partition(":")[0])
-
-
 @functools.cache
-def _loaded(name: str) -> Any:
+def _loaded(name: str) -> Any:  # noqa: PLR0915  a list of imports
     """The click command of a name in TREE. Imports its module."""
-    module = command_module(name)
-    attribute = TREE[name][0].partition(":")[2] or "app"
-    app = module.app_of(name) if module.__name__ == DEFAULT else getattr(module, attribute)
-    command = typer.main.get_command(app)
+    match name:
+        case "youtube":
+            from kb.cli.commands.sources.youtube import app
+        case "wiki":
+            from kb.cli.commands.sources.wiki import app
+        case "reddit":
+            from kb.cli.commands.sources.reddit import app
+        case "restore":
+            from kb.cli.commands.restore import app
+        case "models":
+            from kb.cli.commands.toxicity import models_app as app
+        case "annotate":
+            from kb.cli.commands.toxicity import annotate_app as app
+        case "pairs":
+            from kb.cli.commands.pairs import app
+        case "tasks":
+            from kb.cli.commands.tasks import app
+        case "clips":
+            from kb.cli.commands.clips import app
+        case "label":
+            from kb.cli.commands.label import app
+        case "links":
+            from kb.cli.commands.links import app
+        case "release":
+            from kb.cli.commands.release import app
+        case "report":
+            from kb.cli.commands.report import app
+        case "status":
+            from kb.cli.commands.status.command import app
+        case "verify":
+            from kb.cli.commands.verify import app
+        case "profile":
+            from kb.cli.commands.profile.command import app
+        case "index":
+            from kb.cli.commands.search import index_app as app
+        case "search":
+            from kb.cli.commands.search import search_app as app
+        case "mcp":
+            from kb.cli.commands.search import mcp_app as app
+        case "query":
+            from kb.cli.commands.query import app
+        case "explore":
+            from kb.cli.commands.explore import app
+        case "refresh":
+            from kb.cli.commands.sources.refresh import app
+        case "purge":
+            from kb.cli.commands.sources.purge import app
+        case "sandbox":
+            from kb.cli.commands.sandbox import app
+        case "demo":
+            from kb.cli.commands.demo import app
+        case _:
+            from kb.cli.framework.source_commands import app_of
+
+            app = app_of(name)
+    command: Any = app.commands.get(name, app)  # `kb report` is the only command of its group
     command.name = name
     return command
 
@@ -110,6 +125,9 @@ def find_command(words: Sequence[str]) -> Any | None:
         return None
     known = dict(_leaves_of(words[0]))
     return known.get(" ".join(words[:2])) or known.get(words[0])
+
+
+messages.set_finder(find_command)
 
 
 def context(path: str, command: Any) -> Any:
@@ -144,7 +162,7 @@ class Tree(typer.core.TyperGroup):
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """The list of `kb --help`, without importing what it lists."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line) in TREE.items()])
+            formatter.write_dl(list(TREE.items()))
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
         """Where to start."""

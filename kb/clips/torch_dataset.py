@@ -124,8 +124,7 @@ class ClipDataset:
         count = self._rows.num_rows
         keys = np.repeat(video_keys(self.seed, [f"epoch {self.epoch}"]), count)
         drawn = bits(keys, np.arange(count), "rank")
-        order: list[int] = np.argsort(drawn, kind="stable").tolist()
-        return order
+        return np.argsort(drawn, kind="stable").tolist()
 
     @cached_property
     def _digest(self) -> str:
@@ -143,8 +142,7 @@ def torch_dataset(
 
     Raises UsageError as ClipDataset does.
     """
-    made: ClipDataset = _torch_class()(rows, source, seed=seed, rank=rank, world_size=world_size)
-    return made
+    return _torch_class()(rows, source, seed=seed, rank=rank, world_size=world_size)
 
 
 @cache

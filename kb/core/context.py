@@ -1,12 +1,18 @@
 """What one command run carries: settings, profile, data root, options and where progress goes."""
 
+from __future__ import annotations
+
 import os
 from dataclasses import dataclass, field
-from pathlib import Path
+from typing import TYPE_CHECKING
 
-from kb.core.config.profile import Profile
-from kb.core.config.settings import Settings
 from kb.core.progress import Progress, Silent
+
+if TYPE_CHECKING:  # commands name the Run in their signatures; `kb --help` loads no pydantic
+    from pathlib import Path
+
+    from kb.core.config.profile import Profile
+    from kb.core.config.settings import Settings
 
 
 def default_workers() -> int:

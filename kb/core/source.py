@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from urllib.parse import SplitResult
 
 from kb.core.errors import UsageError
+from kb.core.publication import Publication
 
 if TYPE_CHECKING:
     from kb.artifacts.purge import PurgeRules
@@ -22,9 +23,7 @@ if TYPE_CHECKING:
     from kb.core.config.profile.base import Section
     from kb.core.config.profile.check_finding import OnlineAnswer, QuestionCost
     from kb.core.context import Run
-    from kb.core.source_spec import ReleaseSpec, ReportSpec
     from kb.crawl.connector import Connector
-    from kb.export.layouts import Writer
     from kb.links.texts import TextPart
     from kb.mcp.read_tool import AgentDocument
     from kb.mcp.references import SourceLocation
@@ -33,11 +32,9 @@ if TYPE_CHECKING:
     from kb.store.state.frontier import Frontier
 
 
-class Source(ABC):
-    """One source of Lorecrawl, to inherit from."""
-
-    name: ClassVar[str]
-    """The folders raw/<name>, clean/<name> … and the group of its commands."""
+class Source(Publication, ABC):
+    """One source of Lorecrawl, to inherit from. `name` is also that of raw/<name>, clean/<name> …
+    and of the group of its commands."""
 
     help: ClassVar[str]
     """One line for `kb --help`."""
@@ -51,13 +48,13 @@ class Source(ABC):
     counted: ClassVar[str]
     """The noun of what a crawl counts."""
 
-    release: ClassVar[ReleaseSpec]
-    report: ClassVar[ReportSpec]
+    only: ClassVar[str] = ""
+    """Who knows what no other source names: "only videos"."""
 
     noted: ClassVar[tuple[str, ...]] = ()
     """Kinds of the frontier that are never fetched."""
 
-    samples: ClassVar[tuple[str, ...]] = ()
+    unfiltered: ClassVar[tuple[str, ...]] = ()
     """Raw kinds that no filter reads: samples that measures compare."""
 
     files: ClassVar[tuple[str, ...]] = ()
@@ -77,9 +74,6 @@ class Source(ABC):
 
     indexed: ClassVar[tuple[str, ...]] = ()
     """Tables that passages are made of."""
-
-    exports: ClassVar[tuple[str, ...]] = ()
-    """Files and folders that formats besides Parquet write below export/."""
 
     ref: ClassVar[str] = ""
     """An example of a reference to a place in it; "" when `read` shows nothing of it."""
@@ -140,10 +134,6 @@ class Source(ABC):
         """What `kb search` indexes."""
         return iter(())
 
-    def writers(self) -> Mapping[str, Writer]:
-        """The writers of the export formats, and of Parquet where tables are not all of it."""
-        return {}
-
     def purge_rules(self) -> PurgeRules:
         """The rules of `kb purge`; by default items are removed by name only."""
         from kb.crawl.purge import rules_by_name
@@ -174,11 +164,6 @@ class Source(ABC):
     def folder(self) -> Path:
         """The folder of its package."""
         return Path(str(sys.modules[type(self).__module__].__file__)).parent
-
-    @property
-    def formats(self) -> list[str]:
-        """The export formats besides Parquet."""
-        return list(dict.fromkeys(place.partition("/")[0] for place in self.exports))
 
     @classmethod
     def noun(cls, kind: str) -> str:

@@ -157,7 +157,7 @@ def _columns(asked: RowsQuery, kinds: Mapping[str, str]) -> list[str]:
     """
     if asked.verdict != _KEPT:
         return [name for name in kinds if name != "number"]
-    samples = SOURCES[asked.source].report.samples.get(f"{asked.source}/{asked.table}", ())
+    samples = SOURCES[asked.source].sampled.get(f"{asked.source}/{asked.table}", ())
     key = next(iter(kinds))
     chosen = [key, *(name for name in samples if name in kinds and name != key)]
     return chosen if len(chosen) > 1 else [*kinds][:12]

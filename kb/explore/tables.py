@@ -59,8 +59,7 @@ class CurrentTables:
         """The result of a query over one table, which it calls {table}. Raises DamagedData."""
         with self.asked(name) as con:
             query = sql.format(table=self.view(name).full)
-            found: pa.Table = con.sql(query, params=list(parameters)).to_arrow_table()
-            return found
+            return con.sql(query, params=list(parameters)).to_arrow_table()
 
 
 def quoted(column: str) -> str:

@@ -16,6 +16,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.types as kinds
 
+from kb.store.tables.columns import column
+
 SCORED = "toxicity"  # the stage that looks at scores
 
 
@@ -123,15 +125,7 @@ def malformed(rows: pa.Table, name: str) -> pa.Array[Any]:
     )
     parents = pc.list_parent_indices(problems).filter(hit)
     at = pc.index_in(pa.array(range(rows.num_rows), parents.type), value_set=parents)
-    values: pa.Array[Any] = entries.field("value").filter(hit).take(at)
-    return values
-
-
-def column(rows: pa.Table, name: str) -> pa.Array[Any]:
-    """A column as one array."""
-    chunks = rows.column(name)
-    combined = chunks.combine_chunks() if chunks.num_chunks != 1 else chunks.chunk(0)
-    return pa.concat_arrays(combined.chunks) if isinstance(combined, pa.ChunkedArray) else combined
+    return entries.field("value").filter(hit).take(at)
 
 
 def text(values: pa.Array[Any]) -> pa.Array[Any]:
@@ -216,10 +210,7 @@ class RatioAtLeast(Predicate):
         """The ratio; null unless both are positive."""
         top, bottom = (_as_double(column(rows, name)) for name in (self.top, self.bottom))
         usable = pc.fill_null(pc.and_(pc.greater(top, 0), pc.greater(bottom, 0)), False)
-        ratio: pa.Array[Any] = pc.if_else(
-            usable, pc.divide(top, pc.if_else(usable, bottom, 1.0)), None
-        )
-        return ratio
+        return pc.if_else(usable, pc.divide(top, pc.if_else(usable, bottom, 1.0)), None)
 
     def judge(self, rows: pa.Table) -> Judgement:
         """`below`, `absent` or `malformed`; the value is the ratio,

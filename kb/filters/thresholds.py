@@ -15,7 +15,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.filters.predicates import SCORED, Predicate, Threshold, column
+from kb.filters.predicates import SCORED, Predicate, Threshold
+from kb.store.tables.columns import column
 
 UNSCORED = "unscored"  # kept, if the toxicity stage passes texts that have no score yet
 
@@ -39,8 +40,7 @@ class StageThreshold:
         Null where none is there.
         """
         nearest = pc.min_element_wise if self.at_least else pc.max_element_wise
-        numbers: pa.Array[Any] = nearest(*(part.numbers(rows) for part in self.parts))
-        return numbers
+        return nearest(*(part.numbers(rows) for part in self.parts))
 
 
 def thresholds(stages: Iterable[Predicate]) -> list[StageThreshold]:
@@ -85,8 +85,7 @@ def outcome_of_other_stages(
         judged = _without(predicate, dropped).judge(rows)
         out = pc.and_(pc.is_null(outcome), pc.is_valid(judged.reason))
         outcome = pc.if_else(out, judged.verdict, outcome)
-    decided: pa.Array[Any] = pc.if_else(pc.is_null(outcome), passing, outcome)
-    return decided
+    return pc.if_else(pc.is_null(outcome), passing, outcome)
 
 
 def _without(predicate: Predicate, stage: str) -> Predicate:

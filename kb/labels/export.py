@@ -89,8 +89,7 @@ def _drawn(
             FROM drawn JOIN {scan(files)} AS rows ON item_id = {labeling.key} ORDER BY n""",
             params={"seed": str(seed), "sample": sample},
         ).to_arrow_table()
-    rows: list[dict[str, Any]] = found.to_pylist()
-    return rows
+    return found.to_pylist()
 
 
 def _surroundings(

@@ -152,8 +152,7 @@ class PerThread:
             self._held.session = self._make()
             with self._lock:
                 self._all.append(self._held.session)
-        session: HttpSession = self._held.session
-        return session
+        return self._held.session
 
     def close(self) -> None:
         """Close the connections of all threads."""

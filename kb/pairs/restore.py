@@ -2,7 +2,7 @@
 
 A text is cut out of its transcript by the released character positions. It counts when it has the
 released number of tokens; a transcript that was edited since, or in another language, gives no
-text. Releases of earlier versions counted sounds ([Music]) as words of a text.
+text.
 """
 
 from collections.abc import Sequence
@@ -148,11 +148,11 @@ def fill(
                 signals.stop.check()
                 for video, transcript in _wanted(batch, places):
                     for row in places[video]:
-                        for text in _readings(transcript[starts[row] : ends[row]]):
-                            if counter.count(text) + ENDS == tokens[row]:
-                                texts[row] = text
-                                filled += 1
-                                break
+                        spoken = without_sounds(transcript[starts[row] : ends[row]].encode())
+                        text = " ".join(spoken.decode().split())
+                        if counter.count(text) + ENDS == tokens[row]:
+                            texts[row] = text
+                            filled += 1
                         else:
                             differing += 1
                 task.advance(len(batch), filled=filled)
@@ -202,12 +202,6 @@ def _wanted(batch: Text, places: dict[str, list[int]]) -> list[tuple[str, str]]:
         for row, video in enumerate(batch.ids.to_pylist())
         if video in places
     ]
-
-
-def _readings(captions: str) -> list[str]:
-    """A part of a transcript as a text, without its sounds and with them."""
-    spoken = without_sounds(captions.encode()).decode()
-    return [" ".join(text.split()) for text in dict.fromkeys((spoken, captions))]
 
 
 def _write(run: Run, rows: pa.Table, name: str, quality: Sequence[Path]) -> None:

@@ -43,8 +43,7 @@ def bits(keys: np.ndarray, positions: np.ndarray, purpose: str) -> np.ndarray:
 def integers(drawn: np.ndarray, low: np.ndarray | int, high: np.ndarray | int) -> np.ndarray:
     """Bits as integers from `low` to `high`, both included."""
     share = (drawn >> np.uint64(11)).astype(np.float64) * 2.0**-53
-    numbers: np.ndarray = low + np.floor(share * (np.maximum(high, low) - low + 1)).astype(np.int64)
-    return numbers
+    return low + np.floor(share * (np.maximum(high, low) - low + 1)).astype(np.int64)
 
 
 def hexadecimal(drawn: np.ndarray) -> pa.Array[Any]:
@@ -59,8 +58,7 @@ def hexadecimal(drawn: np.ndarray) -> pa.Array[Any]:
 def mixed(value: np.ndarray) -> np.ndarray:
     value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    mixed: np.ndarray = value ^ (value >> np.uint64(31))
-    return mixed
+    return value ^ (value >> np.uint64(31))
 
 
 def supported(

@@ -141,13 +141,11 @@ class Text:
 
     def cue_of(self, places: np.ndarray) -> np.ndarray:
         """The cue that holds each byte."""
-        cues: np.ndarray = np.searchsorted(self.cue_at, places, "right") - 1
-        return cues
+        return np.searchsorted(self.cue_at, places, "right") - 1
 
     def video_of(self, places: np.ndarray) -> np.ndarray:
         """The video that holds each byte."""
-        videos: np.ndarray = np.searchsorted(self.video_at, places, "right") - 1
-        return videos
+        return np.searchsorted(self.video_at, places, "right") - 1
 
     @cached_property
     def codes(self) -> np.ndarray:
@@ -158,8 +156,7 @@ class Text:
     def _inner(self) -> np.ndarray:
         """Where bytes are that continue a character."""
         codes = np.frombuffer(self.given, np.uint8)
-        inner: np.ndarray = np.flatnonzero((codes & 0xC0) == 0x80)
-        return inner
+        return np.flatnonzero((codes & 0xC0) == 0x80)
 
     def characters(self, places: np.ndarray, videos: np.ndarray) -> np.ndarray:
         """Bytes of the batch as characters of their transcript's text."""
@@ -168,8 +165,7 @@ class Text:
         if not len(self._inner):
             return bytes_
         inner = np.searchsorted(self._inner, places) - np.searchsorted(self._inner, begin)
-        characters: np.ndarray = bytes_ - inner
-        return characters
+        return bytes_ - inner
 
     @cached_property
     def words(self) -> np.ndarray:
@@ -179,8 +175,7 @@ class Text:
 
     def before(self, places: np.ndarray) -> np.ndarray:
         """How many words begin before each byte."""
-        numbers: np.ndarray = np.searchsorted(self.words, places)
-        return numbers
+        return np.searchsorted(self.words, places)
 
     def word_of(self, places: np.ndarray) -> np.ndarray:
         """The number of the word that holds each byte."""
@@ -189,8 +184,7 @@ class Text:
     def timed(self, places: np.ndarray) -> np.ndarray:
         """Whether the words that hold these bytes have times of their own."""
         words, (begin, _) = self._word_times
-        timed: np.ndarray = begin[np.searchsorted(words, places, "right") - 1] >= 0
-        return timed
+        return begin[np.searchsorted(words, places, "right") - 1] >= 0
 
     @cached_property
     def _word_times(self) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
@@ -235,8 +229,7 @@ class Text:
         number, first, behind = np.split(self.before(bounds), 3)
         span, count = self.cue_end[cue] - self.cue_start[cue], behind - first
         spoken = np.minimum(number - 1 - first + after, count)
-        times: np.ndarray = self.cue_start[cue] + span * spoken // np.maximum(count, 1)
-        return times
+        return self.cue_start[cue] + span * spoken // np.maximum(count, 1)
 
     @property
     def word_count(self) -> int:
@@ -285,5 +278,4 @@ def _ms(seconds: Any) -> np.ndarray:
     """Seconds as whole ms."""
     values = seconds.cast("float64").fill_null(0).to_numpy(zero_copy_only=False)
     values = np.where(np.isfinite(values) & (np.abs(values) < _FAR), values, 0)
-    ms: np.ndarray = np.rint(np.maximum(values, 0) * 1000).astype(np.int64)
-    return ms
+    return np.rint(np.maximum(values, 0) * 1000).astype(np.int64)

@@ -52,8 +52,7 @@ class OpenTables:
         files = [path for view in used for path in view.files]
         with reading(files), reading_views(used):
             parquet.check(*files)
-            table: pa.Table = self.con.sql(sql, params=list(parameters)).to_arrow_table()
-            return table
+            return self.con.sql(sql, params=list(parameters)).to_arrow_table()
 
     def folders(self) -> list[str]:
         """The folders of the tables."""

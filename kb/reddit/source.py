@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import SplitResult
 
 from kb.core.source import Source
-from kb.core.source_spec import ReleaseSpec, ReportSpec
 
 if TYPE_CHECKING:
+    from duckdb import DuckDBPyConnection
+
     from kb.artifacts.purge import PurgeRules
+    from kb.artifacts.release_folder import ReleaseFolder
     from kb.core.config.profile import Profile
     from kb.core.config.profile.check_finding import OnlineAnswer, QuestionCost
     from kb.core.context import Run
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from kb.mcp.read_tool import AgentDocument
     from kb.mcp.references import SourceLocation
     from kb.reader.open_tables import OpenTables
+    from kb.report.figures import FigureMaker
     from kb.search.passage import Passage
     from kb.store.state.frontier import Frontier
 
@@ -46,26 +49,25 @@ class Reddit(Source):
     linked = ("posts", "comments")
     indexed = ("posts", "comments")
     exports = ("minedojo/reddit.json", "convokit")
-    release = ReleaseSpec(
-        origin="https://www.reddit.com/r/{subreddit}/",
-        main="posts",
-        counted=("posts", "comments"),
-        query="SELECT type, count(*) AS posts, sum(comments_released) AS comments"
-        " FROM reddit_posts GROUP BY ALL ORDER BY posts DESC",
-        stages=("missing", "post", "removed", "nsfw", "score", "toxicity"),
-        rules=("subreddit", "search", "listings", "spans", "min_score"),
-        gaps=("kb.release.metadata.gaps:threads", "kb.release.metadata.gaps:unread"),
-        ids_only=True,
+    main = "posts"
+    query = (
+        "SELECT type, count(*) AS posts, sum(comments_released) AS comments"
+        " FROM reddit_posts GROUP BY ALL ORDER BY posts DESC"
     )
-    report = ReportSpec(
-        title="Reddit",
-        tables=("reddit/posts", "reddit/comments"),
-        hint="run `kb reddit crawl` or `kb reddit import FILE`, then `kb reddit filter`",
-        figures="kb.report.sources:REDDIT",
-        samples={"reddit/posts": ("title", "type", "score", "num_comments", "created_utc")},
-        only="only threads",
-        color="blue",
+    stages = ("missing", "post", "removed", "nsfw", "score", "toxicity")
+    rules = (
+        "reddit.subreddit",
+        "reddit.search",
+        "reddit.listings",
+        "reddit.spans",
+        "reddit.min_score",
     )
+    ids_only = True
+    title = "Reddit"
+    shown = ("reddit/posts", "reddit/comments")
+    hint = "run `kb reddit crawl` or `kb reddit import FILE`, then `kb reddit filter`"
+    sampled = {"reddit/posts": ("title", "type", "score", "num_comments", "created_utc")}
+    only = "only threads"
     ref = "reddit:POST/COMMENT"
     mark = "/"
     hosts = (".reddit.com",)
@@ -128,6 +130,20 @@ class Reddit(Source):
 
     def address(self, key: str) -> str:
         return f"https://www.reddit.com/comments/{key}/"
+
+    def figures(self) -> Sequence[FigureMaker]:
+        from kb.reddit.report import FIGURES
+
+        return FIGURES
+
+    def origin(self, profile: Profile) -> str:
+        section = profile.reddit
+        return f"https://www.reddit.com/r/{section.subreddit}/" if section else ""
+
+    def gaps(self, con: DuckDBPyConnection, folder: ReleaseFolder) -> Iterator[str]:
+        from kb.reddit.card import gaps
+
+        return gaps(con, folder)
 
     def writers(self) -> Mapping[str, Writer]:
         from kb.export import convokit, minedojo

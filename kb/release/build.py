@@ -11,7 +11,6 @@ import pyarrow as pa
 
 from kb.artifacts import domain_binding, manifest
 from kb.artifacts.release_folder import (
-    EARLIER_TOMBSTONES,
     TOMBSTONES,
     ReleaseFolder,
     read,
@@ -174,4 +173,3 @@ def _tombstones(run: Run, folder: ReleaseFolder) -> None:
     parts = [tombstones.read(run.root, source) for source in made_of(folder.source)]
     rows = pa.concat_tables([part.select(declared.names(released=True)) for part in parts])
     write_text(folder.path / TOMBSTONES, tombstone_lines(rows))
-    (folder.path / EARLIER_TOMBSTONES).unlink(missing_ok=True)

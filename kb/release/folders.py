@@ -7,7 +7,6 @@ from pathlib import Path
 
 from kb.artifacts import release_folder
 from kb.artifacts.release_folder import (
-    EARLIER_TOMBSTONES,
     TOMBSTONES,
     ReleaseFolder,
     entries,
@@ -34,7 +33,7 @@ REQUIRED = (
     *("README.md", "DATASHEET.md", "CITATION.cff", "LICENSE", "croissant.json"),
     *(PROFILE_FILE, "provenance.json", DEPOSIT, SUMS),
 )
-OPTIONAL = (TOMBSTONES, EARLIER_TOMBSTONES, "keywords.tsv")
+OPTIONAL = (TOMBSTONES, "keywords.tsv")
 
 
 def in_root(root: Path) -> list[ReleaseFolder]:

@@ -6,9 +6,8 @@ The page needs no other file: images and styles are inside, and there is no scri
 import base64
 import importlib.util
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
 from markupsafe import Markup
@@ -16,17 +15,17 @@ from markupsafe import Markup
 from kb.artifacts import domain_binding
 from kb.artifacts.table_catalog import Catalog, empty
 from kb.core import signals
-from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, MissingExtra, UsageError
 from kb.core.installation import install_extra
-from kb.core.source_spec import ReportSpec, load_name
-from kb.core.sources import SOURCES
+from kb.core.publication import Publication
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.core.summary import Summary
 from kb.core.templates import environment
 from kb.report.data import ReportData
 from kb.report.figure_style import Figure, applied, number
-from kb.report.figures import funnel
+from kb.report.figures import FigureMaker
+from kb.report.services import quota
 from kb.schema import table
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
@@ -94,43 +93,8 @@ def _cell(value: object) -> Markup:
     return Markup("<td{}>{}</td>").format(Markup(" class=text") if len(text) > 24 else "", short)
 
 
-Maker = Callable[[ReportData, "Profile"], "Figure | tuple[Figure, ...] | None"]
 PAGE = "index.html"
-# The sections in the order of the page: sources, what is made from them, and what they were asked.
-SECTIONS: dict[str, ReportSpec] = {
-    **{name: source.report for name, source in SOURCES.items()},
-    "pairs": ReportSpec(
-        title="Video-text pairs",
-        tables=("pairs/pairs",),
-        hint="run `kb pairs` after `kb youtube filter`",
-        figures="kb.report.sources:PAIRS",
-        samples={
-            "pairs/pairs": (
-                *("keyword", "keyword_kind", "text", "token_count", "clip_start_s", "clip_end_s"),
-                "video_id",
-            )
-        },
-    ),
-    "tasks": ReportSpec(
-        title="Tasks",
-        tables=("tasks/tasks", "tasks/titles"),
-        hint="run `kb tasks` after `kb youtube filter`",
-        figures="kb.report.sources:TASKS",
-        samples={"tasks/tasks": ("prompt", "start_s", "end_s", "start_source", "video_id")},
-    ),
-    "links": ReportSpec(
-        title="Entities",
-        tables=("links/entities", "links/links"),
-        hint="run `kb links` after the filters",
-        figures="kb.report.links:FIGURES",
-    ),
-    "services": ReportSpec(
-        title="Services",
-        tables=(),
-        hint="nothing was asked of a service yet",
-        figures="kb.report.services:FIGURES",
-    ),
-}
+SHOWN = [one for one in PUBLISHED.values() if one.shown]
 
 
 def report(run: Run, out: Path | None = None) -> Summary:
@@ -167,13 +131,13 @@ def report_again(run: Run) -> None:
 
 def _report(run: Run, out: Path | None) -> Summary:
     with ReportData(run) as data:
-        if not any(data.files(name) for spec in SECTIONS.values() for name in spec.tables):
+        if not any(data.files(name) for one in SHOWN for name in one.shown):
             raise empty(run.root)
-        sections = [_section(run, data, name) for name in SECTIONS]
+        sections = [*(_section(run, data, one) for one in SHOWN), _services(run, data)]
         cards = [
-            (name.partition("/")[2], data.count(name), spec.title)
-            for spec in SECTIONS.values()
-            for name in spec.tables
+            (name.partition("/")[2], data.count(name), one.title)
+            for one in SHOWN
+            for name in one.shown
             if data.files(name)
         ]
         notes = _notes(run)
@@ -197,21 +161,9 @@ def _report(run: Run, out: Path | None) -> Summary:
     )
 
 
-def _section(run: Run, data: ReportData, source: str) -> ReportSection:
-    spec = SECTIONS[source]
-    section = ReportSection(source, spec.title)
-    todo: Sequence[Maker] = [partial(funnel, name=name) for name in spec.tables]
-    if spec.figures:
-        todo = load_name(spec.figures)
-    with run.progress.task(f"report {source}", total=len(todo), unit="figures") as task:
-        for make in todo:
-            signals.stop.check()
-            with applied():
-                made = make(data, run.profile)
-            if made is not None:
-                section.figures += made if isinstance(made, tuple) else (made,)
-            task.advance()
-    for name, columns in spec.samples.items():
+def _section(run: Run, data: ReportData, of: Publication) -> ReportSection:
+    section = ReportSection(of.name, of.title, _drawn(run, data, of.name, of.figures()))
+    for name, columns in of.sampled.items():
         if run.profile.report.samples and data.count(name):
             rows = data.samples(name, columns, run.profile.report.samples)
             section.samples.append(
@@ -222,9 +174,29 @@ def _section(run: Run, data: ReportData, source: str) -> ReportSection:
                 )
             )
     if not section.figures:
-        what = f"No data of {spec.title} yet" if spec.tables else "No ledger"
-        section.missing.append(f"{what}: {spec.hint}.")
+        section.missing.append(f"No data of {of.title} yet: {of.hint}.")
     return section
+
+
+def _services(run: Run, data: ReportData) -> ReportSection:
+    """What the services were asked."""
+    section = ReportSection("services", "Services", _drawn(run, data, "services", [quota]))
+    if not section.figures:
+        section.missing.append("No ledger: nothing was asked of a service yet.")
+    return section
+
+
+def _drawn(run: Run, data: ReportData, name: str, makers: Sequence[FigureMaker]) -> list[Figure]:
+    figures: list[Figure] = []
+    with run.progress.task(f"report {name}", total=len(makers), unit="figures") as task:
+        for make in makers:
+            signals.stop.check()
+            with applied():
+                made = make(data, run.profile)
+            if made is not None:
+                figures += made if isinstance(made, tuple) else (made,)
+            task.advance()
+    return figures
 
 
 def _head(name: str, column: str) -> str:

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from kb.core.config.profile import Profile
@@ -11,6 +11,9 @@ from kb.report.data import Funnel, ReportData
 from kb.report.figure_style import BLUE, GREEN, GREY, ORANGE, PALE, Figure, canvas, number, saved
 
 _SCORES = [step / 20 for step in range(21)]
+
+
+FigureMaker = Callable[[ReportData, Profile], "Figure | tuple[Figure, ...] | None"]
 
 
 def bar_figure(

@@ -27,7 +27,7 @@ _KNOWN = """
 _NUMBERS = {2: "two", 3: "three", 4: "four", 5: "five"}
 _ALL = _NUMBERS.get(len(SOURCES), str(len(SOURCES)))
 _WHO = {
-    **{name: source.report.only for name, source in SOURCES.items()},
+    **{name: source.only for name, source in SOURCES.items()},
     **{str(n): f"{_NUMBERS.get(n, n)} of the {_ALL}" for n in range(2, len(SOURCES))},
     str(len(SOURCES)): f"all {_ALL}",
 }
@@ -91,6 +91,3 @@ def _named(
     return bar_figure(
         name, title, caption, rows, head=_HEAD, labels=labels, named=10, at=-1, colors=color
     )
-
-
-FIGURES = (most, least, known)

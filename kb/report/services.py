@@ -7,7 +7,7 @@ from kb.report.data import ReportData
 from kb.report.figure_style import BLUE, GREEN, GREY, RED, Figure, canvas, saved
 
 _DAYS = 60  # the last ones, when there are more
-_COLORS = {"red": RED, "blue": BLUE, "green": GREEN}
+_COLORS = {"youtube": RED, "wiki": GREEN, "reddit": BLUE}
 
 
 def quota(data: ReportData, profile: Profile) -> Figure | None:
@@ -18,9 +18,7 @@ def quota(data: ReportData, profile: Profile) -> Figure | None:
     days = sorted({day for _, day, _, _, _ in ledger})[-_DAYS:]
     buckets = sorted({(source, bucket) for source, _, bucket, _, _ in ledger})
     in_units = {  # the others' ledgers count a request as a unit
-        (source, bucket)
-        for source, _, bucket, _, units in ledger
-        if units and source in SOURCES and SOURCES[source].report.units
+        (source, bucket) for source, _, bucket, _, units in ledger if units and source == "youtube"
     }
     rows = [
         (day, _label(source, bucket), units if (source, bucket) in in_units else requests)
@@ -59,8 +57,7 @@ def quota(data: ReportData, profile: Profile) -> Figure | None:
 
 
 def _color(source: str) -> str:
-    color = SOURCES[source].report.color if source in SOURCES else ""
-    return _COLORS.get(color, GREY)
+    return _COLORS.get(source, GREY)
 
 
 def _label(source: str, bucket: str) -> str:
@@ -68,8 +65,5 @@ def _label(source: str, bucket: str) -> str:
 
 
 def _title(source: str, bucket: str) -> str:
-    name = SOURCES[source].report.title if source in SOURCES else source
+    name = SOURCES[source].title if source in SOURCES else source
     return name if bucket in (source, "requests") else f"{name}: {bucket}"
-
-
-FIGURES = (quota,)

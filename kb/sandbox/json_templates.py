@@ -21,8 +21,7 @@ def written(file: str, name: str, values: Mapping[str, Any]) -> Any:
 
 @cache
 def _answers(file: str) -> dict[str, Any]:
-    answers: dict[str, Any] = json.loads((_DATA / file).read_text(encoding="utf-8"))
-    return answers
+    return json.loads((_DATA / file).read_text(encoding="utf-8"))
 
 
 def _filled(part: Any, values: Mapping[str, Any]) -> Any:

@@ -39,8 +39,7 @@ class Type:
             return pa.struct([(name, kind.arrow()) for name, kind in self.fields])
         if self.text.startswith("timestamp"):
             return pa.timestamp("us", tz="UTC")
-        made: pa.DataType = getattr(pa, _PLAIN[self.text][0])()
-        return made
+        return getattr(pa, _PLAIN[self.text][0])()
 
     def croissant(self) -> str:
         """Croissant's data type; of a list that of its items, of a struct text."""

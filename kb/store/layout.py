@@ -55,8 +55,6 @@ def parquet_files(folder: Path, pattern: str = "*.parquet") -> list[Path]:
 
 def rows_pattern(name: str) -> str:
     """How the files of a declared table are named in its folder, which may hold two tables."""
-    if name == "pairs/pairs":
-        return "p*.parquet"  # pairs-…; part-… in roots of an older version
     return f"{name.partition('/')[2]}-*.parquet" if name in _SHARING else "*.parquet"
 
 

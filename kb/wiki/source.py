@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import SplitResult, urlunsplit
 
 from kb.core.source import Source
-from kb.core.source_spec import ReleaseSpec, ReportSpec
 
 if TYPE_CHECKING:
+    from duckdb import DuckDBPyConnection
+
     from kb.artifacts.purge import PurgeRules
+    from kb.artifacts.release_folder import ReleaseFolder
     from kb.core.config.profile import Profile
     from kb.core.config.profile.check_finding import OnlineAnswer, QuestionCost
     from kb.core.context import Run
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from kb.mcp.read_tool import AgentDocument
     from kb.mcp.references import SourceLocation
     from kb.reader.open_tables import OpenTables
+    from kb.report.figures import FigureMaker
     from kb.search.passage import Passage
     from kb.store.state.frontier import Frontier
 
@@ -44,32 +47,30 @@ class Wiki(Source):
     linked = ("pages", "elements")
     indexed = ("pages", "elements", "cells", "images")
     exports = ("minedojo/wiki_full", "minedojo/wiki_samples")
-    release = ReleaseSpec(
-        main="pages",
-        query="SELECT kind, region, count(*) AS elements FROM wiki_elements WHERE visible"
-        " GROUP BY ALL ORDER BY elements DESC",
-        stages=("missing", "robots", "render", "words", "toxicity"),
-        rules=("url", "namespaces", "min_words", "max_page_height", "max_elements"),
-        gaps=("kb.release.metadata.gaps:large_screenshots",),
-        archives=("screenshots", "images"),
-        paths=(("pages", "screenshot_path"), ("images", "path")),
-        licensed=("pages", "images"),
-        licence="",
-        scraped=True,
-        origin="{url}",
-        extra="wiki",
+    main = "pages"
+    query = (
+        "SELECT kind, region, count(*) AS elements FROM wiki_elements WHERE visible"
+        " GROUP BY ALL ORDER BY elements DESC"
     )
-    report = ReportSpec(
-        title="Wiki",
-        tables=("wiki/pages", "wiki/elements", "wiki/images"),
-        hint="run `kb wiki crawl`, then `kb wiki filter`",
-        figures="kb.report.sources:WIKI",
-        samples={
-            "wiki/pages": ("title", "word_count", "page_width", "page_height", "license", "url")
-        },
-        only="only the wiki",
-        color="green",
+    stages = ("missing", "robots", "render", "words", "toxicity")
+    rules = (
+        "wiki.url",
+        "wiki.namespaces",
+        "wiki.min_words",
+        "wiki.max_page_height",
+        "wiki.max_elements",
     )
+    archives = ("screenshots", "images")
+    paths = (("pages", "screenshot_path"), ("images", "path"))
+    licensed = ("pages", "images")
+    licence = ""
+    scraped = True
+    extra = "wiki"
+    title = "Wiki"
+    shown = ("wiki/pages", "wiki/elements", "wiki/images")
+    hint = "run `kb wiki crawl`, then `kb wiki filter`"
+    sampled = {"wiki/pages": ("title", "word_count", "page_width", "page_height", "license", "url")}
+    only = "only the wiki"
     ref = "wiki:PAGE#Section"
     dated = ("revision_timestamp", "last edited")
     annotate_help = "Score the text of crawled wiki pages."
@@ -118,6 +119,19 @@ class Wiki(Source):
         """The URL of the page, without its revision, and the section."""
         kept = "&".join(one for one in url.query.split("&") if not one.startswith("oldid="))
         return urlunsplit(url._replace(query=kept, fragment="")), url.fragment
+
+    def figures(self) -> Sequence[FigureMaker]:
+        from kb.wiki.report import FIGURES
+
+        return FIGURES
+
+    def origin(self, profile: Profile) -> str:
+        return profile.wiki.url if profile.wiki else ""
+
+    def gaps(self, con: DuckDBPyConnection, folder: ReleaseFolder) -> Iterator[str]:
+        from kb.wiki.card import gaps
+
+        return gaps(con, folder)
 
     def writers(self) -> Mapping[str, Writer]:
         from kb.export import minedojo_wiki, wiki_tar

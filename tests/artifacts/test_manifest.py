@@ -1,6 +1,5 @@
 """Files of tables that were deleted: named, never taken for fewer rows."""
 
-import json
 import os
 import shutil
 from dataclasses import replace
@@ -203,27 +202,3 @@ def test_a_copied_root_is_current_and_a_changed_one_is_not(root: Path, tmp_path:
     with manifest.editing(copy, "clean/youtube"):
         write_table(videos, read_table(videos).slice(1), "youtube/videos")
     assert not manifest.is_current(copy, "release/youtube")
-
-
-def test_a_root_of_an_older_version_is_current_and_complete(root: Path) -> None:
-    """Before there were manifests: files.json, inputs.json and release-<source>.exported."""
-    clean, made_from = root / "clean/youtube", manifest.inputs(root, "clean/youtube")
-    (clean / MANIFEST).unlink()
-    names = {
-        folder.name: [path.name for path in sorted(folder.iterdir())]
-        for folder in sorted(clean.iterdir())
-        if folder.is_dir()
-    }
-    (clean / "files.json").write_text(json.dumps(names))
-    (clean / "inputs.json").write_text(json.dumps({"raw": made_from["raw/youtube"]}))
-    shutil.rmtree(root / "state/manifests")
-    exported_from = manifest.inputs(root, "release/youtube")["clean/youtube"]
-    (root / "state/release-youtube.exported").write_text(exported_from)
-    assert manifest.is_current(root, "clean/youtube")
-    assert manifest.is_current(root, "release/youtube")
-    assert manifest.missing(root, "clean/youtube") == []
-    gone = one(clean / "videos")
-    gone.unlink()
-    assert manifest.missing(root, "clean/youtube") == [gone]
-    (clean / "inputs.json").write_text(json.dumps({"raw": "other"}))
-    assert not manifest.is_current(root, "clean/youtube")

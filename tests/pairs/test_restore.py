@@ -2,15 +2,12 @@
 
 from pathlib import Path
 
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from kb.artifacts import manifest
 from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
 from kb.core.errors import SettingError
-from kb.pairs.clip_tokens import ENDS, Tokens
 from tests.pairs.made import shards
 
 pipeline = load(str(locate("pairs")))
@@ -28,30 +25,6 @@ def test_a_released_index_is_filled_again(run: Run) -> None:
     assert (summary["missing"], summary["differing"]) == (0, 0)
     assert summary["filled"] == summary["pairs"]
     assert _bytes(run.root / "pairs") == whole
-
-
-def test_texts_of_an_earlier_version_come_back_with_their_sounds(run: Run) -> None:
-    pipeline.pairs(run, "parquet")
-    index = run.root / "release" / "pairs" / "pairs-00000-of-00001.parquet"
-    said = {
-        row["video_id"]: " ".join(cue["text"] for cue in row["cues"])
-        for row in pq.read_table(run.root / "clean/youtube/transcripts").to_pylist()
-    }
-    rows = pq.read_table(shards(run.root / "pairs")).to_pylist()
-    assert not any("[Música]" in row["text"] or ">>" in row["text"] for row in rows)
-    earlier = {
-        row["pair_id"]: said[row["video_id"]][row["text_start_char"] : row["text_end_char"]]
-        for row in rows
-    }
-    released = pq.read_table(index)
-    tokens = [Tokens().count(earlier[one]) + ENDS for one in released["pair_id"].to_pylist()]
-    at = released.column_names.index("token_count")
-    with manifest.editing(run.root, "release/pairs"):
-        pq.write_table(released.set_column(at, "token_count", pa.array(tokens)), index)
-    assert pipeline.refill(run, index)["filled"] == len(rows)
-    after = pq.read_table(shards(run.root / "pairs")).to_pylist()
-    assert {row["pair_id"]: row["text"] for row in after} == earlier
-    assert any("[Música]" in text for text in earlier.values())
 
 
 def test_texts_that_can_not_be_had_stay_null_and_are_counted(run: Run) -> None:

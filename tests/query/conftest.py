@@ -40,7 +40,9 @@ def root(tmp_path: Path, make_rows) -> Path:
         "reddit/posts",
         released=True,
     )
-    write_table(root / "pairs/part-00000.parquet", make_rows("pairs/pairs", 1), "pairs/pairs")
+    write_table(
+        root / "pairs/pairs-00000-of-00001.parquet", make_rows("pairs/pairs", 1), "pairs/pairs"
+    )
     tombstones.add(root, "youtube", [("gone", "named")])
     return root
 

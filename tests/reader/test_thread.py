@@ -8,6 +8,7 @@ import duckdb
 import pytest
 
 import kb
+from kb.artifacts.release_folder import tombstone_lines
 from kb.core.errors import UsageError
 from kb.store.state import tombstones
 from kb.store.tables.shard_writer import write_table
@@ -60,9 +61,10 @@ def test_texts_come_from_clean_or_from_what_was_restored(
     # What a later release removed stays out of an older copy of its texts.
     first = clean.replies[0]
     shutil.copytree(release / "reddit", tmp_path / "release" / "reddit")
-    (tmp_path / "release" / "reddit" / "tombstones.ndjson").unlink()
     tombstones.add(tmp_path, "reddit", [(f"t1_{first.comment_id}", "deleted")])
-    shutil.copy(tmp_path / "raw" / "reddit" / "tombstones.parquet", tmp_path / "release" / "reddit")
+    lines = tombstone_lines(tombstones.read(tmp_path, "reddit"))
+    (tmp_path / "release" / "reddit" / "tombstones.ndjson").write_text(lines)
+    (tmp_path / "release" / "reddit" / "SHA256SUMS").unlink()
     later = kb.load(tmp_path / "release", root / "export" / "reconstructed").thread(post)
     assert first.comment_id not in str(later)
     assert first.body not in later._repr_html_()

@@ -342,6 +342,7 @@ REJECTED = {
     ],
 }
 NAMES = {
+    "pairs/pairs": "pairs-00000-of-00001.parquet",
     "pairs/quality": "quality-00000-of-00001.parquet",
     "tasks/tasks": "tasks-00000-of-00001.parquet",
     "links/entities": "entities-00000-of-00001.parquet",

@@ -58,8 +58,7 @@ def captured(
 ) -> dict[str, Any]:
     """Writes a capture's extraction: a heading, a picture, a table of one cell; its answer.
 
-    Without `lines` of the heading and without `more` it is as of a page
-    that was captured before these were read.
+    `lines` are those of the heading; `more` replaces parts of the extraction.
     """
     box = [0, 0.5, 100, 20]
     held = {"region": "content", "box": box, "visible": True, "level": None, "parent": None}
@@ -91,7 +90,8 @@ def captured(
     size = {"width": 1280, "height": 2000, "viewport_width": 1280, "device_pixel_ratio": 1}
     folder = f"raw/wiki/pages/{key}/{revision}"
     (root / folder).mkdir(parents=True, exist_ok=True)
-    seen = {"page": size, "elements": elements, "cells": [cell], "sprites": {}, **(more or {})}
+    seen = {"page": size, "elements": elements, "cells": [cell], "sprites": {}}
+    seen |= {"facts": [], "recipes": []} | (more or {})
     extraction = json.dumps(seen)
     (root / folder / "extraction.json.zst").write_bytes(
         zstandard.ZstdCompressor().compress(extraction.encode())

@@ -5,17 +5,15 @@ from __future__ import annotations
 import re
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import Annotated, Any, cast
 
 import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.options import Plan
+from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.summary import Summary
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 app = group("Cut the clips of pairs out of your own video files.")
 

@@ -12,17 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.demo_root import without_scores
+from kb.cli.framework.messages import find_command
 from kb.cli.framework.options import CLUSTER, Options, pipeline
+from kb.core.context import Run
 from kb.core.errors import MissingExtra, UsageError
 from kb.core.sources import SOURCES, made_of
 from kb.core.summary import Summary
 from kb.store.layout import TOP, Layout
-from kb.store.state import demo_mark
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
-
-    from kb.core.context import Run
 
 app = group("Run the whole job on the sandbox in minutes: no key, no network.")
 
@@ -69,6 +68,7 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
     from kb.sandbox.server import Sandbox
     from kb.sandbox.wiki.generated import PAGES
     from kb.sandbox.world import World
+    from kb.store.state import demo_mark
 
     for name in set(Settings.model_fields) - _KEPT:
         os.environ.pop(name.upper(), None)
@@ -141,6 +141,8 @@ def _all(
     """Run every step, with the arguments `given` to some, then the queries, then search for
     `words`.
     """
+    from kb.store.state import demo_mark
+
     done = Summary()
     for step in steps:
         if missing := _missing_section(run, step):
@@ -150,7 +152,8 @@ def _all(
         # A browser mostly waits for a page, so two take half the time of one.
         of_step = replace(run, workers=2) if step == "wiki crawl" and not run.asked else run
         try:
-            summary = Summary(_function(step)(of_step, **given.get(step, {})) or {})
+            command: Any = find_command(step.split())
+            summary = Summary(command.function(of_step, **given.get(step, {})) or {})
         except MissingExtra as error:  # the other steps work without it
             summary = Summary(left_out=f"{error}; {error.hint}")
         done[step] = dict(summary)
@@ -176,15 +179,6 @@ def _missing_section(run: Run, step: str) -> str | None:
     return next(
         (one for one in needed if one in sections and getattr(run.profile, one) is None), None
     )
-
-
-def _function(step: str) -> Any:
-    """The function behind a command."""
-    from kb.cli.app import command_module
-
-    group_name, _, name = step.partition(" ")
-    module = command_module(group_name)
-    return getattr(module, {"filter": "filter_", "import": "import_"}.get(name, name) or group_name)
 
 
 def _queries(queries: list[tuple[str, str, list[str]]], root: Path) -> None:

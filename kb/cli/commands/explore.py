@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import warn
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
+from kb.core.context import Run
 
 app = group("Search, rows, stages and pairs in a browser, on this machine.")
 

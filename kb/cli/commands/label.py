@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show_row
+from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.intervals import interval_text
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 app = group("Let people judge a sample in Label Studio.")
 

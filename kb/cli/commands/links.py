@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from kb.cli.framework.command import command, group
 from kb.cli.framework.options import CLUSTER, pipeline
+from kb.core.context import Run
 from kb.core.summary import Summary
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 app = group("Find which videos, wiki pages and threads mention which entities.")
 

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show_row
 from kb.cli.framework.options import CLUSTER, Plan, pipeline
+from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.summary import Summary
 from kb.core.summary.intervals import interval_text
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 app = group("Make keyword-matched video-text pairs.")
 

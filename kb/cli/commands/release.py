@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show, with_options
 from kb.cli.framework.options import Options, Plan, pipeline
+from kb.core.context import Run
 from kb.core.errors import KbError, ReleaseRefused, SettingError
 from kb.core.summary import Summary
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 app = group("Check, describe and publish release/.")
 Only = Annotated[

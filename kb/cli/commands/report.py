@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from kb.cli.framework.command import command, group
+from kb.core.context import Run
 from kb.core.summary import Summary
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 app = group("Make figures and one HTML page about the collected data.")
 

@@ -12,11 +12,11 @@ import typer
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show
 from kb.cli.framework.options import Options
+from kb.core.context import Run
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 
 if TYPE_CHECKING:
-    from kb.core.context import Run
     from kb.search.answers import SearchHit
 
 index_app = group("Build the local search index of all clean text.")

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.command_classes import Group
 from kb.cli.framework.options import CLUSTER
+from kb.core.context import Run
 from kb.core.errors import KbError
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 annotate_app = group("Score text for toxicity. `filter` does this as well.")
 models_app = group("Download the toxicity model.")
@@ -83,30 +80,24 @@ def _annotate(run: Run, source: str, precision: Precision | None, device: Device
 
 
 def _add(source: str, about: str, *examples: str) -> None:
+    @command(
+        annotate_app,
+        source,
+        help=about,
+        uses=(*CLUSTER, "pipeline"),
+        limit="Stop after scoring N more texts (exit code 3); the next run resumes.",
+        json="texts, scored, known, exact_again, model, revision, precisions",
+        examples=examples,
+    )
     def annotate(
         run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto
     ) -> Summary:
         return _annotate(run, source, precision, device)
 
-    annotate.__doc__ = about
-    command(
-        annotate_app,
-        name=source,
-        uses=(*CLUSTER, "pipeline"),
-        limit="Stop after scoring N more texts (exit code 3); the next run resumes.",
-        json="texts, scored, known, exact_again, model, revision, precisions",
-        examples=examples,
-    )(annotate)
-
 
 for _name, _source in SOURCES.items():
     _examples = _source.annotate_examples or (f"kb annotate {_name}",)
     _add(_name, _source.annotate_help, *_examples)
-
-
-@models_app.callback(cls=Group)
-def models() -> None:
-    """Download the toxicity model."""
 
 
 @command(

@@ -10,13 +10,12 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show, with_options
-from kb.cli.framework.options import pipeline
+from kb.cli.framework.options import Options, pipeline
 from kb.core import terminal
 from kb.core.errors import DamagedData, UsageError
 from kb.core.summary import Summary
 
 if TYPE_CHECKING:
-    from kb.cli.framework.options import Options
     from kb.verify.findings import Findings
 
 app = group("Find damaged, missing and foreign files in a data root or release.")

@@ -14,9 +14,9 @@
         from kb.youtube.connector.source import crawl      # heavy things inside
         return crawl(run, only=only)
 
-The first parameter is the Run (or, with `raw=True`, the Options as given). The return value is
-printed as the command's summary; None prints nothing. A `KbError` may carry the summary so far in
-`.summary`.
+The first parameter is the Run (or, with `raw=True`, the Options as given), the others are the
+command's own options. The return value is printed as the command's summary; None prints nothing. A
+`KbError` may carry the summary so far in `.summary`.
 """
 
 import contextlib
@@ -27,39 +27,34 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, get_type_hints
+from types import MethodType
+from typing import Any, TypeVar
 
 import typer
+import typer.main
 
 from kb.cli.framework import messages
 from kb.cli.framework.command_classes import Command, Group
 from kb.cli.framework.exit_codes import report
 from kb.cli.framework.options import COMMON, RUNNING, SHARED, Options, shared_option
-from kb.cli.framework.usage_errors import UsageProblem
 from kb.core import signals, startup
 from kb.core.errors import SettingError
 from kb.core.installation import cache_root
 
-# Types in signatures whose modules are imported only when a command runs.
-_LATE = {"Run": object, "Summary": object, "Options": Options}
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def group(about: str) -> typer.Typer:
-    """An app for a module of kb.cli.commands: a group of commands, or a single one."""
-    return typer.Typer(
-        help=about,
-        cls=Group,
-        add_completion=False,
-        rich_markup_mode=None,
-        pretty_exceptions_enable=False,
-    )
+def group(about: str) -> Group:
+    """What a module of kb.cli.commands declares: a group of commands, or a single one."""
+    return Group(help=about, rich_markup_mode=None)
 
 
 def command(
-    app: typer.Typer,
+    app: Group,
     name: str | None = None,
     *,
     examples: Sequence[str],
+    help: str | None = None,
     uses: Sequence[str] = (),
     limit: str = "",
     again: str = "",
@@ -72,12 +67,13 @@ def command(
     cls: type[Command] = Command,
     planned: Sequence[str] = (),
     checks: bool = False,
-) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+) -> Callable[[Function], Function]:
     """Declare a command of `app`.
 
-    `uses`: which options of RUNNING affect it; `limit` and `again` are their help texts and imply
-    the option. `json`: what its summary holds. `without`: options of COMMON that it lacks. Options
-    that are not declared are refused (exit code 2).
+    `help`: instead of the function's docstring. `uses`: which options of RUNNING affect it; `limit`
+    and `again` are their help texts and imply the option. `json`: what its summary holds.
+    `without`: options of COMMON that it lacks. Options that are not declared are refused (exit
+    code 2).
     `raw`: pass Options instead of a Run.
     `resumable`: after a signal it finishes the current item; other commands end at once (queries,
     servers).
@@ -90,103 +86,66 @@ def command(
     anything is sent.
     """
 
-    def declare(function: Callable[..., Any]) -> Callable[..., Any]:
+    def declare(function: Function) -> Function:
+        own = typer.Typer(rich_markup_mode=None, add_completion=False)
+        bound = MethodType(function, app)  # like a method, whose first parameter is no option
+        own.command(name, cls=cls, help=help, epilog="\n".join(examples))(bound)
+        made: Any = typer.main.get_command(own)
         about = {
             "limit": limit,
             "again": again,
             "json": json and f"Print the summary as JSON, the last line on stdout: {json}.",
         }
         used = {*uses, *(name for name in ("limit", "again") if about[name])}
-        shared = {
-            name: shared_option(name, about.get(name))
+        made.params += [
+            shared_option(name, about.get(name))
             for name in SHARED
             if name in used or (name in COMMON and name not in without)
-        }
-        call = partial(
-            _call,
-            function,
-            raw=raw,
-            resumable=resumable,
-            needs_data=needs_data,
-            needs="profile" if "data" in shared else "nothing",
-            planned=planned,
-            checks=checks,
-        )
-        wrapped = _wrap(function, shared, call, main=main)
-        epilog = "\n".join(examples)
+        ]
+        made.function = function
+        made.callback = partial(_call, function, raw, resumable, needs_data, planned, checks)
         if main:
-            app.callback(invoke_without_command=True, cls=Group, epilog=epilog)(wrapped)
+            app.run_as(made)
         else:
-            app.command(name, cls=cls, epilog=epilog)(wrapped)
+            app.add_command(made)
         return function
 
     return declare
 
 
-def _wrap(
-    function: Callable[..., Any],
-    shared: Mapping[str, inspect.Parameter],
-    call: Callable[[Options, dict[str, Any]], int],
-    *,
-    main: bool,
-) -> Callable[..., Any]:
-    signature = inspect.signature(function)
-    _, *own = signature.parameters.values()
-    hints = get_type_hints(function, localns=_LATE, include_extras=True)
-    parameters = [
-        parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=hints[parameter.name])
-        for parameter in own
-    ]
-    parameters += shared.values()
-    if main:
-        parameters.append(
-            inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
-        )
-
-    def run(**values: Any) -> int:
-        context = values.pop("context", None)
-        if context is not None and context.invoked_subcommand is not None:
-            _refuse_group_options(context)
-            return 0
-        options = Options(**{name: values.pop(name) for name in shared})
-        return call(options, values)
-
-    run.__doc__ = function.__doc__
-    run.__name__ = function.__name__
-    run.__signature__ = signature.replace(parameters=parameters, return_annotation=int)  # type: ignore[attr-defined]
-    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    return run
-
-
 def _call(
     function: Callable[..., Any],
-    options: Options,
-    values: dict[str, Any],
-    *,
-    raw: bool = False,
-    resumable: bool = True,
-    needs_data: bool = False,
-    needs: str = "profile",
-    planned: Sequence[str] = (),
-    checks: bool = False,
+    raw: bool,
+    resumable: bool,
+    needs_data: bool,
+    planned: Sequence[str],
+    checks: bool,
+    /,
+    **values: Any,
 ) -> int:
+    """Run a command with the values of its own and the shared options; return the exit code."""
     startup.collect_seldom()  # before the imports
     from kb.cli.framework import logs
 
+    needs = "profile" if "data" in values else "nothing"
+    options = Options(**{name: values.pop(name) for name in SHARED if name in values})
+    for name, value in values.items():  # what may be repeated; what is not given, is None
+        if isinstance(value, (list, tuple)):
+            values[name] = list(value) or None
     messages.set_options(options.data, options.profile)
     try:
         with _signals(resumable):
             logs.configure(quiet=options.quiet, debug=options.debug)
             if values.get("plan"):
                 _check_plan_options(function, options, values, planned)
-            first: Any = options
-            if not raw:
-                first = options.make_run(needs=needs, checks=checks, exists=needs_data)
-            try:
-                summary = function(first, **values)
-            finally:
-                if not raw:
-                    first.progress.close()  # the terminal, before anything else is printed
+            if raw:
+                summary = function(options, **values)
+            else:
+                run = options.make_run(needs=needs, checks=checks, exists=needs_data)
+                try:
+                    summary = function(run, **values)
+                finally:
+                    run.progress.close()  # the terminal, before anything else is printed
             if summary is not None:
                 messages.show_summary(summary, options.json)
     except typer.Exit as done:
@@ -242,14 +201,3 @@ def _signals(resumable: bool) -> Iterator[None]:
     heeded = [one for one in signals.BOTH if signal.getsignal(one) is not signal.SIG_IGN]
     with signals.handling(signal.default_int_handler, heeded):
         yield
-
-
-def _refuse_group_options(context: Any) -> None:
-    """Raise a usage error for an option of the group that is given before one of its commands."""
-    for parameter in context.command.params:
-        source = context.get_parameter_source(parameter.name)
-        if source is not None and source.name == "COMMANDLINE":
-            name, option = context.invoked_subcommand, parameter.opts[0]
-            raise UsageProblem(
-                f"put {option} after `{name}`: `{context.command_path} {name} {option} …`", context
-            )

@@ -1,12 +1,13 @@
 """Click classes of commands: the order of options in `--help`, suggestions, `--dumps FILE…`."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import typer.core
 
 from kb.cli.framework.options import COMMON, DUMPS, RUNNING
-from kb.cli.framework.usage_errors import refuse_unknown
+from kb.cli.framework.usage_errors import refuse_options_before_command, refuse_unknown
 
 
 class _Sections:
@@ -33,15 +34,27 @@ class _Sections:
 
 
 class Command(_Sections, typer.core.TyperCommand):
-    """A command."""
+    """A command; `function` does its work, and takes a Run first."""
+
+    function: Callable[..., Any]
 
 
 class Group(_Sections, typer.core.TyperGroup):
-    """A group of commands."""
+    """A group of commands, which may be a command itself (`run_as`)."""
+
+    def run_as(self, command: Any) -> None:
+        """Do what `command` does when none of the group's commands is named."""
+        self.function, self.params, self.epilog = command.function, command.params, command.epilog
+        self.callback = lambda **values: command.callback(**values) if values else 0
+        self.invoke_without_command = True
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The named command. Raises a usage error with suggestions for an unknown one."""
+        """The named command. Raises a usage error with suggestions for an unknown one, and for an
+        option of the group itself.
+        """
         refuse_unknown(self, ctx, args)
+        refuse_options_before_command(ctx, args[0])
+        ctx.params.clear()  # the group itself does nothing
         return super().resolve_command(ctx, args)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from kb.core.errors import MissingExtra
-from kb.store.state import demo_mark
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,6 +19,8 @@ def in_demo_root(root: Path, settings: Settings, profile: Profile) -> tuple[Sett
     The root's scores are the tiny model's, so that model is used again unless the user names
     another. Scoring stays off where the demo had to do without the model.
     """
+    from kb.store.state import demo_mark
+
     if demo_mark.read(root) is None or "kb_toxicity_model" in settings.model_fields_set:
         return settings, profile
     from kb.sandbox import toxicity

@@ -8,7 +8,7 @@ The traceback is shown with --debug only.
 import os
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +24,12 @@ from kb.store.full_disk import as_disk_full
 INTERRUPTED = 3
 
 
-def run_to_exit_code(run: Callable[[], Any]) -> int:
-    """Call `run` and return its exit code; a usage error becomes one line with a suggestion."""
+def run_to_exit_code(app: Any, words: Sequence[str] | None = None) -> int:
+    """Run the command line, by default the process's own, and return its exit code; a usage error
+    becomes one line with a suggestion.
+    """
     try:
-        code = run()
+        code = app(args=words, prog_name="kb", standalone_mode=False)
     except UsageProblem as error:
         return _usage_error(error)
     except typer.Abort:

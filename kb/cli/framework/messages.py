@@ -8,7 +8,7 @@ import json
 import re
 import shlex
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from kb.core import terminal
@@ -18,6 +18,17 @@ _COMMAND = re.compile(r"`kb ([^`]+)`")
 # These commands have a data root of their own, or name their profile themselves.
 _NOT_COMPLETED = ("demo", "sandbox", "profile")
 _options: dict[str, str] = {}
+_finders: list[Callable[[Sequence[str]], Any | None]] = []
+
+
+def set_finder(finder: Callable[[Sequence[str]], Any | None]) -> None:
+    """Let `find_command` ask this function: kb.cli.app imports every command, and they this."""
+    _finders[:] = [finder]
+
+
+def find_command(words: Sequence[str]) -> Any | None:
+    """The click command that a line (without its `kb`) begins with; None where there is none."""
+    return next((finder(words) for finder in _finders), None)
 
 
 def set_options(data: object = None, profile: str | None = None) -> None:
@@ -34,8 +45,6 @@ def with_options(text: str) -> str:
 
 def complete(words: str) -> str:
     """A command line ("pairs --limit 3") with its `kb`, --data and --profile."""
-    from kb.cli.app import find_command
-
     first = words.split()
     command = find_command(first) if _options else None
     if command is None or first[0] in _NOT_COMPLETED or "--help" in first:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import copy
-import inspect
 import re
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+import typer.main
 
 from kb.cli.framework.messages import warn
 from kb.core.config.pipeline import load, locate
@@ -174,23 +174,17 @@ CLUSTER = ("workers", "engine", "scheduler")  # of what runs in worker processes
 
 
 @cache
-def _annotations() -> dict[str, Any]:
-    return get_type_hints(Options, include_extras=True)
+def _shared_options() -> dict[str, Any]:
+    declared = typer.Typer(rich_markup_mode=None, add_completion=False)
+    declared.command()(Options)
+    return {option.name: option for option in typer.main.get_command(declared).params}
 
 
-def shared_option(name: str, help: str | None = None) -> inspect.Parameter:
-    """The shared option of that name as a command's parameter, with a `help` of its own."""
-    (field,) = (one for one in fields(Options) if one.name == name)
-    kind, option = get_args(_annotations()[name])
-    if help:
-        option = copy.copy(option)
-        option.help = help
-    return inspect.Parameter(
-        name,
-        inspect.Parameter.KEYWORD_ONLY,
-        default=field.default,
-        annotation=Annotated[kind, option],
-    )
+def shared_option(name: str, help: str | None = None) -> Any:
+    """The shared option of that name for one command, with a `help` of its own."""
+    option = copy.copy(_shared_options()[name])
+    option.help = help or option.help
+    return option
 
 
 def _profile(name: str | None, root: Path, needs: str) -> Profile:

@@ -2,26 +2,34 @@
 commands of its own.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from kb.cli.framework.command import command, group
+from kb.cli.framework.command_classes import Group
 from kb.cli.framework.options import CLUSTER, pipeline
+from kb.core.context import Run
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
-
-def add_filter(app: typer.Typer, source: str, what: str = "raw answers") -> Callable[..., Summary]:
+def add_filter(app: Group, source: str, what: str = "raw answers") -> None:
     """`kb <source> filter`, which sorts `what`."""
 
+    @command(
+        app,
+        "filter",
+        help=f"Sort {what} into clean/{source}: kept, rejected (with the reason), failed and"
+        " pending.",
+        uses=(*CLUSTER, "pipeline"),
+        limit="Stop after scoring N more texts for toxicity (exit code 3); the next run resumes.",
+        json="crawled, kept, rejected, failed, pending, missing, stages, tables",
+        needs_data=True,
+        checks=True,
+        examples=[f"kb {source} filter", f"kb {source} filter --profile mine.toml"],
+    )
     def filter_(run: Run) -> Summary:
         from kb.filters.filter_run import check_kept, run_clean
 
@@ -29,34 +37,31 @@ def add_filter(app: typer.Typer, source: str, what: str = "raw answers") -> Call
         check_kept(run, source, summary)
         return summary
 
-    filter_.__doc__ = (
-        f"Sort {what} into clean/{source}: kept, rejected (with the reason), failed and pending."
-    )
-    return command(
-        app,
-        name="filter",
-        uses=(*CLUSTER, "pipeline"),
-        limit="Stop after scoring N more texts for toxicity (exit code 3); the next run resumes.",
-        json="crawled, kept, rejected, failed, pending, missing, stages, tables",
-        needs_data=True,
-        checks=True,
-        examples=[f"kb {source} filter", f"kb {source} filter --profile mine.toml"],
-    )(filter_)
-
 
 def add_export(
-    app: typer.Typer,
-    source: str,
-    *,
-    goes: str = "Parquet goes",
-    tables: str = "the released tables",
-) -> Callable[..., Summary]:
+    app: Group, source: str, *, goes: str = "Parquet goes", tables: str = "the released tables"
+) -> None:
     """`kb <source> export`, as Parquet and in its other formats."""
     others = SOURCES[source].formats
     formats = StrEnum("Format", ["parquet", *others])  # type: ignore[misc]
     parquet = formats("parquet")
+    about = f"{goes} to release/, other formats to export/FORMAT/."
 
-    def export(run: Run, format: Any = parquet) -> Summary:
+    @command(
+        app,
+        "export",
+        help=f"Write clean/{source} as {tables}, or in another layout.",
+        uses=("engine", "scheduler", "pipeline"),
+        json="the rows of each table, and path",
+        needs_data=True,
+        examples=[
+            f"kb {source} export",
+            *(f"kb {source} export --format {name}" for name in others[-1:]),
+        ],
+    )
+    def export(
+        run: Run, format: Annotated[formats, typer.Option("--format", help=about)] = parquet
+    ) -> Summary:
         from kb.artifacts import domain_binding
         from kb.export import layouts
 
@@ -67,40 +72,26 @@ def add_export(
             summary: Summary = own(run, format.value)
             return summary
 
-    option = typer.Option("--format", help=f"{goes} to release/, other formats to export/FORMAT/.")
-    export.__annotations__["format"] = Annotated[formats, option]
-    export.__doc__ = f"Write clean/{source} as {tables}, or in another layout."
-    return command(
-        app,
-        uses=("engine", "scheduler", "pipeline"),
-        json="the rows of each table, and path",
-        needs_data=True,
-        examples=[
-            f"kb {source} export",
-            *(f"kb {source} export --format {name}" for name in others[-1:]),
-        ],
-    )(export)
 
-
-def app_of(name: str) -> typer.Typer:
+def app_of(name: str) -> Group:
     """The commands of a source that declares none: crawl, filter and export."""
     source = SOURCES[name]
     app = group(source.help)
 
-    def crawl(run: Run) -> Summary:
-        from kb.crawl.job import crawl_source
-
-        return crawl_source(run, source)
-
-    crawl.__doc__ = f"Crawl what is left: {', '.join(source.nouns.values())}, as raw answers."
-    command(
+    @command(
         app,
+        help=f"Crawl what is left: {', '.join(source.nouns.values())}, as raw answers.",
         uses=("workers", "wait"),
         limit=f"Stop after N more {source.counted} (exit code 3); the next run resumes.",
         json="crawled, failed, pending, requests",
         checks=True,
         examples=[f"kb {name} crawl", f"kb {name} crawl --limit 100"],
-    )(crawl)
+    )
+    def crawl(run: Run) -> Summary:
+        from kb.crawl.job import crawl_source
+
+        return crawl_source(run, source)
+
     add_filter(app, name)
     add_export(app, name)
     return app

@@ -25,6 +25,16 @@ def refuse_unknown(group: Any, context: Any, args: Sequence[str]) -> None:
     raise UsageProblem(f"there is no command `kb {' '.join(words)}`{guess}", context)
 
 
+def refuse_options_before_command(context: Any, command: str) -> None:
+    """Raise a usage error for an option of a group that is given before one of its commands."""
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name)
+        if source is not None and source.name == "COMMANDLINE":
+            option = parameter.opts[0]
+            path = f"{context.command_path} {command} {option}"
+            raise UsageProblem(f"put {option} after `{command}`: `{path} …`", context)
+
+
 def suggestions(words: Sequence[str], commands: Sequence[str]) -> list[str]:
     """The commands ("youtube crawl") that are most like the words.
 

@@ -33,8 +33,7 @@ def keys_of(words: HashedWords, channels: Sequence[str | None]) -> np.ndarray:
     hashes, inside = runs(words, RUN)
     salts = np.array([_salt(channel) for channel in channels], np.uint64)
     salt = salts[words.video[: len(hashes)]]
-    keys: np.ndarray = np.where(inside & (salt != 0), mixed(hashes ^ salt), np.uint64(0))
-    return keys
+    return np.where(inside & (salt != 0), mixed(hashes ^ salt), np.uint64(0))
 
 
 def _salt(channel: str | None) -> int:
@@ -53,8 +52,7 @@ def once_a_video(keys: np.ndarray, video: np.ndarray) -> np.ndarray:
         keys[low:high].sort()
     new = np.ones(len(keys), bool)
     new[1:] = (keys[1:] != keys[:-1]) | (video[1:] != video[:-1])
-    once: np.ndarray = keys[new & (keys != 0)]
-    return once
+    return keys[new & (keys != 0)]
 
 
 def recurring(files: Sequence[Path]) -> np.ndarray:
@@ -110,5 +108,4 @@ def shares(keys: pa.Array[Any], recurs: np.ndarray) -> np.ndarray:
     text = np.repeat(np.arange(len(sizes)), sizes)
     own = np.arange(len(values)) - offsets[text] < words[text]
     hits = np.bincount(text[own & in_run], minlength=len(sizes))
-    share: np.ndarray = hits / np.maximum(words, 1)
-    return share
+    return hits / np.maximum(words, 1)

@@ -73,8 +73,7 @@ def has_verb(
     low = np.maximum(text[0], match[0] - NEAR)
     high = np.minimum(text[1], match[1] + NEAR)
     around = before[np.maximum(high, low)] - before[low]
-    near: np.ndarray = around > before[match[1]] - before[match[0]]
-    return near
+    return around > before[match[1]] - before[match[0]]
 
 
 def languages(
@@ -116,7 +115,4 @@ def sure(
     if known is None:
         return np.zeros(len(text[0]), bool)
     before = counted(words, known.function_words)
-    share: np.ndarray = (before[text[1]] - before[text[0]]) >= np.maximum(
-        3, _ENOUGH * (text[1] - text[0])
-    )
-    return share
+    return (before[text[1]] - before[text[0]]) >= np.maximum(3, _ENOUGH * (text[1] - text[0]))

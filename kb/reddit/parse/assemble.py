@@ -195,5 +195,4 @@ def _count(posts: pa.Table, below: pa.Table) -> pa.Array[Any]:
     sums = below.group_by("post_id").aggregate([([], "count_all")])
     place = pc.index_in(posts["post_id"], sums["post_id"].combine_chunks())
     counted = sums["count_all"].combine_chunks().take(place.combine_chunks())
-    counts: pa.Array[Any] = pc.fill_null(counted, 0)
-    return counts
+    return pc.fill_null(counted, 0)

@@ -200,8 +200,7 @@ def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str
         shown = pc.and_(rows["is_crosspost"], pc.is_in(named, value_set=purged))
         shown = pc.or_(shown, pc.is_in(rows["post_id"].cast(pa.string()), value_set=known))
         # One that was changed before, and the crosspost of a text, shows nothing.
-        hits: pa.BooleanArray = pc.and_(shown, pc.not_equal(rows["type"].cast(pa.string()), "text"))
-        return hits
+        return pc.and_(shown, pc.not_equal(rows["type"].cast(pa.string()), "text"))
 
     changed = 0
     for path in sorted(folder.glob("*.parquet")):

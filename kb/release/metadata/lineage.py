@@ -33,10 +33,9 @@ def _origins(run: Run, source: str) -> list[dict[str, Any]]:
             for one in made_of(source)
         ]
     of = SOURCES[source]
-    entity = {"@type": "prov:Entity", "prov:label": of.report.title}
-    section = getattr(run.profile, source, None)
-    if of.release.origin and section is not None:
-        entity["url"] = of.release.origin.format_map(section.model_dump())
+    entity = {"@type": "prov:Entity", "prov:label": of.title}
+    if address := of.origin(run.profile):
+        entity["url"] = address
     return [entity]
 
 

@@ -167,7 +167,7 @@ class GeneratedWiki(RecordedWiki):
             "wgNamespaceNumber": self.namespace,
             "wgIsRedirect": False,
         }
-        text: str = (
+        return (
             _environment()
             .get_template(f"{entry.template}.html.jinja")
             .render(
@@ -189,7 +189,6 @@ class GeneratedWiki(RecordedWiki):
                 active=domain.active,
             )
         )
-        return text
 
 
 @cache

@@ -280,8 +280,7 @@ def _note(frontier: Frontier, new: list[LostRange]) -> None:
 
 
 def _load(frontier: Frontier) -> list[LostRange]:
-    known: list[LostRange] = frontier.cursor(_LOST, [], of=list[LostRange])
-    return known
+    return frontier.cursor(_LOST, [], of=list[LostRange])
 
 
 def _save(frontier: Frontier, losses: list[LostRange]) -> None:

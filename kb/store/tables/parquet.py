@@ -62,7 +62,9 @@ def check(*paths: Path | str, advance: Callable[[int], None] | None = None) -> N
 
 
 def decode(path: Path) -> None:
-    """Read every page of a file. Raises DamagedData."""
+    """Read every page of a file; nothing of one that is no Parquet. Raises DamagedData."""
+    if path.suffix == ".ndjson":  # tombstones of a release: their reader checks every line
+        return
     with opening(path, pa.ArrowException), open_file(path, pre_buffer=False) as file:
         for _ in file.iter_batches(batch_size=_BATCH, use_threads=False):
             pass

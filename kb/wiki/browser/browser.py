@@ -250,8 +250,7 @@ class Browser:
     def record(self) -> list[dict[str, Any]]:
         """Return the log entries of requests since the last call. Raises Retryable."""
         answer = self._ask("execute", "getLog", {"type": "performance"})
-        noted: list[dict[str, Any]] = answer["value"]
-        return noted
+        return answer["value"]
 
     def _ask(self, method: str, *arguments: Any) -> Any:
         from selenium.common.exceptions import TimeoutException, WebDriverException

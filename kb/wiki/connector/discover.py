@@ -19,10 +19,9 @@ from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 from kb.wiki.connector import reduce
 from kb.wiki.connector.reduce import SiteItem, Title
-from kb.wiki.parse.tables import is_foreign, read_extraction
+from kb.wiki.parse.tables import read_extraction
 
 COMPARED = 3  # challenged pages before a challenge counts as one to all pages
-_IDENTIFIED = "identified"  # cursor: all captures are of the pages that they were stored for
 
 
 class Round(msgspec.Struct):
@@ -70,8 +69,7 @@ def finish_round(frontier: Frontier, root: Path, tag: str) -> None:
 
 
 def _round(frontier: Frontier, cursor: str) -> Round:
-    known: Round = frontier.cursor(cursor, {}, of=Round)
-    return known
+    return frontier.cursor(cursor, {}, of=Round)
 
 
 def unlisted(frontier: Frontier, number: int) -> list[str]:
@@ -173,23 +171,6 @@ def reopen_lost(frontier: Frontier, root: Path) -> None:
         for path in lost:
             sidefiles.quarantine_file(root / path)
     sidefiles.forget(root, "wiki")
-
-
-def reopen_foreign(frontier: Frontier, root: Path) -> None:
-    """Reopen pages for which earlier versions stored another page.
-
-    Each data root is searched once; this version never stores such pages.
-    """
-    if frontier.cursor(_IDENTIFIED):
-        return
-    foreign = [
-        key
-        for key, content in _captured_pages(frontier, root)
-        if content is not None and is_foreign(content["page"], int(key))
-    ]
-    with frontier.transaction():
-        frontier.mark("pages", foreign, "todo")
-        frontier.set_cursor(_IDENTIFIED, True)
 
 
 def _captured_pages(frontier: Frontier, root: Path) -> Iterator[tuple[str, dict[str, Any] | None]]:

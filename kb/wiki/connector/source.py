@@ -114,7 +114,6 @@ class WikiConnector(Connector):
         discover.begin_round(frontier, names, self.section.namespaces, again=self._run.again)
         discover.reopen_larger(frontier, self.section)
         discover.reopen_lost(frontier, self._run.root)
-        discover.reopen_foreign(frontier, self._run.root)
         self._removed = self.opened.purged
         if not frontier.open(*(phase.kind for phase in self.wanted)):
             notice = "the wiki crawl is finished; --again looks for what changed"

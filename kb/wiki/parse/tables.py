@@ -14,7 +14,6 @@ from kb.schema.nested_elements import is_outermost
 from kb.schema.tables import table
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import sidefiles
-from kb.store.tables.columns import put
 from kb.wiki import media_urls
 from kb.wiki.parse import facts
 
@@ -25,8 +24,6 @@ PARTS = ("wiki/elements", "wiki/cells", "wiki/images", "wiki/facts", "wiki/recip
 LEAST_BYTES = 32 << 10  # counted for a small extraction: at most 256 pages to a bucket of 8 MB
 SIDES = ("x", "y", "width", "height")
 _FILE = "extraction.json.zst"
-# Pages that were captured before these were read have neither facts nor recipes.
-_LATER: dict[str, Any] = {"sprites": {}, "facts": [], "recipes": []}
 
 
 def read_extraction(root: Path, folder: Path) -> dict[str, Any]:
@@ -43,16 +40,7 @@ def read_extraction(root: Path, folder: Path) -> dict[str, Any]:
         damage = sidefiles.lost(root, "wiki", [path])
         damage.args = (f"{path} can't be read: {error}",)
         raise damage from None
-    return _LATER | content
-
-
-def is_foreign(page: dict[str, Any], page_id: int) -> bool:
-    """Whether a capture shows another page than the one it was stored for.
-
-    Earlier versions stored challenge pages like this. `page` is what the extraction says about the
-    page; a capture without a page id is trusted.
-    """
-    return bool(page.get("page_id", page_id) != page_id)
+    return content
 
 
 def size(root: Path) -> int:
@@ -68,9 +56,8 @@ def read_pages(
 ) -> dict[str, Any]:
     """Pages with sizes, `text` and `word_count`; with `follows` also the tables of PARTS.
 
-    `rows` is the result of kb.wiki.parse.join. A page that was not captured gets nulls; one for
-    which another page was stored could not be rendered (`render`: "challenge"). `rules` tell names
-    and units of facts and recipes. Raises DamagedData.
+    `rows` is the result of kb.wiki.parse.join. A page that was not captured gets nulls.
+    `rules` tell names and units of facts and recipes. Raises DamagedData.
     """
     pages = rows["wiki/pages"]
     files = {row["key"]: row for row in rows["files"].to_pylist() if row["path"] is not None}
@@ -78,27 +65,21 @@ def read_pages(
     measured = [one for one in table("wiki/pages").columns if one.source.kind == "extraction"]
     names = ("screenshot_path", *(one.name for one in measured), "word_count", "text")
     columns: dict[str, list[Any]] = {name: [] for name in names}
-    render = pages["render"].to_pylist()
-    described = pages.select(["page_id", "folder", "title", "revision_id"])
-    for number, page in enumerate(described.to_pylist()):
+    for page in pages.select(["page_id", "folder", "title", "revision_id"]).to_pylist():
         values: Row = {}
         if page["folder"] is not None:
             seen = read_extraction(root, sidefiles.captured_path(root, page["folder"]))
-            if is_foreign(seen["page"], page["page_id"]):
-                render[number] = "challenge"
-            else:
-                text = page_text(seen["elements"])
-                values = {"text": text, "word_count": len(text.split())}
-                values["screenshot_path"] = f"{page['folder']}/screenshot.png"
-                for one in measured:
-                    # Sizes may be stored as 1280.0, which Arrow rejects as an integer.
-                    kind = float if one.type.startswith("float") else int
-                    values[one.name] = kind(seen["page"][one.source.path.removeprefix("page.")])
-                for name, part in _parts(page, seen, files, rules) if follows else ():
-                    parts[name].append(part)
+            text = page_text(seen["elements"])
+            values = {"text": text, "word_count": len(text.split())}
+            values["screenshot_path"] = f"{page['folder']}/screenshot.png"
+            for one in measured:
+                # Sizes may be stored as 1280.0, which Arrow rejects as an integer.
+                kind = float if one.type.startswith("float") else int
+                values[one.name] = kind(seen["page"][one.source.path.removeprefix("page.")])
+            for name, part in _parts(page, seen, files, rules) if follows else ():
+                parts[name].append(part)
         for name, column in columns.items():
             column.append(values.get(name))
-    pages = put(pages, "render", pa.array(render, pa.string()))
     types = {column.name: column.parsed.arrow() for column in table("wiki/pages").columns}
     for name, column in columns.items():
         pages = pages.append_column(name, pa.array(column, types.get(name, pa.string())))
@@ -146,7 +127,7 @@ def elements(page_id: int, entries: list[Row], rules: facts.MarkupRules) -> pa.T
     for entry in entries:
         text = entry["text"] if entry["kind"] in ("text", "cell", "sprite") else None
         texts.append(facts.name_inside(text, rules.item) if entry["kind"] == "sprite" else text)
-        # Images, hidden text and pages captured by earlier versions have no lines.
+        # Images and hidden text have no lines.
         boxes = entry.get("lines")
         lines.append(
             None if boxes is None else [dict(zip(SIDES, box, strict=True)) for box in boxes]

@@ -54,5 +54,4 @@ def _of_tracks(
     hit = pc.indices_nonzero(without)
     first = pc.index_in(pa.array(range(tracks), pa.int64()), value_set=track.take(hit))
     why = pc.fill_null(reason.take(hit), ABSENT).take(first)
-    complete: pa.Array[Any] = pc.fill_null(why, COMPLETE)
-    return complete
+    return pc.fill_null(why, COMPLETE)

@@ -162,7 +162,7 @@ def query(run):
     print("ready", flush=True)
     block()
 
-sys.exit(run_to_exit_code(lambda: app(prog_name="x", standalone_mode=False)))
+sys.exit(run_to_exit_code(app))
 """
 
 

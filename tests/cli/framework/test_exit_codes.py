@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from kb.cli.framework.command import _call
+from kb.cli.framework.command import command, group
+from kb.cli.framework.exit_codes import run_to_exit_code
 from kb.cli.framework.options import Options
 from kb.core import errors
 from tests.cli.conftest import clean_environment
@@ -25,10 +26,13 @@ def end(capsys: pytest.CaptureFixture[str]) -> Any:
     """end(error, json=True) -> (exit code, stdout, stderr) of a command that raises it."""
 
     def run(error: BaseException, **options: Any) -> tuple[int, str, str]:
-        def command(given: Options) -> None:
+        app = group("Test.")
+
+        @command(app, raw=True, examples=[])
+        def fail(given: Options) -> None:
             raise error
 
-        code = _call(command, Options(**options), {}, raw=True)
+        code = run_to_exit_code(app, ["fail", *(f"--{name}" for name in options if options[name])])
         return (code, *capsys.readouterr())
 
     return run

@@ -51,6 +51,7 @@ print('result')
 
 NAMED = """
 from pathlib import Path
+import kb.cli.app
 from kb.cli.framework import messages, progress
 messages.set_options(Path('my data'), 'stardew')
 shown = progress.choose(quiet=False)

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
+from kb.cli.framework.exit_codes import run_to_exit_code
 from kb.cli.framework.source_commands import app_of
 from kb.core.sources import SOURCES
 from tests.inprocess import Here
@@ -30,12 +30,15 @@ def test_without_data_nothing_is_written(
     assert not [path for path in root.rglob("*") if path.is_file() and path.suffix == ".parquet"]
 
 
-def test_a_source_without_own_commands_has_the_nouns_of_its_spec() -> None:
+def test_a_source_without_own_commands_has_the_nouns_of_its_spec(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     app = app_of("reddit")
-    listed = CliRunner().invoke(app, ["--help"])
-    assert listed.exit_code == 0
+    assert run_to_exit_code(app, ["--help"]) == 0
+    listed = capsys.readouterr().out
     for name in ("crawl", "filter", "export"):
-        assert name in listed.stdout
-    crawl = CliRunner().invoke(app, ["crawl", "--help"]).stdout
+        assert name in listed
+    assert run_to_exit_code(app, ["crawl", "--help"]) == 0
+    crawl = capsys.readouterr().out
     assert "--limit" in crawl
     assert "posts" in crawl

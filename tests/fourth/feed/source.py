@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kb.core.source import Source
-from kb.core.source_spec import ReleaseSpec, ReportSpec
 
 if TYPE_CHECKING:
     from kb.core.config.profile import Profile
@@ -27,8 +26,10 @@ class Feed(Source):
     nouns = {"pages": "pages", "notes": "notes"}
     counted = "notes"
     linked = indexed = ("notes",)
-    release = ReleaseSpec("notes", "SELECT count(*) FROM feed_notes", stages=("likes",))
-    report = ReportSpec("Feed", ("feed/notes",), "run `kb feed crawl`, then `kb feed filter`")
+    main, query = "notes", "SELECT count(*) FROM feed_notes"
+    stages = ("likes",)
+    title, shown = "Feed", ("feed/notes",)
+    hint = "run `kb feed crawl`, then `kb feed filter`"
 
     def connector(self, run: Run) -> Connector:
         from kb.feed.connector import FeedConnector

@@ -85,7 +85,7 @@ def test_a_wiki_without_a_recipe_is_released_again(tmp_path: Path) -> None:
     ("text", "file"),
     [
         ("youtube", "clean/youtube/videos/part-00000.parquet"),
-        ("pairs", "pairs/part-00000.parquet"),
+        ("pairs", "pairs/pairs-00000-of-00001.parquet"),
         ("pairs", "release/pairs/pairs.sample.json"),
     ],
 )

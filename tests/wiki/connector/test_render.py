@@ -6,14 +6,11 @@ import json
 
 import pyarrow.parquet as pq
 import pytest
-import zstandard
 from PIL import Image
 from werkzeug.wrappers import Response
 
 from kb.core.errors import Blocked, FatalError
 from kb.filters.filter_run import run_clean
-from kb.store.state.frontier import Frontier
-from kb.wiki.connector.reduce import PAYLOADS
 from kb.wiki.connector.source import crawl
 from tests.wiki.small_wiki import WORDS, SmallWiki
 
@@ -179,19 +176,3 @@ def test_a_page_in_the_place_of_an_image_says_nothing_about_the_image(wiki, run)
     wiki.hook = lambda request: dot if request.path == "/images/dot.png" else None
     summary = crawl(run)
     assert (summary["images"], summary["images_failed"]) == (1, 0)
-
-
-def test_pages_that_earlier_versions_stored_wrongly_are_read_again(wiki, run):
-    crawl(run)
-    place = run.root / "raw/wiki/pages/2/20/extraction.json.zst"
-    stored = json.loads(zstandard.decompress(place.read_bytes()))
-    stored["page"] |= {"page_id": None, "revision_id": None}
-    place.write_bytes(zstandard.compress(json.dumps(stored, separators=(",", ":")).encode()))
-    frontier = Frontier(run.root / "state/wiki.sqlite", payloads=PAYLOADS)
-    frontier.set_cursor("identified", None)
-    frontier.close()
-    assert verdicts(run) == (["Alpha", "Gamma"], {"2": ("render", "challenge")})
-    wiki.shown()
-    crawl(run)
-    assert wiki.shown() == ["Beta"]
-    assert verdicts(run) == (["Alpha", "Beta", "Gamma"], {})

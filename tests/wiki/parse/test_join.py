@@ -161,12 +161,6 @@ def test_a_kept_page_has_its_tables(root: Path) -> None:
     )
 
 
-def test_a_page_captured_by_an_earlier_version_has_no_lines_facts_or_recipes(root: Path) -> None:
-    run_clean(run_at(root), "wiki")
-    assert [row["lines"] for row in rows(root, "elements")] == [None] * 4
-    assert rows(root, "facts") == rows(root, "recipes") == []
-
-
 def test_lines_facts_and_recipes_of_a_page(root: Path) -> None:
     item = dict.fromkeys(("tip", "title", "label", "text", "quantity")) | {"absent": False}
     slot = {"output": True, "row": 0, "column": 0, "visible": True, "element": 1}

@@ -19,15 +19,6 @@ def test_a_cycle_of_parents_contains_nothing() -> None:
     assert tables.page_text(ring) == "t3"
 
 
-def test_an_extraction_of_an_earlier_version_has_no_recipes(tmp_path: Path) -> None:
-    text = b'{"page": {"page_id": 7}, "elements": [], "cells": []}'
-    (tmp_path / "extraction.json.zst").write_bytes(zstandard.compress(text))
-    content = tables.read_extraction(tmp_path, tmp_path)
-    assert content["facts"] == content["recipes"] == []
-    assert tables.is_foreign(content["page"], 8)
-    assert not tables.is_foreign({}, 8)
-
-
 @pytest.mark.parametrize("data", [None, b"", b"{}", zstandard.compress(b'{"page"')])
 def test_an_unreadable_extraction_is_damage(tmp_path: Path, data: bytes | None) -> None:
     if data is not None:

@@ -12,13 +12,13 @@ from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show_row, show_summary
 from kb.cli.framework.options import Options
 from kb.core import terminal
+from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.summary import Summary
 
 if TYPE_CHECKING:
     from kb.cli.commands.profile.online import ServiceCheck
     from kb.core.config.profile.check_finding import Finding
-    from kb.core.context import Run
     from kb.pairs.keyword_proposal import Proposal
 
 app = group("Make and check the profile of a new domain.")

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show_row
 from kb.cli.framework.options import CLUSTER, pipeline
+from kb.core.context import Run
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 app = group("Remove content that was deleted at its source or that a file names.")
 
@@ -35,6 +33,16 @@ Plan = Annotated[
 
 
 def _add(source: str, about: str, *examples: str) -> None:
+    @command(
+        app,
+        source,
+        help=about,
+        uses=CLUSTER,
+        json="purged, known, unknown, unread, rows, scores",
+        planned=("ids",),
+        needs_data=True,
+        examples=examples,
+    )
     def purge(run: Run, ids: Ids = None, plan: Plan = False) -> Summary:
         room = pipeline(run, "purge")
         summary: Summary
@@ -46,17 +54,6 @@ def _add(source: str, about: str, *examples: str) -> None:
         for line in summary["lines"]:
             show_row((line["folder"], line["what"], line["count"]))
         return summary
-
-    purge.__doc__ = about
-    command(
-        app,
-        name=source,
-        uses=CLUSTER,
-        json="purged, known, unknown, unread, rows, scores",
-        planned=("ids",),
-        needs_data=True,
-        examples=examples,
-    )(purge)
 
 
 for _name, _source in SOURCES.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -13,11 +13,9 @@ from kb.cli.framework.command_classes import DumpsCommand
 from kb.cli.framework.options import CLUSTER, Dumps, Plan
 from kb.cli.framework.source_commands import add_export, add_filter
 from kb.core import clock
+from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.summary import Summary
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 app = group("Collect posts and comments of a subreddit.")
 
@@ -117,8 +115,8 @@ def import_(
     return import_dumps(run, files, since=begin, until=end)
 
 
-filter_ = add_filter(app, "reddit")
-export = add_export(app, "reddit")
+add_filter(app, "reddit")
+add_export(app, "reddit")
 
 
 @command(

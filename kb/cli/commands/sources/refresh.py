@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.options import CLUSTER, Plan
+from kb.core.context import Run
 from kb.core.summary import Summary
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 app = group("Re-read data that the services' terms require to be fresh.")
 

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.options import Plan, pipeline
 from kb.cli.framework.source_commands import add_export, add_filter
+from kb.core.context import Run
 from kb.core.summary import Summary
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 app = group("Collect wiki pages: screenshots, elements with boxes, tables and images.")
 
@@ -62,8 +60,8 @@ def crawl(
     return summary
 
 
-filter_ = add_filter(app, "wiki", "captured pages")
-export = add_export(
+add_filter(app, "wiki", "captured pages")
+add_export(
     app,
     "wiki",
     goes="Parquet and tar shards go",

@@ -7,18 +7,16 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.options import Part, Plan, parse_part, pipeline
 from kb.cli.framework.source_commands import add_export, add_filter
+from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.summary import Summary
-
-if TYPE_CHECKING:
-    from kb.core.context import Run
 
 app = group("Collect videos and transcripts from YouTube.")
 
@@ -161,5 +159,5 @@ def import_(
     return summary
 
 
-filter_ = add_filter(app, "youtube")
-export = add_export(app, "youtube")
+add_filter(app, "youtube")
+add_export(app, "youtube")

@@ -6,17 +6,19 @@ import duckdb
 import pytest
 
 from kb.core.config.profile import load_profile
-from kb.report import sources
+from kb.core.sources import SOURCES
+from kb.report import pairs
 from kb.report.data import ReportData
+from kb.youtube.report import durations
 from tests.report.made import a_run
 
 
 @pytest.mark.parametrize(
     ("figure", "table"),
     [
-        (sources.WIKI[2], "wiki/elements"),
-        (sources.REDDIT[1], "reddit/posts"),
-        (sources.lengths, "pairs/pairs"),
+        (SOURCES["wiki"].figures()[2], "wiki/elements"),
+        (SOURCES["reddit"].figures()[1], "reddit/posts"),
+        (pairs.lengths, "pairs/pairs"),
     ],
 )
 def test_a_figure_counts_every_row(root: Path, figure: object, table: str) -> None:
@@ -28,7 +30,7 @@ def test_a_figure_counts_every_row(root: Path, figure: object, table: str) -> No
 
 def test_the_quality_of_pairs_is_what_the_table_says(root: Path) -> None:
     with ReportData(a_run(root)) as data:
-        figure = sources.quality(data, load_profile("minecraft"))
+        figure = pairs.quality(data, load_profile("minecraft"))
         files = data.files("pairs/quality")
     counts = dict(figure.rows)
     with duckdb.connect() as con:
@@ -46,7 +48,7 @@ def test_the_quality_of_pairs_is_what_the_table_says(root: Path) -> None:
 
 def test_durations_end_at_the_percentile_of_the_profile(root: Path) -> None:
     with ReportData(a_run(root)) as data:
-        figure = sources.durations(data, load_profile("minecraft"))
+        figure = durations(data, load_profile("minecraft"))
         videos = data.files("youtube/videos")
     with duckdb.connect() as con:
         ((limit, shown),) = con.execute(

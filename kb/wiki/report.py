@@ -1,0 +1,28 @@
+"""Figures of wiki pages, in the order of the report."""
+
+from functools import partial
+
+from kb.report.figure_style import (
+    GREEN,
+)
+from kb.report.figures import dates, funnel, toxicity, values
+from kb.wiki.page_figure import KINDS, page
+
+_PAGES = "wiki/pages"
+FIGURES = (
+    page,
+    partial(funnel, name=_PAGES),
+    partial(
+        values,
+        table="wiki/elements",
+        column="kind",
+        name="wiki-elements",
+        title="What is on the pages",
+        caption="{total} elements with a box, by kind.",
+        head=("kind", "elements"),
+        styles={kind: (kind, look.color) for kind, look in KINDS.items()},
+        shares=False,
+    ),
+    partial(dates, table=_PAGES, column="revision_timestamp", what="revised", color=GREEN),
+    partial(toxicity, table=_PAGES, columns=("toxicity",)),
+)
