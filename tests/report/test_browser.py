@@ -40,7 +40,10 @@ def browser() -> Iterator[Any]:
         skip_or_fail(str(error))
     options = webdriver.ChromeOptions()
     options.binary_location = programs.browser
-    for flag in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"):
+    for flag in (
+        *("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"),
+        "--remote-debugging-pipe",  # it ends with its driver
+    ):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     process = chromium.DriverProcess(programs.driver)
