@@ -91,7 +91,8 @@ def test_a_name_of_digits_that_came_as_a_number() -> None:
 @pytest.mark.parametrize("key", [b"k" * 64, b"short", b"long" * 50])
 @pytest.mark.parametrize("name", [NAME, "ünïcode", "half \ud83d of one"])
 def test_the_hash_is_the_standard_one(key: bytes, name: str) -> None:
-    expected = hmac.new(key, name.encode("utf-8", "replace"), "sha256").hexdigest()[:32]
+    lower = name.lower().encode("utf-8", "replace")
+    expected = hmac.new(key, lower, "sha256").hexdigest()[:32]
     assert Scrubber(key).hash(name) == expected
 
 
