@@ -21,7 +21,7 @@ import pyarrow as pa
 
 from kb.artifacts import manifest
 from kb.core.installation import PROFILE_FILE
-from kb.core.sources import RELEASES
+from kb.core.sources import PUBLISHED
 from kb.schema.tables import Table, released_tables, table, tables
 from kb.store.artifact_registry import SUMS
 from kb.store.damage import DOWNLOAD, opening
@@ -121,7 +121,7 @@ def read(folder: Path, source: str) -> ReleaseFolder:
     others = tuple(
         file
         for file in own
-        if RELEASES[source].archives and (file.name == INDEX or _ARCHIVE.fullmatch(file.name))
+        if PUBLISHED[source].archives and (file.name == INDEX or _ARCHIVE.fullmatch(file.name))
     )
     return ReleaseFolder(source, folder, parts, others)
 

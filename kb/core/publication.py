@@ -6,13 +6,17 @@ they are called.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from kb.core.source_spec import ReleaseSpec
-
 if TYPE_CHECKING:
+    from duckdb import DuckDBPyConnection
+
+    from kb.artifacts.release_folder import ReleaseFolder
+    from kb.core.config.profile import Profile
+    from kb.export.layouts import Writer
     from kb.report.figures import FigureMaker
 
 
@@ -34,7 +38,70 @@ class Publication:
     sampled: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Columns of the sample rows, by table."""
 
-    release: ClassVar[ReleaseSpec]
+    main: ClassVar[str]
+    """The table that a reader means who names none."""
+
+    query: ClassVar[str]
+    """The first query on the card."""
+
+    stages: ClassVar[tuple[str, ...]] = ()
+    """The stages of the filters, in order, which the card pictures."""
+
+    pictured: ClassVar[str] = ""
+    """The column whose frequent values the card pictures where there are no stages."""
+
+    rules: ClassVar[tuple[str, ...]] = ()
+    """Keys of the profile that decide which rows are released."""
+
+    ids_only: ClassVar[bool] = False
+    """Whether text columns hold ids and short names only."""
+
+    archives: ClassVar[tuple[str, ...]] = ()
+    """Kinds of tar archives beside the tables."""
+
+    paths: ClassVar[tuple[tuple[str, str], ...]] = ()
+    """(table, column) pairs that name a file in an archive."""
+
+    licensed: ClassVar[tuple[str, ...]] = ()
+    """Tables whose rows name a licence of their own."""
+
+    licence: ClassVar[str] = "CC-BY-4.0"
+    """SPDX id when the profile gives none."""
+
+    scraped: ClassVar[bool] = False
+    """Whether some of it was read from web pages."""
+
+    extra: ClassVar[str] = ""
+    """The package extra that the card's commands need."""
+
+    part_of: ClassVar[str] = ""
+    """The source whose filter and export also make this folder, of licensed texts."""
+
+    exports: ClassVar[tuple[str, ...]] = ()
+    """Files and folders that formats besides Parquet write below export/."""
+
+    @property
+    def formats(self) -> list[str]:
+        """The export formats besides Parquet."""
+        return list(dict.fromkeys(place.partition("/")[0] for place in self.exports))
+
+    def writers(self) -> Mapping[str, Writer]:
+        """The writers of the export formats, and of Parquet where tables are not all of it."""
+        return {}
+
+    def gaps(self, con: DuckDBPyConnection, folder: ReleaseFolder) -> Iterator[str]:
+        """What the released rows lack, measured on them: sentences for card and datasheet."""
+        return iter(())
+
+    def quality(
+        self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder
+    ) -> tuple[str, ...]:
+        """How good the released rows are, with figures: sentences for card and datasheet."""
+        return ()
+
+    def origin(self, profile: Profile) -> str:
+        """The address of the service."""
+        return ""
 
     def figures(self) -> Sequence[FigureMaker]:
         """What the report draws; by default what each filter stage leaves over."""
@@ -56,18 +123,36 @@ class Pairs(Publication):
             "video_id",
         )
     }
-    release = ReleaseSpec(
-        main="pairs",
-        query="SELECT keyword, count(*) AS clips FROM pairs GROUP BY ALL ORDER BY clips DESC"
-        " LIMIT 10",
-        rules=(
-            *("include", "exclude", "near_words", "min_tokens", "max_tokens", "center"),
-            *("min_clip_s", "max_clip_s", "min_gap_s", "max_pairs_per_video"),
-        ),
-        pictured="keyword",
-        quality="kb.release.metadata.pair_quality:pair_quality",
-        extra="pairs",
+    main = "pairs"
+    query = "SELECT keyword, count(*) AS clips FROM pairs GROUP BY ALL ORDER BY clips DESC LIMIT 10"
+    pictured = "keyword"
+    rules = (
+        "pairs.include",
+        "pairs.exclude",
+        "pairs.near_words",
+        "pairs.min_tokens",
+        "pairs.max_tokens",
+        "pairs.center",
+        "pairs.min_clip_s",
+        "pairs.max_clip_s",
+        "pairs.min_gap_s",
+        "pairs.max_pairs_per_video",
     )
+    extra = "pairs"
+
+    exports = ("video2dataset", "minedojo/pairs.json")
+
+    def writers(self) -> Mapping[str, Writer]:
+        from kb.export import minedojo, pair_layouts
+
+        return {"minedojo": minedojo.pairs, "video2dataset": pair_layouts.video2dataset}
+
+    def quality(
+        self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder
+    ) -> tuple[str, ...]:
+        from kb.release.metadata.pair_quality import pair_quality
+
+        return pair_quality(con, root, folder)
 
     def figures(self) -> Sequence[FigureMaker]:
         from kb.report.pairs import keywords, lengths, quality
@@ -83,14 +168,34 @@ class Tasks(Publication):
     shown = ("tasks/tasks", "tasks/titles")
     hint = "run `kb tasks` after `kb youtube filter`"
     sampled = {"tasks/tasks": ("prompt", "start_s", "end_s", "start_source", "video_id")}
-    release = ReleaseSpec(
-        main="tasks",
-        query="SELECT prompt, start_s, end_s FROM tasks WHERE start_source <> 'none'"
-        " ORDER BY prompt, video_id LIMIT 10",
-        rules=("verbs", "lead_ins", "talk", "never", "max_words", "max_gap_s"),
-        pictured="start_source",
-        quality="kb.release.metadata.judgements:task_quality",
+    main = "tasks"
+    query = (
+        "SELECT prompt, start_s, end_s FROM tasks WHERE start_source <> 'none'"
+        " ORDER BY prompt, video_id LIMIT 10"
     )
+    pictured = "start_source"
+    rules = (
+        "tasks.verbs",
+        "tasks.lead_ins",
+        "tasks.talk",
+        "tasks.never",
+        "tasks.max_words",
+        "tasks.max_gap_s",
+    )
+
+    exports = ("minedojo/creative_tasks.yaml",)
+
+    def writers(self) -> Mapping[str, Writer]:
+        from kb.export import minedojo
+
+        return {"minedojo": minedojo.tasks}
+
+    def quality(
+        self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder
+    ) -> tuple[str, ...]:
+        from kb.release.metadata.judgements import task_quality
+
+        return task_quality(con, root, folder)
 
     def figures(self) -> Sequence[FigureMaker]:
         from kb.report.tasks import titles
@@ -105,15 +210,18 @@ class Links(Publication):
     title = "Entities"
     shown = ("links/entities", "links/links")
     hint = "run `kb links` after the filters"
-    release = ReleaseSpec(
-        main="links",
-        query="SELECT entity, source, sum(count) AS mentions FROM links GROUP BY ALL"
-        " ORDER BY mentions DESC LIMIT 10",
-        section="pairs",
-        rules=("include", "exclude", "near_words"),
-        pictured="entity",
-        scraped=True,
+    main = "links"
+    query = (
+        "SELECT entity, source, sum(count) AS mentions FROM links GROUP BY ALL"
+        " ORDER BY mentions DESC LIMIT 10"
     )
+    pictured = "entity"
+    rules = (
+        "pairs.include",
+        "pairs.exclude",
+        "pairs.near_words",
+    )
+    scraped = True
 
     def figures(self) -> Sequence[FigureMaker]:
         from kb.report.links import known, least, most
@@ -126,11 +234,16 @@ class OpenText(Publication):
 
     name = "open-text"
     title = "Open text"
-    release = ReleaseSpec(
-        main="open_text",
-        query="SELECT language, count(*) AS videos, sum(word_count) AS words FROM open_text"
-        " GROUP BY ALL ORDER BY words DESC",
-        licence="CC-BY-3.0",
-        scraped=True,
-        part_of="youtube",
+    main = "open_text"
+    query = (
+        "SELECT language, count(*) AS videos, sum(word_count) AS words FROM open_text"
+        " GROUP BY ALL ORDER BY words DESC"
     )
+    licence = "CC-BY-3.0"
+    scraped = True
+    part_of = "youtube"
+
+    def writers(self) -> Mapping[str, Writer]:
+        from kb.export import open_text
+
+        return {"parquet": open_text.export}

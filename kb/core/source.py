@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from kb.core.config.profile.check_finding import OnlineAnswer, QuestionCost
     from kb.core.context import Run
     from kb.crawl.connector import Connector
-    from kb.export.layouts import Writer
     from kb.links.texts import TextPart
     from kb.mcp.read_tool import AgentDocument
     from kb.mcp.references import SourceLocation
@@ -75,9 +74,6 @@ class Source(Publication, ABC):
 
     indexed: ClassVar[tuple[str, ...]] = ()
     """Tables that passages are made of."""
-
-    exports: ClassVar[tuple[str, ...]] = ()
-    """Files and folders that formats besides Parquet write below export/."""
 
     ref: ClassVar[str] = ""
     """An example of a reference to a place in it; "" when `read` shows nothing of it."""
@@ -138,10 +134,6 @@ class Source(Publication, ABC):
         """What `kb search` indexes."""
         return iter(())
 
-    def writers(self) -> Mapping[str, Writer]:
-        """The writers of the export formats, and of Parquet where tables are not all of it."""
-        return {}
-
     def purge_rules(self) -> PurgeRules:
         """The rules of `kb purge`; by default items are removed by name only."""
         from kb.crawl.purge import rules_by_name
@@ -172,11 +164,6 @@ class Source(Publication, ABC):
     def folder(self) -> Path:
         """The folder of its package."""
         return Path(str(sys.modules[type(self).__module__].__file__)).parent
-
-    @property
-    def formats(self) -> list[str]:
-        """The export formats besides Parquet."""
-        return list(dict.fromkeys(place.partition("/")[0] for place in self.exports))
 
     @classmethod
     def noun(cls, kind: str) -> str:

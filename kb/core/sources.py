@@ -23,17 +23,8 @@ MADE_OF = {
     "open-text": ("youtube",),
 }
 
-RELEASES = {name: each.release for name, each in PUBLISHED.items()}
-
 # What every release holds; the rest is there where the profile asks for it.
-BY_DEFAULT = tuple(name for name in PUBLISHED if not RELEASES[name].part_of)
-
-# Files and folders below export/ that are made from pairs and tasks; those of a source are
-# its own.
-EXPORTS = {
-    "pairs": ("video2dataset", "minedojo/pairs.json"),
-    "tasks": ("minedojo/creative_tasks.yaml",),
-}
+BY_DEFAULT = tuple(name for name in PUBLISHED if not PUBLISHED[name].part_of)
 
 
 def made_of(name: str) -> tuple[str, ...]:
@@ -43,11 +34,11 @@ def made_of(name: str) -> tuple[str, ...]:
 
 def made_by(name: str) -> str:
     """The command that makes the tables of what is published."""
-    owner = RELEASES[name].part_of or name
+    owner = PUBLISHED[name].part_of or name
     return f"kb {owner} filter" if owner in SOURCES else f"kb {owner}"
 
 
 def exported_by(name: str) -> str:
     """The command that makes its release folder."""
-    owner = RELEASES[name].part_of or name
+    owner = PUBLISHED[name].part_of or name
     return f"kb {owner} export" if owner in SOURCES else f"kb {owner}"

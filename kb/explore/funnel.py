@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from kb.core.sources import RELEASES, SOURCES
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.explore.tables import CurrentTables
 from kb.store.tables.row_counts import VERDICTS
 
@@ -44,7 +44,7 @@ def _funnel(tables: CurrentTables, source: str) -> SourceFunnel | None:
         by_stage = "SELECT stage::VARCHAR AS stage, count(*) AS n FROM {table} GROUP BY 1"
         counted = tables.rows(f"{source}_rejected", by_stage)
         rejected = dict(zip(*(column.to_pylist() for column in counted.columns), strict=True))
-    order = [*RELEASES[source].stages]
+    order = [*PUBLISHED[source].stages]
     stages = [*(one for one in order if one in rejected), *sorted(set(rejected) - set(order))]
     left = crawled - verdicts["failed"] - verdicts["pending"]
     steps = [FunnelStep("judged", left, 0, left / crawled)]

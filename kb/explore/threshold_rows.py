@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
-from kb.core.sources import RELEASES, SOURCES
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.explore.tables import CurrentTables
 from kb.explore.threshold_stages import StageOfTable
 from kb.filters.predicates import number as shown
@@ -117,7 +117,7 @@ class ThresholdRows:
         if is_kept:
             return f"/document?{urlencode({'ref': f'{source}:{key}'})}"
         bare = key.removeprefix(self.stage.chain.prefix)
-        is_main = self.stage.table == RELEASES[source].main
+        is_main = self.stage.table == PUBLISHED[source].main
         return SOURCES[source].address(bare) if is_main else ""
 
 

@@ -8,29 +8,18 @@ from typing import Any
 
 from kb.core.context import Run
 from kb.core.errors import FatalError, MissingExtra, ProfileError
-from kb.core.sources import SOURCES
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.core.summary import Summary
-from kb.export import minedojo, open_text, pair_layouts, parquet
+from kb.export import parquet
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.layout import Layout
 
 Writer = Callable[[Run], Any]
 
-# The layouts besides "parquet", which is release/<name>; those of a source are its own.
-MADE: Mapping[str, Mapping[str, Writer]] = {
-    "pairs": {
-        "minedojo": minedojo.pairs,
-        "video2dataset": pair_layouts.video2dataset,
-    },
-    "tasks": {"minedojo": minedojo.tasks},
-    "open-text": {"parquet": open_text.export},
-}
-
 
 def writers(name: str) -> Mapping[str, Writer]:
     """The layouts of what is published under that name."""
-    own = SOURCES[name].writers() if name in SOURCES else MADE.get(name, {})
-    return {"parquet": partial(parquet.export, source=name), **own}
+    return {"parquet": partial(parquet.export, source=name), **PUBLISHED[name].writers()}
 
 
 def export(run: Run, name: str, layout: str = "parquet") -> Summary:

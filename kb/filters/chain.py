@@ -12,10 +12,10 @@ import pyarrow.compute as pc
 
 from kb.core.context import Run
 from kb.core.errors import SchemaMismatch
-from kb.filters.predicates import SCORED, Judgement, Predicate, column
+from kb.filters.predicates import SCORED, Judgement, Predicate
 from kb.filters.thresholds import outcome_of_other_stages, thresholds
 from kb.schema.tables import table
-from kb.store.tables.columns import with_nulls
+from kb.store.tables.columns import column, with_nulls
 from kb.store.tables.partition import RawKind
 
 DESCRIBED_BY = ("title", "channel_id", "channel_title", "type")  # columns of shared/rejected
@@ -119,14 +119,21 @@ class Judged(NamedTuple):
 
 
 def judge_chain(
-    rows: pa.Table, chain: Chain, join: Callable[[pa.Table], pa.Table], *, until: str = ""
+    rows: pa.Table,
+    chain: Chain,
+    join: Callable[[pa.Table], pa.Table],
+    kept: Mapping[str, pa.Table] | None = None,
+    *,
+    until: str = "",
 ) -> Judged:
-    """Run the chain over rows. `join` adds the scores before the stage SCORED.
+    """Run the chain over rows. `join` adds the scores before the stage SCORED; `kept` are the rows
+    that earlier chains kept, by table.
 
     `until` names a stage to stop before: the rows that reach it are `kept`, and the others are left
-    out. Raises SchemaMismatch
-    when a stage reads a column that is not there.
+    out. Raises SchemaMismatch when a stage reads a column that is not there.
     """
+    if chain.relate is not None:
+        rows = chain.relate(rows, kept or {})
     out: dict[str, list[pa.Table]] = {verdict: [] for verdict in VERDICTS}
     joined = False
     for position, stage in enumerate(chain.stages):

@@ -70,8 +70,16 @@ def run_clean(run: Run, source: str) -> Summary:
             if key and spec.scorer is not None:
                 spec.scorer.annotate(run, source, _texts(run, decoded))
             with manifest.replacing(run.root, f"clean/{source}", inputs=raw) as build:
-                fresh = build.folder
-                counts = _judge(run, decoded, fresh)
+                fresh, counts = build.folder, Counter[str]()
+                job = decoded.job._replace(out=str(fresh))
+                tasks = ((job, number) for number in range(job.buckets))
+                with run.progress.task(f"filter {source}", total=job.buckets, unit="parts") as task:
+                    for done in map_in_order(
+                        decoded.executor, filter_bucket, tasks, window=2 * run.workers
+                    ):
+                        counts.update(done)
+                        task.advance(1, kept=counts["kept"], rejected=counts["rejected"])
+                counts.update(_add_what_no_bucket_has(job, spec))
                 summary = _summary(spec, fresh, decoded.counts, counts, key)
                 summary |= spec.about(run.root) if spec.about is not None else {}
                 summary |= spec.figures(fresh) if spec.figures is not None else {}
@@ -205,18 +213,13 @@ def _texts(run: Run, decoded: _Decoded) -> Iterator[pa.Array[Any]]:
         Path(path).unlink()
 
 
-def _judge(run: Run, decoded: _Decoded, out: Path) -> Counter[str]:
-    total: Counter[str] = Counter()
-    job = decoded.job._replace(out=str(out))
-    spec = spec_of(job)
-    tasks = ((job, number) for number in range(job.buckets))
-    with run.progress.task(f"filter {job.source}", total=job.buckets, unit="parts") as task:
-        for done in map_in_order(decoded.executor, filter_bucket, tasks, window=2 * run.workers):
-            total.update(done)
-            task.advance(1, kept=total["kept"], rejected=total["rejected"])
+def _add_what_no_bucket_has(job: FilterJob, spec: Clean) -> Counter[str]:
+    """Add the items without an answer, and an empty first part for each table without rows, so that
+    readers find every table.
+    """
+    out, counts = Path(job.out), Counter[str]()
     if spec.unanswered is not None:
-        total.update(_fail_unanswered(job, spec, dict(spec.unanswered(Path(job.root)))))
-    # An empty first part for each table without rows, so that readers find every table.
+        counts = _fail_unanswered(job, spec, dict(spec.unanswered(Path(job.root))))
     tables = [chain.table for chain in spec.chains] + [follow.table for follow in spec.follow]
     for name in (*tables, *(f"shared/{verdict}" for verdict in VERDICTS)):
         declared = table(name)
@@ -225,7 +228,7 @@ def _judge(run: Run, decoded: _Decoded, out: Path) -> Counter[str]:
             write_table(path, declared.arrow().empty_table(), declared, sync=False)
     for leftover in out.rglob(".*.tmp"):  # of a killed worker, whose task another one repeated
         leftover.unlink()
-    return total
+    return counts
 
 
 def _fail_unanswered(job: FilterJob, spec: Clean, lost: dict[str, str]) -> Counter[str]:

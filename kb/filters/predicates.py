@@ -16,6 +16,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.types as kinds
 
+from kb.store.tables.columns import column
+
 SCORED = "toxicity"  # the stage that looks at scores
 
 
@@ -124,13 +126,6 @@ def malformed(rows: pa.Table, name: str) -> pa.Array[Any]:
     parents = pc.list_parent_indices(problems).filter(hit)
     at = pc.index_in(pa.array(range(rows.num_rows), parents.type), value_set=parents)
     return entries.field("value").filter(hit).take(at)
-
-
-def column(rows: pa.Table, name: str) -> pa.Array[Any]:
-    """A column as one array."""
-    chunks = rows.column(name)
-    combined = chunks.combine_chunks() if chunks.num_chunks != 1 else chunks.chunk(0)
-    return pa.concat_arrays(combined.chunks) if isinstance(combined, pa.ChunkedArray) else combined
 
 
 def text(values: pa.Array[Any]) -> pa.Array[Any]:

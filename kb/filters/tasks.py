@@ -1,20 +1,19 @@
 """What a worker does for `kb <source> filter`, in the order in which a row travels:
 
-    decode     lines of a raw segment to rows                            } a task per segment:
-    partition  rows to buckets by key                                    } `decode_segment`
-    latest     the newest row of each key of a bucket                    )
-    join       rows of all kinds to rows of the clean tables             ) a task per bucket:
-    judge      each row is kept, rejected, failed or pending             ) `filter_bucket`
-    write      one part file per table and verdict                       )
+    decode       lines of a raw segment to rows                          } a task per segment:
+    partition    rows to buckets by key                                  } `decode_segment`
+    latest       the newest row of each key of a bucket                  )
+    join         rows of all kinds to rows of the clean tables           ) a task per bucket:
+    judge_chain  each row is kept, rejected, failed or pending           ) `filter_bucket`
+    write        one part file per table and verdict                     )
 
-`collect_texts` does `latest`, `join` and a part of `judge` before, to find the texts that need a
-toxicity score. A task is a `FilterJob` and the name of a segment or the number of a bucket; the
-pipeline is loaded by its path. No function holds more than a bucket.
+`collect_texts` does `latest`, `join` and a part of `judge_chain` before, to find the texts that
+need a toxicity score. A task is a `FilterJob` and the name of a segment or the number of a bucket;
+the pipeline is loaded by its path. No function holds more than a bucket.
 """
 
 import json
 from collections import Counter
-from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -84,8 +83,12 @@ def collect_texts(job: FilterJob, number: int) -> str:
     with full_disk_is_resumable(Path(job.work)), pa.ipc.new_file(path, schema) as file:
         with partition.without_collecting():
             rows, _ = join(job, spec, number, follows=False)
-        for chain, judged in judge(spec, rows, lambda chain, rows: rows, until_scores=True)[0]:
-            for column in chain.scores or ():
+        kept: dict[str, pa.Table] = {}
+        for chain in (each for each in spec.chains if each.table in rows):
+            until = SCORED if chain.scores else ""
+            judged = judge_chain(rows[chain.table], chain, lambda rows: rows, kept, until=until)
+            kept[chain.table] = judged.kept
+            for column in chain.scores:
                 for chunk in judged.kept.column(column).chunks:
                     file.write_batch(pa.record_batch([chunk.cast(pa.string())], schema=schema))
     return path
@@ -94,14 +97,21 @@ def collect_texts(job: FilterJob, number: int) -> str:
 def filter_bucket(job: FilterJob, number: int) -> dict[str, int]:
     """Join, judge and write one bucket; return counts for the summary."""
     spec = spec_of(job)
-
-    def score(chain: Chain, rows: pa.Table) -> pa.Table:
-        return add_scores(job, spec, chain, rows)
-
     with partition.without_collecting():
         rows, counts = join(job, spec, number, follows=True)
-    judged, follows = judge(spec, rows, score)
-    kept = {chain.table: result.kept for chain, result in judged}
+    judged: list[tuple[Chain, Judged]] = []
+    kept: dict[str, pa.Table] = {}
+    for chain in (each for each in spec.chains if each.table in rows):
+        score = partial(add_scores, job, spec, chain)
+        judged.append((chain, judge_chain(rows[chain.table], chain, score, kept)))
+        kept[chain.table] = judged[-1][1].kept
+    for follow in spec.follow:
+        if follow.table in rows and follow.of in kept:
+            of_kept = kept[follow.of].column(follow.on).combine_chunks()
+            own = rows[follow.table]
+            followed = own.filter(pc.is_in(own.column(follow.on), of_kept))
+            counts[f"kept {follow.table}"] += followed.num_rows
+            write(job, follow.table, number, followed)
     if spec.complete is not None:
         kept = spec.complete(kept)
     for chain, result in judged:
@@ -109,9 +119,6 @@ def filter_bucket(job: FilterJob, number: int) -> dict[str, int]:
         counts["kept"] += result.kept.num_rows
         counts[f"kept {chain.table}"] += result.kept.num_rows
         write(job, chain.table, number, declared_columns(kept[chain.table], chain))
-    for name, followed in follows.items():
-        counts[f"kept {name}"] += followed.num_rows
-        write(job, name, number, followed)
     for verdict in VERDICTS if judged else ():  # a bucket may be empty
         out = pa.concat_tables([getattr(result, verdict) for _, result in judged])
         counts[verdict] += out.num_rows
@@ -163,40 +170,6 @@ def join(
     if spec.side_files is not None:
         rows = spec.side_files.read(Path(job.root), rows, follows)
     return rows, counts
-
-
-def judge(
-    spec: Clean,
-    rows: dict[str, pa.Table],
-    score: Callable[[Chain, pa.Table], pa.Table],
-    *,
-    until_scores: bool = False,
-) -> tuple[list[tuple[Chain, Judged]], dict[str, pa.Table]]:
-    """Run the chains of a bucket, and keep the rows of tables that follow them.
-
-    `until_scores` stops each chain that has scores before its scored stage.
-    """
-    kept: dict[str, pa.Table] = {}
-    judged = []
-    for chain in spec.chains:
-        if chain.table not in rows:
-            continue
-        own = rows[chain.table]
-        if chain.relate is not None:
-            own = chain.relate(own, kept)
-        until = SCORED if until_scores and chain.scores else ""
-        result = judge_chain(own, chain, partial(score, chain), until=until)
-        kept[chain.table] = result.kept
-        judged.append((chain, result))
-    follows = {}
-    for follow in spec.follow if not until_scores else ():
-        if follow.table in rows and follow.of in kept:
-            own = rows[follow.table]
-            is_kept = pc.is_in(
-                own.column(follow.on), kept[follow.of].column(follow.on).combine_chunks()
-            )
-            follows[follow.table] = own.filter(is_kept)
-    return judged, follows
 
 
 def add_scores(job: FilterJob, spec: Clean, chain: Chain, rows: pa.Table) -> pa.Table:

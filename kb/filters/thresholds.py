@@ -15,7 +15,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.filters.predicates import SCORED, Predicate, Threshold, column
+from kb.filters.predicates import SCORED, Predicate, Threshold
+from kb.store.tables.columns import column
 
 UNSCORED = "unscored"  # kept, if the toxicity stage passes texts that have no score yet
 

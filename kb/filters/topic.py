@@ -22,12 +22,12 @@ from kb.filters.predicates import (
     NotTrue,
     Predicate,
     Present,
-    column,
     malformed,
     nothing,
     rows_passing,
     text,
 )
+from kb.store.tables.columns import column
 
 _EDGE = r"[^\pL\pN_]"
 

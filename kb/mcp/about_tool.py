@@ -39,7 +39,7 @@ def _left_out(count: int) -> str:
 
 
 def _source(opened: OpenTables, source: Source) -> str:
-    noun = source.release.main
+    noun = source.main
     ranked = opened.ranked(f"{source.name}_{noun}")
     if not ranked:
         return ""
@@ -58,7 +58,7 @@ def _source(opened: OpenTables, source: Source) -> str:
 
 
 def _licences(opened: OpenTables, source: Source) -> str:
-    ranked = opened.ranked(f"{source.name}_{source.release.main}")
+    ranked = opened.ranked(f"{source.name}_{source.main}")
     if not ranked or source.unlicensed:
         return ""
     sql = f"SELECT license, count(*) AS n FROM {ranked[0].full} GROUP BY 1 ORDER BY 2 DESC, 1"

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import SplitResult
 
 from kb.core.source import Source
-from kb.core.source_spec import ReleaseSpec
 
 if TYPE_CHECKING:
+    from duckdb import DuckDBPyConnection
+
     from kb.artifacts.purge import PurgeRules
+    from kb.artifacts.release_folder import ReleaseFolder
     from kb.core.config.profile import Profile
     from kb.core.config.profile.check_finding import OnlineAnswer, QuestionCost
     from kb.core.context import Run
@@ -47,17 +49,20 @@ class Reddit(Source):
     linked = ("posts", "comments")
     indexed = ("posts", "comments")
     exports = ("minedojo/reddit.json", "convokit")
-    release = ReleaseSpec(
-        origin="https://www.reddit.com/r/{subreddit}/",
-        main="posts",
-        counted=("posts", "comments"),
-        query="SELECT type, count(*) AS posts, sum(comments_released) AS comments"
-        " FROM reddit_posts GROUP BY ALL ORDER BY posts DESC",
-        stages=("missing", "post", "removed", "nsfw", "score", "toxicity"),
-        rules=("subreddit", "search", "listings", "spans", "min_score"),
-        gaps=("kb.release.metadata.gaps:threads", "kb.release.metadata.gaps:unread"),
-        ids_only=True,
+    main = "posts"
+    query = (
+        "SELECT type, count(*) AS posts, sum(comments_released) AS comments"
+        " FROM reddit_posts GROUP BY ALL ORDER BY posts DESC"
     )
+    stages = ("missing", "post", "removed", "nsfw", "score", "toxicity")
+    rules = (
+        "reddit.subreddit",
+        "reddit.search",
+        "reddit.listings",
+        "reddit.spans",
+        "reddit.min_score",
+    )
+    ids_only = True
     title = "Reddit"
     shown = ("reddit/posts", "reddit/comments")
     hint = "run `kb reddit crawl` or `kb reddit import FILE`, then `kb reddit filter`"
@@ -130,6 +135,15 @@ class Reddit(Source):
         from kb.reddit.report import FIGURES
 
         return FIGURES
+
+    def origin(self, profile: Profile) -> str:
+        section = profile.reddit
+        return f"https://www.reddit.com/r/{section.subreddit}/" if section else ""
+
+    def gaps(self, con: DuckDBPyConnection, folder: ReleaseFolder) -> Iterator[str]:
+        from kb.reddit.card import gaps
+
+        return gaps(con, folder)
 
     def writers(self) -> Mapping[str, Writer]:
         from kb.export import convokit, minedojo

@@ -27,7 +27,7 @@ from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.errors import ProfileError
 from kb.core.installation import PROFILE_FILE, lock_digest, software_address
-from kb.core.sources import RELEASES, SOURCES
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.release.metadata.measure import Facts
 from kb.store.atomic import writing
 from kb.store.damage import opening
@@ -121,16 +121,16 @@ _COLUMNS = "keyword\tkind\trule\tforms"
 
 def rules(profile: Profile, source: str) -> list[tuple[str, str]]:
     """(key, value) of thresholds and search words of a source, as the profile has them."""
-    spec = RELEASES[source]
-    named = spec.section or source
-    section = getattr(profile, named, None)
-    values = [] if section is None else [(name, getattr(section, name)) for name in spec.rules]
+    values = []
+    for rule in PUBLISHED[source].rules:
+        section, _, name = rule.partition(".")
+        if (held := getattr(profile, section, None)) is not None:
+            values.append((rule, getattr(held, name)))
     if source in SOURCES:
         threshold = profile.toxicity.threshold(source)
-        values.append(("toxicity", "not dropped" if threshold is None else threshold))
-    return [
-        (f"{named}.{name}", _shown(value)) for name, value in values if value not in ((), [], "")
-    ]
+        shown = "not dropped" if threshold is None else threshold
+        values.append((f"{source}.toxicity", shown))
+    return [(rule, _shown(value)) for rule, value in values if value not in ((), [], "")]
 
 
 def _shown(value: Any) -> str:

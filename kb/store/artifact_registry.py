@@ -17,9 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from kb.core.sources import (
-    EXPORTS,
     PUBLISHED,
-    RELEASES,
     SOURCES,
     exported_by,
     made_of,
@@ -98,12 +96,12 @@ def _declared() -> Iterator[Artifact]:
     yield Artifact("restored/pairs", (), "kb restore", "restored", ("pairs/pairs",))
     for name in PUBLISHED:
         own = tuple(one.name for one in tables().values() if one.source == name and one.released)
-        owner = RELEASES[name].part_of
+        owner = PUBLISHED[name].part_of
         inputs = (f"clean/{owner or name}" if (owner or name) in SOURCES else name,)
         reads = tuple(f"{owner}/{short}" for short in SOURCES[owner].indexed) if owner else own
         command, lock = exported_by(name), f"release-{name}"
         yield Artifact(f"release/{name}", inputs, command, lock, own, reads, public=True)
-        for export in SOURCES[name].exports if name in SOURCES else EXPORTS.get(name, ()):
+        for export in PUBLISHED[name].exports:
             format_ = f"{command} --format {export.partition('/')[0]}"
             yield Artifact(f"export/{export}", inputs, format_, lock, public=True)
     reconstruct = ("raw/reddit",), "kb reddit reconstruct", "reconstructed"
@@ -134,6 +132,6 @@ def of_table(name: str) -> Artifact:
     "youtube/rejected").
     """
     source = name.partition("/")[0]
-    if source in RELEASES and RELEASES[source].part_of:
+    if source in PUBLISHED and PUBLISHED[source].part_of:
         return ARTIFACTS[f"release/{source}"]
     return ARTIFACTS[f"clean/{source}" if source in SOURCES else source]

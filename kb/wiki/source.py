@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 from urllib.parse import SplitResult, urlunsplit
 
 from kb.core.source import Source
-from kb.core.source_spec import ReleaseSpec
 
 if TYPE_CHECKING:
+    from duckdb import DuckDBPyConnection
+
     from kb.artifacts.purge import PurgeRules
+    from kb.artifacts.release_folder import ReleaseFolder
     from kb.core.config.profile import Profile
     from kb.core.config.profile.check_finding import OnlineAnswer, QuestionCost
     from kb.core.context import Run
@@ -45,21 +47,25 @@ class Wiki(Source):
     linked = ("pages", "elements")
     indexed = ("pages", "elements", "cells", "images")
     exports = ("minedojo/wiki_full", "minedojo/wiki_samples")
-    release = ReleaseSpec(
-        main="pages",
-        query="SELECT kind, region, count(*) AS elements FROM wiki_elements WHERE visible"
-        " GROUP BY ALL ORDER BY elements DESC",
-        stages=("missing", "robots", "render", "words", "toxicity"),
-        rules=("url", "namespaces", "min_words", "max_page_height", "max_elements"),
-        gaps=("kb.release.metadata.gaps:large_screenshots",),
-        archives=("screenshots", "images"),
-        paths=(("pages", "screenshot_path"), ("images", "path")),
-        licensed=("pages", "images"),
-        licence="",
-        scraped=True,
-        origin="{url}",
-        extra="wiki",
+    main = "pages"
+    query = (
+        "SELECT kind, region, count(*) AS elements FROM wiki_elements WHERE visible"
+        " GROUP BY ALL ORDER BY elements DESC"
     )
+    stages = ("missing", "robots", "render", "words", "toxicity")
+    rules = (
+        "wiki.url",
+        "wiki.namespaces",
+        "wiki.min_words",
+        "wiki.max_page_height",
+        "wiki.max_elements",
+    )
+    archives = ("screenshots", "images")
+    paths = (("pages", "screenshot_path"), ("images", "path"))
+    licensed = ("pages", "images")
+    licence = ""
+    scraped = True
+    extra = "wiki"
     title = "Wiki"
     shown = ("wiki/pages", "wiki/elements", "wiki/images")
     hint = "run `kb wiki crawl`, then `kb wiki filter`"
@@ -118,6 +124,14 @@ class Wiki(Source):
         from kb.wiki.report import FIGURES
 
         return FIGURES
+
+    def origin(self, profile: Profile) -> str:
+        return profile.wiki.url if profile.wiki else ""
+
+    def gaps(self, con: DuckDBPyConnection, folder: ReleaseFolder) -> Iterator[str]:
+        from kb.wiki.card import gaps
+
+        return gaps(con, folder)
 
     def writers(self) -> Mapping[str, Writer]:
         from kb.export import minedojo_wiki, wiki_tar

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import SplitResult, parse_qs
 
 from kb.core.source import Source
-from kb.core.source_spec import ReleaseSpec
 
 if TYPE_CHECKING:
+    from duckdb import DuckDBPyConnection
+
     from kb.artifacts.purge import PurgeRules
+    from kb.artifacts.release_folder import ReleaseFolder
     from kb.core.config.profile import Profile
     from kb.core.config.profile.check_finding import OnlineAnswer, QuestionCost
     from kb.core.context import Run
@@ -53,23 +55,36 @@ class YouTube(Source):
         "minedojo/youtube_tutorial.json",
         "text/youtube.jsonl",
     )
-    release = ReleaseSpec(
-        main="videos",
-        query="SELECT transcript_kind, count(*) AS videos, round(sum(duration_s) / 3600) AS hours"
-        " FROM youtube_videos GROUP BY ALL ORDER BY videos DESC",
-        stages=(
-            *("missing", "topic", "views", "aspect_ratio", "duration", "age_restricted"),
-            *("toxicity", "transcript"),
-        ),
-        rules=(
-            *("keywords", "topic_keywords", "game_ids", "category_ids", "search_pages", "uploads"),
-            *("min_views", "min_aspect_ratio", "min_duration_s", "transcripts", "language"),
-            "translate",
-        ),
-        gaps=("kb.release.metadata.gaps:views",),
-        scraped=True,
-        origin="https://www.youtube.com/",
+    main = "videos"
+    query = (
+        "SELECT transcript_kind, count(*) AS videos, round(sum(duration_s) / 3600) AS hours"
+        " FROM youtube_videos GROUP BY ALL ORDER BY videos DESC"
     )
+    stages = (
+        "missing",
+        "topic",
+        "views",
+        "aspect_ratio",
+        "duration",
+        "age_restricted",
+        "toxicity",
+        "transcript",
+    )
+    rules = (
+        "youtube.keywords",
+        "youtube.topic_keywords",
+        "youtube.game_ids",
+        "youtube.category_ids",
+        "youtube.search_pages",
+        "youtube.uploads",
+        "youtube.min_views",
+        "youtube.min_aspect_ratio",
+        "youtube.min_duration_s",
+        "youtube.transcripts",
+        "youtube.language",
+        "youtube.translate",
+    )
+    scraped = True
     title = "YouTube"
     shown = ("youtube/videos",)
     hint = "run `kb youtube crawl`, then `kb youtube filter`"
@@ -144,6 +159,14 @@ class YouTube(Source):
         from kb.youtube.report import FIGURES
 
         return FIGURES
+
+    def origin(self, profile: Profile) -> str:
+        return "https://www.youtube.com/"
+
+    def gaps(self, con: DuckDBPyConnection, folder: ReleaseFolder) -> Iterator[str]:
+        from kb.youtube.card import gaps
+
+        return gaps(con, folder)
 
     def writers(self) -> Mapping[str, Writer]:
         from kb.export import flat_text, minedojo

@@ -4,7 +4,7 @@ import pytest
 
 from kb.core.errors import ProfileError
 from kb.core.licences import KNOWN, licence
-from kb.core.sources import RELEASES
+from kb.core.sources import PUBLISHED
 
 
 @pytest.mark.parametrize("spdx", KNOWN)
@@ -16,7 +16,7 @@ def test_every_known_licence_has_its_text_and_address(spdx: str) -> None:
 
 
 def test_releases_are_under_known_licences() -> None:
-    assert {spec.licence for spec in RELEASES.values() if spec.licence} <= KNOWN.keys()
+    assert {one.licence for one in PUBLISHED.values() if one.licence} <= KNOWN.keys()
 
 
 def test_an_unknown_licence_names_the_known() -> None:

@@ -13,14 +13,17 @@ def test_tables_of_a_source_are_declared(name: str) -> None:
     shorts = [*source.tables, *source.indexed, *source.linked]
     assert {f"{name}/{short}" for short in shorts} <= set(tables())
     assert {*source.shown, *source.sampled} <= set(tables())
-    assert source.release.main in source.tables
+    assert source.main in source.tables
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_what_is_exported_has_a_writer(name: str) -> None:
+    assert {*PUBLISHED[name].formats} == {*PUBLISHED[name].writers()} - {"parquet"}
 
 
 @pytest.mark.parametrize("name", SOURCES)
-def test_what_a_source_exports_has_a_writer_and_its_purge_is_of_the_source(name: str) -> None:
-    source = SOURCES[name]
-    assert {*source.formats} == {*source.writers()} - {"parquet"}
-    assert source.purge_rules().source == name
+def test_the_rules_of_a_purge_are_those_of_the_source(name: str) -> None:
+    assert SOURCES[name].purge_rules().source == name
 
 
 def test_what_is_made_from_sources() -> None:

@@ -19,7 +19,7 @@ from kb.artifacts.release_folder import INDEX, ReleaseFolder
 from kb.core.context import Run
 from kb.core.errors import KbError
 from kb.core.licences import KNOWN, licence
-from kb.core.sources import RELEASES, exported_by
+from kb.core.sources import PUBLISHED, exported_by
 from kb.release.folders import DEPOSIT, REQUIRED, is_made, strays
 from kb.release.gate import GateProblem, damaged, personal, rows, secrets, tables
 from kb.release.gate.tables import numbered
@@ -81,8 +81,8 @@ def check_sums(
 
 def check_archives(folder: ReleaseFolder) -> list[GateProblem]:
     """Problems of tar files, and rows whose file is in none of them; nothing for most sources."""
-    source, spec = folder.source, RELEASES[folder.source]
-    if not spec.archives:
+    source, of = folder.source, PUBLISHED[folder.source]
+    if not of.archives:
         return []
     rerun = f"run `{exported_by(source)}` again"
     tars = {path.name: path.stat().st_size for path in folder.others if path.suffix == ".tar"}
@@ -90,7 +90,7 @@ def check_archives(folder: ReleaseFolder) -> list[GateProblem]:
         GateProblem(
             "damaged", f"{source}/{kind}", f"archives are missing or of two exports; {rerun}"
         )
-        for kind in spec.archives
+        for kind in of.archives
         if not numbered([name for name in tars if name.startswith(kind)], kind, "tar")
     ]
     index = folder.path / INDEX
@@ -120,7 +120,7 @@ def check_archives(folder: ReleaseFolder) -> list[GateProblem]:
             )
             problems.append(GateProblem("damaged", f"{source}/{tar}", f"{what}; {rerun}"))
         for part in folder.parts:
-            for column in (column for short, column in spec.paths if short == part.table.short):
+            for column in (column for short, column in of.paths if short == part.table.short):
                 missing = (
                     f"SELECT count(*) FROM read_parquet(?) WHERE {column} NOT IN (SELECT tar"
                     " || '/' || member FROM members)"
@@ -185,8 +185,8 @@ def _deposit(path: Path, where: str) -> list[GateProblem]:
 def _licence(run: Run, folder: ReleaseFolder) -> list[GateProblem]:
     """Problems of the licence that the folder is to be released under."""
     where = f"{folder.source}/LICENSE"
-    spec = RELEASES[folder.source]
-    named = dict(licences(folder, spec.main)) if spec.licensed else {}
+    of = PUBLISHED[folder.source]
+    named = dict(licences(folder, of.main)) if of.licensed else {}
     foreign = sorted(name for name in named if name not in KNOWN)
     if foreign:
         what = (
@@ -195,7 +195,7 @@ def _licence(run: Run, folder: ReleaseFolder) -> list[GateProblem]:
         )
         return [GateProblem("licence", where, what)]
     problems = []
-    main = sum(pq.read_metadata(shard).num_rows for shard in folder.shards(spec.main))
+    main = sum(pq.read_metadata(shard).num_rows for shard in folder.shards(of.main))
     if named and (unnamed := main - sum(named.values())):
         what = f"{unnamed:,} rows name no licence, though others do; run `kb wiki crawl --again`"
         problems.append(GateProblem("licence", f"{folder.source}/pages", what))

@@ -13,7 +13,7 @@ from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.sources import RELEASES, SOURCES, exported_by, made_by, made_of
+from kb.core.sources import PUBLISHED, SOURCES, exported_by, made_by, made_of
 from kb.release.gate import GateProblem, damaged
 from kb.schema import Table, released_tables
 from kb.store.layout import Layout
@@ -24,7 +24,7 @@ def check(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) -> lis
     """Every problem of rows of `readable` tables; with damaged clean rows nothing is compared."""
     if unfinished := _unfinished_purges(run, folder):
         return unfinished
-    if owner := RELEASES[folder.source].part_of:
+    if owner := PUBLISHED[folder.source].part_of:
         return _part(run, folder, owner)
     tables = released_tables(folder.source)
     problems = [problem for one in tables for problem in _damaged(run.root, one)]

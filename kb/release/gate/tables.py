@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from kb.artifacts.release_folder import TOMBSTONES, ReleasedTable, ReleaseFolder
 from kb.core.errors import DamagedData
-from kb.core.sources import RELEASES
+from kb.core.sources import PUBLISHED
 from kb.release.folders import samples
 from kb.release.gate import GateProblem, damaged
 from kb.schema import Table, table
@@ -150,7 +150,7 @@ def _values(
     source: str,
 ) -> list[GateProblem]:
     """The first invalid value of each column, in one query; it may be content and is not shown."""
-    ids_only = RELEASES[source].ids_only and declared.source == source
+    ids_only = PUBLISHED[source].ids_only and declared.source == source
     rules = [(column, *rule) for column in columns for rule in _rules(column, ids_only=ids_only)]
     if not rules:
         return []

@@ -20,8 +20,9 @@ from kb import __version__
 from kb.core.context import Run
 from kb.core.installation import install_extra, lock_digest, software_address
 from kb.core.licences import licence
-from kb.core.source_spec import ReleaseSpec
-from kb.core.sources import RELEASES
+from kb.core.publication import Publication
+from kb.core.source import Source
+from kb.core.sources import PUBLISHED
 from kb.release import provenance
 from kb.release.metadata.measure import ColumnFacts, Facts, TableFacts
 from kb.release.metadata.templates import SANDBOX_NOTE, about, language, md, name, render
@@ -41,7 +42,7 @@ class Bar(NamedTuple):
 def first(facts: Facts) -> dict[str, Any]:
     """What templates/first_screen.md.jinja says of a folder."""
     return {
-        "query": RELEASES[facts.source].query,
+        "query": PUBLISHED[facts.source].query,
         "archive": next((one.name for one in facts.others if one.name.endswith(".tar")), None),
         "picture": picture(facts),
     }
@@ -49,23 +50,22 @@ def first(facts: Facts) -> dict[str, Any]:
 
 def picture(facts: Facts) -> list[Bar]:
     """How much each stage left over, or how often the most frequent keywords are met."""
-    spec = RELEASES[facts.source]
-    if spec.stages:
-        return _bars(_funnel(facts, spec))
-    keyword = _column(facts, spec)
+    of = PUBLISHED[facts.source]
+    if isinstance(of, Source) and of.stages:
+        return _bars(_funnel(facts, of))
+    keyword = _column(facts, of)
     return _bars(list(keyword.top) if keyword is not None else [])
 
 
-def _funnel(facts: Facts, spec: ReleaseSpec) -> list[tuple[str, int]]:
+def _funnel(facts: Facts, source: Source) -> list[tuple[str, int]]:
     """What was read, then what was left behind each stage that dropped something."""
     dropped: dict[str, int] = {}
     for stage, _, n in facts.rejected:
         dropped[stage] = dropped.get(stage, 0) + n
-    counted = spec.counted or (spec.main,)
-    left = sum(one.rows for one in facts.tables if one.table.short in counted)
+    left = sum(one.rows for one in facts.tables if one.table.short in source.tables)
     left += sum(dropped.values())
     steps = [("read", left)]
-    for stage in spec.stages:
+    for stage in source.stages:
         if stage in dropped:
             left -= dropped[stage]
             steps.append((f"after {stage}", left))
@@ -77,10 +77,10 @@ def _bars(steps: list[tuple[str, int]]) -> list[Bar]:
     return [Bar(name, n, "█" * max(1, round(WIDTH * n / most))) for name, n in steps if n]
 
 
-def _column(facts: Facts, spec: ReleaseSpec) -> ColumnFacts | None:
-    main = next((one for one in facts.tables if one.table.short == spec.main), None)
+def _column(facts: Facts, of: Publication) -> ColumnFacts | None:
+    main = next((one for one in facts.tables if one.table.short == of.main), None)
     columns = main.columns if main is not None else ()
-    return next((one for one in columns if one.column.name == spec.pictured), None)
+    return next((one for one in columns if one.column.name == of.pictured), None)
 
 
 # The hub's size categories, a power of ten each.
@@ -176,7 +176,7 @@ def _in_markdown(run: Run, facts: Facts) -> dict[str, Any]:
         "facts": facts,
         "law": licence(facts.licence),
         "note": SANDBOX_NOTE,
-        "install": install_extra(RELEASES[facts.source].extra),
+        "install": install_extra(PUBLISHED[facts.source].extra),
         "release": section,
         "software": _software(),
         "address": software_address(),
@@ -190,7 +190,7 @@ def _search_words(run: Run, facts: Facts) -> list[str]:
 
 
 def _is_main(table: TableFacts) -> bool:
-    return table.table.short == RELEASES[table.table.source].main
+    return table.table.short == PUBLISHED[table.table.source].main
 
 
 def _software() -> str:

@@ -12,7 +12,7 @@ from typing import Any
 from kb.core.config.profile.release import Creator
 from kb.core.context import Run
 from kb.core.licences import licence
-from kb.core.sources import RELEASES
+from kb.core.sources import PUBLISHED
 from kb.release.metadata.card import bibtex
 from kb.release.metadata.lineage import CONTEXT as PROV
 from kb.release.metadata.lineage import lineage
@@ -141,7 +141,7 @@ def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
     fields = {
         "rai:dataCollection": prose.collection,
         "rai:dataCollectionType": ["Web API", "Web scraping"]
-        if RELEASES[facts.source].scraped
+        if PUBLISHED[facts.source].scraped
         else ["Web API"],
         "rai:dataCollectionRawData": prose.raw,
         "rai:dataCollectionMissingData": prose.absent,

@@ -34,9 +34,8 @@ def _origins(run: Run, source: str) -> list[dict[str, Any]]:
         ]
     of = SOURCES[source]
     entity = {"@type": "prov:Entity", "prov:label": of.title}
-    section = getattr(run.profile, source, None)
-    if of.release.origin and section is not None:
-        entity["url"] = of.release.origin.format_map(section.model_dump())
+    if address := of.origin(run.profile):
+        entity["url"] = address
     return [entity]
 
 

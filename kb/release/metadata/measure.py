@@ -17,10 +17,8 @@ from kb.artifacts import manifest
 from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.core.context import Run
 from kb.core.licences import KNOWN
-from kb.core.source_spec import load_name
-from kb.core.sources import RELEASES, SOURCES, made_of
+from kb.core.sources import PUBLISHED, SOURCES, made_of
 from kb.release.gate.personal import personal_counts
-from kb.release.metadata.gaps import gaps
 from kb.schema import Column, Table, released_tables
 from kb.store.layout import Layout, parquet_files
 from kb.store.state import tombstones
@@ -132,7 +130,7 @@ def _facts(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> Facts:
     read = _span(con, _times(folder, "fetched_at")) or _span(
         con, _read_times(run.root, made_of(folder.source))
     )
-    quality = RELEASES[folder.source].quality
+    of = PUBLISHED[folder.source]
     made = _span(con, _times(folder, "published_at", "created_utc", "revision_timestamp"))
     return Facts(
         source=folder.source,
@@ -142,7 +140,7 @@ def _facts(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> Facts:
             DataFile(path.name, path.stat().st_size, None, digest(path)) for path in folder.others
         ),
         licence=folder_licence(run, folder),
-        licences=licences(folder, *RELEASES[folder.source].licensed),
+        licences=licences(folder, *of.licensed),
         read=read,
         made=made,
         rejected=_rejected(con, run.root, folder.source),
@@ -151,8 +149,8 @@ def _facts(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> Facts:
         models=models(run.root, folder.source),
         tombstones=sum(len(tombstones.keys(run.root, one)) for one in made_of(folder.source)),
         personal=personal_counts(folder),
-        gaps=gaps(con, folder),
-        quality=load_name(quality)(con, run.root, folder) if quality else (),
+        gaps=tuple(of.gaps(con, folder)),
+        quality=of.quality(con, run.root, folder),
     )
 
 
@@ -160,11 +158,11 @@ def folder_licence(run: Run, folder: ReleaseFolder) -> str:
     """SPDX id of the folder's licence: the wiki's own where its pages name one that is known, else
     the profile's; empty when neither gives one.
     """
-    spec = RELEASES[folder.source]
-    if spec.part_of:
-        return spec.licence
-    if spec.licensed:
-        for name, _ in licences(folder, spec.main):
+    of = PUBLISHED[folder.source]
+    if of.part_of:
+        return of.licence
+    if of.licensed:
+        for name, _ in licences(folder, of.main):
             if name in KNOWN:
                 return name
     given = run.profile.release.licenses

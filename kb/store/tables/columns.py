@@ -8,10 +8,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 
-def array_of(rows: pa.Table, name: str) -> Any:
+def column(rows: pa.Table, name: str) -> Any:
     """A column as one array."""
-    column = rows.column(name)
-    return column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
+    chunks = rows.column(name)
+    combined = chunks.combine_chunks() if chunks.num_chunks != 1 else chunks.chunk(0)
+    return pa.concat_arrays(combined.chunks) if isinstance(combined, pa.ChunkedArray) else combined
 
 
 def put(rows: pa.Table, name: str, values: Any) -> pa.Table:
@@ -35,7 +36,7 @@ def aligned(rows: pa.Table, key: str, keys: Any) -> pa.Table:
     """The row of each of `keys` in the column `key`; nulls for a key without one."""
     if not rows.num_rows:
         return pa.table({field.name: pa.nulls(len(keys), field.type) for field in rows.schema})
-    return rows.take(pc.index_in(keys, value_set=array_of(rows, key))).combine_chunks()
+    return rows.take(pc.index_in(keys, value_set=column(rows, key))).combine_chunks()
 
 
 def lists(lengths: pa.Array[Any], values: pa.Array[Any]) -> pa.Array[Any]:

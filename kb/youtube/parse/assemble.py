@@ -13,7 +13,7 @@ from kb.schema.tables import table
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.tables import reading
-from kb.store.tables.columns import aligned, array_of, lists, put
+from kb.store.tables.columns import aligned, column, lists, put
 from kb.store.tables.latest import newest
 from kb.store.tables.partition import RawKind
 from kb.youtube.parse import answers as parse
@@ -76,37 +76,37 @@ def unanswered(root: Path) -> Iterator[tuple[str, str]]:
 
 
 def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
-    side = aligned(transcripts, "video_id", array_of(videos, "video_id"))
-    outcome = array_of(side, "outcome")
+    side = aligned(transcripts, "video_id", column(videos, "video_id"))
+    outcome = column(side, "outcome")
     if FROM_FILE in videos.column_names:
         # Nobody will read the label of a video that only a file tells of: keywords decide.
-        alone = pc.and_(array_of(videos, FROM_FILE), pc.is_null(outcome))
+        alone = pc.and_(column(videos, FROM_FILE), pc.is_null(outcome))
         outcome = pc.if_else(alone, tracks.NOT_IMPORTED, outcome)
         videos = videos.drop_columns([FROM_FILE])
     width, height, fps = _size(videos, side)
     had = pc.fill_null(pc.equal(outcome, "ok"), False)
     not_imported = pc.fill_null(pc.equal(outcome, tracks.NOT_IMPORTED), False)
     final = pc.and_not(parse.is_final(outcome), not_imported)
-    kind = pc.if_else(had, array_of(side, "kind"), pc.if_else(final, "none", "unknown"))
+    kind = pc.if_else(had, column(side, "kind"), pc.if_else(final, "none", "unknown"))
     restricted = pc.or_(
-        pc.equal(pc.fill_null(array_of(videos, "yt_rating"), ""), "ytAgeRestricted"),
+        pc.equal(pc.fill_null(column(videos, "yt_rating"), ""), "ytAgeRestricted"),
         pc.equal(pc.fill_null(outcome, ""), "age_restricted"),
     )
     own: dict[str, Any] = {
-        "link": pc.binary_join_element_wise(WATCH, array_of(videos, "video_id"), ""),
+        "link": pc.binary_join_element_wise(WATCH, column(videos, "video_id"), ""),
         "width": width,
         "height": height,
         "fps": fps,
         "age_restricted": restricted,
-        "game_label_id": array_of(side, "game_label_id"),
-        "game_label": array_of(side, "game_label"),
+        "game_label_id": column(side, "game_label_id"),
+        "game_label": column(side, "game_label"),
         "transcript_outcome": outcome,
         "transcript_kind": kind,
-        "word_count": pc.if_else(had, array_of(side, "word_count"), pa.scalar(None, pa.int64())),
-        "problems": _renamed(array_of(videos, "problems")),
+        "word_count": pc.if_else(had, column(side, "word_count"), pa.scalar(None, pa.int64())),
+        "problems": _renamed(column(videos, "problems")),
     }
-    for name, column in own.items():
-        videos = put(videos, name, column)
+    for name, values in own.items():
+        videos = put(videos, name, values)
     return videos.append_column("view_rule", view_rule(videos))
 
 
@@ -114,12 +114,12 @@ def _size(videos: pa.Table, side: pa.Table) -> tuple[Any, Any, Any]:
     """Width and height in px, from one place, and the frame rate: of the watch page's largest
     stream, else of an imported file's, else the embed frame's, which has no rate.
     """
-    width, height = array_of(videos, "embed_width"), array_of(videos, "embed_height")
+    width, height = column(videos, "embed_width"), column(videos, "embed_height")
     fps: Any = pa.nulls(videos.num_rows, pa.int64())
     for rows, prefix in ((videos, "stream"), (side, "player")):
         if f"{prefix}_width" not in rows.column_names:
             continue
-        own = [array_of(rows, f"{prefix}_{name}") for name in ("width", "height", "fps")]
+        own = [column(rows, f"{prefix}_{name}") for name in ("width", "height", "fps")]
         sized = pc.and_(pc.is_valid(own[0]), pc.is_valid(own[1]))
         width, height = pc.if_else(sized, own[0], width), pc.if_else(sized, own[1], height)
         fps = pc.coalesce(own[2], fps)
@@ -133,9 +133,7 @@ def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.
     """
     if rows is None:
         names = table("youtube/transcripts")
-        fields = [
-            (column.name, column.parsed.arrow()) for column in (*names.columns, *names.inputs)
-        ]
+        fields = [(each.name, each.parsed.arrow()) for each in (*names.columns, *names.inputs)]
         return pa.schema([*fields, ("word_count", pa.int64())]).empty_table()
     rows = rows.filter(pc.is_valid(rows["video_id"]))
     complete = pc.and_(
@@ -143,7 +141,7 @@ def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.
         pc.is_valid(rows["language"]),
     )
     broken = pc.and_(pc.equal(rows["outcome"], "ok"), pc.invert(complete))
-    cues = array_of(rows, "cues")
+    cues = column(rows, "cues")
     counted = words(lists(pc.list_value_length(cues), pc.list_flatten(cues).field("text")))
     empty = pc.and_(pc.equal(rows["outcome"], "ok"), pc.fill_null(pc.equal(counted, 0), False))
     outcome = pc.if_else(broken, "failed", pc.if_else(empty, "none", rows["outcome"]))
@@ -156,10 +154,10 @@ def _tracks(transcripts: pa.Table, words: Callable[[Any], pa.Array[Any]]) -> pa.
     times are checked.
     """
     transcripts = transcripts.filter(pc.equal(transcripts["outcome"], "ok"))
-    cues = array_of(transcripts, "cues")
+    cues = column(transcripts, "cues")
     flat = pc.list_flatten(cues)
-    original = pc.fill_null(pc.equal(array_of(transcripts, "original_kind"), "asr"), False)
-    automatic = pc.fill_null(pc.equal(array_of(transcripts, "kind"), "asr"), False)
+    original = pc.fill_null(pc.equal(column(transcripts, "original_kind"), "asr"), False)
+    automatic = pc.fill_null(pc.equal(column(transcripts, "kind"), "asr"), False)
     one_each = lists(pa.repeat(pa.scalar(1), len(flat)), flat.field("text"))
     starts, verdict = checked(cues, automatic, words(one_each))
     fields = [flat.field("start_s"), _lengths(cues, flat, original), flat.field("text"), starts]
@@ -169,7 +167,7 @@ def _tracks(transcripts: pa.Table, words: Callable[[Any], pa.Array[Any]]) -> pa.
         "cues": lists(pc.list_value_length(cues), made),
         "word_times": pc.if_else(automatic, verdict, pa.scalar(None, pa.string())),
     }
-    columns = {name: array_of(transcripts, name) for name in transcripts.column_names} | own
+    columns = {name: column(transcripts, name) for name in transcripts.column_names} | own
     return pa.table({name: columns[name] for name in table("youtube/transcripts").names()})
 
 
@@ -198,9 +196,9 @@ def _renamed(problems: pa.Array[Any]) -> pa.Array[Any]:
     flat = pc.list_flatten(problems)
     if not len(flat):
         return problems
-    column = pc.replace_substring_regex(flat.field("column"), "^embed_", "")
+    name = pc.replace_substring_regex(flat.field("column"), "^embed_", "")
     renamed = pa.StructArray.from_arrays(
-        [column, flat.field("reason"), flat.field("value")], names=["column", "reason", "value"]
+        [name, flat.field("reason"), flat.field("value")], names=["column", "reason", "value"]
     )
     return lists(pc.list_value_length(problems), renamed)
 

@@ -17,7 +17,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.store.tables.columns import aligned, array_of, put
+from kb.store.tables.columns import aligned, column, put
 
 FROM_FILE = "from_file"  # true for a video that only an imported file tells of
 COUNTED = ("view_count", "like_count", "comment_count")
@@ -48,51 +48,49 @@ def with_statistics(rows: pa.Table, statistics: pa.Table) -> pa.Table:
     rows = _stamped(rows)
     if not statistics.num_rows:
         return rows
-    fresh = aligned(_stamped(statistics), "video_id", array_of(rows, "video_id"))
+    fresh = aligned(_stamped(statistics), "video_id", column(rows, "video_id"))
     newer = _newer(fresh, rows)
     for name in _OF_ONE:
-        rows = put(rows, name, pc.if_else(newer, array_of(fresh, name), array_of(rows, name)))
+        rows = put(rows, name, pc.if_else(newer, column(fresh, name), column(rows, name)))
     return rows
 
 
 def _joined(videos: pa.Table, files: pa.Table) -> pa.Table:
-    keys = pc.unique(pa.concat_arrays([array_of(videos, "video_id"), array_of(files, "video_id")]))
+    keys = pc.unique(pa.concat_arrays([column(videos, "video_id"), column(files, "video_id")]))
     keys = keys.take(pc.sort_indices(keys))
     api, file = (aligned(_stamped(one), "video_id", keys) for one in (videos, files))
-    newest_first = pc.or_(
-        pc.is_null(array_of(api, "fetched_at")), _is_after(file, api, "fetched_at")
-    )
+    newest_first = pc.or_(pc.is_null(column(api, "fetched_at")), _is_after(file, api, "fetched_at"))
     made: dict[str, Any] = {}
     for name in dict.fromkeys([*api.column_names, *file.column_names]):
         if name not in api.column_names or name not in file.column_names:
-            made[name] = array_of(api if name in api.column_names else file, name)
+            made[name] = column(api if name in api.column_names else file, name)
             continue
-        a, f = array_of(api, name), array_of(file, name)
+        a, f = column(api, name), column(file, name)
         made[name] = pc.coalesce(pc.if_else(newest_first, f, a), pc.if_else(newest_first, a, f))
-    missing = pc.fill_null(array_of(api, "missing"), False)
+    missing = pc.fill_null(column(api, "missing"), False)
     rows = pa.table({**made, "video_id": keys, "missing": missing})
-    rows = rows.append_column(FROM_FILE, pc.is_null(array_of(api, "fetched_at")))
-    counted = pc.or_(_newer(file, api), pc.is_null(array_of(api, "view_count")))
-    has_views = pc.or_(*(pc.is_valid(array_of(side, "view_count")) for side in (file, api)))
+    rows = rows.append_column(FROM_FILE, pc.is_null(column(api, "fetched_at")))
+    counted = pc.or_(_newer(file, api), pc.is_null(column(api, "view_count")))
+    has_views = pc.or_(*(pc.is_valid(column(side, "view_count")) for side in (file, api)))
     for name in _OF_ONE:
-        either = pc.if_else(counted, array_of(file, name), array_of(api, name))
-        rows = put(rows, name, pc.if_else(has_views, either, array_of(rows, name)))
+        either = pc.if_else(counted, column(file, name), column(api, name))
+        rows = put(rows, name, pc.if_else(has_views, either, column(rows, name)))
     return rows
 
 
 def _newer(one: pa.Table, other: pa.Table) -> pa.Array[Any]:
     """Where `one` has views, and is the newer or the other has none."""
-    views = pc.is_valid(array_of(one, "view_count"))
-    alone = pc.is_null(array_of(other, "view_count"))
+    views = pc.is_valid(column(one, "view_count"))
+    alone = pc.is_null(column(other, "view_count"))
     return pc.and_(views, pc.or_(alone, _is_after(one, other, "counted_at")))
 
 
 def _is_after(one: pa.Table, other: pa.Table, when: str) -> pa.Array[Any]:
-    return pc.fill_null(pc.greater(array_of(one, when), array_of(other, when)), False)
+    return pc.fill_null(pc.greater(column(one, when), column(other, when)), False)
 
 
 def _stamped(rows: pa.Table) -> pa.Table:
     """The rows with `counted_at`: an answer's counts are as old as the answer."""
     if "counted_at" in rows.column_names:
         return rows
-    return rows.append_column("counted_at", array_of(rows, "fetched_at"))
+    return rows.append_column("counted_at", column(rows, "fetched_at"))

@@ -19,7 +19,7 @@ import pyarrow.compute as pc
 
 from kb.store.layout import parquet_files
 from kb.store.tables import parquet
-from kb.store.tables.columns import array_of
+from kb.store.tables.columns import column
 
 WATCH_TIME, PLAYBACK_START = "watch_time", "playback_start"
 _ALL_VIDEOS = datetime(2026, 8, 27, tzinfo=UTC)
@@ -35,7 +35,7 @@ def view_rule(rows: pa.Table) -> pa.Array[Any]:
 
     Reads `counted_at`, `published_at`, `width`, `height` (px), `duration_s`.
     """
-    read = array_of(rows, "counted_at")
+    read = column(rows, "counted_at")
     since_start = pc.or_(
         pc.greater_equal(read, _moment(_ALL_VIDEOS)),
         pc.and_(_is_short(rows), pc.greater_equal(read, _moment(_SHORTS))),
@@ -46,11 +46,11 @@ def view_rule(rows: pa.Table) -> pa.Array[Any]:
 def _is_short(rows: pa.Table) -> pa.Array[Any]:
     """False where the size or the length is unknown."""
     late = pc.fill_null(
-        pc.greater_equal(array_of(rows, "published_at"), _moment(_LONG_SHORTS)), False
+        pc.greater_equal(column(rows, "published_at"), _moment(_LONG_SHORTS)), False
     )
     longest = pc.if_else(late, _LONG_SHORT_S, _SHORT_S)
-    upright = pc.less_equal(array_of(rows, "width"), array_of(rows, "height"))
-    brief = pc.less_equal(array_of(rows, "duration_s"), longest)
+    upright = pc.less_equal(column(rows, "width"), column(rows, "height"))
+    brief = pc.less_equal(column(rows, "duration_s"), longest)
     return pc.fill_null(pc.and_(upright, brief), False)
 
 
@@ -76,8 +76,8 @@ def _kept(folder: Path, name: str) -> dict[str, int]:
     """How often each value of a column occurs in a table."""
     counts: Counter[str] = Counter()
     for path in parquet_files(folder):
-        column = parquet.read_table(path, columns=[name])[name]
-        for entry in pc.value_counts(column.drop_null()).to_pylist():
+        values = parquet.read_table(path, columns=[name])[name]
+        for entry in pc.value_counts(values.drop_null()).to_pylist():
             counts[entry["values"]] += entry["counts"]
     return dict(sorted(counts.items()))
 

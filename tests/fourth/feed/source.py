@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kb.core.source import Source
-from kb.core.source_spec import ReleaseSpec
 
 if TYPE_CHECKING:
     from kb.core.config.profile import Profile
@@ -27,7 +26,8 @@ class Feed(Source):
     nouns = {"pages": "pages", "notes": "notes"}
     counted = "notes"
     linked = indexed = ("notes",)
-    release = ReleaseSpec("notes", "SELECT count(*) FROM feed_notes", stages=("likes",))
+    main, query = "notes", "SELECT count(*) FROM feed_notes"
+    stages = ("likes",)
     title, shown = "Feed", ("feed/notes",)
     hint = "run `kb feed crawl`, then `kb feed filter`"
 

@@ -96,8 +96,8 @@ def test_the_stages_are_those_of_the_pipelines(released: Path) -> None:
         "wiki": "missing, robots, render, words, toxicity",
     }
     for source, stages in contract.items():
-        assert ", ".join(SOURCES[source].release.stages) == stages
-    stages = set(SOURCES["reddit"].release.stages)
+        assert ", ".join(SOURCES[source].stages) == stages
+    stages = set(SOURCES["reddit"].stages)
     assert stages == {
         "missing",
         "removed",

@@ -6,8 +6,8 @@ import pyarrow as pa
 import pytest
 
 from kb.release.folders import in_root
-from kb.release.metadata.gaps import gaps
 from kb.store.tables import database
+from kb.youtube.card import gaps
 from kb.youtube.parse.view_counting import view_rule
 from tests.youtube.connector.test_fetch import CRAWL
 from tests.youtube.job import Job

@@ -3,12 +3,12 @@
 from pydantic import Field, field_validator
 
 from kb.core.config.profile.base import Section
-from kb.core.sources import BY_DEFAULT, PUBLISHED, RELEASES
+from kb.core.sources import BY_DEFAULT, PUBLISHED
 
 
 def _licences() -> dict[str, str]:
     """The default licence of each release folder that has one."""
-    return {name: RELEASES[name].licence for name in BY_DEFAULT if RELEASES[name].licence}
+    return {name: PUBLISHED[name].licence for name in BY_DEFAULT if PUBLISHED[name].licence}
 
 
 class Creator(Section):
