@@ -28,7 +28,7 @@ from kb.pairs.extract import Tools, make_tools
 from kb.pairs.measures import speech_recognition
 from kb.pairs.measures.speech_recognition import VideoSample
 from kb.store.layout import Layout
-from kb.youtube.connector.second_tracks import (
+from kb.youtube.crawl.second_tracks import (
     fetch_second_tracks,
     plan_second_tracks,
     with_both,

@@ -29,7 +29,7 @@ NEEDED = ("page_id", "title", "url", "revision_id", "revision_timestamp")
 
 def crawl(run: Run, titles: Path | None = None) -> Summary:
     """Pages through the API and the browser; `titles` names them and skips the list."""
-    from kb.wiki.connector.source import crawl
+    from kb.wiki.crawl.connector import crawl
 
     return crawl(run, titles)
 

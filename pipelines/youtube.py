@@ -28,7 +28,7 @@ from kb.filters.predicates import (
     transcript_required,
 )
 from kb.filters.topic import Topic
-from kb.youtube.connector.ids import Part
+from kb.youtube.crawl.ids import Part
 from kb.youtube.parse.assemble import HELPERS, KINDS, assemble, unanswered
 from kb.youtube.parse.view_counting import kept_counts
 from kb.youtube.ytdlp.tracks import TrackLanguage
@@ -40,7 +40,7 @@ THERE = NotTrue("missing", stage="missing", reason="missing")
 
 def crawl(run: Run, only: str | None = None, ids: Path | None = None, part: Part = None) -> Summary:
     """Channels, uploads, metadata and transcripts, as raw answers."""
-    from kb.youtube.connector.source import crawl
+    from kb.youtube.crawl.connector import crawl
 
     ours = In("category_id", run.profile.section(YouTubeSection).category_ids, stage="topic")
     return crawl(run, partial(rows_passing, (THERE, ours, *gate(run.profile))), only, ids, part)

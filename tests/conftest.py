@@ -27,12 +27,12 @@ SLOW = ("wheel", "dask", "crash", "mediawiki", "slow")  # marks; pyproject.toml 
 # Files that take longest, the longest first; their tests have the mark `slow`.
 LONG = (
     "crash/test_chaos.py",
-    "wiki/connector/test_source.py",
+    "wiki/crawl/test_connector.py",
     "package/test_demo.py",
     "docs/test_readme.py",
     "clips/test_training.py",
     "wiki/test_mediawiki.py",
-    "youtube/connector/test_fetch.py",
+    "youtube/crawl/test_fetch.py",
     "contract/test_any_domain.py",
     "reddit/restore/test_reconstruct.py",
     "wiki/capture/test_page.py",
@@ -46,54 +46,78 @@ LONG = (
     "pairs/quality/test_planted_tracks.py",
     "annotate/test_verified_checkpoint.py",
     "restore/test_restore.py",
-    "wiki/connector/test_reduce.py",
+    "wiki/crawl/test_reduce.py",
     "engine/test_same_bytes_machine.py",
     "wiki/browser/test_browser.py",
     "engine/test_same_bytes_wiki.py",
     "engine/test_dask_lost.py",
-    "reddit/connector/test_source.py",
+    "reddit/crawl/test_connector.py",
     "sandbox/test_domain.py",
     "crawl/test_permanent_failures.py",
     "sandbox/youtube/test_web.py",
     "annotate/test_tiny.py",
     "reddit/restore/test_tables.py",
-    "reddit/connector/test_reduce.py",
+    "reddit/crawl/test_reduce.py",
     "annotate/test_backends.py",
     "sandbox/youtube/test_service.py",
-    "reddit/connector/test_discover.py",
+    "reddit/crawl/test_discover.py",
     "report/test_build.py",
-    "youtube/connector/test_client.py",
+    "youtube/crawl/test_client.py",
     "reddit/test_status.py",
     "sandbox/test_world.py",
-    "wiki/connector/test_render.py",
+    "wiki/crawl/test_render.py",
     "engine/test_annotate.py",
     "crawl/test_loop.py",
-    "reddit/connector/test_client.py",
+    "reddit/crawl/test_client.py",
     "report/test_browser.py",
-    "reddit/connector/test_answer_check.py",
+    "reddit/crawl/test_answer_check.py",
     "reddit/test_purge.py",
     "fourth/test_fourth_source.py",
     "release/gate/test_personal.py",
     "youtube/test_journey.py",
-    "reddit/connector/test_refresh.py",
+    "reddit/crawl/test_refresh.py",
     "cli/test_app.py",
     "links/test_build.py",
     "reddit/parse/test_anonymize.py",
     "release/test_build.py",
-    "reddit/connector/test_fetch.py",
-    "youtube/connector/test_refresh.py",
+    "reddit/crawl/test_fetch.py",
+    "youtube/crawl/test_refresh.py",
+)
+
+# Files whose tests have the mark `smoke`: what may differ on another Python, in less than a minute.
+# `.ci/others` runs them after the demo. They read nothing outside the clone, and need no torch.
+SMOKE = (
+    "cli/framework/test_exit_codes.py",
+    "clips/test_build.py",
+    "core/test_engine.py",
+    "core/test_signals.py",
+    "filters/test_predicates.py",
+    "mcp/test_search_tool.py",
+    "net/test_retry.py",
+    "net/test_session.py",
+    "pairs/test_clip_tokens.py",
+    "pairs/test_matching.py",
+    "query/test_execute.py",
+    "reddit/dumps/test_containers.py",
+    "schema/test_tables.py",
+    "store/rawlog/test_rawlog.py",
+    "store/state/test_sqlite.py",
+    "youtube/parse/test_answers.py",
 )
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests of long files, before `-m` chooses; put these and the slow kinds first, as a
-    worker that took one last would leave the others idle.
+    """Mark the tests of files named above, before `-m` chooses; put the long ones and the slow
+    kinds first, as a worker that took one last would leave the others idle.
     """
+    smoke = {ROOT / "tests" / name for name in SMOKE}
     long = {ROOT / "tests" / name: place for place, name in enumerate(LONG)}
     for item in items:
         if item.path in long:
             item.add_marker("slow")
+        if item.path in smoke:
+            item.add_marker("smoke")
     slow = {item.path for item in items if any(item.get_closest_marker(name) for name in SLOW)}
     items.sort(key=lambda item: (long.get(item.path, len(LONG)), item.path not in slow))
 

@@ -3,7 +3,7 @@
 `kb/__init__.py` calls `disable_telemetry` before any dependency is imported, so it also holds in
 worker processes and where kb is used as a library. Other switches are where the thing is started:
 Chromium's in kb/wiki/browser/, the dashboard of Dask in kb/core/dask_engine.py, PRAW's check for
-updates in kb/reddit/connector/client.py.
+updates in kb/reddit/crawl/client.py.
 """
 
 import gc

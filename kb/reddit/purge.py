@@ -18,8 +18,8 @@ from kb.artifacts.purge import Purge, PurgeRules
 from kb.artifacts.purge_raw import Names
 from kb.artifacts.purge_rows import RowLocation, keep_rows, shared_locations
 from kb.crawl.id_list import IdList
-from kb.reddit.connector.ids import RULES as IDS
-from kb.reddit.connector.source import INFO
+from kb.reddit.crawl.connector import INFO
+from kb.reddit.crawl.ids import RULES as IDS
 from kb.reddit.parse import answer_tree
 from kb.reddit.parse.assemble import count_again
 from kb.reddit.parse.latest_state import latest_state

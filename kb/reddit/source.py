@@ -84,17 +84,17 @@ class Reddit(Source):
     purge_examples = ("kb purge reddit", "kb purge reddit --ids requests.txt")
 
     def connector(self, run: Run) -> Connector:
-        from kb.reddit.connector.source import RedditConnector
+        from kb.reddit.crawl.connector import RedditConnector
 
         return RedditConnector(run)
 
     def question(self, run: Run, cost: QuestionCost) -> OnlineAnswer:
-        from kb.reddit.connector.online import question
+        from kb.reddit.crawl.online import question
 
         return question(run, cost)
 
     def crawled(self, frontier: Frontier) -> int:
-        from kb.reddit.connector.reduce import crawled
+        from kb.reddit.crawl.reduce import crawled
 
         return crawled(frontier)
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from kb.reddit.connector.reduce import OUTSIDE, PAYLOADS, incomplete_posts
+from kb.reddit.crawl.reduce import OUTSIDE, PAYLOADS, incomplete_posts
 from kb.store.layout import Layout
 from kb.store.tables import reading
 

@@ -12,8 +12,8 @@ from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog, sidefiles
 from kb.store.rawlog.sidefiles import is_captured_path
 from kb.store.state import tombstones
-from kb.wiki.connector.ids import NAMES
-from kb.wiki.connector.reduce import LEFT
+from kb.wiki.crawl.ids import NAMES
+from kb.wiki.crawl.reduce import LEFT
 from kb.wiki.parse import tables
 
 _PURGED = "purged titles"  # cursor of the frontier

@@ -84,17 +84,17 @@ class Wiki(Source):
     purge_examples = ("kb purge wiki --ids pages.txt",)
 
     def connector(self, run: Run) -> Connector:
-        from kb.wiki.connector.source import WikiConnector
+        from kb.wiki.crawl.connector import WikiConnector
 
         return WikiConnector(run)
 
     def question(self, run: Run, cost: QuestionCost) -> OnlineAnswer:
-        from kb.wiki.connector.online import question
+        from kb.wiki.crawl.online import question
 
         return question(run, cost)
 
     def crawled(self, frontier: Frontier) -> int:
-        from kb.wiki.connector.reduce import crawled
+        from kb.wiki.crawl.reduce import crawled
 
         return crawled(frontier)
 

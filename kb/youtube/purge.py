@@ -4,8 +4,8 @@ from kb.artifacts.measures import count_pairs, read_measures
 from kb.artifacts.purge import Purge, PurgeRules
 from kb.artifacts.purge_rows import RowLocation, location_of, shared_locations
 from kb.store.layout import BELOW, Layout
-from kb.youtube.connector.ids import RULES as IDS
-from kb.youtube.connector.reduce import (
+from kb.youtube.crawl.ids import RULES as IDS
+from kb.youtube.crawl.reduce import (
     RAW_SECOND_TRACKS,
     RAW_STATISTICS,
     RAW_TRANSCRIPTS,
@@ -16,7 +16,7 @@ from kb.youtube.connector.reduce import (
     TRANSCRIPTS,
     VIDEOS,
 )
-from kb.youtube.connector.refresh import newest
+from kb.youtube.crawl.refresh import newest
 
 
 def find(purge: Purge) -> dict[str, str]:

@@ -111,17 +111,17 @@ class YouTube(Source):
     )
 
     def connector(self, run: Run) -> Connector:
-        from kb.youtube.connector.source import YouTubeConnector
+        from kb.youtube.crawl.connector import YouTubeConnector
 
         return YouTubeConnector(run)
 
     def question(self, run: Run, cost: QuestionCost) -> OnlineAnswer:
-        from kb.youtube.connector.online import question
+        from kb.youtube.crawl.online import question
 
         return question(run, cost)
 
     def crawled(self, frontier: Frontier) -> int:
-        from kb.youtube.connector.reduce import crawled
+        from kb.youtube.crawl.reduce import crawled
 
         return crawled(frontier)
 

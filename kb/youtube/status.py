@@ -6,8 +6,8 @@ from kb.core import clock
 from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
 from kb.store.state.frontier import Frontier
-from kb.youtube.connector import quota
-from kb.youtube.connector.reduce import with_po_token
+from kb.youtube.crawl import quota
+from kb.youtube.crawl.reduce import with_po_token
 
 
 def status(run: Run, frontier: Frontier) -> dict[str, Any]:

@@ -11,9 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import SettingError
-from kb.reddit.connector.ids import read_wanted
-from kb.wiki.connector.ids import NAMES, read_titles
-from kb.youtube.connector.ids import RULES as VIDEO_IDS
+from kb.reddit.crawl.ids import read_wanted
+from kb.wiki.crawl.ids import NAMES, read_titles
+from kb.youtube.crawl.ids import RULES as VIDEO_IDS
 
 A, B = "aaaaaaaaaaa", "b-b_bbbbbbb"
 

@@ -10,7 +10,7 @@ import zstandard
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.reddit.connector.importer import import_dumps
+from kb.reddit.crawl.importer import import_dumps
 from kb.reddit.parse.anonymize import load_key
 from tests.conftest import needs
 from tests.engine.test_same_bytes_youtube import digests

@@ -40,7 +40,7 @@ def test_an_answer_nested_too_deep_is_one_line(
     status: int,
 ) -> None:
     monkeypatch.setattr(retry, "FIRST_S", 0.0001)
-    monkeypatch.setattr("kb.wiki.connector.http_client.TRIES", 2)
+    monkeypatch.setattr("kb.wiki.crawl.http_client.TRIES", 2)
     sandbox.faults.clear()
     headers = {"Content-Type": "application/json"}
     sandbox.faults.add(path, service=source, status=status, times=None, body=DEEP, headers=headers)

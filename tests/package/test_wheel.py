@@ -1,5 +1,6 @@
 """The wheel is whole: what a user installs works outside of the checkout."""
 
+import email
 import json
 import os
 import subprocess
@@ -7,6 +8,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 from tests.installed import outside
 
@@ -50,6 +52,35 @@ def test_it_holds_nothing_else(wheel: Path) -> None:
         ]
     assert len(tops) == 2
     assert "kb" in tops
+
+
+def test_the_extra_all_has_the_versions_of_the_lock(wheel: Path) -> None:
+    """What `pip install '.[all]'` takes is what set-up installs, torch's build apart."""
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = [name for name in archive.namelist() if name.endswith("/METADATA")]
+        about = email.message_from_bytes(archive.read(name))
+    required = [Requirement(line) for line in about.get_all("Requires-Dist", [])]
+    pinned = {
+        one.name: one.specifier
+        for one in required
+        if one.marker and one.marker.evaluate({"extra": "all"}) and not one.marker.evaluate()
+    }
+    lock = (ROOT / ".ci" / "requirements.lock").read_text(encoding="utf-8")
+    locked = [
+        Requirement(line.removesuffix(" \\"))
+        for line in lock.splitlines()
+        if not line.startswith(("#", " "))
+    ]
+    here = {one.name: one.specifier for one in locked if not one.marker or one.marker.evaluate()}
+    assert here | {"torch": pinned["torch"]} | pinned == here | {"torch": pinned["torch"]}
+    for one in required:
+        extras = about.get_all("Provides-Extra", [])
+        users = [extra for extra in extras if extra not in ("all", "test", "bench")]
+        wanted = not one.marker or any(one.marker.evaluate({"extra": extra}) for extra in users)
+        if wanted and one.name != "lorecrawl":
+            (version,) = pinned[one.name]
+            assert one.specifier.contains(version.version), one
+    assert not {"pytest", "mypy"} & set(pinned), "tools of developers"
 
 
 def test_it_runs_outside_the_checkout(installed: Path, tmp_path: Path) -> None:

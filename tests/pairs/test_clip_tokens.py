@@ -42,7 +42,6 @@ def test_known_encodings(counter: Tokens, text: str) -> None:
     assert counter.count(text) == len(KNOWN[text])
 
 
-@pytest.mark.smoke
 def test_ids_of_a_thousand_texts(counter: Tokens) -> None:
     texts = [json.loads(line) for line in GOLDEN.read_text(encoding="utf-8").splitlines()]
     assert len(texts) == 1000

@@ -14,7 +14,7 @@ import zstandard
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.reddit.connector.importer import import_dumps
+from kb.reddit.crawl.importer import import_dumps
 from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.reddit.parse import answers as parse
 from kb.store.rawlog import rawlog
@@ -66,7 +66,7 @@ def imported(root):
 
 _IMPORT = """
 import sys
-from kb.reddit.connector.importer import import_dumps
+from kb.reddit.crawl.importer import import_dumps
 from kb.reddit.dumps.import_file import ImportJob, import_file
 import_file(ImportJob(sys.argv[2], sys.argv[1], "Minecraft", 0.0, float("inf"), 0, 60_000))
 """

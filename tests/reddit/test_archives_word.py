@@ -17,8 +17,8 @@ from kb.core.config import pipeline
 from kb.core.config.profile.toxicity import Toxicity
 from kb.core.context import Run
 from kb.filters.filter_run import run_clean
-from kb.reddit.connector.importer import import_dumps
-from kb.reddit.connector.refresh import due
+from kb.reddit.crawl.importer import import_dumps
+from kb.reddit.crawl.refresh import due
 from kb.reddit.parse.latest_state import latest_state
 from kb.reddit.restore.reconstruct import rebuild
 from tests.reddit import raw

@@ -15,9 +15,9 @@ from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.filters.filter_run import run_clean
-from kb.reddit.connector.importer import import_dumps
-from kb.reddit.connector.refresh import refresh
-from kb.reddit.connector.source import crawl
+from kb.reddit.crawl.connector import crawl
+from kb.reddit.crawl.importer import import_dumps
+from kb.reddit.crawl.refresh import refresh
 from kb.reddit.restore.reconstruct import rebuild
 from kb.sandbox.faults import LoggedRequest
 from kb.sandbox.server import Sandbox

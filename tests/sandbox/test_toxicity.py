@@ -14,8 +14,6 @@ from kb.core.errors import DamagedData
 from kb.sandbox import toxicity
 from kb.sandbox.toxicity import tiny_checkpoint
 
-pytestmark = pytest.mark.smoke
-
 
 def test_it_is_unpacked_without_torch(tmp_path):
     code = (
@@ -30,6 +28,7 @@ def test_it_is_unpacked_without_torch(tmp_path):
     assert sha256_of(made) in made.with_name(f"{made.name}.sha256").read_text()
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize(
     ("name", "kind"),
     [

@@ -7,7 +7,7 @@ import pytest
 
 from kb.crawl.session import open_session
 from kb.store.state import tombstones
-from kb.youtube.connector.source import YouTubeConnector
+from kb.youtube.crawl.connector import YouTubeConnector
 from tests.cli.conftest import kb  # noqa: F401  a fixture
 from tests.filters import full_root
 from tests.filters.made import run_at

@@ -16,7 +16,7 @@ import pytest
 from kb.core.errors import Retryable
 from kb.wiki.browser import browser
 from kb.wiki.browser.pool import Pool
-from kb.wiki.connector import source
+from kb.wiki.crawl import source
 
 MOST = 4  # browsers that wait; those of a wiki that has ended among them
 

@@ -19,7 +19,7 @@ from kb.store.state import tombstones
 from kb.wiki.browser.browser import Browser, reach
 from kb.wiki.browser.pool import Pool
 from kb.wiki.capture import page
-from kb.wiki.connector.source import crawl
+from kb.wiki.crawl.connector import crawl
 from tests.wiki import infobox_page as workshop
 
 pytestmark = pytest.mark.mediawiki

@@ -8,8 +8,8 @@ from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.store.state.frontier import Frontier
-from kb.youtube.connector import quota
-from kb.youtube.connector.reduce import TRANSCRIPTS
+from kb.youtube.crawl import quota
+from kb.youtube.crawl.reduce import TRANSCRIPTS
 from kb.youtube.parse.answers import PO_TOKEN
 from kb.youtube.status import details
 

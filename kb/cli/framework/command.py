@@ -11,7 +11,7 @@
     )
     def crawl(run: Run, only: Annotated[Phase | None, typer.Option(help="…")] = None) -> Summary:
         '''First line: the short help. The rest: the long one.'''
-        from kb.youtube.connector.source import crawl      # heavy things inside
+        from kb.youtube.crawl.connector import crawl      # heavy things inside
         return crawl(run, only=only)
 
 The first parameter is the Run (or, with `raw=True`, the Options as given), the others are the

@@ -12,8 +12,8 @@ from kb.core.config.profile.reddit import RedditSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPart, PlanPhase
-from kb.reddit.connector.errors import require
-from kb.reddit.connector.plan import plan_rebuild
+from kb.reddit.crawl.errors import require
+from kb.reddit.plan import plan_rebuild
 from kb.reddit.restore.reconstruct import WITHOUT_KEY, rebuild
 from kb.store.layout import Layout
 from kb.store.tables import parquet

@@ -35,9 +35,9 @@ from kb.core.errors import DamagedData, KbError
 from kb.core.summary import Summary
 from kb.crawl import job
 from kb.net import redact
-from kb.reddit.connector.errors import require
-from kb.reddit.connector.ids import Ids, WantedThings, asked_for, released, subreddit_of
-from kb.reddit.connector.importer import import_files
+from kb.reddit.crawl.errors import require
+from kb.reddit.crawl.ids import Ids, WantedThings, asked_for, released, subreddit_of
+from kb.reddit.crawl.importer import import_files
 from kb.reddit.dumps.cursor import cursor_name, recover_segments
 from kb.reddit.dumps.files import find_dumps
 from kb.reddit.dumps.id_search import write_index

@@ -9,9 +9,9 @@ from kb.core.summary import Summary
 from kb.crawl.connector import Answer, Phase
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
-from kb.reddit.connector.ids import WantedThings
-from kb.reddit.connector.reduce import PAYLOADS
-from kb.reddit.connector.source import INFO, MORE, THREAD, TREE, RedditConnector
+from kb.reddit.crawl.connector import INFO, MORE, THREAD, TREE, RedditConnector
+from kb.reddit.crawl.ids import WantedThings
+from kb.reddit.crawl.reduce import PAYLOADS
 from kb.reddit.source import Reddit
 from kb.store.state.frontier import Frontier, Item
 from kb.store.tables import reading

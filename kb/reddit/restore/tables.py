@@ -28,7 +28,7 @@ from kb.artifacts.restore import (
 )
 from kb.core.config.profile.reddit import Links
 from kb.core.errors import SettingError
-from kb.reddit.connector.ids import Released, WantedThings
+from kb.reddit.crawl.ids import Released, WantedThings
 from kb.reddit.dumps.cursor import KIND
 from kb.reddit.parse import answers as parse
 from kb.reddit.parse.answer_tree import depths

@@ -40,8 +40,8 @@ from kb.store.state import tombstones
 from kb.store.tables import parquet
 from kb.store.tables.partition import Shuffle
 from kb.store.tables.reading import reading
-from kb.youtube.connector.plan import REQUESTS_A_TRANSCRIPT, phases_of_known
-from kb.youtube.connector.source import YouTubeConnector
+from kb.youtube.crawl.connector import YouTubeConnector
+from kb.youtube.plan import REQUESTS_A_TRANSCRIPT, phases_of_known
 
 VIDEO, TRANSCRIPT = "video ", "transcript "  # prefixes of names in missing.parquet
 TABLES = (

@@ -23,8 +23,8 @@ from kb.crawl.session import CrawlSession, open_session
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request
-from kb.youtube.connector.reduce import RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES
-from kb.youtube.connector.source import YouTubeConnector
+from kb.youtube.crawl.connector import YouTubeConnector
+from kb.youtube.crawl.reduce import RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES
 from kb.youtube.ytdlp import files, info, subtitles
 
 AT_ONCE = 256  # answers that are written and synced together

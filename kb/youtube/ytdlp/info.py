@@ -20,7 +20,7 @@ from kb.schema import raw
 from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog
-from kb.youtube.connector import player
+from kb.youtube.crawl import player
 from kb.youtube.ytdlp.files import VIDEO_ID
 
 ROWS = 8_192

@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from kb.youtube.connector.ids import RULES
+from kb.youtube.crawl.ids import RULES
 from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.pairs.made import fill, shards, tables

@@ -2,7 +2,7 @@
 
 import pytest
 
-from kb.reddit.connector.importer import import_dumps
+from kb.reddit.crawl.importer import import_dumps
 from kb.reddit.dumps import chunks, containers
 from kb.reddit.dumps.chunks import DEEPEST
 from tests.reddit.dumped import imported, post, run_in, write

@@ -15,7 +15,7 @@ from kb.core.errors import Interrupted, LimitReached
 from kb.core.progress import LineProgress
 from kb.core.signals import stop
 from kb.crawl.purge import purge_answers
-from kb.reddit.connector.importer import import_dumps
+from kb.reddit.crawl.importer import import_dumps
 from kb.reddit.dumps import cursor
 from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.reddit.parse.anonymize import load_key

@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from kb.reddit.connector.importer import import_dumps
+from kb.reddit.crawl.importer import import_dumps
 from kb.store.state import tombstones
 from tests.reddit.dumped import imported, imported_rows, post, run_in, write
 

@@ -7,7 +7,7 @@ import pytest
 
 from kb.core.errors import SettingError
 from kb.core.progress import LineProgress
-from kb.reddit.connector.importer import import_dumps
+from kb.reddit.crawl.importer import import_dumps
 from kb.reddit.dumps.files import find_dumps
 from tests.reddit.dumped import blocks, joined, members, records, run_in, took, zstd
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from kb.core.errors import LimitReached
-from kb.reddit.connector.importer import import_dumps
+from kb.reddit.crawl.importer import import_dumps
 from kb.reddit.dumps import import_file as module
 from kb.reddit.dumps.extract import extract
 from kb.reddit.dumps.import_file import ImportJob, import_file

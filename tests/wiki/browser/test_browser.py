@@ -10,7 +10,7 @@ from PIL import Image
 from werkzeug.wrappers import Response
 
 from kb.core import clock
-from kb.wiki.connector.source import crawl
+from kb.wiki.crawl.connector import crawl
 
 TEXT = "<!DOCTYPE html><div id=content><p>A page that has something to say.</p>"
 

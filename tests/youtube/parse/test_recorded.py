@@ -10,7 +10,7 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from kb.youtube.connector.player import facts
+from kb.youtube.crawl.player import facts
 from kb.youtube.parse import answers as parse
 
 WHEN = "2026-11-20T12:00:00Z"

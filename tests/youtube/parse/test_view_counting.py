@@ -9,7 +9,7 @@ from kb.release.folders import in_root
 from kb.store.tables import database
 from kb.youtube.card import gaps
 from kb.youtube.parse.view_counting import view_rule
-from tests.youtube.connector.test_fetch import CRAWL
+from tests.youtube.crawl.test_fetch import CRAWL
 from tests.youtube.job import Job
 
 BEFORE, AFTER = "2026-08-26T23:59:59Z", "2026-08-27T00:00:00Z"

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.youtube.connector.test_fetch import CRAWL
+from tests.youtube.crawl.test_fetch import CRAWL
 from tests.youtube.job import Job
 from tests.youtube.ytdlp.folder import FORMS, info, spoken, video_id, vtt, write_video
 

@@ -12,7 +12,7 @@ from kb.core.config.profile.wiki import Markup
 from kb.core.errors import FatalError, MissingExtra, Retryable
 from kb.pairs.keyword_hits import keyword_lines
 from kb.store.layout import Layout
-from kb.wiki.connector.online import SelectorMatches, count_matches
+from kb.wiki.crawl.online import SelectorMatches, count_matches
 
 if TYPE_CHECKING:
     from kb.core.config.profile import Profile

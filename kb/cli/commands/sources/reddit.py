@@ -56,8 +56,8 @@ def crawl(run: Run, since: Since = None, until: Until = None, plan: Plan = False
     out of the tables too (`outside` in the summary); a later crawl with another span, or none,
     reads them.
     """
-    from kb.reddit.connector.plan import plan_crawl
-    from kb.reddit.connector.source import crawl
+    from kb.reddit.crawl.connector import crawl
+    from kb.reddit.plan import plan_crawl
 
     begin, end = _span(since, until)
     if plan:
@@ -109,7 +109,7 @@ def import_(
     Folders are searched for dumps. The summary counts damaged lines, truncated files and files of
     a folder that are not dumps. After an interruption the same command resumes.
     """
-    from kb.reddit.connector.importer import import_dumps
+    from kb.reddit.crawl.importer import import_dumps
 
     begin, end = _span(since, until)
     return import_dumps(run, files, since=begin, until=end)
@@ -170,7 +170,7 @@ def reconstruct(
     are in --out already are added to; what was removed stays removed, even if an older dump has
     it. After an interruption the same command resumes.
     """
-    from kb.reddit.connector.plan import plan_rebuild
+    from kb.reddit.plan import plan_rebuild
     from kb.reddit.restore.reconstruct import rebuild
     from kb.store.layout import Layout
 

@@ -44,7 +44,7 @@ def youtube(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summa
     counts of videos whose metadata are fresh, from the separate quota for statistics.
     Run `kb youtube filter` and `kb youtube export` afterwards.
     """
-    from kb.youtube.connector.refresh import plan_refresh, refresh
+    from kb.youtube.crawl.refresh import plan_refresh, refresh
 
     do = plan_refresh if plan else refresh
     return do(run, older_than)
@@ -69,7 +69,7 @@ def reddit(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summar
 
     Run `kb reddit filter` and `kb reddit export` afterwards.
     """
-    from kb.reddit.connector.plan import plan_refresh
-    from kb.reddit.connector.refresh import refresh
+    from kb.reddit.crawl.refresh import refresh
+    from kb.reddit.plan import plan_refresh
 
     return plan_refresh(run, older_than) if plan else refresh(run, older_than)

@@ -71,7 +71,7 @@ def crawl(
     """
     which = parse_part(part)
     if plan:
-        from kb.youtube.connector.plan import plan as estimate
+        from kb.youtube.plan import plan as estimate
 
         if part and not ids:
             raise SettingError(
@@ -117,7 +117,7 @@ def check(
     duration differs from the list's. Only counts are kept. Stops with exit code 3 when the quota is
     spent; the same command resumes.
     """
-    from kb.youtube.connector import video_list_check as room
+    from kb.youtube.crawl import video_list_check as room
 
     if plan:
         return room.plan(run, ids)

@@ -1,0 +1,263 @@
+"""Reddit through PRAW: token, requests, one rate limit. Answers are the service's own JSON.
+
+PRAW logs in and signs requests; retries and waiting are Lorecrawl's, so that every request is in
+the ledger before it is sent and a signal ends every wait.
+"""
+
+import math
+from collections.abc import Callable
+from datetime import timedelta
+from typing import Any
+
+import praw
+import prawcore.exceptions as wrong
+import requests
+from prawcore.requestor import Requestor
+from prawcore.sessions import FiniteRetryStrategy
+
+from kb.core import clock
+from kb.core.config.addresses import is_loopback
+from kb.core.config.settings import REDDIT, Settings
+from kb.core.errors import Blocked, Retryable
+from kb.net.rate import Pace
+from kb.net.retry import PATIENCE_S, attempt
+from kb.net.session import HttpSession, Ledger, host_of
+from kb.reddit.crawl.errors import consequence, problem, too_deep
+
+ROOT = "https://www.reddit.com"
+OAUTH = "https://oauth.reddit.com"
+IDS = 100  # most ids of one info or morechildren call
+LISTED = 100  # most things of a listing's page
+
+_LONGEST_S = 86_400.0  # a window has 600 s
+
+Spend = Callable[[str, int], Callable[[str], None]]
+"""Writes a ledger row for (endpoint, units) and returns what notes the request's outcome."""
+
+
+def _silent(text: str) -> None:
+    """Says nothing."""
+
+
+class Limiter:
+    """Reddit's window as its headers announce it; stands in for prawcore's, whose sleep no signal
+    ends.
+
+    At the pace of a profile the window is never used up much before its end, which is waited for. A
+    long wait means that somebody else uses the key as well: the run stops, or with --wait sleeps.
+    """
+
+    def __init__(self, pace: Pace, say: Callable[[str], None] = _silent) -> None:
+        self._pace, self._say = pace, say
+        self._until = 0.0
+
+    def call(
+        self,
+        *,
+        method: str,
+        request_function: Any,
+        set_header_callback: Any,
+        url: str,
+        **options: Any,
+    ) -> requests.Response:
+        """One signed request when there is room for it (prawcore's interface). Raises as `wait`."""
+        self.wait()
+        options["headers"] = set_header_callback()
+        response: requests.Response = request_function(method, url, **options)
+        self.heed(response.headers)
+        return response
+
+    def wait(self) -> None:
+        """Wait for the pace, and for the window's end when it is used up. Raises Interrupted, and
+        Blocked for a long wait.
+        """
+        self._pace.wait()
+        left = self._until - clock.monotonic()
+        if left > PATIENCE_S:
+            back = clock.stamp(clock.now() + timedelta(seconds=math.ceil(left)))
+            raise Blocked(
+                f"Reddit's rate limit is used up: it resets in {left:.0f} s, at {back}",
+                hint="run the same command then, or add --wait",
+                after=left,
+            )
+        if left > 0:
+            self._say(f"waiting {math.ceil(left)} s for Reddit's window")
+        clock.sleep(left)
+
+    def heed(self, headers: Any) -> None:
+        """Take in `x-ratelimit-*`; an answer without them, or with unreadable ones, changes
+        nothing.
+        """
+        try:
+            remaining, reset = (
+                float(headers["x-ratelimit-remaining"]),
+                float(headers["x-ratelimit-reset"]),
+            )
+        except (KeyError, ValueError):
+            return
+        if not (math.isfinite(remaining) and math.isfinite(reset)):
+            return
+        # Below one there is no room for a whole request (the header is a decimal). The seconds are
+        # rounded down.
+        self._until = (
+            clock.monotonic() + min(max(reset, 0.0), _LONGEST_S) + 1 if remaining < 1 else 0.0
+        )
+
+
+class Client:
+    """One connection to Reddit. Not for several threads: one request at a time keeps to the limit
+    anyway.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        spend: Spend,
+        *,
+        requests_per_minute: float = 100,
+        max_tries: int = 5,
+        say: Callable[[str], None] = _silent,
+    ) -> None:
+        """`say` tells the user of a wait. Raises MissingCredential before anything is sent."""
+        settings.require(*REDDIT)
+        self._id = settings.need("reddit_client_id")
+        self._secret = settings.need("reddit_client_secret")
+        self._settings = settings
+        self._root = settings.kb_reddit_endpoint or ""
+        self._hosts = {host_of(root) for root in ((self._root,) if self._root else (ROOT, OAUTH))}
+        self._spend = spend
+        self._tries = max_tries
+        public = not (self._root and is_loopback(self._root))
+        self._limiter = Limiter(Pace(60 / requests_per_minute if public else 0), say)
+        self._reddit: Any = None
+
+    def get(self, path: str, params: dict[str, Any]) -> Any:
+        """The JSON answer of a GET. Raises as `_ask`."""
+        return attempt(lambda: self._ask("GET", path, params, None), tries=self._tries)
+
+    def post(self, path: str, data: dict[str, Any]) -> Any:
+        """The JSON answer of a POST that only reads (morechildren). Raises as `_ask`."""
+        return attempt(lambda: self._ask("POST", path, None, data), tries=self._tries)
+
+    def info(self, fullnames: list[str]) -> Any:
+        """The Listing of up to 100 full names, posts and comments together; unknown ones are left
+        out.
+        """
+        return self.get("api/info/", {"id": ",".join(fullnames), "raw_json": 1})
+
+    def _ask(
+        self, method: str, path: str, params: dict[str, Any] | None, data: dict[str, Any] | None
+    ) -> Any:
+        """One try. Raises CredentialRefused, ItemFinal ("not_found", "forbidden" …), FatalError,
+        Retryable, Blocked.
+
+        Through PRAW's core: its `request` turns an HTTP 400 into an exception without status.
+        """
+        reddit = self._connected()
+        try:
+            try:
+                answer = reddit._core.request(method=method, path=path, params=params, data=data)
+            except wrong.InvalidToken:
+                # Tokens last a day at most; prawcore has dropped this one and gets another.
+                answer = reddit._core.request(method=method, path=path, params=params, data=data)
+        except RecursionError:
+            raise too_deep(path) from None
+        except wrong.PrawcoreException as error:
+            raise consequence(error, path) from None
+        wrong_form = problem(path, answer)
+        if wrong_form:
+            raise Retryable(f"{wrong_form} at {path}")
+        return answer
+
+    def _connected(self) -> Any:
+        if self._reddit is None:
+            session = HttpSession(self._settings, hosts=self._hosts, ledger=_ledger(self._spend))
+            self._reddit = _praw(self._id, self._secret or None, session, self._root, self._limiter)
+        return self._reddit
+
+
+def _praw(
+    client_id: str, secret: str | None, session: HttpSession, root: str, limiter: Limiter
+) -> Any:
+    class Ours(Requestor):
+        """Sends by our session."""
+
+        def __init__(self, *, session: Any = None, **options: Any) -> None:
+            super().__init__(**options, session=ours)
+
+    class Once(FiniteRetryStrategy):
+        """No retries of prawcore's own: they would pass the ledger's back."""
+
+        def should_retry_on_failure(self) -> bool:
+            return False
+
+    ours = session
+    ours.hooks["response"].append(_in_reddits_form)
+    roots: dict[str, Any] = (
+        {"reddit_url": root, "oauth_url": root, "short_url": root} if root else {}
+    )
+    reddit = praw.Reddit(
+        client_id=client_id,
+        client_secret=secret,
+        user_agent=str(session.headers["User-Agent"]),
+        requestor_class=Ours,
+        check_for_updates=False,
+        check_for_async=False,
+        **roots,
+    )
+    reddit.read_only = True
+    core: Any = reddit._core
+    core._rate_limiter, core._retry_strategy_class = limiter, Once
+    return reddit
+
+
+def _ledger(spend: Spend) -> Ledger:
+    """The token's own requests cost nothing of the window."""
+
+    def row(request: requests.PreparedRequest) -> Callable[[str], None]:
+        url = request.url or ""
+        return spend(_endpoint(url), 0 if "access_token" in url else 1)
+
+    return row
+
+
+def _in_reddits_form(response: requests.Response, *_: Any, **__: Any) -> None:
+    """prawcore decides by these headers, and fails on answers that don't have them in Reddit's own
+    form.
+    """
+    token = "access_token" in (response.url or "")
+    if token and response.status_code == 200:
+        _check_token(response)
+    if response.status_code == 401 and not token:
+        response.headers["www-authenticate"] = 'Bearer realm="reddit", error="invalid_token"'
+    elif response.status_code == 403:
+        response.headers.pop("www-authenticate", None)
+    elif response.status_code in (301, 302):
+        response.headers.setdefault("location", "")
+
+
+def _check_token(response: requests.Response) -> None:
+    """prawcore reads on whatever it got. An error that is a number is a status, also in an answer
+    of status 200. Raises Retryable.
+    """
+    try:
+        answer = response.json()
+        error = answer.get("error")
+        if str(error).isdecimal() and 400 <= int(error) < 600:
+            response.status_code = int(error)
+        valid = error or (
+            isinstance(answer["access_token"], str)
+            and isinstance(answer["scope"], str)
+            and isinstance(answer["expires_in"], (int, float))
+        )
+    except (ValueError, KeyError, AttributeError, RecursionError):
+        valid = False
+    if not valid:
+        raise Retryable("the token's answer is unreadable")
+
+
+def _endpoint(url: str) -> str:
+    """The path of a request with its ids taken out, for the ledger."""
+    path = url.partition("?")[0].partition("://")[2].partition("/")[2]
+    parts = [part for part in path.split("/") if part]
+    return "/".join(parts[:1] if parts[:1] == ["comments"] else parts[:3]) or "/"

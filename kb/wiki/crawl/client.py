@@ -1,0 +1,249 @@
+"""Asks MediaWiki's API (https://www.mediawiki.org/wiki/API:Query, formatversion=2).
+
+Every request has `maxlag=5`: a wiki whose database lags answers with an error and Retry-After, and
+is left alone that long. That, a contact in the User-Agent and one pace for all requests are
+MediaWiki's rules for API clients (https://www.mediawiki.org/wiki/API:Etiquette). robots.txt governs
+pages and images. It governs the API only where it names us (`WikiHosts.barred`), because most
+wikis bar the folder of their scripts to crawlers.
+"""
+
+from collections.abc import Mapping, Sequence
+from html.parser import HTMLParser
+from typing import Any
+from urllib.parse import urljoin, urlsplit, urlunsplit
+
+import msgspec
+
+from kb.core.errors import Blocked, FatalError, ItemFinal, Retryable
+from kb.crawl.connector import Answer
+from kb.net import retry
+from kb.wiki.crawl.http_client import WikiHosts
+from kb.wiki.errors import PageRefused
+from kb.wiki.parse import answers
+
+BATCH = 50
+_AGAIN = ("maxlag", "readonly", "ratelimited", "internal_api_error")  # and what begins like them
+_DETAILS = {
+    "prop": "info|revisions|contributors|redirects|categories",
+    "inprop": "url",
+    "rvprop": "ids|timestamp|user|sha1|size",
+    "pclimit": "500",
+    "rdlimit": "500",  # what `kb profile keywords` proposes from
+    "cllimit": "500",
+    "clshow": "!hidden",
+}
+_FILES = {
+    "prop": "imageinfo|extlinks",
+    "iiprop": "url|size|mime|sha1|timestamp|extmetadata",
+    "ellimit": "500",
+}
+
+
+class WikiApi:
+    """Each method returns the answer to be recorded.
+
+    Malformed answers (kb.wiki.parse.answers) are retried and never recorded. All methods raise
+    Retryable or Blocked after the last try, and FatalError for a request that the API refuses.
+    """
+
+    def __init__(self, endpoint: str, web: WikiHosts) -> None:
+        self.endpoint, self._web = endpoint, web
+        self._loops: dict[tuple[int, int], _LoopDetector] = {}
+
+    def site(self) -> Answer:
+        """URLs, namespaces and licence of the site."""
+        params = {
+            "action": "query",
+            "meta": "siteinfo",
+            "siprop": "general|namespaces|rightsinfo|statistics",
+        }
+        status, answer = self.ask(params)
+        return Answer("site", self.endpoint, params, answer, status)
+
+    def listing(self, number: int, namespace: int, going: dict[str, str | int]) -> Answer:
+        """The next 500 pages of a namespace, without redirects.
+
+        `going` is the `continue` of the previous answer. Raises Retryable when the list loops.
+        """
+        params = {
+            "action": "query",
+            "list": "allpages",
+            "apnamespace": str(namespace),
+            "apfilterredir": "nonredirects",
+            "aplimit": "500",
+        }
+        loop = self._loops.setdefault((number, namespace), _LoopDetector())
+        loop.check(going)
+        status, answer = self.ask({**params, **going})
+        loop.note(going, answer["query"]["allpages"])
+        return Answer("titles", self.endpoint, {**params, **going, "round": number}, answer, status)
+
+    def details(self, tag: str, *, titles: Sequence[str] = (), ids: Sequence[str] = ()) -> Answer:
+        """Revision, URL, contributors, redirects and categories of up to 50 pages."""
+        by = {"titles": "|".join(titles)} if titles else {"pageids": "|".join(ids)}
+        status, answer = self.ask_all({"action": "query", **by, **_DETAILS})
+        return Answer("pages", self.endpoint, {**by, "round": tag}, answer, status)
+
+    def revision(self, revision: int) -> Answer:
+        """The same for one revision, when the wiki showed another one than it had listed."""
+        params = {
+            "action": "query",
+            "revids": str(revision),
+            "prop": "info|revisions",
+            "inprop": "url",
+            "rvprop": "ids|timestamp|user|sha1|size",
+        }
+        status, answer = self.ask(params)
+        by = {"revids": str(revision), "round": "r"}
+        return Answer("pages", self.endpoint, by, answer, status)
+
+    def files(self, titles: list[str]) -> Answer:
+        """What the wiki knows about up to 50 files; by title."""
+        params = {"action": "query", "titles": "|".join(titles), **_FILES}
+        status, answer = self.ask_all(params)
+        return Answer("imageinfo", self.endpoint, {"titles": titles}, answer, status)
+
+    def ask_all(self, params: Mapping[str, str | int]) -> tuple[int, dict[str, Any]]:
+        """Ask one question and merge all continuations of the answer."""
+        status, first = self.ask(params)
+        answer, loop = first, _LoopDetector()
+        while going := answer.get("continue"):
+            loop.check(going)
+            status, answer = self.ask({**params, **going})
+            loop.note(going)
+            _join(first, answer)
+        first.pop("continue", None)
+        return status, first
+
+    def ask(self, params: Mapping[str, str | int]) -> tuple[int, dict[str, Any]]:
+        """Ask one question; returns status and answer."""
+        return self._web.attempt(lambda: self._once(params))
+
+    def _once(self, params: Mapping[str, str | int]) -> tuple[int, dict[str, Any]]:
+        try:
+            answer = self._web.get(
+                self.endpoint, {**params, "format": "json", "formatversion": "2", "maxlag": "5"}
+            )
+        except PageRefused as error:
+            raise Blocked(
+                f"the wiki's API blocks requests ({error.reason})",
+                hint="wait and run the same command again",
+            ) from None
+        except ItemFinal as error:
+            raise FatalError(
+                f"the wiki's API at {self.endpoint} does not answer: {error}",
+                hint="open the URL in a browser",
+            ) from None
+        try:
+            value = msgspec.json.decode(answer.content)
+        except (msgspec.DecodeError, RecursionError):
+            what = answers.quoted(answer.content[:1000].decode("utf-8", "replace"))
+            # An HTML page instead of JSON is a challenge: we are being turned away.
+            page = answer.content.lstrip()[:1] == b"<"
+            raise Retryable(f"{self.endpoint} returns no JSON but {what}", throttled=page) from None
+        after = retry.retry_after(answer.headers.get("Retry-After"))
+        refusal = value.get("error") if isinstance(value, dict) else None
+        if isinstance(refusal, dict) and refusal:
+            code = str(refusal.get("code"))
+            if code.startswith(_AGAIN):
+                raise Retryable(code, after=after)
+            if code in ("blocked", "autoblocked", "readapidenied"):
+                raise Blocked(f"the wiki's API refuses: {refusal.get('info', code)}")
+            raise FatalError(
+                f"the wiki's API refuses {params.get('action')}: {refusal.get('info', code)}"
+            )
+        if wrong := answers.problem(params, value):
+            raise Retryable(f"{wrong} ({self.endpoint})", after=after)
+        return answer.status_code, value
+
+
+class _LoopDetector:
+    """Detects a list whose continuations, or consecutive parts, repeat."""
+
+    def __init__(self) -> None:
+        self._seen: set[bytes] = set()
+        self._last: Sequence[Any] = ()
+
+    def check(self, going: Mapping[str, str | int], entries: Sequence[Any] = ()) -> None:
+        """Raises Retryable for a step that was answered before, or with the same entries as the
+        step before.
+        """
+        if _step_key(going) in self._seen or (entries and entries == self._last):
+            step = answers.quoted(_step_key(going).decode())
+            raise Retryable(f"the wiki's API loops: it continues again at {step}")
+
+    def note(self, going: Mapping[str, str | int], entries: Sequence[Any] = ()) -> None:
+        """Record an answered step. Raises as `check`."""
+        self.check(going, entries)
+        self._seen.add(_step_key(going))
+        self._last = entries
+
+
+def _step_key(going: Mapping[str, str | int]) -> bytes:
+    return msgspec.json.encode(going, order="sorted")
+
+
+def _join(first: dict[str, Any], more: dict[str, Any]) -> None:
+    """Merge the lists of a continued answer into the first one, page by page."""
+    pages = {
+        page.get("pageid", page.get("title")): page
+        for page in first.get("query", {}).get("pages", [])
+    }
+    for page in more.get("query", {}).get("pages", []):
+        known = pages.get(page.get("pageid", page.get("title")))
+        if known is None:
+            first["query"]["pages"].append(page)
+            continue
+        for name, value in page.items():
+            if isinstance(value, list) and isinstance(known.get(name), list):
+                known[name] += [entry for entry in value if entry not in known[name]]
+            else:
+                known.setdefault(name, value)
+
+
+class _FrontPage(HTMLParser):
+    """`href` of the EditURI link; `unlisted` when the page asks not to be indexed.
+
+    A wiki's front page never does that; challenge pages do (Anubis, Cloudflare).
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.href: str | None = None
+        self.unlisted = False
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = {name: value or "" for name, value in attrs}
+        if tag == "link" and given.get("rel", "").lower() == "edituri":
+            self.href = self.href or given.get("href")
+        if tag == "meta" and given.get("name", "").lower() == "robots":
+            self.unlisted = "noindex" in given.get("content", "").lower()
+
+
+def find_endpoint(web: WikiHosts, url: str, *, known: bool = False) -> str:
+    """Find the URL of `api.php` by the front page's EditURI link. Raises FatalError, Blocked.
+
+    `known`: the wiki had one before, so a front page without it is a challenge.
+    """
+    web.barred(f"{url}/")
+    try:
+        page = web.attempt(lambda: web.get(f"{url}/", {}), service="the wiki")
+    except PageRefused as error:
+        raise Blocked(
+            f"the wiki blocks requests ({error.reason})", hint="wait and run the same command again"
+        ) from None
+    except ItemFinal as error:
+        raise FatalError(f"{url} does not answer as a wiki: {error}") from None
+    front = _FrontPage()
+    front.feed(page.content.decode("utf-8", "replace"))
+    if not front.href and (known or front.unlisted or web.foreign_robots):
+        raise retry.blocked(f"{url} shows a page that is not the wiki's, as a challenge does")
+    if not front.href:
+        raise FatalError(
+            f"{url} has no EditURI link: it is not a MediaWiki, or answers with a challenge page",
+            hint="set KB_WIKI_URL, or wiki.url in the profile, to the root of a MediaWiki",
+        )
+    parts = urlsplit(urljoin(page.url, front.href))
+    if parts.hostname != urlsplit(page.url).hostname:
+        raise FatalError(f"the EditURI link of {url} points to another host, {parts.hostname}")
+    return urlunsplit((parts.scheme, parts.netloc, parts.path, "", ""))

@@ -1,0 +1,276 @@
+"""The wiki as a source of the crawl frame. Each round reads what is new.
+
+site     the wiki's description of itself     raw kind site
+titles   the titles of all content pages      raw kind titles
+info     revision, address, contributors      raw kind pages
+gone     tombstones for pages that disappeared     raw kinds pages, imageinfo
+pages    each new revision in the browser     raw kind renders, raw/wiki/pages/
+files    the original images                raw kinds imageinfo, files, raw/wiki/images/
+"""
+
+import threading
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from requests import PreparedRequest
+
+from kb.core.config.profile.wiki import WikiSection
+from kb.core.context import Run
+from kb.core.summary import Summary
+from kb.crawl.connector import Answer, Connector, Opened, Phase
+from kb.crawl.id_list import IdList
+from kb.crawl.job import work
+from kb.crawl.loop import Loop
+from kb.crawl.session import CrawlSession
+from kb.net.session import Note
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state import tombstones
+from kb.store.state.frontier import Frontier, Item
+from kb.wiki.browser import browser, chromium
+from kb.wiki.browser.pool import Pool
+from kb.wiki.capture import page
+from kb.wiki.crawl import discover, fetch, reduce, render
+from kb.wiki.crawl.client import BATCH, WikiApi, find_endpoint
+from kb.wiki.crawl.http_client import WikiHosts
+from kb.wiki.crawl.ids import read_titles
+from kb.wiki.crawl.reduce import PAYLOADS
+from kb.wiki.source import Wiki
+
+_NAMED = ("robots.txt", "api.php")  # requests of the ledger that have a name of their own
+SITE = Phase(kind="site", unit="sites", feeds=("titles",), shown=False)
+TITLES = Phase(kind="titles", unit="parts of the list", feeds=("info", "gone"), waits=True)
+INFO = Phase(
+    kind="info", unit="titles", name="revisions", feeds=("gone", "pages"), batch=BATCH, waits=True
+)
+GONE = Phase(kind="gone", unit="rounds", feeds=("pages", "files"), waits=True, shown=False)
+LAST_SECONDS = 15  # a browser may take longer than its page, to be asked and to answer
+
+
+def crawl(run: Run, titles: Path | None = None) -> Summary:
+    """Crawl the wiki of the profile; `titles` names pages and skips the list.
+
+    Raises UsageError before anything is sent, Stopped when it can go on later.
+    """
+    spaces = run.profile.section(WikiSection).namespaces
+    named = read_titles(titles, spaces, run.progress.say) if titles else None
+    source = WikiConnector(run, named)
+    return work(run, source, source.summary, phases=source.wanted, facts=source.facts)
+
+
+class WikiConnector(Connector):
+    """The wiki of a profile, or the one that the settings name."""
+
+    name = "wiki"
+    payloads = PAYLOADS
+
+    def __init__(self, run: Run, titles: IdList | None = None) -> None:
+        section = run.profile.section(WikiSection)
+        self.url = run.settings.kb_wiki_url or section.url
+        self.section, self._run, self._titles = section, run, titles
+        pages = Phase(
+            kind="pages",
+            unit="pages",
+            feeds=("files",),
+            workers=run.workers,
+            limited=True,
+            waits=True,
+        )
+        files = Phase(kind="files", unit="files", name="images", batch=BATCH, waits=True)
+        self.phases: Sequence[Phase] = (SITE, TITLES, INFO, GONE, pages, files)
+        self._web = WikiHosts(run, self.url, section.hosts, section.seconds_between)
+        self._threads = ThreadPoolExecutor(max(2, run.workers), "wiki-files")
+        self._lock = threading.Lock()
+        self._api: WikiApi | None = None
+        self._pool: Pool | None = None
+        self._shown = 0  # pages that were answered for in this run
+        self._missing_before = 0
+        self._removed: set[str] = set()
+
+    @property
+    def wanted(self) -> Sequence[Phase]:
+        """The phases of this run: titles that are named need no list."""
+        return [phase for phase in self.phases if phase is not TITLES or self._titles is None]
+
+    def identity(self) -> dict[str, str]:
+        """The wiki's address. Raises MissingCredential, MissingExtra."""
+        self._run.settings.need("kb_contact")
+        self._programs = chromium.find()
+        return {"wiki": self.url}
+
+    def begin(self, opened: Opened) -> None:
+        """Pauses between tries end with the run."""
+        super().begin(opened)
+        self._web.sleep = partial(opened.sleep, SITE.service)
+        self._web.ledger = self._row
+
+    def discover(self, frontier: Frontier) -> None:
+        """Begin a round, and reopen items that may succeed now."""
+        self._missing_before = reduce.missing(frontier)
+        names = self._titles.keys if self._titles else None
+        discover.begin_round(frontier, names, self.section.namespaces, again=self._run.again)
+        discover.reopen_larger(frontier, self.section)
+        discover.reopen_lost(frontier, self._run.root)
+        self._removed = self.opened.purged
+        if not frontier.open(*(phase.kind for phase in self.wanted)):
+            notice = "the wiki crawl is finished; --again looks for what changed"
+            self._run.progress.say(notice)
+
+    def leave_out(self, phase: Phase, item: Item) -> str | None:
+        """Purged pages are skipped."""
+        if phase.kind == "pages" and not self._removed.isdisjoint((item.key, item.payload.title)):
+            return "removed"
+        return None
+
+    def pack(self, phase: Phase, items: list[Item]) -> list[Item]:
+        """As many titles of one round as fit into a URL."""
+        return fetch.batch_titles(items) if phase is INFO else items
+
+    def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
+        """Fetch the items, after robots.txt and the URL of the API."""
+        api = self._start()
+        if phase is SITE:
+            yield api.site()
+        elif phase is TITLES:
+            asked = items[0].payload
+            yield api.listing(asked.round, asked.namespace, asked.going)
+        elif phase is INFO:
+            titles = [item.payload.title for item in items]
+            yield api.details(fetch.tag(items[0]), titles=titles)
+        elif phase is GONE:
+            frontier, root = self.opened.frontier, self._run.root
+            yield from fetch.compare(api, frontier, root, items[0].key)
+            self._removed = tombstones.keys(root, "wiki")
+        elif phase.kind == "pages":
+            pool = self._browsers()
+            item, frontier = items[0], self.opened.frontier
+            others = partial(discover.comparison_urls, frontier, item.key, f"{self.url}/")
+            shown = render.render_page(self._web, self.section, pool, item, others)
+            if shown.get("revision_id", item.payload.revision_id) != item.payload.revision_id:
+                yield api.revision(shown["revision_id"])  # one that the wiki had not listed yet
+            status = 200 if shown["outcome"] == "captured" else 0
+            yield Answer("renders", shown["url"], {"page_id": item.key}, shown, status)
+            if shown["outcome"] != "failed":
+                with self._lock:
+                    self._shown += 1
+        else:
+            yield from fetch.files(api, self._web, self.section, self._threads, items)
+
+    def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
+        """Apply an answer to the frontier."""
+        reduce.reduce(frontier, kind, envelope)
+
+    def advice(self, phase: Phase, reason: str) -> str:
+        """The hint when all pages fail: the cause is the browser or the profile's selectors."""
+        if phase.kind != "pages":
+            return super().advice(phase, reason)
+        if reason == "disallowed":
+            return "the wiki's robots.txt bars these pages: ask its operators"
+        return (
+            f"check [wiki] in {self._run.profile.path}; `kb profile check --online` tries its"
+            " selectors"
+        )
+
+    def close(self) -> None:
+        """End the browsers, close the connections."""
+        if self._pool is not None:
+            self._pool.close()
+        self._threads.shutdown()
+        self._web.close()
+
+    def _row(self, request: PreparedRequest) -> Note:
+        """Add a row to the ledger before each request except those of the browsers."""
+        frontier = self.opened.frontier
+        name = urlsplit(request.url or "").path.rpartition("/")[2]
+        row = frontier.spend("requests", 1, name if name in _NAMED else "file")
+        return lambda outcome: frontier.outcome(row, outcome)
+
+    # -- what is needed before anything is asked -------------------------------------------------
+
+    def _start(self) -> WikiApi:
+        """robots.txt and the API, found by the first thread; the others wait."""
+        with self._lock:
+            if self._api is None:
+                self._web.read_robots()
+                self._api = WikiApi(self._endpoint(), self._web)
+            return self._api
+
+    def _endpoint(self) -> str:
+        """The URL of the API, discovered once per data root and with --again."""
+        frontier = self.opened.frontier
+        known = frontier.cursor("endpoint")
+        same = bool(known) and known[0] == self.url
+        if same and not self._run.again:
+            endpoint = str(known[1])
+        else:
+            endpoint = find_endpoint(self._web, self.url, known=same)
+            frontier.set_cursor("endpoint", [self.url, endpoint])
+        self._web.barred(endpoint)
+        return endpoint
+
+    def _browsers(self) -> Pool:
+        """The browsers, started with the first page."""
+        with self._lock:
+            if self._pool is None:
+                render.remove_scratch(self._run.root)
+                self._pool = Pool(self._browser, self.section.page_seconds + LAST_SECONDS)
+            return self._pool
+
+    def _browser(self) -> browser.Browser:
+        section = self.section
+        hosts, origins = browser.reach(self.url, section.hosts)
+        return browser.Browser(
+            self._programs,
+            hosts=hosts,
+            origins=origins,
+            user_agent=self._web.agent,
+            viewport=(section.viewport_width, section.viewport_height),
+            page_seconds=section.page_seconds,
+            before=page.page_script("settle.js"),
+        )
+
+    # -- what was done ---------------------------------------------------------------------------
+
+    def facts(self, phase: Phase) -> dict[str, object]:
+        """The progress of the title lists also shows how many titles they had."""
+        return {"titles": self.opened.frontier.waiting("info")} if phase is TITLES else {}
+
+    def summary(self, session: CrawlSession, loop: Loop) -> Summary:
+        """What this run crawled and asked, and how the whole data root stands.
+
+        `crawled` are this run's answers, as the filter counts them: pages that were captured, are
+        barred or can't be shown (`rejected`: too large, an error page), and titles without a page
+        (`missing`). `failed` pages and titles are tried again by the next run; `gone` ones left.
+        """
+        frontier = session.frontier
+        kinds = frontier.kinds()
+        files = kinds.get("files", {})
+        skipped = Counter(reason for _, _, reason, _ in frontier.items("pages", "skipped"))
+        robots = skipped.pop("disallowed", 0)
+        departed = sum(skipped.pop(reason, 0) for reason in (*reduce.LEFT, "removed"))
+        missing = reduce.missing(frontier)
+        left = Wiki.left_by(kinds)
+        return Summary(
+            command="wiki crawl",
+            source="wiki",
+            counted="pages",
+            crawled=self._shown + max(0, missing - self._missing_before),
+            crawled_in_all=reduce.crawled(frontier),
+            missing=missing,
+            rejected=skipped.total(),
+            robots=robots,
+            failed=sum(
+                kinds.get(kind, {}).get("error", 0) for kind in ("site", "titles", "info", "pages")
+            ),
+            pending=frontier.waiting("pages"),
+            gone=departed,
+            **({"bad_lines": self._titles.bad_lines} if self._titles else {}),
+            images=files.get("done", 0),
+            images_failed=files.get("error", 0) + files.get("skipped", 0),
+            requests=self._web.requests,
+            left=sum(left.values()),
+            left_by=left,
+        )

@@ -1,0 +1,232 @@
+"""The Data API through Google's client: calls, their quota units, and what its errors mean.
+
+Errors: https://developers.google.com/youtube/v3/docs/errors, decided by codes and reasons, never by
+wording.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import httplib2
+import requests
+from googleapiclient.discovery import build
+from googleapiclient.errors import HttpError
+
+from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.context import Run
+from kb.core.errors import CredentialRefused, ItemFinal, KbError, Retryable
+from kb.crawl.connector import Opened
+from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
+from kb.net.session import HttpSession, failure, host_of, never_sent, user_agent
+from kb.youtube.crawl import quota
+
+GOOGLE = "https://youtube.googleapis.com"
+_SPENT = {"quotaExceeded", "dailyLimitExceeded", "dailyLimitExceededUnreg"}
+_BURST = {"rateLimitExceeded", "userRateLimitExceeded"}
+_KEY = {
+    "keyInvalid",
+    "keyExpired",
+    "accessNotConfigured",
+    "ipRefererBlocked",
+    "forbidden",
+    "authError",
+    "required",
+    "API_KEY_INVALID",
+    "API_KEY_SERVICE_BLOCKED",
+    "SERVICE_DISABLED",
+}
+# Facts about a list or its channel: it can't be read, today or tomorrow. Any other refusal may be
+# the service's or our own fault.
+FINAL = {
+    "not_found",
+    "playlistNotFound",
+    "playlistItemsNotAccessible",
+    "playlistOperationUnsupported",
+    "channelNotFound",
+    "channelForbidden",
+    "channelClosed",
+    "channelSuspended",
+}
+
+
+class YouTubeApi:
+    """The calls that a crawl makes. Not for several threads at once.
+
+    With `--wait` it sleeps however long the service asks for.
+    """
+
+    def __init__(self, run: Run, profile: YouTubeSection, opened: Opened, *, service: str) -> None:
+        settings = run.settings
+        endpoint = settings.kb_youtube_endpoint or GOOGLE
+        session = HttpSession(settings, hosts={host_of(endpoint)})
+        # build() only reads a file of the package, so that no error of its own shows the key.
+        self._client = build(
+            "youtube",
+            "v3",
+            developerKey=settings.need("youtube_api_key"),
+            http=Transport(session),
+            static_discovery=True,
+            cache_discovery=False,
+            client_options={"api_endpoint": endpoint},
+        )
+        self._agent = user_agent(settings.kb_contact)  # Google's client would put its own there
+        self._profile, self._opened, self._service = profile, opened, service
+        self._frontier = opened.frontier
+        self._patience = math.inf if run.wait else PATIENCE_S
+
+    def search(self, **params: Any) -> dict[str, Any]:
+        """search.list: the one call of the search bucket."""
+        return self._call(quota.SEARCH, "search.list", self._client.search().list(**params))
+
+    def playlist_items(self, **params: Any) -> dict[str, Any]:
+        """playlistItems.list. Raises ItemFinal("not_found") for a list that does not exist."""
+        return self._call(
+            quota.GENERAL, "playlistItems.list", self._client.playlistItems().list(**params)
+        )
+
+    def videos(self, **params: Any) -> dict[str, Any]:
+        """videos.list, up to 50 ids; ids that are gone are absent from the answer."""
+        return self._call(quota.GENERAL, "videos.list", self._client.videos().list(**params))
+
+    def statistics(self, **params: Any) -> dict[str, Any]:
+        """videos.batchGetStats, up to 50 ids; an id that is left out may exist all the same."""
+        return self._call(
+            quota.STATISTICS, "videos.batchGetStats", self._client.videos().batchGetStats(**params)
+        )
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._client.close()
+
+    def _call(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
+        """The answer, after several tries."""
+        request.headers["user-agent"] = self._agent
+        return attempt(
+            lambda: self._probe(bucket, endpoint, request),
+            tries=self._profile.max_tries,
+            patience=self._patience,
+            sleep=partial(self._opened.sleep, self._service),
+        )
+
+    def _probe(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
+        """One try; after a block the first one decides whether it still stands."""
+        try:
+            return self._once(bucket, endpoint, request)
+        except Retryable as error:
+            if error.throttled and self._opened.probing(self._service):
+                raise blocked(
+                    f"the YouTube API still rejects requests ({error})", error.after
+                ) from None
+            raise
+
+    def _once(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
+        row = quota.spend(self._frontier, self._profile, bucket, endpoint)
+        try:
+            # num_retries=0: the client would retry the 429 of a bucket that is spent for the day.
+            answer = request.execute(num_retries=0)
+        except HttpError as error:
+            # Never the client's own text: it holds the URL, and so the key.
+            self._frontier.outcome(row, str(error.resp.status))
+            after = retry_after(error.resp.get("retry-after"), error.resp.get("date"))
+            raise meaning(int(error.resp.status), _json(error.content), bucket, after) from None
+        except (requests.RequestException, OSError, ValueError, RecursionError) as error:
+            self._frontier.outcome(row, type(error).__name__, sent=not never_sent(error))
+            broken = failure(error, endpoint)
+            unreachable = isinstance(broken, Retryable) and broken.unreachable
+            raise Retryable(
+                f"{type(error).__name__} at {endpoint}", unreachable=unreachable
+            ) from None
+        if not isinstance(answer, dict):
+            # A body that was cut off comes back as text, without an error.
+            self._frontier.outcome(row, "truncated")
+            raise Retryable(f"a truncated answer of {endpoint}")
+        self._frontier.outcome(row, "200")
+        return answer
+
+
+def _json(content: Any) -> Any:
+    try:
+        return json.loads(content)
+    except (TypeError, ValueError, RecursionError):
+        return None
+
+
+class Transport:
+    """httplib2.Http's interface over our session. Raises requests' exceptions."""
+
+    def __init__(self, session: HttpSession) -> None:
+        self._session = session
+
+    def request(
+        self,
+        uri: str,
+        method: str = "GET",
+        body: Any = None,
+        headers: Mapping[str, str] | None = None,
+        redirections: int = 0,
+        connection_type: Any = None,
+    ) -> tuple[httplib2.Response, bytes]:
+        """Send one request; return (headers and status, body). Redirects are not followed."""
+        answer = self._session.request(
+            method, uri, data=body, headers=dict(headers or {}), allow_redirects=False
+        )
+        return _response(answer), answer.content
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._session.close()
+
+
+def _response(answer: requests.Response) -> httplib2.Response:
+    fields = {name.lower(): value for name, value in answer.headers.items()}
+    response = httplib2.Response({**fields, "status": str(answer.status_code)})
+    response.reason = answer.reason
+    return response
+
+
+def meaning(status: int, body: Any, bucket: str, after: float | None = None) -> KbError:
+    """The error to raise for an error answer: QuotaSpent, CredentialRefused, Blocked,
+    ItemFinal or Retryable.
+
+    ItemFinal for the named facts only; a refusal without a reason is no answer of the API, but of
+    what stands before it ("automated queries"). `after` is the answer's Retry-After in seconds.
+    """
+    error = body.get("error") if isinstance(body, dict) else None
+    error = error if isinstance(error, dict) else {}
+    reasons = {
+        str(part.get("reason"))
+        for part in (*_parts(error, "errors"), *_parts(error, "details"))
+        if part.get("reason")
+    }
+    limits = [
+        str(part.get("metadata", {}).get("quota_limit", ""))
+        for part in _parts(error, "details")
+        if isinstance(part.get("metadata"), dict)
+    ]
+    shown = min(reasons) if reasons else f"http_{status}"
+    if reasons & _SPENT or (status == 429 and any("PerDay" in name for name in limits)):
+        return quota.spent(bucket)
+    if status == 429 or reasons & _BURST:
+        return Retryable(f"{shown} ({status})", after=after, throttled=True)
+    if status >= 500:
+        return Retryable(f"HTTP {status} from the YouTube API", after=after)
+    if status == 401 or reasons & _KEY:
+        return CredentialRefused(
+            f"the YouTube API refuses the key ({shown})",
+            hint="check YOUTUBE_API_KEY and that the YouTube Data API v3 is enabled for it",
+        )
+    if facts := sorted(reasons & FINAL):
+        return ItemFinal("not_found" if status == 404 else facts[0], str(status))
+    if status == 403 and not reasons:
+        return blocked(
+            "the YouTube API rejects requests (403 without a reason)", after, waited=True
+        )
+    return Retryable(f"{shown} ({status})", after=after)
+
+
+def _parts(error: dict[str, Any], name: str) -> list[dict[str, Any]]:
+    parts = error.get(name)
+    return [part for part in parts if isinstance(part, dict)] if isinstance(parts, list) else []

@@ -1,0 +1,274 @@
+"""YouTube: two services over one frontier, so that the API's quota and the web site's patience are
+used side by side.
+
+    api    searches → uploads → videos, 50 ids a call packed across channels
+    web    transcripts of the videos that pass the cheap filters, in several threads
+
+    discover      keywords, channels of another part, rounds
+    fetch         what to ask: api (Google's client on our transport), transcripts, player, quota
+    reduce        what an answer means for the frontier
+    parse         answers to columns; assemble: columns to the tables
+    plan, refresh, purge
+"""
+
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, cast
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.context import Run
+from kb.core.errors import KbError, SettingError
+from kb.core.summary import Summary
+from kb.crawl.connector import Answer, Connector, Opened, Phase
+from kb.crawl.job import work
+from kb.crawl.loop import Loop
+from kb.crawl.session import CrawlSession
+from kb.store.rawlog.rawlog import Envelope
+from kb.store.state.frontier import Frontier, Item
+from kb.youtube.crawl.client import GOOGLE
+from kb.youtube.crawl.discover import extend, judge_pending, new_round, no_channel, reopen
+from kb.youtube.crawl.fetch import API, PACK, WEB, YouTubeFetcher
+from kb.youtube.crawl.ids import RULES, Part, share
+from kb.youtube.crawl.quota import GENERAL, SEARCH, limit, today
+from kb.youtube.crawl.reduce import (
+    BEYOND,
+    CHANNELS,
+    PAYLOADS,
+    SEARCHES,
+    TRANSCRIPTS,
+    UPLOADS,
+    VIDEOS,
+    Reducer,
+    Wanted,
+    crawled,
+    keywords_without_channels,
+    nothing,
+    with_po_token,
+)
+from kb.youtube.crawl.transcripts import SITE
+from kb.youtube.parse.assemble import assemble
+from kb.youtube.source import YouTube
+
+PHASES = (
+    Phase(
+        kind=VIDEOS,
+        unit="videos",
+        name="metadata",
+        feeds=(TRANSCRIPTS,),
+        batch=PACK,
+        packed=True,
+        service=API,
+        bucket=GENERAL,
+    ),
+    Phase(kind=UPLOADS, unit="pages", feeds=(VIDEOS,), service=API, bucket=GENERAL),
+    Phase(kind=SEARCHES, unit="pages", feeds=(UPLOADS,), service=API, bucket=SEARCH),
+    # So many that fail one after the other are the site's trouble, not the videos'.
+    Phase(kind=TRANSCRIPTS, unit="videos", workers=4, down=6, service=WEB),
+)
+Worth = Callable[[pa.Table], "pa.Array[Any]"]
+"""Which assembled videos are worth asking for their transcript."""
+
+ONLY = {"channels": SEARCHES, "uploads": UPLOADS, "metadata": VIDEOS, "transcripts": TRANSCRIPTS}
+
+
+def crawl(
+    run: Run,
+    worth: Worth,
+    only: str | None = None,
+    ids: Path | None = None,
+    part: Part = None,
+) -> Summary:
+    """Crawl until nothing is left. `worth` says of assembled videos whose transcript is asked for.
+
+    `only` names one phase; `ids` are known videos, which skip discovery; `part` (i, n) is one
+    machine's share. Raises Stopped (with `summary`) when something is left for another run, and
+    what kb.core.errors says for the rest.
+    """
+    source = YouTubeConnector(run, partial(_promising, worth), only=only, ids=ids, part=part)
+    try:
+        summary = work(run, source, source.summary, phases=source.chosen, facts=source.facts)
+    except KbError as error:
+        if error.summary is not None:
+            source.check_keywords(error.summary)
+        raise
+    source.check_keywords(summary)
+    if not summary["requests"]:
+        again = "" if run.again else "; --again starts a new round"
+        run.progress.say(f"youtube: nothing left to crawl{again}")
+    return summary
+
+
+def _promising(worth: Worth, videos: pa.Table) -> list[str]:
+    """Ids of the parsed videos that are worth it."""
+    # No transcript is among them, so no words are counted.
+    rows = assemble({"videos": videos}, words=pc.list_value_length)["youtube/videos"]
+    return cast("list[str]", rows.filter(worth(rows))["video_id"].to_pylist())
+
+
+class YouTubeConnector(Connector):
+    """One run's source. Raises SettingError for ids that can't be read.
+
+    `chosen` are the phases of this run; `counts` what it had, by the names of its summary.
+    """
+
+    name = "youtube"
+    payloads = PAYLOADS
+
+    def __init__(
+        self,
+        run: Run,
+        wanted: Wanted = nothing,
+        *,
+        only: str | None = None,
+        ids: Path | None = None,
+        part: Part = None,
+    ) -> None:
+        if ids and only in ("channels", "uploads"):
+            raise SettingError(
+                f"--ids skips discovery, so there is nothing to do for --only {only}",
+                hint="drop one of the two",
+            )
+        self.run, self.profile = run, run.profile.section(YouTubeSection)
+        self.phases = [
+            replace(phase, workers=max(1, min(run.workers, phase.workers))) for phase in PHASES
+        ]
+        self.chosen = _chosen(self.phases, only, ids)
+        self._known = RULES.read_some(ids, run.progress.say) if ids else None
+        self._wanted, self._mine = wanted, share(part)
+        self.counts: Counter[str] = Counter()
+        self._unproductive: list[str] = []
+        self._fetch: YouTubeFetcher | None = None
+        self._lock = threading.Lock()
+
+    def identity(self) -> dict[str, str]:
+        """The two hosts. Raises MissingCredential, SettingError."""
+        settings = self.run.settings
+        if any(phase.service == API for phase in self.chosen):
+            settings.require("youtube_api_key")
+        settings.check_contact()
+        return {
+            "api": settings.kb_youtube_endpoint or GOOGLE,
+            "web": settings.kb_youtube_web or SITE,
+        }
+
+    def begin(self, opened: Opened) -> None:
+        """What reads and asks knows the data root now."""
+        super().begin(opened)
+        self._reduce = Reducer(self.profile, self._wanted, self._mine, opened.purged)
+        self._fetch = YouTubeFetcher(self.run, self.profile, opened, self._count)
+
+    def discover(self, frontier: Frontier) -> None:
+        """Known ids, or the profile's keywords, channels, and a new round."""
+        reopen(frontier, self.profile)
+        judge_pending(self._reduce, self.run.root, frontier)
+        if self._known is not None:
+            purged = self.opened.purged
+            frontier.add(
+                VIDEOS, [key for key in self._known.keys if self._mine(key) and key not in purged]
+            )
+            return
+        extend(frontier, self.profile, self._mine)
+        if self.run.again:
+            new_round(frontier)
+
+    def leave_out(self, phase: Phase, item: Item) -> str | None:
+        """Pages of a search that the profile does not want."""
+        if phase.kind == SEARCHES and item.payload.page > self.profile.search_pages:
+            return BEYOND
+        return None
+
+    def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
+        """A page of a search or list, a pack of videos, or one transcript."""
+        assert self._fetch is not None
+        return self._fetch(phase.kind, items)
+
+    def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
+        """See kb.youtube.crawl.reduce."""
+        self._reduce(frontier, kind, envelope)
+
+    def close(self) -> None:
+        """Close the connections."""
+        if self._fetch is not None:
+            self._fetch.close()
+
+    # -- what is told ------------------------------------------------------------------------------
+
+    def _count(self, **numbers: int) -> None:
+        with self._lock:
+            self.counts.update(numbers)
+
+    def facts(self, phase: Phase) -> dict[str, object]:
+        """The quota that a phase spends, for its progress."""
+        if phase.service == WEB:
+            return {}
+        spent = self.opened.frontier.spent(phase.bucket, today())
+        return {"quota": f"{spent:,}/{limit(self.profile, phase.bucket):,}"}
+
+    def summary(self, session: CrawlSession, loop: Loop) -> Summary:
+        """What the run did, what failed and what is left."""
+        frontier = session.frontier
+        self._unproductive = []
+        if any(phase.kind == SEARCHES for phase in self.chosen):
+            self._unproductive = keywords_without_channels(frontier, self.profile.keywords)
+        kinds = frontier.kinds()
+        handled = {phase.kind: kinds.get(phase.kind, {}) for phase in self.chosen}
+        left = YouTube.left_by(handled)
+        requests, units = session.requests()
+        return Summary(
+            command="youtube crawl",
+            source="youtube",
+            counted="videos",
+            crawled=self.counts["crawled"],
+            crawled_in_all=crawled(frontier),
+            missing=self.counts["missing"],
+            failed=sum(count.get("error", 0) for count in handled.values()),
+            pending=frontier.waiting(VIDEOS),
+            channels=kinds.get(CHANNELS, {}).get("done", 0),
+            transcripts_asked=self.counts["transcripts_asked"],
+            transcripts=self.counts["transcripts"],
+            po_token=with_po_token(frontier),
+            requests=requests,
+            units=units,
+            bad_lines=self._known.bad_lines if self._known else 0,
+            left=sum(left.values()),
+            left_by=left,
+        )
+
+    def of_known(self, command: str, session: CrawlSession, *kinds: str) -> Summary:
+        """What a run over known videos did, `kinds` of the frontier; what is left is not in it."""
+        requests, units = session.requests()
+        return Summary(
+            command=command,
+            source="youtube",
+            counted="videos",
+            crawled=self.counts["crawled"],
+            missing=self.counts["missing"],
+            failed=sum(session.frontier.counts(kind).get("error", 0) for kind in kinds),
+            requests=requests,
+            units=units,
+        )
+
+    def check_keywords(self, summary: dict[str, Any]) -> None:
+        """Name keywords that find no channel. Raises FatalError where none finds any."""
+        error = no_channel(self.run, self._unproductive, summary["channels"])
+        if error is not None:
+            error.summary = summary
+            raise error
+
+
+def _chosen(phases: Sequence[Phase], only: str | None, ids: Path | None) -> list[Phase]:
+    """The phases of a run; `--limit` counts videos, or what the one phase handles."""
+    kinds = {VIDEOS, TRANSCRIPTS} if ids else {phase.kind for phase in phases}
+    if only:
+        kinds = {ONLY[only]}
+    counted = VIDEOS if VIDEOS in kinds else ONLY.get(only or "")
+    return [
+        replace(phase, limited=phase.kind == counted) for phase in phases if phase.kind in kinds
+    ]

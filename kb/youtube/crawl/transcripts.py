@@ -1,0 +1,298 @@
+"""One video's transcript through youtube-transcript-api, with the facts of the player answer that
+comes with it.
+
+Three requests a video (watch page, player, timed text) and no further one, unless a track is empty.
+Preference: manual track of the language, automatic one, manual of another language translated,
+automatic translated. The library reads YouTube's plain form, which has no word times; automatic
+tracks are read in the form srv3, which has them, and in the plain form where that fails.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+from urllib.parse import SplitResult, parse_qs, urljoin, urlsplit
+from xml.etree.ElementTree import ParseError
+
+import requests
+import urllib3
+import youtube_transcript_api as lib
+from youtube_transcript_api import YouTubeTranscriptApi
+
+from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.settings import Settings
+from kb.core.errors import Retryable
+from kb.net.rate import Pace
+from kb.net.retry import PATIENCE_S, attempt, blocked
+from kb.net.session import Door, HttpSession, failure, refusal
+from kb.youtube.crawl import player
+from kb.youtube.ytdlp import subtitles
+
+SITE = "https://www.youtube.com/"
+REDIRECTS = 5  # in a row
+WORD_TIMES = "fmt=srv3"  # what the site adds to a track's address, and the library takes away
+
+
+class Fetcher:
+    """Fetches transcripts, one at a time: one for each thread, as sessions are not thread-safe."""
+
+    def __init__(
+        self,
+        settings: Settings,
+        profile: YouTubeSection,
+        pace: Pace,
+        before: Callable[[str], None],
+        *,
+        sleep: Callable[[float], None] | None = None,
+        wait: bool = False,
+    ) -> None:
+        """`before` is called with the endpoint's name before each request (the ledger), `sleep`
+        between the tries.
+
+        Either may raise, which ends the video. With `wait` it sleeps however long the site asks
+        for.
+        """
+        self._profile, self._pace, self._sleep = profile, pace, sleep
+        self._patience = math.inf if wait else PATIENCE_S
+        # The library's own User-Agent would be Python's; the site serves any, so ours says who we
+        # are.
+        self._session = HttpSession(settings)
+        self._session.max_redirects = REDIRECTS
+        self._session.mount("", SiteDoor(settings.kb_youtube_web, before))
+        self._session.hooks["response"].append(self._inspect)
+        self._page, self._answer, self._needs_token = "", None, False
+        self._api = YouTubeTranscriptApi(http_client=self._session)
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._session.close()
+
+    def fetch(self, video_id: str, *, probe: bool = False, second: bool = False) -> dict[str, Any]:
+        """The `response` of a transcripts envelope; `outcome` says what became of it.
+
+        `probe`: the site turned us away before, so the first 429 says that it still does.
+        `second`: the automatic track, of a video that has a manual one. Raises Blocked, which is
+        no fact about the video, and Retryable after the last try.
+        """
+        self._pace.wait()
+
+        def once() -> dict[str, Any]:
+            try:
+                return self._once(video_id, second)
+            except Retryable as error:
+                if probe and error.throttled:
+                    raise blocked(
+                        f"YouTube still turns this address away ({error})", error.after
+                    ) from None
+                raise
+
+        return attempt(
+            once, tries=self._profile.max_tries, patience=self._patience, sleep=self._sleep
+        )
+
+    def _once(self, video_id: str, second: bool) -> dict[str, Any]:
+        self._page, self._answer, self._needs_token = "", None, False
+        answer: dict[str, Any] = {
+            "video_id": video_id,
+            "outcome": "ok",
+            "reason": None,
+            "kind": None,
+            "language": None,
+            "original_kind": None,
+            "cues": None,
+        }
+        try:
+            answer |= self._read(self._api.list(video_id), second)
+        except (lib.RequestBlocked, lib.IpBlocked) as error:
+            raise blocked(f"YouTube blocks this address ({type(error).__name__})") from None
+        except lib.FailedToCreateConsentCookie:
+            raise blocked("YouTube shows a consent wall instead of the watch page") from None
+        except lib.NoTranscriptFound:
+            answer |= {"outcome": "none"}
+        except lib.TranscriptsDisabled:
+            answer |= {"outcome": "disabled"}
+        except lib.AgeRestricted:
+            answer |= {"outcome": "age_restricted"}
+        except (lib.VideoUnavailable, lib.InvalidVideoId, lib.VideoUnplayable) as error:
+            answer |= {
+                "outcome": "unavailable",
+                "reason": getattr(error, "reason", None) or type(error).__name__,
+            }
+        except lib.PoTokenRequired:
+            answer |= {"outcome": "po_token"}
+        except (
+            lib.YouTubeRequestFailed,
+            lib.YouTubeDataUnparsable,
+            ParseError,
+            requests.JSONDecodeError,
+        ) as error:
+            # An empty body of the timed text raises the parser's own error.
+            if not (self._needs_token and isinstance(error, ParseError)):
+                raise Retryable(_reason(error)) from None
+            answer |= {"outcome": "po_token"}
+        except (requests.RequestException, urllib3.exceptions.HTTPError) as error:
+            # Of an address that leads nowhere the site's own answers are to blame, not the video.
+            broken = failure(error, SITE)
+            unreachable = isinstance(broken, Retryable) and broken.unreachable
+            raise Retryable(
+                f"{type(error).__name__} at www.youtube.com", unreachable=unreachable
+            ) from None
+        except (LookupError, TypeError, ValueError, AttributeError, RecursionError) as error:
+            raise Retryable(
+                f"unreadable ({type(error).__name__})"
+            ) from None  # an answer of another form than the library expects
+        if second:  # these facts came with the first track
+            return answer
+        try:
+            answer["player"] = player.facts(self._answer, self._page, self._profile.game_ids)
+        except RecursionError:
+            raise Retryable("unreadable (RecursionError)") from None
+        return answer
+
+    def _read(self, tracks: Any, second: bool) -> dict[str, Any]:
+        """The best track with a word in it; NoTranscriptFound when none is in the language or can
+        be translated. With `second` only automatic tracks of the language count.
+        """
+        language = self._profile.language
+        for track, translate in self._by_preference(tracks):
+            if second and (translate or not track.is_generated):
+                continue
+            try:
+                shown = track.translate(language) if translate else track
+            except (lib.NotTranslatable, lib.TranslationLanguageNotAvailable):
+                continue
+            cues = (self._with_word_times(track) if shown is track else None) or [
+                [cue.start, cue.duration, cue.text] for cue in shown.fetch()
+            ]
+            if not any(cue[2].split() for cue in cues):
+                continue
+            original = "asr" if track.is_generated else "manual"
+            return {
+                "kind": "translated" if translate else original,
+                "original_kind": original,
+                "language": track.language_code,
+                "cues": cues,
+            }
+        raise lib.NoTranscriptFound(tracks.video_id, [language], tracks)
+
+    def _with_word_times(self, track: Any) -> list[list[Any]] | None:
+        """The cues of an automatic track with the starts of their words; None where the site does
+        not give that form.
+        """
+        address = track._url  # the library has no public name for it
+        if not track.is_generated or _asks_for_token(address):
+            return None
+        response = self._session.get(f"{address}&{WORD_TIMES}")
+        if not response.ok:
+            return None
+        try:
+            return subtitles.as_lists(subtitles.read("srv3", response.text).cues)
+        except ValueError:
+            return None
+
+    def _by_preference(self, tracks: Any) -> Iterator[tuple[Any, bool]]:
+        language = self._profile.language
+        listed = list(tracks)
+        own = [
+            track
+            for track in listed
+            if track.language_code == language or track.language_code.startswith(f"{language}-")
+        ]
+        own.sort(
+            key=lambda track: (
+                track.is_generated,
+                track.language_code != language,
+                track.language_code,
+            )
+        )
+        yield from ((track, False) for track in own)
+        if self._profile.translate:
+            other = sorted(
+                (track for track in listed if track not in own),
+                key=lambda track: track.is_generated,
+            )
+            yield from ((track, True) for track in other)
+
+    def _inspect(self, response: requests.Response, *_: Any, **__: Any) -> None:
+        """Sees every answer before the library does."""
+        refused = refusal(response, SITE)
+        if refused is not None and refused.throttled:
+            # The library calls every 429 a block; with --wait it is not one yet.
+            raise Retryable("429 from YouTube", after=refused.after, throttled=True)
+        shown = (
+            urljoin(response.url, response.headers["Location"])
+            if response.is_redirect
+            else response.url
+        )
+        _no_wall(urlsplit(shown))
+        path = urlsplit(response.url).path
+        if path == "/watch":
+            self._page = response.text
+        elif path == "/youtubei/v1/player":
+            try:
+                self._answer = response.json()
+            except ValueError:
+                self._answer = None
+        elif path == "/api/timedtext":
+            # The body of such a track is empty for whoever sends no token.
+            self._needs_token = _asks_for_token(response.url) and not response.content
+
+
+def _asks_for_token(address: str) -> bool:
+    """Whether a track can be had only with a proof-of-origin token."""
+    return "xpe" in parse_qs(urlsplit(address).query).get("exp", ())
+
+
+def _no_wall(target: SplitResult) -> None:
+    """Not where people are asked something, instead of the page. Raises Blocked."""
+    if (target.hostname or "").startswith("consent."):
+        raise blocked("YouTube shows a consent wall instead of the watch page")
+    if target.path == "/sorry" or target.path.startswith("/sorry/"):
+        raise blocked("YouTube blocks this address (automated queries)")
+
+
+class SiteDoor(Door):
+    """Sends to `root` what is for the web site, and nothing anywhere else. `before` writes the
+    ledger.
+
+    What comes back carries the site's own address again, so that paths and redirects mean the same
+    under any root.
+    """
+
+    def __init__(self, root: str | None, before: Callable[[str], None]) -> None:
+        super().__init__(ledger=lambda request: before(_endpoint(request)))
+        self._root = root
+
+    def check(self, url: str) -> None:
+        """Raises Retryable for an address that is not the site's."""
+        if not self._own(url).startswith(SITE):
+            raise Retryable("redirected away from YouTube")
+
+    def pass_on(self, request: requests.PreparedRequest, *arguments: Any, **options: Any) -> Any:
+        """To the root instead of the site, where there is one."""
+        request.url = self._own(request.url or "")
+        sent = request.copy()
+        if self._root:
+            sent.url = f"{self._root}/" + request.url.removeprefix(SITE)
+        response = super().pass_on(sent, *arguments, **options)
+        response.request, response.url = request, request.url
+        return response
+
+    def _own(self, url: str) -> str:
+        """The site's address of one under the root: a redirect may name either."""
+        if self._root and url.startswith(f"{self._root}/"):
+            return SITE + url.removeprefix(f"{self._root}/")
+        return url
+
+
+_ENDPOINTS = {"/watch": "watch", "/youtubei/v1/player": "player", "/api/timedtext": "timedtext"}
+
+
+def _endpoint(request: requests.PreparedRequest) -> str:
+    """The ledger's name of a request."""
+    return _ENDPOINTS.get(urlsplit(request.url or "").path, "web")
+
+
+def _reason(error: Exception) -> str:
+    """A short reason without the address, which holds the page's key."""
+    code = str(getattr(error, "reason", "")).split(" ")[0]
+    return f"HTTP {code} from YouTube" if code.isdigit() else type(error).__name__
