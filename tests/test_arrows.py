@@ -1,7 +1,7 @@
 """The import arrows of the design, read from the source text:
 
-cli → pipelines → {annotate, filters, pairs, export, release, report, query} and
-    {youtube, wiki, reddit} → crawl → artifacts → store → {schema, net} → core
+cli → pipelines → {youtube, wiki, reddit} → crawl and {mcp, reader, links, search, export, report},
+    {annotate, filters, pairs, release, query} → artifacts → store → {schema, net} → core
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from kb.core.errors import ItemFinal, Retryable
 from kb.net import retry
 from kb.wiki.browser.browser import Browser
 from kb.wiki.capture import screenshot
-from kb.wiki.errors import Challenge, NotShown, PageTimeout, ServerFault, Unserved, of_status
+from kb.wiki.errors import Challenge, NotShown, ServerFault, Unserved, of_status
 
 _SETTLE = "return await window.__kb.settle(arguments[0]);"
 _AGAIN = "window.__kb.again(arguments[0]);"
@@ -185,9 +185,10 @@ def capture(
     except Retryable as error:
         if error.after is None and not browser.overdue:
             error.after = _retry_after(network, url)
-        if isinstance(error, PageTimeout):
+        if browser.overdue:
             raise
-        # A page that redirects to another site ends in an error page, with various errors.
+        # A page that redirects to another site ends in an error page, with various errors. The
+        # driver also calls it a timeout when a page leaves while a script waits in it.
         raise _redirect_error(browser, url) or error from None
     page = extraction["page"]
     if not _same_site(page["url"], url):
