@@ -1,12 +1,15 @@
 """The page in the real browser: on a phone and on a desk, without any request or error."""
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
 
+from kb.core.errors import MissingExtra
+from kb.wiki.browser import chromium
 from tests.conftest import skip_or_fail
 
 SIZES = {"phone": (390, 844, True), "small phone": (320, 640, True), "desk": (1280, 900, False)}
@@ -17,23 +20,37 @@ def page(root: Path) -> Path:
     return root / "report" / "index.html"
 
 
+class Running(Service):
+    """The driver that runs already. Selenium itself would choose a port that another program may
+    take before the driver does.
+    """
+
+    def start(self) -> None:
+        """It has started."""
+
+    def stop(self) -> None:
+        """Whoever started it ends it."""
+
+
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if not chromium or not driver:
-        skip_or_fail("chromium and chromedriver are not installed")
-    from selenium import webdriver
-    from selenium.webdriver.chrome.options import Options
-    from selenium.webdriver.chrome.service import Service
-
-    options = Options()
-    options.binary_location = chromium
-    for flag in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"):
+    try:
+        programs = chromium.find()
+    except MissingExtra as error:
+        skip_or_fail(str(error))
+    options = webdriver.ChromeOptions()
+    options.binary_location = programs.browser
+    for flag in (
+        *("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"),
+        "--remote-debugging-pipe",  # it ends with its driver
+    ):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    driven = webdriver.Chrome(options=options, service=Service(driver))
-    yield driven
-    driven.quit()
+    process = chromium.DriverProcess(programs.driver)
+    try:
+        yield webdriver.Chrome(options=options, service=Running(programs.driver, process.port))
+    finally:
+        process.end()
 
 
 @pytest.mark.parametrize("name", SIZES)

@@ -2,6 +2,7 @@
 stays.
 """
 
+import contextlib
 import json
 import os
 import socket
@@ -13,7 +14,9 @@ import pytest
 
 from kb.core.errors import ItemFinal, Retryable
 from kb.wiki.browser import chromium
+from kb.wiki.browser.browser import Browser
 from kb.wiki.capture.page import PageTraffic
+from kb.wiki.errors import PageTimeout
 
 TEXT = "<!DOCTYPE html><div id=content><p>A page that has something to say.</p>"
 
@@ -134,6 +137,23 @@ def test_page_that_leaves(pages, look, away):
     with pytest.raises(ItemFinal, match="redirected_away") as error:
         look(pages.put("/away", TEXT + away))
     assert error.value.value.startswith(("http://elsewhere.example", "http://localhost:9"))
+
+
+def test_page_that_leaves_whatever_the_driver_calls_it(pages, look, monkeypatch):
+    """It says that the script has timed out, at once, when it notices too late."""
+    promise = Browser.promise
+
+    def timed_out(browser, *asked):
+        with contextlib.suppress(Retryable):
+            promise(browser, *asked)
+        raise PageTimeout
+
+    monkeypatch.setattr(Browser, "promise", timed_out)
+    away = "<script>setTimeout(() => { location.href = 'http://localhost:9/' }, 200)</script>"
+    with pytest.raises(ItemFinal, match="redirected_away: http://localhost:9"):
+        look(pages.put("/away-late", TEXT + away))
+    with pytest.raises(PageTimeout):
+        look(pages.put("/there", TEXT))
 
 
 def test_http_redirect_away(pages, look):
