@@ -16,7 +16,9 @@ from pathlib import Path
 from kb.annotate.scores import drop_unused
 from kb.artifacts import domain_binding, manifest
 from kb.artifacts import purge as steps
-from kb.artifacts.purge import PurgeLine, Step
+from kb.artifacts.purge import PurgeLine, PurgeRules, Step
+from kb.artifacts.purge_named import PurgeList
+from kb.artifacts.purge_people import PeopleList
 from kb.core.config.pipeline import load, locate
 from kb.core.context import Run
 from kb.core.errors import DamagedData
@@ -33,17 +35,17 @@ from kb.store.layout import Layout
 STEPS: tuple[Step, ...] = (steps.index, steps.rows, steps.exports)
 
 
-def purge(run: Run, source: str, ids: Path | None) -> Summary:
-    """Every step, while nobody else writes what it touches.
+def purge(run: Run, source: str, ids: Path | None, people: Path | None = None) -> Summary:
+    """Every step, while nobody else writes what it touches. `ids` is a list of items to remove,
+    `people` one of those whose items are.
 
     After an interruption the same command continues.
     """
-    rules = SOURCES[source].purge_rules()
-    listed = rules.read_ids(ids, None) if ids else None
+    rules, listed, asked = _asked_for(source, ids, people)
     with domain_binding.writing(run, *lock.of_purge(source)):
         clean = f"clean/{source}"
         current = manifest.is_current(run.root, clean)
-        purge = purge_answers(run, rules, listed)
+        purge = purge_answers(run, rules, listed, asked)
         removed: list[PurgeLine] = []
         scores = 0
         if purge.keys:
@@ -65,13 +67,21 @@ def purge(run: Run, source: str, ids: Path | None) -> Summary:
     return summary
 
 
-def plan(run: Run, source: str, ids: Path | None) -> Summary:
+def plan(run: Run, source: str, ids: Path | None, people: Path | None = None) -> Summary:
     """The same as a dry run: what would be removed, by table and folder."""
-    rules = SOURCES[source].purge_rules()
-    listed = rules.read_ids(ids, None) if ids else None
-    with steps.dry_purge(run, rules, listed) as purge:
+    rules, listed, asked = _asked_for(source, ids, people)
+    with steps.dry_purge(run, rules, listed, asked) as purge:
         counted = (steps.answers, *STEPS) if purge.keys else ()
         return steps.plan_summary(purge, (line for step in counted for line in step(purge)))
+
+
+def _asked_for(
+    source: str, ids: Path | None, people: Path | None
+) -> tuple[PurgeRules, PurgeList | None, PeopleList | None]:
+    """The rules of a source, and what the user named. Raises SettingError."""
+    rules = SOURCES[source].purge_rules()
+    listed = rules.read_ids(ids, None) if ids else None
+    return rules, listed, rules.people.read(people) if rules.people and people else None
 
 
 def _write_again(run: Run, source: str) -> None:

@@ -57,7 +57,8 @@ def comments(p: Profile) -> tuple[Predicate, ...]:
 
 def clean(p: Profile) -> Clean:
     """Raw answers, live ones and dumps, to clean posts and comments."""
-    links, each = p.section(RedditSection).links, partial(Chain, helpers=HELPERS)
+    links = p.section(RedditSection).links
+    each = partial(Chain, helpers=HELPERS, person="author_hash")
     return Clean(
         source="reddit",
         kinds={of: raw_kind(of, links) for of in KINDS},

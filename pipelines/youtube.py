@@ -30,6 +30,7 @@ from kb.filters.predicates import (
 from kb.filters.topic import Topic
 from kb.youtube.crawl.ids import Part
 from kb.youtube.parse.assemble import HELPERS, KINDS, assemble, unanswered
+from kb.youtube.parse.channels import mark
 from kb.youtube.parse.view_counting import kept_counts
 from kb.youtube.ytdlp.tracks import TrackLanguage
 
@@ -80,6 +81,8 @@ def clean(p: Profile) -> Clean:
         scores=SCORES,
         helpers=HELPERS,
         described_by=DESCRIBED_BY,
+        person="channel_id",
+        stands_for=mark,
     )
     section = p.section(YouTubeSection)
     return Clean(

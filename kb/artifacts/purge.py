@@ -30,6 +30,7 @@ import msgspec
 from kb.artifacts import index as index_of
 from kb.artifacts import manifest, purge_raw
 from kb.artifacts.purge_named import ABSENT, KNOWN, NAMED, UNKNOWN, PurgeList, in_answers, warn
+from kb.artifacts.purge_people import PeopleList, PeopleRules, people, say_absent
 from kb.artifacts.purge_raw import Matcher, Names, Strip
 from kb.artifacts.purge_rows import RowLocation, drop_rows, keys_in_rows, released
 from kb.core.context import Run
@@ -43,6 +44,7 @@ from kb.store.rawlog import damaged_answers, rawlog
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state import json_files, tombstones
 from kb.store.state.frontier import Frontier
+from kb.store.state.tombstones import PERSON
 from kb.store.tables import partition
 
 
@@ -110,6 +112,7 @@ class PurgeRules:
     repair      corrects rows that count or repeat rows which were removed
     in_order    segments are written one after another, as `names` reads the last ones again
     implied     the reason of keys that are only removed because another one is
+    people      how people are named and found whose content leaves as a whole
     """
 
     source: str
@@ -127,6 +130,7 @@ class PurgeRules:
     repair: Callable[[Purge], None] = _nothing
     in_order: bool = False
     implied: str = ""
+    people: PeopleRules | None = None
 
     def strip_envelope(self, kind: str, envelope: Envelope, names: Names) -> Envelope | None:
         """The envelope without the names, as `Strip` describes."""
@@ -139,9 +143,10 @@ class PurgeRules:
 class Purge:
     """A purge under way, or with `dry` its plan.
 
-    `keys` are what is removed and why, `absent` named ones that the data root does not have (KNOWN
-    or UNKNOWN), `names` other names of what is removed, `counts` what else the summary says.
-    `scratch` is a folder for work files; `keys_file` has the keys for worker processes.
+    `asked` are people to be left out, `keys` what is removed and why, `absent` named ones that the
+    data root does not have (KNOWN or UNKNOWN), `names` other names of what is removed, of which
+    `other_names` are those people's, `counts` what else the summary says. `scratch` is a folder for
+    work files; `keys_file` has the keys for worker processes.
     """
 
     run: Run
@@ -150,9 +155,11 @@ class Purge:
     frontier: Frontier
     scratch: Path
     dry: bool = False
+    asked: PeopleList | None = None
     keys: dict[str, str] = field(default_factory=dict)
     absent: dict[str, str] = field(default_factory=dict)
     names: Names = field(default_factory=dict)
+    other_names: Names = field(default_factory=dict)
     repeats: set[str] = field(default_factory=set)
     counts: dict[str, int] = field(default_factory=dict)
 
@@ -171,14 +178,22 @@ class Purge:
     def find(self) -> None:
         """Find what is to be removed, with what an interrupted purge left."""
         # What an interrupted purge found out can't be found out again.
-        named = self.rules.look_up(self) | unfinished(self.root, self.rules.source)
+        self.keys = left = unfinished(self.root, self.rules.source)
+        named = self.rules.look_up(self)
+        if self.rules.people is not None:
+            named |= people(self, self.rules.people, self.asked)
+        named |= left
         self.keys = {key: NAMED if why in ABSENT else why for key, why in named.items()}
         found = self.rules.find(self)
         self.absent = {k: why for k, why in named.items() if why in ABSENT and k not in found}
         self.keys = found | self.keys
+        say, absent = self.run.progress.say, self.absent
         if self.listed is not None:
             self.counts["bad_lines"] = self.listed.bad_lines
-            warn(self.listed, self.absent, self.run.progress.say)
+            warn(self.listed, {k: absent[k] for k in absent if not k.startswith(PERSON)}, say)
+        if self.rules.people is not None and self.asked is not None:
+            theirs = {k: absent[k] for k in absent if k.startswith(PERSON)}
+            say_absent(self.rules.people, self.asked, theirs, say)
 
     def begin(self) -> None:
         """Write the list of keys, then their tombstones."""
@@ -190,17 +205,24 @@ class Purge:
         if self.keys and not self.dry:
             tombstones.add(self.root, self.rules.source, self.keys.items())
         if self.keys:
-            self.names = self.rules.names(self)
+            self.names = {**self.rules.names(self), **self.other_names}
 
     def summary(self) -> dict[str, int]:
-        """What became of each key that is removed for its own sake, and of the user's list."""
-        own = sum(reason != self.rules.implied for reason in self.keys.values())
-        became = Counter(self.absent.values())
+        """What became of each key that is removed for its own sake, and of the user's lists. People
+        are known or unknown; what was purged are items.
+        """
+        implied, became = self.rules.implied, Counter(self.absent.values())
+        own = {
+            key
+            for key, reason in self.keys.items()
+            if reason != implied and not key.startswith(PERSON)
+        }
+        unread = self.listed.bad_lines if self.listed else 0
         return {
-            "purged": own - len(self.absent),
+            "purged": len(own - self.absent.keys()),
             "known": became[KNOWN],
             "unknown": became[UNKNOWN],
-            "unread": self.listed.bad_lines if self.listed else 0,
+            "unread": unread + (len(self.asked.unread) if self.asked else 0),
         }
 
 
@@ -229,7 +251,9 @@ def finish(root: Path, source: str) -> None:
 
 
 @contextmanager
-def dry_purge(run: Run, rules: PurgeRules, listed: PurgeList | None) -> Iterator[Purge]:
+def dry_purge(
+    run: Run, rules: PurgeRules, listed: PurgeList | None, asked: PeopleList | None = None
+) -> Iterator[Purge]:
     """A dry purge on a copy of the source's state. Nothing below the data root is written."""
     original = Layout(run.root).state(rules.source)
     with tempfile.TemporaryDirectory(prefix="lorecrawl-plan-") as scratch:
@@ -239,7 +263,7 @@ def dry_purge(run: Run, rules: PurgeRules, listed: PurgeList | None) -> Iterator
         payloads = SOURCES[rules.source].connector(run).payloads
         frontier = Frontier(Path(scratch, original.name), payloads=payloads)
         try:
-            purge = Purge(run, rules, listed, frontier, Path(scratch, "work"), dry=True)
+            purge = Purge(run, rules, listed, frontier, Path(scratch, "work"), True, asked)
             purge.find()
             purge.begin()
             yield purge
@@ -276,7 +300,8 @@ def strip_segment(
     segment: str, rules: PurgeRules, keys_file: str, names: Names, dry: bool
 ) -> tuple[int, list[str]]:
     """How many answers of a segment change, and the ids that `repeats` yields. Runs in a worker."""
-    path, keys, matches = Path(segment), *_keys(keys_file, rules, _version(keys_file))
+    others = frozenset[str]().union(*names.values())
+    path, keys, matches = Path(segment), *_keys(keys_file, rules, others, _version(keys_file))
     repeats: set[str] = set()
 
     def strip(envelope: Envelope) -> Envelope | None:
@@ -299,12 +324,13 @@ def _version(keys_file: str) -> tuple[int, int] | None:
 
 @lru_cache(maxsize=1)
 def _keys(
-    file: str, rules: PurgeRules, version: tuple[int, int] | None
+    file: str, rules: PurgeRules, others: frozenset[str], version: tuple[int, int] | None
 ) -> tuple[frozenset[str], Matcher]:
     if version is None:
         return frozenset(), purge_raw.Matcher(())
     keys = frozenset(msgspec.json.decode(Path(file).read_bytes(), type=dict[str, str]))
-    return keys, purge_raw.Matcher(rules.texts(keys) if keys else ())
+    texts = rules.texts(keys) if keys else ()
+    return keys, purge_raw.Matcher(texts if texts is None else {*texts, *others})
 
 
 def state(purge: Purge) -> Iterator[PurgeLine]:

@@ -25,6 +25,8 @@ from kb.core.sources import PUBLISHED
 from kb.schema.tables import Table, released_tables, table, tables
 from kb.store.artifact_registry import SUMS
 from kb.store.damage import DOWNLOAD, opening
+from kb.store.state.tombstones import without_people
+from kb.store.tables import parquet
 from kb.store.tables.checksums import parsed
 
 TOMBSTONES = "tombstones.ndjson"  # readers of `*.parquet` took a Parquet file for a shard
@@ -127,7 +129,9 @@ def read(folder: Path, source: str) -> ReleaseFolder:
 
 
 def read_tombstones(path: Path) -> pa.Table:
-    """The rows of a folder's tombstones, as shared/tombstones declares them. Raises DamagedData."""
+    """The tombstones of items in a file, as shared/tombstones declares them. Raises DamagedData."""
+    if path.suffix == ".parquet":
+        return without_people(parquet.read_table(path))
     with opening(path):
         return parse_tombstones(path.read_bytes(), path)
 

@@ -64,6 +64,11 @@ class View(NamedTuple):
         """ "clean.youtube_videos"."""
         return f"{self.schema}.{self.name}"
 
+    @property
+    def lists_tombstones(self) -> bool:
+        """Whether the rows are removed keys, which `read_tombstones` reads from a file."""
+        return bool(self.files) and self.files[0].stem == "tombstones"
+
 
 @dataclass(frozen=True)
 class Catalog:

@@ -4,6 +4,7 @@ from kb.artifacts import purge as steps
 from kb.artifacts import purge_raw
 from kb.artifacts.purge import Purge, PurgeRules
 from kb.artifacts.purge_named import PurgeList
+from kb.artifacts.purge_people import PeopleList
 from kb.artifacts.purge_rows import location_of, shared_locations
 from kb.core.context import Run
 from kb.core.errors import DamagedData
@@ -15,7 +16,9 @@ from kb.schema.tables import table
 from kb.store.layout import Layout
 
 
-def purge_answers(run: Run, rules: PurgeRules, listed: PurgeList | None) -> Purge:
+def purge_answers(
+    run: Run, rules: PurgeRules, listed: PurgeList | None, asked: PeopleList | None = None
+) -> Purge:
     """Take keys out of raw answers and the state; the purge, whose other steps come next.
 
     Damaged raw data is set aside; `steps.finish` reports it. Raises WriterLocked, DiskFull,
@@ -23,10 +26,10 @@ def purge_answers(run: Run, rules: PurgeRules, listed: PurgeList | None) -> Purg
     """
     # Opening a session takes in what a killed crawl or import had not committed.
     connector = SOURCES[rules.source].connector(run)
-    with open_session(run, connector, asks=False, tells=False) as session:
+    with open_session(run, connector, online=False, report_damage=False) as session:
         session.recorder.close()
         scratch = Layout(run.root).known(rules.source)
-        purge = Purge(run, rules, listed, session.frontier, scratch)
+        purge = Purge(run, rules, listed, session.frontier, scratch, asked=asked)
         try:
             purge_raw.check_readable(run.root, rules.source, run.workers)
         except DamagedData:

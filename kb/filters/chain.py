@@ -45,9 +45,10 @@ class Chain:
     `prefix` comes before the key in rejected, failed and pending ("t3_"). `scores` maps a text
     column to the column of its largest toxicity category, and they are joined before the stage
     SCORED. `helpers` are columns that stages use and no table has. A tombstone names the
-    key, or what is in one of the columns `also` (a page's title). `relate` gets the rows and the
-    tables that were kept before, and adds what depends on these (comments need their posts).
-    `described_by` are columns that a rejected row keeps, so that readers see what it was.
+    key, or what is in one of the columns `also` (a page's title). The column `person` says whose a
+    row is, and `stands_for` what a person's tombstone has in place of its value. `relate` gets the
+    rows and the tables that were kept before, and adds what depends on these (comments need their
+    posts). `described_by` are columns that a rejected row keeps, so that readers see what it was.
     """
 
     table: str
@@ -57,6 +58,8 @@ class Chain:
     scores: Mapping[str, str] = field(default_factory=dict)
     helpers: tuple[str, ...] = ()
     also: tuple[str, ...] = ()
+    person: str = ""
+    stands_for: Callable[[str], str] = str
     relate: Callable[[pa.Table, Mapping[str, pa.Table]], pa.Table] | None = None
     described_by: tuple[str, ...] = ()
 

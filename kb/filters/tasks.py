@@ -164,9 +164,11 @@ def join(
         return {}, counts
     rows = spec.assemble(newest)
     purged = purged_keys(job.root, job.source, job.tombstones)
+    people = _people(job.root, job.source, job.tombstones)
     for chain in spec.chains:
         if chain.table in rows:
-            rows[chain.table] = _without_purged(rows[chain.table], chain, purged)
+            own = _without_purged(rows[chain.table], chain, purged)
+            rows[chain.table] = _without_people(own, chain, people)
     if spec.side_files is not None:
         rows = spec.side_files.read(Path(job.root), rows, follows)
     return rows, counts
@@ -210,6 +212,22 @@ def _without_purged(rows: pa.Table, chain: Chain, purged: frozenset[str]) -> pa.
     for name in (chain.key, *chain.also):
         rows = rows.filter(pc.invert(pc.is_in(rows.column(name).cast(pa.string()), bare)))
     return rows
+
+
+def _without_people(rows: pa.Table, chain: Chain, people: frozenset[str]) -> pa.Table:
+    if not people or not chain.person:
+        return rows
+    column = rows.column(chain.person).cast(pa.string())
+    gone = [
+        one for one in pc.unique(column).drop_null().to_pylist() if chain.stands_for(one) in people
+    ]
+    return rows.filter(pc.invert(pc.is_in(column, value_set=pa.array(gone, pa.string()))))
+
+
+@cache
+def _people(root: str, source: str, version: int) -> frozenset[str]:
+    """What stands for people who asked to be left out; cached by the version of their file."""
+    return tombstones.people(Path(root), source)
 
 
 @cache

@@ -19,6 +19,7 @@ from kb.artifacts.table_catalog import SCHEMAS, Catalog, View, bare
 from kb.query.limits import Limits
 from kb.query.remote_duckdb import RemoteFiles, reading_views
 from kb.store.damage import opening
+from kb.store.state.tombstones import PERSON
 from kb.store.tables import database
 from kb.store.tables.reading import escaped, reading, scan
 from kb.store.tables.remote_files import reading_at
@@ -91,9 +92,14 @@ def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View], system: RemoteF
             continue
         manifest.check_folder(view.files[0].parent)
         with opening(view.files[0].parent, duckdb.Error), reading(view.files):
-            con.execute(f"CREATE VIEW {view.full} AS FROM {scan(view.files)}")
+            con.execute(f"CREATE VIEW {view.full} AS FROM {scan(view.files)}{_rows(view)}")
     for name, view in bare(views).items():
         con.execute(f"CREATE VIEW main.{name} AS FROM {view.full}")
+
+
+def _rows(view: View) -> str:
+    """Which rows a view shows: tombstones of people are for this data root's own commands."""
+    return f" WHERE NOT starts_with(key, '{PERSON}')" if view.lists_tombstones else ""
 
 
 def catalog(views: Iterable[View]) -> list[ViewInfo]:
@@ -104,7 +110,7 @@ def catalog(views: Iterable[View]) -> list[ViewInfo]:
             with reading_at(view.remote.folder.address):
                 dataset = view.remote.dataset
                 rows, columns = dataset.count_rows(), len(dataset.schema)
-        elif view.files[0].suffix == ".ndjson":
+        elif view.lists_tombstones:
             table = read_tombstones(view.files[0])
             rows, columns = table.num_rows, table.num_columns
         else:

@@ -122,8 +122,8 @@ class TableView(RowSet):
 
     @property
     def _is_list(self) -> bool:
-        """Whether this is a release's list of tombstones, which is not Parquet."""
-        return bool(self.view.files) and self.view.files[0].suffix == ".ndjson"
+        """Whether this is a list of tombstones, which is read as a whole."""
+        return self.view.lists_tombstones
 
     def _reading(self) -> AbstractContextManager[None]:
         """What turns a failed read into an error that names the file or address."""

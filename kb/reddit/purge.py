@@ -1,7 +1,8 @@
 """What a purge has to know about Reddit: what authors deleted, moderators removed, or is gone.
 
 Keys are full names. The comments of a purged post go with it (reason `post`), as their addresses
-contain its title. Replies to a purged comment stay.
+contain its title. Replies to a purged comment stay. Of a person who asks to be left out all posts
+and comments go, and others' records no longer mention them by their hash.
 """
 
 from __future__ import annotations
@@ -15,15 +16,18 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.artifacts.purge import Purge, PurgeRules
+from kb.artifacts.purge_people import MARK
 from kb.artifacts.purge_raw import Names
 from kb.artifacts.purge_rows import RowLocation, keep_rows, shared_locations
 from kb.crawl.id_list import IdList
+from kb.reddit import authors
 from kb.reddit.crawl.connector import INFO
 from kb.reddit.crawl.ids import RULES as IDS
 from kb.reddit.parse import answer_tree
 from kb.reddit.parse.assemble import count_again
 from kb.reddit.parse.latest_state import latest_state
-from kb.reddit.parse.remove_ids import crossposts_of, drop_parents, strip
+from kb.reddit.parse.people import without_hashes
+from kb.reddit.parse.remove_ids import crossposts_of, drop_hashes, drop_parents, strip
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state import tombstones
@@ -67,8 +71,8 @@ def texts(keys: Collection[str]) -> set[str]:
 
 
 def strip_names(kind: str, envelope: Envelope, names: Names) -> Envelope | None:
-    """Remove posts and comments from the trees of an answer."""
-    return strip(kind, envelope, names[""])
+    """Remove posts and comments from the trees of an answer, and people from the rest."""
+    return strip(kind, without_hashes(envelope, names.get(MARK, ())), names[""])
 
 
 def crossposts(envelope: Envelope, keys: Collection[str]) -> set[str]:
@@ -101,6 +105,8 @@ def repair(purge: Purge) -> None:
     """What rows say of removed rows: parents of crossposts, failed parts, counts of comments."""
     for base in BASES:
         drop_parents(purge.root / base / "posts", purge.repeats, purge.keys)
+        people = purge.names.get(MARK, ())
+        drop_hashes(purge.root / base / "posts", people)
     keys = pa.array(sorted(purge.keys), pa.string())
 
     def is_kept(rows: pa.RecordBatch) -> pa.Array[Any]:
@@ -136,4 +142,5 @@ RULES = PurgeRules(
     forget=forget,
     repair=repair,
     implied="post",
+    people=authors.RULES,
 )

@@ -81,7 +81,11 @@ class Reddit(Source):
     purge_help = (
         "Remove posts and comments that were deleted or are named, and never collect them again."
     )
-    purge_examples = ("kb purge reddit", "kb purge reddit --ids requests.txt")
+    purge_examples = (
+        "kb purge reddit",
+        "kb purge reddit --ids requests.txt",
+        "kb purge reddit --authors people.txt --plan",
+    )
 
     def connector(self, run: Run) -> Connector:
         from kb.reddit.crawl.connector import RedditConnector

@@ -16,8 +16,10 @@ entries at "query.pages.redirects" are those of a list in each page. A place has
     prefix  what is put before the text to make a key of it ("t3_" before a bare id)
     stays   the answer stays when none of the parameter's keys is left: they are no whole of it
     beside  a parameter of as many entries, which belong to those of this one
+    owner   a name that many entries share, as it is of who made them
 
-An entry goes when one of its names is gone, and its other names are gone with it in this answer.
+An entry goes when one of its names is gone, and its other names but an owner's are gone with it in
+this answer.
 Names are compared as text.
 """
 
@@ -46,6 +48,7 @@ class KeyLocation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     prefix: str = ""
     split: str | None = None
     stays: bool = False
+    owner: bool = False
     parallel: KeyLocation | None = msgspec.field(default=None, name="beside")
 
     def text(self, value: Any) -> str | None:
@@ -169,7 +172,7 @@ def _with_other_names(
         for entry in _listed(response, each.at) if len(each.keys) > 1 else []:
             if _goes(entry, each.keys, removed):
                 for place in each.keys:
-                    if name := place.text(_at(entry, place.at)):
+                    if not place.owner and (name := place.text(_at(entry, place.at))):
                         others.setdefault(place.of, set()).add(name)
     if (renamed := declared.renamed) is not None:
         names = {*removed.get(renamed.of, ()), *others.get(renamed.of, ())}

@@ -4,8 +4,10 @@ from kb.artifacts.measures import count_pairs, read_measures
 from kb.artifacts.purge import Purge, PurgeRules
 from kb.artifacts.purge_rows import RowLocation, location_of, shared_locations
 from kb.store.layout import BELOW, Layout
+from kb.youtube import channels
 from kb.youtube.crawl.ids import RULES as IDS
 from kb.youtube.crawl.reduce import (
+    CHANNELS,
     RAW_SECOND_TRACKS,
     RAW_STATISTICS,
     RAW_TRANSCRIPTS,
@@ -14,9 +16,11 @@ from kb.youtube.crawl.reduce import (
     SECOND_TRACKS,
     STATISTICS,
     TRANSCRIPTS,
+    UPLOADS,
     VIDEOS,
 )
 from kb.youtube.crawl.refresh import newest
+from kb.youtube.parse.channels import CHANNEL
 
 
 def find(purge: Purge) -> dict[str, str]:
@@ -30,6 +34,12 @@ def repair(purge: Purge) -> None:
     folder = Layout(purge.root).pairs
     if samples := read_measures(folder):
         count_pairs(purge.root, folder, samples)
+
+
+def forget(purge: Purge) -> None:
+    """Forget channels that are left out."""
+    for kind in (CHANNELS, UPLOADS):
+        purge.frontier.remove(kind, purge.names.get(CHANNEL, ()))
 
 
 RULES = PurgeRules(
@@ -54,5 +64,7 @@ RULES = PurgeRules(
     items=(VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS, SECOND_TRACKS),
     exact=(RAW_VIDEOS, RAW_TRANSCRIPTS, RAW_STATISTICS, RAW_SECOND_TRACKS),
     find=find,
+    forget=forget,
     repair=repair,
+    people=channels.RULES,
 )

@@ -107,7 +107,7 @@ class YouTube(Source):
     purge_examples = (
         "kb purge youtube",
         "kb purge youtube --ids gone.txt",
-        "kb purge youtube --plan",
+        "kb purge youtube --channels channels.txt --plan",
     )
 
     def connector(self, run: Run) -> Connector:

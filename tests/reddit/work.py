@@ -84,8 +84,8 @@ class Work:
     def rebuild(self, ids: Path | None = None, out: Path | None = None, **options: Any) -> Summary:
         return rebuild(self.run(**options), ids, out or self.place / "out")
 
-    def purge(self, ids: Path | None = None) -> Summary:
-        return pipeline.load(str(pipeline.locate("purge"))).purge(self.run(), "reddit", ids)
+    def purge(self, ids: Path | None = None, people: Path | None = None) -> Summary:
+        return pipeline.load(str(pipeline.locate("purge"))).purge(self.run(), "reddit", ids, people)
 
     def table(self, *parts: str) -> list[dict[str, Any]]:
         """All rows of a folder of Parquet files below the data root, or of a folder given whole."""

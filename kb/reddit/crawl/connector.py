@@ -27,6 +27,7 @@ from kb.reddit.parse import answer_tree
 from kb.reddit.parse.anonymize import Scrubber, load_key
 from kb.reddit.source import Reddit
 from kb.store.rawlog.rawlog import Envelope
+from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier, Item
 
 MORE = Phase(kind="more", unit="further comments", feeds=("more", "thread"), batch=IDS, shown=False)
@@ -102,7 +103,7 @@ class RedditConnector(Connector):
     def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
         """One listing's page, one post's page, one thread, one post's stubs, or up to 100 names."""
         try:
-            answer = self._fetch.ask(phase.kind, items)
+            answer, purged = self._fetch.ask(phase.kind, items)
         except ItemFinal as fact:
             if phase.kind != "more":
                 raise
@@ -110,9 +111,14 @@ class RedditConnector(Connector):
             keys = [item.key for item in items]
             self.opened.frontier.mark(phase.kind, keys, "error", fact.reason)
             return
-        yield answer
-        if answer.kind in ("comments", "morechildren"):
-            self.comments += answer_tree.new_comments(answer.response, answer.params.get("comment"))
+        if answer is not None:
+            yield answer
+            if answer.kind in ("comments", "morechildren"):
+                of = answer.params.get("comment")
+                self.comments += answer_tree.new_comments(answer.response, of)
+        # What people posted who asked to be left out is told by the answer only.
+        theirs = [one.key for one in items if reduce.fullname(phase.kind, one.key) in purged]
+        self.opened.frontier.mark(phase.kind, theirs, "skipped", "purged")
 
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
         """As kb.reddit.crawl.reduce."""
@@ -134,7 +140,8 @@ class RedditConnector(Connector):
             max_tries=self.section.max_tries,
             say=self.run.progress.say,
         )
-        scrubber = Scrubber(load_key(self.run.root))
+        people = tombstones.people(self.run.root, self.name)
+        scrubber = Scrubber(load_key(self.run.root), people)
         return RedditFetcher(
             client, scrubber, self.opened.purged, self.section.subreddit, self.span
         )

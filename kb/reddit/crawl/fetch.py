@@ -12,8 +12,12 @@ from kb.reddit.crawl.discover import Span
 from kb.reddit.crawl.errors import REDIRECT, STATUS, no_subreddit, too_deep
 from kb.reddit.crawl.reduce import ListingCursor
 from kb.reddit.parse.anonymize import Scrubber
-from kb.reddit.parse.remove_ids import without
+from kb.reddit.parse.people import theirs
+from kb.reddit.parse.remove_ids import without, without_asked
+from kb.store.rawlog.rawlog import Request
 from kb.store.state.frontier import Item
+
+Asked = tuple[Answer | None, Collection[str]]
 
 
 class RedditFetcher:
@@ -30,11 +34,12 @@ class RedditFetcher:
         self._client, self._scrubber, self._purged = client, scrubber, purged
         self._base, self._span = f"r/{subreddit}", span
 
-    def ask(self, kind: str, items: list[Item]) -> Answer:
-        """The answer for items of one kind, as many as one request takes. Raises as
+    def ask(self, kind: str, items: list[Item]) -> Asked:
+        """The answer for items of one kind, as many as one request takes, and the full names in it
+        of people who asked to be left out; None when it was about these alone. Raises as
         kb.reddit.crawl.errors says.
         """
-        ways: dict[str, Callable[[list[Item]], Answer]] = {
+        ways: dict[str, Callable[[list[Item]], Asked]] = {
             "listing": self._listing,
             "tree": self._page,
             "thread": self._page,
@@ -51,7 +56,7 @@ class RedditFetcher:
             return True
         return False
 
-    def _listing(self, items: list[Item]) -> Answer:
+    def _listing(self, items: list[Item]) -> Asked:
         """The next page of a listing; the span goes into the record, as it says what is
         left out.
         """
@@ -75,7 +80,7 @@ class RedditFetcher:
         bounds = {name: at for name, at in self._span._asdict().items() if at is not None}
         return self._answer("listings", endpoint, {**params, **bounds}, answer)
 
-    def _page(self, items: list[Item]) -> Answer:
+    def _page(self, items: list[Item]) -> Asked:
         """A post with its comments, or a comment's thread; that it is gone or shut is an answer
         too.
         """
@@ -91,7 +96,7 @@ class RedditFetcher:
             status = STATUS.get(fact.reason, REDIRECT)
         return self._answer("comments", endpoint, {**params, **about}, answer, status)
 
-    def _more(self, items: list[Item]) -> Answer:
+    def _more(self, items: list[Item]) -> Asked:
         """Comments behind the stubs of one post."""
         data = {
             "link_id": f"t3_{items[0].payload.post}",
@@ -103,7 +108,7 @@ class RedditFetcher:
         answer = self._client.post("api/morechildren/", data)
         return self._answer("morechildren", "api/morechildren", data, answer)
 
-    def _info(self, items: list[Item]) -> Answer:
+    def _info(self, items: list[Item]) -> Asked:
         """Posts and comments by name; with the post of each where it is known."""
         names = [item.key for item in items]
         params: dict[str, Any] = {"id": ",".join(names)}
@@ -117,9 +122,14 @@ class RedditFetcher:
 
     def _answer(
         self, kind: str, endpoint: str, params: dict[str, Any], response: Any, status: int = 200
-    ) -> Answer:
+    ) -> Asked:
         try:
-            clean = self._scrubber.scrub(without(response, self._purged))
+            clean = self._scrubber.scrub(response)
+            people = theirs(clean)
+            clean = without(clean, self._purged)
         except RecursionError:  # called from deep in calls itself; nothing was written yet
             raise too_deep(endpoint) from None
-        return Answer(kind, endpoint, params, clean, status)
+        request = without_asked(kind, Request(endpoint, params), people)
+        if request is None:
+            return None, people
+        return Answer(kind, request.endpoint, request.params, clean, status), people

@@ -78,6 +78,17 @@ def listing_key(endpoint: str, params: dict[str, Any]) -> str:
     return f"{name}:{extra}" if extra else name
 
 
+def fullname(kind: str, key: str) -> str:
+    """The full name of an item that is asked for, "" of a listing."""
+    if kind == "info":
+        return key
+    return {
+        "tree": f"t3_{key}",
+        "more": f"t1_{key}",
+        "thread": f"t1_{key.partition('/')[2]}",
+    }.get(kind, "")
+
+
 def reduce(frontier: Frontier, kind: str, envelope: Envelope) -> None:
     """Take one answer in. Idempotent."""
     params, response = envelope.request.params, envelope.response

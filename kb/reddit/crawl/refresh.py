@@ -97,10 +97,11 @@ class RedditRefresh(RedditConnector):
                 f"{thing.kind}_{thing.data.get('id')}"
                 for thing in answer_tree.things(answer.response)
             }
-            self._believe(items, given)
+            asked = str(answer.params["id"]).split(",")
+            self._believe([item for item in items if item.key in asked], given)
             yield answer
-            self.answered += len(items)
-            self.missing += sum(item.key not in given for item in items)
+            self.answered += len(asked)
+            self.missing += sum(key not in given for key in asked)
 
     def _believe(self, items: list[Item], given: Collection[str]) -> None:
         """Raises Retryable for an answer that has none of many known things, and for the next ones

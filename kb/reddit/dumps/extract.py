@@ -11,6 +11,7 @@ from kb.reddit.dumps.chunks import Chunk
 from kb.reddit.dumps.id_search import ById, IdIndex
 from kb.reddit.dumps.subreddit_search import SubredditSearch
 from kb.reddit.parse.anonymize import Scrubber, load_key
+from kb.reddit.parse.people import PURGED
 from kb.reddit.parse.removal import LATEST, retrieved
 from kb.reddit.parse.remove_ids import without
 from kb.schema.decode import holdable
@@ -81,11 +82,17 @@ def _extract_chunk(search: SubredditSearch, chunk: Chunk, rules: RecordRules) ->
     records: list[ExtractedRecord] = []
 
     def take(end: int, record: dict[str, Any]) -> None:
-        thing = _wanted(record, rules, purged)
-        if thing is not None:
-            data = scrubber.scrub(thing["data"])
-            line = _encode({**thing, "data": data})
-            records.append(ExtractedRecord(end, line, retrieved(data)))
+        if not _in_span(record, rules):
+            return
+        kind = "t3" if "title" in record else "t1"
+        data = scrubber.scrub(record)
+        things = without([{"kind": kind, "data": data}], purged)
+        if not things and rules.ids and data.get("author") == PURGED:
+            # Whoever asks for it by its id is told why it does not come.
+            known = {name: data.get(name) for name in ("id", "link_id", "author")}
+            things = [{"kind": kind, "data": known}]
+        for thing in things:
+            records.append(ExtractedRecord(end, _encode(thing), retrieved(thing["data"])))
 
     matches = search(chunk, take)
     offset = chunk.offset + chunk.end - chunk.begin
@@ -96,7 +103,8 @@ def _extract_chunk(search: SubredditSearch, chunk: Chunk, rules: RecordRules) ->
 def _tools(root: str, stamp: int, ids: str) -> tuple[Scrubber, Collection[str]]:
     """The anonymizer and the purged names; made once in each worker."""
     purged = tombstones.keys(Path(root), "reddit")
-    return Scrubber(load_key(Path(root))), purged | _id_index(ids).purged if ids else purged
+    scrubber = Scrubber(load_key(Path(root)), tombstones.people(Path(root), "reddit"))
+    return scrubber, purged | _id_index(ids).purged if ids else purged
 
 
 @cache
@@ -112,18 +120,10 @@ def _encode(thing: dict[str, Any]) -> bytes:
         return msgspec.json.encode(holdable(thing))
 
 
-def _wanted(
-    record: dict[str, Any], rules: RecordRules, purged: Collection[str]
-) -> dict[str, Any] | None:
-    """The record as a thing, unless it is outside of the span or purged. The filter judges records
-    whose date can't be read.
-    """
-    kind = "t3" if "title" in record else "t1"
+def _in_span(record: dict[str, Any], rules: RecordRules) -> bool:
+    """Whether a record is of the span. The filter judges records whose date can't be read."""
     try:
         at = float(record.get("created_utc"))  # type: ignore[arg-type]
     except (TypeError, ValueError):
         at = -1.0
-    if 0 <= at < LATEST and not rules.since <= at < rules.until:
-        return None
-    left = without([{"kind": kind, "data": record}], purged)
-    return left[0] if left else None
+    return not 0 <= at < LATEST or rules.since <= at < rules.until

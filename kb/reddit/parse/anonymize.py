@@ -2,7 +2,8 @@
 
 The key is made once in `state/reddit.key` (mode 0600) and never released, so that the hashes of a
 release can't be tried out against lists of names. Beside it stands by what it is known again: with
-another key the same person would be two people in old and new rows.
+another key the same person would be two people in old and new rows. Reddit takes a name in any
+letter case for the same person, and so does the hash.
 """
 
 import hashlib
@@ -10,11 +11,13 @@ import hmac
 import re
 import secrets
 import shlex
+from collections.abc import Collection
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from kb.core.errors import DamagedData
+from kb.reddit.parse.people import PURGED
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
@@ -63,6 +66,20 @@ def load_key(root: Path) -> bytes:
     Raises DamagedData when it is lost, cut off, or another one than the data were hashed with.
     """
     path, digest_path = Layout(root).key("reddit")
+    if read_key(root) is None:
+        write_bytes(path, secrets.token_hex(32).encode(), mode=0o600)
+    path.chmod(0o600)
+    key = path.read_bytes().strip()
+    if not digest_path.exists():  # a new key, or one that was given anew
+        write_bytes(digest_path, f"{hashlib.sha256(key).hexdigest()}\n".encode())
+    return key
+
+
+def read_key(root: Path) -> bytes | None:
+    """The data root's key, None when no name was hashed with one yet. Writes nothing; raises as
+    `load_key`.
+    """
+    path, digest_path = Layout(root).key("reddit")
     noted = (
         digest_path.read_text(encoding="utf-8", errors="replace").strip()
         if digest_path.exists()
@@ -71,15 +88,11 @@ def load_key(root: Path) -> bytes:
     if not path.exists():
         if noted or rawlog.any_answer(root, "reddit"):
             raise _not_the_key(path, digest_path, "is lost")
-        write_bytes(path, secrets.token_hex(32).encode(), mode=0o600)
-    path.chmod(0o600)
+        return None
     key = path.read_bytes().strip()
     if len(key) != 64:
         raise _not_the_key(path, digest_path, "is damaged")
-    known = hashlib.sha256(key).hexdigest()
-    if not noted:  # a new key, or one that was given anew
-        write_bytes(digest_path, f"{known}\n".encode())
-    elif noted != known:
+    if noted and noted != hashlib.sha256(key).hexdigest():
         raise _not_the_key(path, digest_path, "is another key than this data root's")
     return key
 
@@ -96,18 +109,26 @@ def _not_the_key(path: Path, digest_path: Path, what: str) -> DamagedData:
     )
 
 
-class Scrubber:
-    """Replaces names in raw answers by keyed hashes, the same for the same name."""
+def keyed(key: bytes, text: str) -> str:
+    """32 hexadecimal digits that only this key makes of a text."""
+    return hmac.digest(key, text.encode("utf-8", "replace"), "sha256").hex()[:32]
 
-    def __init__(self, key: bytes) -> None:
-        self._key = key
+
+class Scrubber:
+    """Replaces names in raw answers by keyed hashes, the same for the same name; those of `people`,
+    who asked to be left out, by PURGED.
+    """
+
+    def __init__(self, key: bytes, people: Collection[str] = ()) -> None:
+        self._key, self._people = key, people
         self.hash = lru_cache(maxsize=1 << 16)(self._hash)
 
     def _hash(self, name: str) -> str:
         """32 hexadecimal digits for a name; `[deleted]` stays as it is."""
         if name in _KEPT:
             return name
-        return hmac.digest(self._key, name.encode("utf-8", "replace"), "sha256").hex()[:32]
+        found = keyed(self._key, name.lower())
+        return PURGED if found in self._people else found
 
     def scrub(self, value: Any) -> Any:
         """The answer with every author field hashed, in place where it can be; safe to repeat only

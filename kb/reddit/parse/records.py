@@ -14,6 +14,7 @@ from typing import Any
 
 from kb.core.config.profile.reddit import Links
 from kb.reddit.parse import answer_tree
+from kb.reddit.parse.people import PURGED
 from kb.reddit.parse.post_types import (
     is_crosspost,
     link_classifier,
@@ -86,7 +87,7 @@ def resolve(record: dict[str, Any]) -> dict[str, Any]:
 
 
 Row = dict[str, Any]
-NOBODY = frozenset({"", "[deleted]", "[removed]"})  # names that stand for no author
+NOBODY = frozenset({"", "[deleted]", "[removed]", PURGED})  # names that stand for no author
 _COLUMNS = {"selftext": "body"}  # fields whose column has another name
 
 

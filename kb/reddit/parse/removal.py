@@ -18,6 +18,8 @@ import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from kb.reddit.parse.people import PURGED
+
 LATEST = 253402300800  # seconds of Unix time: the year 10000
 _BY_ITS_AUTHOR = frozenset({"deleted", "author", "deleted by user"})
 # One pair of brackets around it all. What follows the verb is known, as people also write of
@@ -40,8 +42,8 @@ _WORDS = {"true": True, "1": True, "false": False, "0": False}
 
 
 class Removal(NamedTuple):
-    """`deleted` by its author or `removed` by others, the value that says so, and whether the
-    record says when (`dated`: the moment is that of `retrieved`).
+    """`deleted` by its author, `removed` by others, or `purged` here, the value that says so, and
+    whether the record says when (`dated`: the moment is that of `retrieved`).
     """
 
     reason: str
@@ -55,6 +57,8 @@ def removal(record: Mapping[str, Any]) -> Removal | None:
     What the archive found at its second visit counts more than the fields of the first: of what
     came back in between only the text is looked at.
     """
+    if record.get("author") == PURGED:
+        return Removal(PURGED.strip("[]"), PURGED, dated=False)
     meta = _meta(record)
     later, before = flag(meta.get("was_deleted_later")), flag(meta.get("was_initially_deleted"))
     kind = meta.get("removal_type")

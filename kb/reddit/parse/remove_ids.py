@@ -9,7 +9,7 @@ Where keys stand in what was asked, and which fields a crosspost copies, `schema
 entries go, but not trees in which replies take the place of what goes and stubs count it.
 """
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.reddit.parse import answer_tree
+from kb.reddit.parse.people import PURGED, theirs
 from kb.schema import raw
 from kb.schema.answer_keys import asked
 from kb.store.rawlog.rawlog import Envelope, Request
@@ -30,9 +31,16 @@ HOLDERS = ("data", "json", "things", "children", "replies")  # fields in which t
 
 
 def strip(kind: str, envelope: Envelope, keys: Collection[str]) -> Envelope | None:
-    """The envelope without the full names `keys`; the same object when it holds none, None when
-    nothing is left.
+    """The envelope without the full names `keys`, and without what is theirs who asked to be left
+    out; the same object when it holds none, None when nothing is left.
     """
+    if own := theirs(envelope.response):
+        left = _strip(kind, envelope, own)
+        return left and _strip(kind, left, keys)
+    return _strip(kind, envelope, keys)
+
+
+def _strip(kind: str, envelope: Envelope, keys: Collection[str]) -> Envelope | None:
     request = without_asked(kind, envelope.request, keys)
     if request is None:
         return None
@@ -45,8 +53,12 @@ def strip(kind: str, envelope: Envelope, keys: Collection[str]) -> Envelope | No
 
 
 def without(answer: Any, keys: Collection[str]) -> Any:
-    """The answer without the full names `keys`."""
-    return of_value(answer, keys)[0] if keys else answer
+    """The answer without the full names `keys`, and without what is theirs who asked to be left
+    out.
+    """
+    for names in (theirs(answer), keys):
+        answer = of_value(answer, names)[0] if names else answer
+    return answer
 
 
 def without_asked(kind: str, request: Request, keys: Collection[str]) -> Request | None:
@@ -106,7 +118,7 @@ def of_thing(value: Any, keys: Collection[str]) -> tuple[list[Any], bool]:
     if answer_tree.named(data.get("link_id"), keys):
         return [], True
     replies, changed = of_value(data.get("replies"), keys)
-    if name in keys:
+    if name in keys or data.get("author") == PURGED:
         inner = replies.get("data") if isinstance(replies, dict) else None
         return (inner.get("children") or []) if isinstance(inner, dict) else [], True
     fresh = {"replies": replies} if changed else {}
@@ -194,40 +206,69 @@ def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str
     )
 
     def hit(rows: pa.RecordBatch) -> pa.BooleanArray:
-        named = pc.struct_field(
-            pc.extract_regex(rows["source_url"].cast(pa.string()), _ADDRESS), "key"
-        )
+        named = pc.struct_field(pc.extract_regex(_addresses(rows), _ADDRESS), "key")
         shown = pc.and_(rows["is_crosspost"], pc.is_in(named, value_set=purged))
         shown = pc.or_(shown, pc.is_in(rows["post_id"].cast(pa.string()), value_set=known))
         # One that was changed before, and the crosspost of a text, shows nothing.
         return pc.and_(shown, pc.not_equal(rows["type"].cast(pa.string()), "text"))
 
+    columns = ["post_id", "type", "source_url", "is_crosspost"]
+    return _rewrite(folder, columns, hit, lambda rows: _bare(rows, hit(rows)))
+
+
+def drop_hashes(folder: Path, people: Collection[str]) -> int:
+    """Take what stands for people out of the addresses in a folder of reddit/posts; how many rows
+    changed. Raises DiskFull.
+    """
+    any_of = "|".join(sorted(people))
+
+    def hit(rows: pa.RecordBatch) -> pa.BooleanArray:
+        named = pc.match_substring_regex(_addresses(rows), any_of)
+        hits: pa.BooleanArray = pc.fill_null(named, False)
+        return hits
+
+    def changed(rows: pa.RecordBatch) -> pa.RecordBatch:
+        place = rows.schema.get_field_index("source_url")
+        fresh = pc.replace_substring_regex(_addresses(rows), any_of, PURGED)
+        return rows.set_column(place, "source_url", fresh)
+
+    return _rewrite(folder, ["source_url"], hit, changed) if people else 0
+
+
+def _addresses(rows: pa.RecordBatch) -> Any:
+    return rows["source_url"].cast(pa.string())
+
+
+def _rewrite(
+    folder: Path,
+    columns: list[str],
+    hit: Callable[[pa.RecordBatch], pa.BooleanArray],
+    change: Callable[[pa.RecordBatch], pa.RecordBatch],
+) -> int:
+    """Write the files of reddit/posts again in which `hit`, which reads these columns, is true of
+    a row; how many rows that are.
+    """
     changed = 0
     for path in sorted(folder.glob("*.parquet")):
         with reading([path]), parquet.open_file(path) as file:
-            hits = sum(
-                hit(batch).true_count
-                for batch in file.iter_batches(
-                    columns=["post_id", "type", "source_url", "is_crosspost"]
-                )
-            )
+            hits = sum(hit(batch).true_count for batch in file.iter_batches(columns=columns))
             if not hits:
                 continue
             with ShardWriter(path, "reddit/posts", in_order=True) as writer:
                 for batch in file.iter_batches():
-                    writer.write(_bare(pa.Table.from_batches([batch]), hit(batch)))
+                    writer.write(pa.Table.from_batches([change(batch)]))
         changed += hits
     return changed
 
 
-def _bare(rows: pa.Table, hit: pa.BooleanArray) -> pa.Table:
+def _bare(rows: pa.RecordBatch, hit: pa.BooleanArray) -> pa.RecordBatch:
     for name, value in (
         ("type", "text"),
         ("source_url", None),
         ("link_kind", None),
         ("poll_options", None),
     ):
-        place, field = rows.column_names.index(name), rows.schema.field(name)
+        place, field = rows.schema.get_field_index(name), rows.schema.field(name)
         plain = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
         column = rows[name].cast(plain)
         rows = rows.set_column(place, name, pc.if_else(hit, pa.scalar(value, plain), column))

@@ -171,7 +171,8 @@ def rebuild(
             return Summary(**{**done.answered[digest], **_counts(out, done), "requests": 0})
         stale = _is_stale(work, done)
         removed = {*removed, *tombstones.keys(run.root, "reddit")}
-        answers = tables.Answers(work, wanted, {}, released(sources), stale, removed)
+        people = tombstones.people(run.root, "reddit")
+        answers = tables.Answers(work, wanted, {}, released(sources), stale, removed, people)
         if dumps:
             subreddit = "" if wanted.trees else subreddit_of(sources)
             summary = _read_dumps(run, wanted, dumps, work, removed, subreddit)

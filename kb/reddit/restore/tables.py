@@ -9,9 +9,10 @@ import re
 import shutil
 from collections.abc import Collection
 from datetime import datetime
+from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -72,7 +73,8 @@ class Answers(NamedTuple):
     """What one run has: `unanswered` full name → reason; `released` fills in what no answer says.
 
     `stale`: other runs may have written newer rows than these answers, as always with dumps.
-    `purged` are tombstones. `otherwise` is the reason of names that no answer mentions.
+    `purged` are tombstones, `people` stands for authors who asked to be left out. `otherwise` is
+    the reason of names that no answer mentions.
     """
 
     work: Path
@@ -81,6 +83,7 @@ class Answers(NamedTuple):
     released: Released
     stale: bool = False
     purged: Collection[str] = ()
+    people: Collection[str] = ()
     otherwise: str = "missing"
 
 
@@ -105,7 +108,7 @@ def write(answers: Answers, out: Path, links: Links) -> dict[str, int]:
             newer=not answers.stale,
             unlisted=answers.purged,
             otherwise=answers.otherwise,
-            finish=_with_counts,
+            finish=partial(_finished, people=pa.array(sorted(answers.people), pa.string())),
         )
 
 
@@ -152,8 +155,14 @@ def _answered(scratch: Path, number: int, answers: Answers) -> dict[str, Missing
     return reasons
 
 
-def _with_counts(rows: dict[str, pa.Table]) -> dict[str, pa.Table]:
-    """Depths that no run alone could know, and counts, from the comments of all runs."""
+def _finished(rows: dict[str, pa.Table], people: pa.Array[Any]) -> dict[str, pa.Table]:
+    """The rows of all runs without those of people who asked to be left out, with depths that no
+    run alone could know, and counts.
+    """
+    rows = {
+        name: part.filter(pc.invert(pc.is_in(part["author_hash"].cast(pa.string()), people)))
+        for name, part in rows.items()
+    }
     comments = rows["reddit/comments"]
     keys = cast("list[str]", comments["comment_id"].to_pylist())
     known = depths(zip(keys, comments["parent_id"].to_pylist(), strict=True))

@@ -6,6 +6,10 @@
 
 Whoever reads takes the union of both, and of other copies beside the first one. Whoever writes
 makes both whole.
+
+A person who asked to be left out has a tombstone too, `PERSON` before what stands for them in raw
+data without naming them. It keeps away what they publish later, whose keys nobody knows yet, and is
+for this data root alone: `keys` and `read`, from which releases are made, leave it out.
 """
 
 import filecmp
@@ -14,6 +18,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from kb.core import clock
 from kb.core.errors import DamagedData
@@ -24,6 +29,7 @@ from kb.store.tables import parquet
 from kb.store.tables.shard_writer import write_table
 
 _TABLE = "shared/tombstones"
+PERSON = "person_"
 
 
 def path(root: Path, source: str) -> Path:
@@ -33,6 +39,16 @@ def path(root: Path, source: str) -> Path:
 
 def keys(root: Path, source: str) -> set[str]:
     """The purged keys of a source. Raises DamagedData."""
+    return {key for key in _keys(root, source) if not key.startswith(PERSON)}
+
+
+def people(root: Path, source: str) -> frozenset[str]:
+    """What stands for the people whose content a source leaves out. Raises DamagedData."""
+    found = (key.removeprefix(PERSON) for key in _keys(root, source) if key.startswith(PERSON))
+    return frozenset(found)
+
+
+def _keys(root: Path, source: str) -> set[str]:
     names: set[str] = set()
     for file in _files(root, source):
         column = _load(file)["key"]
@@ -41,13 +57,17 @@ def keys(root: Path, source: str) -> set[str]:
 
 
 def read(root: Path, source: str) -> pa.Table:
-    """Every tombstone of a source once, by key, as shared/tombstones declares;
+    """Every tombstone of an item of a source once, by key, as shared/tombstones declares;
     of several the oldest. Raises DamagedData.
     """
     files, schema = _files(root, source), table(_TABLE).arrow()
-    if len(files) == 1:
-        return _load(files[0])
-    return pa.Table.from_pylist(_union(files), schema)
+    rows = _load(files[0]) if len(files) == 1 else pa.Table.from_pylist(_union(files), schema)
+    return without_people(rows)
+
+
+def without_people(rows: pa.Table) -> pa.Table:
+    """The tombstones of items among these."""
+    return rows.filter(pc.invert(pc.starts_with(rows["key"], PERSON)))
 
 
 def version(root: Path, source: str) -> int:

@@ -31,6 +31,7 @@ from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
 from kb.store.rawlog.rawlog import Envelope
+from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier, Item
 from kb.youtube.crawl.client import GOOGLE
 from kb.youtube.crawl.discover import extend, judge_pending, new_round, no_channel, reopen
@@ -48,12 +49,14 @@ from kb.youtube.crawl.reduce import (
     Reducer,
     Wanted,
     crawled,
+    keywords_without_channels,
     nothing,
     with_po_token,
-    without_channels,
 )
 from kb.youtube.crawl.transcripts import SITE
+from kb.youtube.parse import answers as parse
 from kb.youtube.parse.assemble import assemble
+from kb.youtube.parse.channels import ChannelFilter
 from kb.youtube.source import YouTube
 
 PHASES = (
@@ -115,7 +118,8 @@ def _promising(worth: Worth, videos: pa.Table) -> list[str]:
 class YouTubeConnector(Connector):
     """One run's source. Raises SettingError for ids that can't be read.
 
-    `chosen` are the phases of this run; `counts` what it had, by the names of its summary.
+    `chosen` are the phases of this run; `counts` what it had, by the names of its summary; `theirs`
+    the videos that it was asked for of channels to be left out.
     """
 
     name = "youtube"
@@ -143,7 +147,8 @@ class YouTubeConnector(Connector):
         self._known = RULES.read_some(ids, run.progress.say) if ids else None
         self._wanted, self._mine = wanted, share(part)
         self.counts: Counter[str] = Counter()
-        self._barren: list[str] = []
+        self.theirs: set[str] = set()
+        self._unproductive: list[str] = []
         self._fetch: YouTubeFetcher | None = None
         self._lock = threading.Lock()
 
@@ -161,7 +166,8 @@ class YouTubeConnector(Connector):
     def begin(self, opened: Opened) -> None:
         """What reads and asks knows the data root now."""
         super().begin(opened)
-        self._reduce = Reducer(self.profile, self._wanted, self._mine, opened.purged)
+        self.left_out = ChannelFilter(tombstones.people(self.run.root, self.name))
+        self._reduce = Reducer(self.profile, self._wanted, self._mine, opened.purged, self.left_out)
         self._fetch = YouTubeFetcher(self.run, self.profile, opened, self._count)
 
     def discover(self, frontier: Frontier) -> None:
@@ -185,9 +191,19 @@ class YouTubeConnector(Connector):
         return None
 
     def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
-        """A page of a search or list, a pack of videos, or one transcript."""
+        """A page of a search or list, a pack of videos, or one transcript. Whose a video is, an
+        answer says: those of channels to be left out are forgotten.
+        """
         assert self._fetch is not None
-        return self._fetch(phase.kind, items)
+        for answer in self._fetch(phase.kind, items):
+            left = self.left_out.without(answer.kind, answer.params, answer.response)
+            if left is not None:
+                yield replace(answer, params=left[0], response=left[1])
+            asked = parse.requested(answer.params) if left else [item.key for item in items]
+            theirs = set(asked).difference(parse.requested(left[0]) if left else ())
+            self.theirs |= theirs
+            self.counts["crawled"] -= len(theirs)
+            self.opened.frontier.remove(phase.kind, theirs)
 
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
         """See kb.youtube.crawl.reduce."""
@@ -214,9 +230,9 @@ class YouTubeConnector(Connector):
     def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """What the run did, what failed and what is left."""
         frontier = session.frontier
-        self._barren = []
+        self._unproductive = []
         if any(phase.kind == SEARCHES for phase in self.chosen):
-            self._barren = without_channels(frontier, self.profile.keywords)
+            self._unproductive = keywords_without_channels(frontier, self.profile.keywords)
         kinds = frontier.kinds()
         handled = {phase.kind: kinds.get(phase.kind, {}) for phase in self.chosen}
         left = YouTube.left_by(handled)
@@ -257,7 +273,7 @@ class YouTubeConnector(Connector):
 
     def check_keywords(self, summary: dict[str, Any]) -> None:
         """Name keywords that find no channel. Raises FatalError where none finds any."""
-        error = no_channel(self.run, self._barren, summary["channels"])
+        error = no_channel(self.run, self._unproductive, summary["channels"])
         if error is not None:
             error.summary = summary
             raise error

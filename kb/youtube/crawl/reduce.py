@@ -12,7 +12,7 @@ second_tracks key video id: the automatic track of a video whose transcript is a
 """
 
 import logging
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Container, Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -24,6 +24,7 @@ from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.answers import PO_TOKEN
+from kb.youtube.parse.channels import channel_of
 from kb.youtube.ytdlp.tracks import TrackLanguage
 
 SEARCHES, CHANNELS, UPLOADS, VIDEOS, TRANSCRIPTS, REFRESH, STATISTICS, SECOND_TRACKS = (
@@ -100,13 +101,10 @@ def uploads_list(channel_id: str, profile: YouTubeSection) -> str:
     return ("UULF" if profile.uploads == "no_shorts" else "UU") + channel_id[2:]
 
 
-def channel_of(playlist: str) -> str:
-    """The channel of an uploads list."""
-    return "UC" + (playlist[4:] if playlist.startswith("UULF") else playlist[2:])
-
-
 class Reducer:
-    """Takes envelopes into the frontier. `mine` tells a part's channels, `gone` are purged."""
+    """Takes envelopes into the frontier. `mine` tells a part's channels, `gone` are purged videos,
+    `left_out` channels that are left out.
+    """
 
     def __init__(
         self,
@@ -114,7 +112,9 @@ class Reducer:
         wanted: Wanted,
         mine: Callable[[str], bool],
         gone: Collection[str],
+        left_out: Container[str] = (),
     ) -> None:
+        self._left_out = left_out
         self._profile, self._wanted, self._mine, self._gone = profile, wanted, mine, gone
         self._language = TrackLanguage(profile.language, profile.translate)
         self._ways: dict[str, Callable[[Frontier, Envelope], None]] = {
@@ -146,7 +146,8 @@ class Reducer:
         key = search_key(keyword, token)
         known = frontier.get(SEARCHES, key)
         page = known[1].page if known and known[1] else 1
-        hits = [key for key in parse.channel_hits(envelope.response) if key.startswith("UC")]
+        found = (key for key in parse.channel_hits(envelope.response) if key.startswith("UC"))
+        hits = [key for key in found if key not in self._left_out]
         frontier.add(CHANNELS, hits)
         frontier.done(CHANNELS, *hits)
         mine = [channel for channel in hits if self._mine(channel)]
@@ -285,14 +286,14 @@ def _outcome(response: Any) -> tuple[str, str, str | None]:
     return key, "error", str(answer.get("reason") or "failed")
 
 
-def without_channels(frontier: Frontier, keywords: Iterable[str]) -> list[str]:
+def keywords_without_channels(frontier: Frontier, keywords: Iterable[str]) -> list[str]:
     """The keywords whose search was answered and found no channel."""
-    barren = []
+    unproductive = []
     for word in dict.fromkeys(keywords):
         status, page, _ = frontier.get(SEARCHES, search_key(word, None)) or ("", None, None)
         if status == "done" and page is not None and page.channels == 0:
-            barren.append(word)
-    return barren
+            unproductive.append(word)
+    return unproductive
 
 
 def crawled(frontier: Frontier) -> int:

@@ -142,6 +142,7 @@ class VideoRestore:
             except Stopped as error:
                 summary |= error.summary or {}
                 stopped = error
+            self.removed.update(source.theirs)
         answered = bool(wanted) and summary.get("crawled_in_all", 0)
         if answered:
             self.clean(replace(run, root=place, limit=None, again=False))

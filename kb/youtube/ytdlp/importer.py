@@ -23,8 +23,10 @@ from kb.crawl.session import CrawlSession, open_session
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request
+from kb.store.state import tombstones
 from kb.youtube.crawl.connector import YouTubeConnector
 from kb.youtube.crawl.reduce import RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES
+from kb.youtube.parse.channels import ChannelFilter
 from kb.youtube.ytdlp import files, info, subtitles
 
 AT_ONCE = 256  # answers that are written and synced together
@@ -61,7 +63,7 @@ def import_folders(run: Run, folders: Sequence[Path]) -> Summary:
             raise SettingError(
                 f"{folder} is not a folder", hint="name the folders that yt-dlp wrote to"
             )
-    with open_session(run, YouTubeConnector(run), asks=False) as session:
+    with open_session(run, YouTubeConnector(run), online=False) as session:
         work = _Import(run, session)
         try:
             work.read(folders)
@@ -84,6 +86,7 @@ class _Import:
     def __init__(self, run: Run, session: CrawlSession) -> None:
         self._run, self._session = run, session
         self._known = _known(run.root)
+        self._left_out = ChannelFilter(tombstones.people(run.root, "youtube"))
         self._waiting: list[tuple[str, Envelope]] = []
         self._bytes = 0
         self.counts: Counter[str] = Counter()
@@ -148,13 +151,23 @@ class _Import:
         if not (parsed.videos or parsed.playlists):
             raise _LeftOut(FOREIGN)
         purged = self._session.purged
-        videos = [one for one in parsed.videos if one["id"] not in purged]
-        if not (videos or parsed.playlists):
+        theirs = set[str]()
+        for kind, records in ((RAW_INFO, parsed.videos), (RAW_PLAYLISTS, parsed.playlists)):
+            theirs.update(*(self._left_out.theirs(kind, {}, one) for one in records))
+        videos = [
+            one for one in parsed.videos if one["id"] not in purged and one["id"] not in theirs
+        ]
+        playlists = [
+            left[1]
+            for one in parsed.playlists
+            if (left := self._left_out.without(RAW_PLAYLISTS, {}, one))
+        ]
+        if not (videos or playlists):
             raise _LeftOut(PURGED)
         for one in videos:
-            named = {"playlist_file": params["file"]} if parsed.playlists else params
+            named = {"playlist_file": params["file"]} if playlists else params
             yield RAW_INFO, _envelope(info.read_at(one) or changed, named, one)
-        for one in parsed.playlists:
+        for one in playlists:
             one["entries"] = [each for each in one["entries"] if each["id"] not in purged]
             yield RAW_PLAYLISTS, _envelope(info.read_at(one) or changed, params, one)
 
@@ -169,10 +182,14 @@ class _Import:
         text = data.decode("utf-8-sig")  # UnicodeDecodeError is a ValueError
         if not subtitles.read(named.format, text).cues:
             raise ValueError("no cue in it")
-        video_id = named.video_id or _id_from_info(Path(entry.path), named.stem)
+        video = None
+        if named.video_id is None or self._left_out:
+            video = _video_beside(Path(entry.path), named.stem)
+        video_id = named.video_id or (video and video["id"])
         if video_id is None:
             raise _LeftOut(NAMELESS)
-        if video_id in self._session.purged:
+        theirs = self._left_out.theirs(RAW_INFO, {}, video or {})
+        if video_id in self._session.purged or video_id in theirs:
             raise _LeftOut(PURGED)
         answer = {
             "video_id": video_id,
@@ -280,10 +297,10 @@ def _envelope(at: datetime, params: dict[str, Any], response: Any) -> Envelope:
     return Envelope(clock.stamp(at), Request("file", params), 200, response)
 
 
-def _id_from_info(path: Path, stem: str) -> str | None:
-    """The video's id by the info.json of the same name; None where there is none."""
+def _video_beside(path: Path, stem: str) -> dict[str, Any] | None:
+    """The video in the info.json of the same name; None where there is none."""
     try:
         parsed = info.read(path.with_name(f"{stem}{files.INFO}").read_bytes())
     except (OSError, ValueError):
         return None
-    return parsed.videos[0]["id"] if len(parsed.videos) == 1 else None
+    return parsed.videos[0] if len(parsed.videos) == 1 else None
