@@ -64,7 +64,7 @@ def _set_aside(run: Run, source: str) -> list[str]:
     """Move damaged parts of raw data away, and mark their items to be fetched again."""
     try:
         connector = SOURCES[source].connector(run)
-        with open_session(run, connector, asks=False, tells=False) as session:
+        with open_session(run, connector, online=False, report_damage=False) as session:
             session.recorder.check_all_segments()
             damaged_answers.report(run.root, source, session.frontier)
     except DamagedData as error:

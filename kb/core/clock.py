@@ -1,8 +1,7 @@
 """The one place where time, sleep and randomness come from.
 
-`KB_NOW` sets the date (dates in data, quota days); waiting always uses the monotonic clock. A fixed
-date stands still, but for what `sleep_until` slept: who waits for midnight must find the next day
-behind it.
+`KB_NOW` sets the date (dates in data, quota days); waiting always uses the monotonic clock. KB_NOW
+is frozen; `sleep_until` advances it, so that whoever waits for midnight finds the next day.
 """
 
 import hashlib

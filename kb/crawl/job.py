@@ -74,7 +74,7 @@ def check_read(connector: Connector, loop: Loop) -> None:
 
     Items that fail again after others were read in earlier runs do not count.
     """
-    phases = loop.turns.phases
+    phases = loop.scheduler.phases
     counted = {phase.kind for phase in phases if phase.limited}
     if any(loop.tried[kind].read for kind in counted):
         return
@@ -86,7 +86,7 @@ def check_read(connector: Connector, loop: Loop) -> None:
         if not tried.n or unread.total() < tried.n:
             continue
         news = tried.first and tried.failed
-        if not news and loop.turns.answered(phase.service, phase) is not None:
+        if not news and loop.scheduler.answered(phase.service, phase) is not None:
             continue
         ((reason, n),) = unread.most_common(1)
         raise NothingRead(

@@ -27,7 +27,7 @@ from kb.core.errors import (
 from kb.core.progress import Task
 from kb.crawl.connector import Phase
 from kb.crawl.limits import worst
-from kb.crawl.phase_scheduler import Turn, Turns
+from kb.crawl.phase_scheduler import Scheduler, Turn
 from kb.crawl.session import CrawlSession
 from kb.store.state.frontier import Item
 
@@ -65,7 +65,7 @@ class Loop:
         facts: Callable[[Phase], dict[str, object]] | None = None,
     ) -> None:
         self.session, self.frontier, self.connector = session, session.frontier, session.connector
-        self.turns = Turns(session, session.connector.phases if phases is None else phases)
+        self.scheduler = Scheduler(session, session.connector.phases if phases is None else phases)
         self.answered: Counter[str] = Counter()
         self.tried: defaultdict[str, Tried] = defaultdict(Tried)  # by kind
         self._facts = facts or (lambda phase: {})
@@ -81,8 +81,8 @@ class Loop:
 
         The first service works in the caller's thread, which receives signals.
         """
-        self.turns.begin()
-        services = self.turns.services()
+        self.scheduler.begin()
+        services = self.scheduler.services()
         threads = [
             threading.Thread(target=self._work, args=(service,), name=f"{service}-{number}")
             for service in services
@@ -98,13 +98,13 @@ class Loop:
             for thread in threads:
                 thread.join()
             self._check_silent_services()
-            self.turns.end()
-            stopped = self._end is not None or bool(self.turns.stops())
+            self.scheduler.end()
+            stopped = self._end is not None or bool(self.scheduler.stops())
             for bar in self._bars.values():
                 bar.close(stopped=stopped)
         if self._end is not None:
             raise self._end
-        stop = worst(self.turns.stops())
+        stop = worst(self.scheduler.stops())
         if stop is not None:
             raise stop
 
@@ -114,14 +114,14 @@ class Loop:
         An item that the service answered in an earlier run is requested to find out.
         """
         for phase, failure in self._doubtful.values():
-            if self._end is not None or self.turns.stops():
+            if self._end is not None or self.scheduler.stops():
                 return
-            known = self.turns.answered(phase.service)
+            known = self.scheduler.answered(phase.service)
             if known is None or not self._answers(*known):
                 self._stop(phase, _down(failure), 0)
 
     def _threads(self, service: str) -> int:
-        return max(phase.workers for phase in self.turns.phases if phase.service == service)
+        return max(phase.workers for phase in self.scheduler.phases if phase.service == service)
 
     # -- one thread --------------------------------------------------------------------------------
 
@@ -137,7 +137,7 @@ class Loop:
                     self._ask(*turn)
                 finally:
                     with self._changed:
-                        self.turns.done(turn[0])
+                        self.scheduler.done(turn[0])
                         self._changed.notify_all()
         except BaseException as error:  # noqa: BLE001  raised again by the thread that called run
             self._end_all(error)
@@ -151,14 +151,14 @@ class Loop:
             with self._changed:
                 if self._end is not None:
                     return None
-                turn = self.turns.take(service)
+                turn = self.scheduler.take(service)
                 if turn is not None:
                     return turn
-                if self.turns.may_come(service):
+                if self.scheduler.has_upstream_work(service):
                     self._changed.wait(timeout=0.2)
                     signals.stop.check()
                     continue
-                back, why = self.turns.back(service), self.turns.why(service)
+                back, why = self.scheduler.back(service), self.scheduler.why(service)
                 if back is None:
                     return None
             self._sleep(service, back, why)
@@ -170,9 +170,9 @@ class Loop:
             message = f"waiting {why.after:.0f} s: {why}"
         self.session.run.progress.say(message)
         clock.sleep_until(back)
-        self.session.goes_on(service)
+        self.session.resume(service)
         with self._changed:
-            self.turns.reopen(service)
+            self.scheduler.reopen(service)
 
     # -- results -----------------------------------------------------------------------------------
 
@@ -195,11 +195,11 @@ class Loop:
         An item that it has answered is requested again without recording the answer. If there is
         none, another item of the queue is fetched.
         """
-        known = self.turns.answered(phase.service, phase)
+        known = self.scheduler.answered(phase.service, phase)
         if known is not None:
             return self._answers(*known)
         with self._changed:
-            another = self.turns.another(phase)
+            another = self.scheduler.another(phase)
         return bool(another) and self._fetch(phase, another) is None
 
     def _answers(self, phase: Phase, item: Item) -> bool:
@@ -245,7 +245,7 @@ class Loop:
         if failure is not None and len(left) > 1:
             retried = [item for item in items if item.key in left]
             with self._changed:
-                self.turns.split(phase, retried, failure.reason)
+                self.scheduler.split(phase, retried, failure.reason)
                 self._changed.notify_all()
             items = [item for item in items if item.key not in left]
         elif left:
@@ -268,7 +268,7 @@ class Loop:
             elif phase.service not in self._up:
                 self._doubtful[phase.service] = phase, failure
         if failure is None and complete:
-            self.session.let_in(phase.service)
+            self.session.clear_block(phase.service)
         self._show(phase, len(items))
 
     def _unanswered(self, phase: Phase, items: list[Item]) -> list[str]:
@@ -278,21 +278,21 @@ class Loop:
     def _stop(self, phase: Phase, error: BaseException, given_back: int) -> None:
         """Close the phases that a stop concerns; any other error ends the run."""
         with self._changed:
-            self.turns.give_back(phase, given_back)
+            self.scheduler.give_back(phase, given_back)
         if not isinstance(error, Stopped) or isinstance(error, _EVERYTHING):
             self._end_all(error)
             return
         if isinstance(error, Blocked):
-            self.session.turned_away(phase.service)
+            self.session.record_block(phase.service)
         if isinstance(error, (Blocked, Unreachable)):
             self.session.ended(phase.service, error)
         with self._changed:
-            self.turns.close(phase, error)
+            self.scheduler.close(phase, error)
             self._changed.notify_all()
 
     def _end_all(self, error: BaseException) -> None:
         """End the run: threads finish their current items or stop waiting."""
-        for service in self.turns.services():
+        for service in self.scheduler.services():
             self.session.ended(service, error)
         with self._changed:
             self._end = self._end or error

@@ -21,7 +21,7 @@ from kb.store.state.frontier import Item
 Turn = tuple[Phase, list[Item]]
 
 
-class Turns:
+class Scheduler:
     """The items in progress, closed and left of a run's phases.
 
     Not thread-safe by itself: the loop asks under its lock.
@@ -107,7 +107,7 @@ class Turns:
             halves.append((others, reason))
         return [last]
 
-    def may_come(self, service: str) -> bool:
+    def has_upstream_work(self, service: str) -> bool:
         """Whether a thread of this service should wait for items in progress, here or above."""
         for phase in self._of(service):
             if phase.kind in self._closed:

@@ -26,7 +26,7 @@ def purge_answers(
     """
     # Opening a session takes in what a killed crawl or import had not committed.
     connector = SOURCES[rules.source].connector(run)
-    with open_session(run, connector, asks=False, tells=False) as session:
+    with open_session(run, connector, online=False, report_damage=False) as session:
         session.recorder.close()
         scratch = Layout(run.root).known(rules.source)
         purge = Purge(run, rules, listed, session.frontier, scratch, asked=asked)

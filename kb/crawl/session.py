@@ -53,7 +53,7 @@ class CrawlSession(Opened):
         with self._lock:
             self._ended.setdefault(service, why)
 
-    def goes_on(self, service: str) -> None:
+    def resume(self, service: str) -> None:
         """Resume a service after the wait that a stop asked for."""
         with self._lock:
             self._ended.pop(service, None)
@@ -83,11 +83,11 @@ class CrawlSession(Opened):
         with self._lock:
             return service in self._probing and not self.run.wait
 
-    def turned_away(self, service: str) -> None:
+    def record_block(self, service: str) -> None:
         """Remember that a service blocked us: the next run begins with a single request."""
         self.frontier.set_cursor(BLOCKED + service, clock.stamp())
 
-    def let_in(self, service: str) -> None:
+    def clear_block(self, service: str) -> None:
         """The service answered: the block is over."""
         with self._lock:
             if service not in self._probing:
@@ -110,20 +110,20 @@ def open_session(
     connector: Connector,
     place: Path | None = None,
     *,
-    asks: bool = True,
-    tells: bool = True,
+    online: bool = True,
+    report_damage: bool = True,
     removed: Collection[str] = (),
 ) -> Iterator[CrawlSession]:
     """Open a source's part of a data root for writing.
 
-    `place` is a work folder that holds raw answers and state instead of the data root. `asks` is
+    `place` is a work folder that holds raw answers and state instead of the data root. `online` is
     false where nothing is asked of the service, so that no credential is needed and any host will
-    do. Without `tells` the caller reports by `damaged_answers.report` which raw data are damaged.
-    `removed` keys count as purged. Raises UsageError before anything is sent or written,
+    do. Without `report_damage` the caller reports by `damaged_answers.report` which raw data are
+    damaged. `removed` keys count as purged. Raises UsageError before anything is sent or written,
     WriterLocked, DamagedData.
     """
     root = place or run.root
-    facts = connector.identity() if asks else {}
+    facts = connector.identity() if online else {}
     with ExitStack() as stack:
         stack.enter_context(lock.writer(root, connector.name))
         if root == run.root:
@@ -143,6 +143,13 @@ def open_session(
         session.look_up_blocks({phase.service for phase in connector.phases})
         asked = [phase.kind for phase in connector.phases]
         session.recorder = stack.enter_context(
-            Recorder(root, connector.name, frontier, connector.reduce, asked=asked, tells=tells)
+            Recorder(
+                root,
+                connector.name,
+                frontier,
+                connector.reduce,
+                asked=asked,
+                report_damage=report_damage,
+            )
         )
         yield session

@@ -1,15 +1,15 @@
 """Errors of URLs and of the browser, by consequence.
 
 ItemFinal
-├── NoPicture           an image's URL returns a page, as challenges do
+├── NotAnImage          an image's URL returns a page, as challenges do
 └── HttpStatus          a URL returns 4xx
-    ├── NotNow              408, 425: about this one request
+    ├── TransientStatus     408, 425: about this one request
     └── PageRefused         401, 403: refuses us, or this page only
 Retryable
 ├── ServerFault         the server returned no complete page; the browser works
-│   └── Challenge           another page came instead, as challenges do
-├── NotShown            the browser shows no page and hides the reason
-│   └── Unserved            no page arrived, as the browser noted; the browser works
+│   └── Challenge       another page came instead, as challenges do
+├── BrowserError        the browser shows no page and hides the reason
+│   └── NoResponse      no page arrived, as the browser noted; the browser works
 └── PageTimeout         the page takes too long; its browser is ended
 """
 
@@ -23,14 +23,14 @@ class HttpStatus(ItemFinal):
         super().__init__(f"http_{status}")
 
 
-class NoPicture(ItemFinal):
+class NotAnImage(ItemFinal):
     """HTML in the place of an image; the next run asks for it again."""
 
     def __init__(self) -> None:
         super().__init__("challenge")
 
 
-class NotNow(HttpStatus):
+class TransientStatus(HttpStatus):
     """A status about one request, which says nothing about the page."""
 
 
@@ -52,11 +52,11 @@ class Challenge(ServerFault):
         super().__init__("challenge")
 
 
-class NotShown(Retryable):
+class BrowserError(Retryable):
     """The browser shows a page of its own instead; a plain request finds the reason."""
 
 
-class Unserved(NotShown):
+class NoResponse(BrowserError):
     """An error without a body arrived, or no answer; the browser itself works."""
 
 
@@ -71,9 +71,9 @@ class PageTimeout(Retryable):
 _NETWORK = ("err_address_", "err_connection_", "err_empty_response", "err_name_", "err_timed_out")
 
 
-def of_browser(reason: str) -> NotShown:
+def of_browser(reason: str) -> BrowserError:
     """The error for Chromium's word for a page that it does not show, as "err_timed_out"."""
-    return Unserved(reason) if reason.startswith(_NETWORK) else NotShown(reason)
+    return NoResponse(reason) if reason.startswith(_NETWORK) else BrowserError(reason)
 
 
 def of_status(status: int) -> HttpStatus:
@@ -81,5 +81,5 @@ def of_status(status: int) -> HttpStatus:
     if status in (401, 403):
         return PageRefused(status)
     if status in (408, 425):
-        return NotNow(status)
+        return TransientStatus(status)
     return HttpStatus(status)

@@ -21,7 +21,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     full_root.make(root)
     tombstones.add(root, "youtube", [("gone", "named")])
     run = run_at(root)
-    with open_session(run, YouTubeConnector(run), asks=False):
+    with open_session(run, YouTubeConnector(run), online=False):
         pass  # the state is made of the raw answers
     return root
 

@@ -11,8 +11,8 @@ from kb.wiki import errors
         (401, errors.PageRefused),
         (403, errors.PageRefused),
         (404, errors.HttpStatus),
-        (408, errors.NotNow),
-        (425, errors.NotNow),
+        (408, errors.TransientStatus),
+        (425, errors.TransientStatus),
         (500, errors.HttpStatus),
     ],
 )
@@ -25,9 +25,9 @@ def test_a_status_becomes_an_error(status: int, kind: type[Exception]) -> None:
 @pytest.mark.parametrize(
     ("reason", "kind"),
     [
-        ("err_connection_refused", errors.Unserved),
-        ("err_timed_out", errors.Unserved),
-        ("err_blocked_by_client", errors.NotShown),
+        ("err_connection_refused", errors.NoResponse),
+        ("err_timed_out", errors.NoResponse),
+        ("err_blocked_by_client", errors.BrowserError),
     ],
 )
 def test_a_reason_of_chromium_becomes_an_error(reason: str, kind: type[Exception]) -> None:

@@ -11,7 +11,7 @@ from kb.store.state.frontier import Frontier
 from kb.youtube.crawl import quota
 from kb.youtube.crawl.reduce import TRANSCRIPTS
 from kb.youtube.parse.answers import PO_TOKEN
-from kb.youtube.status import details
+from kb.youtube.status import status
 
 
 def test_units_of_all_days_and_what_is_left_of_today(
@@ -27,7 +27,7 @@ def test_units_of_all_days_and_what_is_left_of_today(
         quota.spend(frontier, profile.section("youtube"), bucket, "x")
     frontier.add(TRANSCRIPTS, ["a", "b"])
     frontier.skip(TRANSCRIPTS, "a", PO_TOKEN)
-    found = details(run, frontier)
+    found = status(run, frontier)
     frontier.close()
     assert (found["units"], found["po_token"]) == (4, 1)
     assert {name: one["spent"] for name, one in found["quota"].items()} == {

@@ -77,7 +77,7 @@ def clips(
         str, typer.Option("--keyword", metavar="K", help="Only pairs of this keyword.")
     ] = "",
     sample: Annotated[
-        int | None, typer.Option("--sample", min=1, metavar="N", help="At most N pairs, drawn.")
+        int | None, typer.Option("--sample", min=1, metavar="N", help="Random sample of N pairs.")
     ] = None,
     plan: Plan = False,
 ) -> Summary:

@@ -145,15 +145,18 @@ def _all(
 
     done = Summary()
     for step in steps:
-        if missing := _missing_section(run, step):
-            print(f"\n== kb {step}\nleft out: the profile has no [{missing}]", flush=True)
-            continue
         print(f"\n== kb {step}", flush=True)
+        if missing := _missing_section(run, step):
+            print(f"left out: the profile has no [{missing}]", flush=True)
+            continue
         # A browser mostly waits for a page, so two take half the time of one.
         of_step = replace(run, workers=2) if step == "wiki crawl" and not run.asked else run
         try:
             command: Any = find_command(step.split())
-            summary = Summary(command.function(of_step, **given.get(step, {})) or {})
+            if step == "release" and not run.profile.toxicity.on:
+                summary = Summary(left_out="a release needs toxicity scores")
+            else:
+                summary = Summary(command.function(of_step, **given.get(step, {})) or {})
         except MissingExtra as error:  # the other steps work without it
             summary = Summary(left_out=f"{error}; {error.hint}")
         done[step] = dict(summary)

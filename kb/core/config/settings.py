@@ -290,5 +290,5 @@ def _lines(where: str, names: Iterable[str], prefixes: tuple[str, ...]) -> list[
             continue
         near = difflib.get_close_matches(upper, known, n=1, cutoff=0.6)
         guess = f"; did you mean {near[0]}?" if near else "; see .env.example"
-        lines.append(f"{name} in {where} is no setting and has no effect{guess}")
+        lines.append(f"{name} in {where} is not a setting and has no effect{guess}")
     return lines

@@ -62,7 +62,7 @@ def check_name(name: str) -> None:
         valid = False
     if not valid:
         raise SettingError(
-            f"--repo {name!r} is no name of a repository",
+            f"--repo {name!r} is not a valid repository name",
             hint="ORG/NAME, of letters, digits, '-', '_' and '.', at most 96 characters, without"
             " '--' or '..', and not ending with '.git'",
         )

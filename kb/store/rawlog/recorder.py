@@ -30,7 +30,7 @@ class Recorder:
 
     `asked`: the kinds of items that a crawl asks for. Raw data that are damaged or missing are set
     aside, and what they held becomes to do again: DamagedData (exit 1) names them once. Without
-    `tells` the caller reports damage with `damaged_answers.report`.
+    `report_damage` the caller reports damage with `damaged_answers.report`.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class Recorder:
         apply: Apply,
         *,
         asked: Collection[str] = (),
-        tells: bool = True,
+        report_damage: bool = True,
     ) -> None:
         self._root, self._source, self._frontier, self._apply = root, source, frontier, apply
         self._asked = asked
@@ -49,7 +49,7 @@ class Recorder:
         self._lock = threading.Lock()
         tombstones.heal(root, source)
         self._quarantine_damage(every=False)
-        if tells:
+        if report_damage:
             damaged_answers.report(root, source, frontier)
 
     def check_all_segments(self) -> None:

@@ -7,7 +7,7 @@ from typing import Self, TypeVar
 
 from kb.core.errors import ItemFinal, MissingExtra, Retryable
 from kb.wiki.browser.browser import Browser
-from kb.wiki.errors import ServerFault, Unserved
+from kb.wiki.errors import NoResponse, ServerFault
 
 Result = TypeVar("Result")
 PAGES = 250  # pages per browser: its memory grows, and a new one costs about a second
@@ -52,7 +52,7 @@ class Pool:
                 result = work(browser)
             healthy = True
             return result
-        except (ItemFinal, ServerFault, Unserved):
+        except (ItemFinal, ServerFault, NoResponse):
             healthy = True
             raise
         finally:

@@ -14,7 +14,7 @@ from kb.core.errors import ItemFinal, Retryable
 from kb.net import retry
 from kb.wiki.browser.browser import Browser
 from kb.wiki.capture import screenshot
-from kb.wiki.errors import Challenge, NotShown, ServerFault, Unserved, of_status
+from kb.wiki.errors import BrowserError, Challenge, NoResponse, ServerFault, of_status
 
 _SETTLE = "return await window.__kb.settle(arguments[0]);"
 _AGAIN = "window.__kb.again(arguments[0]);"
@@ -264,7 +264,9 @@ def _check_document(browser: Browser, network: PageTraffic, url: str) -> None:
     if not where.startswith(("http:", "https:")):
         served = network.of(url)
         unserved = served is not None and not served.barred and not 0 < served.status < 400
-        raise _redirect_error(browser, url) or (Unserved if unserved else NotShown)("not_loaded")
+        raise _redirect_error(browser, url) or (NoResponse if unserved else BrowserError)(
+            "not_loaded"
+        )
     if not _same_site(where, url):
         raise ItemFinal("redirected_away", where)
     if status == 429 or status >= 500:

@@ -19,7 +19,7 @@ from kb.wiki.capture import media_type
 from kb.wiki.crawl import discover
 from kb.wiki.crawl.client import BATCH, WikiApi
 from kb.wiki.crawl.http_client import WikiHosts
-from kb.wiki.errors import NoPicture
+from kb.wiki.errors import NotAnImage
 from kb.wiki.parse import answers
 
 LONGEST = 5000  # bytes of titles in one URL; servers refuse longer ones
@@ -141,7 +141,7 @@ def fetch_original(
     inspect = partial(media_type.inspect, max_pixels=section.max_pixels)
     reason, value, challenge = "", None, ""
     known = filter(None, (info.get("url"), item.key, item.payload.src))
-    for url in dict.fromkeys(map(web.today, known)):
+    for url in dict.fromkeys(map(web.rebase_loopback, known)):
         if not web.allowed(url):
             reason, value = "robots", url
             continue
@@ -149,7 +149,7 @@ def fetch_original(
             sha256, image, size = web.attempt(
                 partial(web.download, url, folder, section.max_file_bytes, inspect)
             )
-        except NoPicture as error:
+        except NotAnImage as error:
             challenge = error.reason
             continue
         except ItemFinal as error:

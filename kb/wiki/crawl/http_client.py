@@ -29,7 +29,7 @@ from kb.net.session import (
     user_agent,
 )
 from kb.store.rawlog import sidefiles
-from kb.wiki.errors import NoPicture, of_status
+from kb.wiki.errors import NotAnImage, of_status
 
 Result = TypeVar("Result")
 TRIES = 6
@@ -64,7 +64,7 @@ class WikiHosts:
         self.ledger: Ledger | None = None  # set as soon as the data root is open
         self.sleep: Callable[[float], None] = clock.sleep  # between two tries
 
-    def today(self, url: str) -> str:
+    def rebase_loopback(self, url: str) -> str:
         """A recorded URL as it is reached now.
 
         Services on loopback use another port each time, so the current root's port replaces the
@@ -174,7 +174,7 @@ class WikiHosts:
         """Download an image file into `folder`, named by its SHA-256.
 
         Returns (SHA-256, result of `inspect`, bytes). An intact file that exists already is not
-        written again. Raises ItemFinal("too_large"), ItemFinal("not_a_picture"), NoPicture or
+        written again. Raises ItemFinal("too_large"), ItemFinal("not_a_picture"), NotAnImage or
         Retryable.
         """
         self._files.wait()
@@ -195,7 +195,7 @@ class WikiHosts:
         image = inspect(data)
         if image is None:
             kind = response.headers.get("content-type", "").partition(";")[0].strip().lower()
-            raise NoPicture if kind == "text/html" else ItemFinal("not_a_picture")
+            raise NotAnImage if kind == "text/html" else ItemFinal("not_a_picture")
         path = folder / f"{digest.hexdigest()}.{image.extension}"
         sidefiles.write_named(path, data)
         return digest.hexdigest(), image, len(data)

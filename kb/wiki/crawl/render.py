@@ -24,7 +24,7 @@ from kb.wiki.browser.pool import Pool
 from kb.wiki.capture.page import Captured, capture, check_page
 from kb.wiki.capture.screenshot import pixel_box
 from kb.wiki.crawl.http_client import WikiHosts
-from kb.wiki.errors import Challenge, NotNow, NotShown, PageRefused
+from kb.wiki.errors import BrowserError, Challenge, PageRefused, TransientStatus
 
 SCRATCH = ".shot-"
 _ENCODER = msgspec.json.Encoder()
@@ -40,7 +40,7 @@ def render_page(
     """All tries of one page; returns the answer to record. `others` are URLs of pages to compare
     with when this one is answered by a challenge. Raises Retryable, Stopped, MissingExtra.
     """
-    url = web.today(item.payload.url)
+    url = web.rebase_loopback(item.payload.url)
     answer: dict[str, Any] = {
         "page_id": int(item.key),
         "title": item.payload.title,
@@ -76,7 +76,7 @@ def render_page(
             except Retryable as error:
                 reason, _, value = error.reason.partition(": ")
                 web.rest(error.after)
-                if error.unreachable or isinstance(error, NotShown):
+                if error.unreachable or isinstance(error, BrowserError):
                     final = _request_plainly(web, url, error)
                     if final is not None:
                         return {**answer, **_final(web, final), "tries": number}
@@ -102,7 +102,7 @@ def _final(web: WikiHosts, error: ItemFinal) -> dict[str, Any]:
                 f"the wiki blocks requests ({refused.reason})",
                 hint="wait and run the same command again",
             ) from None
-    outcome = "failed" if isinstance(error, (PageRefused, NotNow)) else "final"
+    outcome = "failed" if isinstance(error, (PageRefused, TransientStatus)) else "final"
     return {"outcome": outcome, "reason": error.reason, "value": error.value}
 
 
@@ -113,7 +113,7 @@ def _compare_with_others(web: WikiHosts, pool: Pool, others: Iterable[str]) -> N
     """
     challenged = False
     for url in others:
-        show = partial(check_page, url=web.today(url))
+        show = partial(check_page, url=web.rebase_loopback(url))
         try:
             pool.use(show, first=web.pace.wait)
         except (Challenge, PageRefused):

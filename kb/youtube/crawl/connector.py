@@ -49,9 +49,9 @@ from kb.youtube.crawl.reduce import (
     Reducer,
     Wanted,
     crawled,
+    keywords_without_channels,
     nothing,
     with_po_token,
-    without_channels,
 )
 from kb.youtube.crawl.transcripts import SITE
 from kb.youtube.parse import answers as parse
@@ -148,7 +148,7 @@ class YouTubeConnector(Connector):
         self._wanted, self._mine = wanted, share(part)
         self.counts: Counter[str] = Counter()
         self.theirs: set[str] = set()
-        self._barren: list[str] = []
+        self._unproductive: list[str] = []
         self._fetch: YouTubeFetcher | None = None
         self._lock = threading.Lock()
 
@@ -231,9 +231,9 @@ class YouTubeConnector(Connector):
     def summary(self, session: CrawlSession, loop: Loop) -> Summary:
         """What the run did, what failed and what is left."""
         frontier = session.frontier
-        self._barren = []
+        self._unproductive = []
         if any(phase.kind == SEARCHES for phase in self.chosen):
-            self._barren = without_channels(frontier, self.profile.keywords)
+            self._unproductive = keywords_without_channels(frontier, self.profile.keywords)
         kinds = frontier.kinds()
         handled = {phase.kind: kinds.get(phase.kind, {}) for phase in self.chosen}
         left = YouTube.left_by(handled)
@@ -274,7 +274,7 @@ class YouTubeConnector(Connector):
 
     def check_keywords(self, summary: dict[str, Any]) -> None:
         """Name keywords that find no channel. Raises FatalError where none finds any."""
-        error = no_channel(self.run, self._barren, summary["channels"])
+        error = no_channel(self.run, self._unproductive, summary["channels"])
         if error is not None:
             error.summary = summary
             raise error

@@ -84,17 +84,17 @@ def new_round(frontier: Frontier) -> None:
         frontier.reopen(UPLOADS, "done", "skipped")
 
 
-def no_channel(run: Run, barren: Collection[str], channels: int) -> FatalError | None:
+def no_channel(run: Run, unproductive: Collection[str], channels: int) -> FatalError | None:
     """Warn of keywords that find no channel; the error where none finds any: nothing can follow."""
     path = run.profile.path
     words = set(run.profile.section(YouTubeSection).keywords)
-    if len(barren) == len(words) and not channels:
+    if len(unproductive) == len(words) and not channels:
         return FatalError(
             f"no keyword of the profile {run.profile.name!r} finds a channel:"
-            f" {', '.join(map(repr, barren))}",
+            f" {', '.join(map(repr, unproductive))}",
             hint=f"change `keywords` under [youtube] in {path}{_line(path)}",
         )
-    for word in barren:
+    for word in unproductive:
         _log.warning(
             "the keyword %r of the profile finds no channel (%s%s)", word, path, _line(path)
         )

@@ -286,14 +286,14 @@ def _outcome(response: Any) -> tuple[str, str, str | None]:
     return key, "error", str(answer.get("reason") or "failed")
 
 
-def without_channels(frontier: Frontier, keywords: Iterable[str]) -> list[str]:
+def keywords_without_channels(frontier: Frontier, keywords: Iterable[str]) -> list[str]:
     """The keywords whose search was answered and found no channel."""
-    barren = []
+    unproductive = []
     for word in dict.fromkeys(keywords):
         status, page, _ = frontier.get(SEARCHES, search_key(word, None)) or ("", None, None)
         if status == "done" and page is not None and page.channels == 0:
-            barren.append(word)
-    return barren
+            unproductive.append(word)
+    return unproductive
 
 
 def crawled(frontier: Frontier) -> int:

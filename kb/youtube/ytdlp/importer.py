@@ -63,7 +63,7 @@ def import_folders(run: Run, folders: Sequence[Path]) -> Summary:
             raise SettingError(
                 f"{folder} is not a folder", hint="name the folders that yt-dlp wrote to"
             )
-    with open_session(run, YouTubeConnector(run), asks=False) as session:
+    with open_session(run, YouTubeConnector(run), online=False) as session:
         work = _Import(run, session)
         try:
             work.read(folders)

@@ -15,6 +15,17 @@ from kb.core.errors import UsageError
 from kb.store.state import demo_mark
 from tests.small_worlds import DEMO
 
+STEPS = ("crawl", "filter", "export")
+
+
+@pytest.fixture(autouse=True)
+def _environment() -> Iterator[None]:
+    """A demo removes settings and makes its own."""
+    before = dict(os.environ)
+    yield
+    os.environ.clear()
+    os.environ.update(before)
+
 
 @pytest.mark.parametrize(("asked", "workers"), [(None, 1), (3, 3)])
 def test_a_demo_is_done_by_one_process_unless_more_are_asked_for(
@@ -26,7 +37,7 @@ def test_a_demo_is_done_by_one_process_unless_more_are_asked_for(
 
 
 @pytest.fixture
-def begun(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., list[Run]]]:
+def begun(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Run]]:
     """begun(folder, …) → the Run of a demo there, of which no step is done."""
     runs: list[Run] = []
     monkeypatch.setattr(demo, "_all", lambda steps, queries, words, run, *rest: runs.append(run))
@@ -36,10 +47,22 @@ def begun(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., list[Run]]]
         play(Options(data=data, quiet=True, **options), **DEMO)
         return runs
 
-    before = dict(os.environ)
-    yield begin
-    os.environ.clear()
-    os.environ.update(before)
+    return begin
+
+
+def test_a_demo_without_scores_has_no_release_and_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As where torch is not installed: the gate refuses rows that were not scored."""
+    monkeypatch.setattr(demo, "_model", lambda options: {})
+    sources = [f"{source} {step}" for source in ("wiki", "reddit") for step in STEPS]
+    without = {*sources, "reddit import", "refresh reddit", "reddit reconstruct", "report"}
+    done = play(Options(data=tmp_path, quiet=True), without, **DEMO)
+    assert done["release"] == {"left_out": "a release needs toxicity scores"}
+    assert "left_out" not in done["index"]
+    said = capsys.readouterr().out
+    assert "left out: a release needs toxicity scores" in said
+    assert "\nkb query " in said
 
 
 @pytest.mark.parametrize("finished", [True, False])

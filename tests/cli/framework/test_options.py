@@ -45,7 +45,7 @@ def test_a_name_that_is_no_setting_is_a_warning(kb: Any, tmp_path: Path) -> None
     answer = kb("status", "--quiet")
     assert answer.returncode == 0
     assert answer.stderr == (
-        "warning: YOUTUBE_APIKEY in .env is no setting and has no effect;"
+        "warning: YOUTUBE_APIKEY in .env is not a setting and has no effect;"
         " did you mean YOUTUBE_API_KEY?\n"
     )
     assert kb("query", "SELECT 1 AS n", "--json").stdout == '[{"n":1}]\n'

@@ -266,7 +266,7 @@ def test_names_that_are_no_settings_are_told_with_the_nearest_one(empty_place, m
     monkeypatch.setenv("KB_CONTACTS", "hunter2")
     monkeypatch.setenv("REDDIT_USER", "another program's")
     told = unknown_names()
-    assert [line.split(" is no setting")[0] for line in told] == [
+    assert [line.split(" is not a setting")[0] for line in told] == [
         "YOUTUBE_APIKEY in .env",
         "REDDIT_CLIENT in .env",
         "KB_PROFILES in .env",

@@ -17,7 +17,7 @@ PAIRS = ("--repo", REPO, "--only", "pairs")
     "name", ["minecraft", "a/b/c", "a/b--c", "a/.b", "a/b.git", "a b/c", f"a/{'x' * 97}", ""]
 )
 def test_a_malformed_name_is_refused_before_anything_is_sent(name: str) -> None:
-    with pytest.raises(SettingError, match="is no name of a repository"):
+    with pytest.raises(SettingError, match="is not a valid repository name"):
         check_name(name)
 
 

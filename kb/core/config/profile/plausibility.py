@@ -232,7 +232,7 @@ def _youtube(profile: Profile) -> Iterator[Remark]:
             )
     for number in section.category_ids:
         if number not in CATEGORIES:
-            message = f"'youtube.category_ids' holds {number}, which is no category of YouTube's"
+            message = f"'youtube.category_ids' contains {number}, which is not a YouTube category"
             yield (
                 WARNING,
                 "youtube.category_ids",

@@ -20,7 +20,7 @@ from tests.cli.commands.profile.conftest import (
 WARNINGS = [
     toml('["rock garden"]', '["spring"]', 4, 'the everyday word "spring"', "topic_keywords"),
     toml('["rock garden"]', '["alpines", "Alpines"]', 4, "twice"),
-    toml("[26]", "[99]", 5, "99, which is no category", "26 Howto"),
+    toml("[26]", "[99]", 5, "99, which is not a YouTube category", "26 Howto"),
     toml("[26]", '[26]\ngame_ids = ["Gardens"]', 6, "no browse id", "begins with UC"),
     toml("[26]", "[26]\nmin_aspect_ratio = 2", 6, "'youtube.min_aspect_ratio'", "hardly one"),
     toml("[26]", "[26]\nmax_age_days = 90", 6, "'youtube.max_age_days' is 90", "30 days"),
