@@ -20,10 +20,12 @@ from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import DamagedData, LimitReached, MissingCredential, QuotaSpent, SettingError
 from kb.net import retry
+from kb.reddit.parse.anonymize import keyed, load_key
 from kb.release.build import describe
 from kb.release.folders import find
 from kb.schema import table
 from kb.store.state import tombstones
+from kb.youtube.parse.channels import mark
 from tests.reddit.dumped import write
 from tests.reddit.restore.test_tables import archived
 from tests.reddit.work import NOW, rows, texts
@@ -303,6 +305,41 @@ def _bury(folder: Path, source: str, key: str) -> None:
     kept = [line for line in sums if not line.endswith("  tombstones.ndjson")]
     lines = [*kept, f"{digest}  tombstones.ndjson"]
     (folder / "SHA256SUMS").write_text("".join(f"{line}\n" for line in lines))
+
+
+def test_people_who_asked_this_reader_to_be_left_out_are_not_restored(
+    made: Made, reader: Reader, release: Path
+) -> None:
+    """The maker knows nothing of it: the release has their items and no tombstone."""
+    videos, world = rows(made.root / "clean" / "youtube" / "videos"), made.sandbox.world.reddit
+    channel = videos[0]["channel_id"]
+    theirs = {row["video_id"] for row in videos if row["channel_id"] == channel}
+    name = world.posts[rows(made.root / "clean" / "reddit" / "posts")[0]["post_id"]]["author"]
+    released = {
+        **{
+            f"t3_{row['post_id']}": world.posts
+            for row in rows(release / "reddit", "posts-*.parquet")
+        },
+        **{
+            f"t1_{row['comment_id']}": world.comments
+            for row in rows(release / "reddit", "comments-*.parquet")
+        },
+    }
+    own = {key for key, things in released.items() if things[key[3:]]["author"] == name}
+    reader.root.mkdir()
+    person = keyed(load_key(reader.root), name.lower())
+    for source, mark_ in (("youtube", mark(channel)), ("reddit", person)):
+        tombstones.add(reader.root, source, [(f"{tombstones.PERSON}{mark_}", "named")])
+    for again in (False, True):
+        reader.restore(release, again=again)
+        found = reader.rows("SELECT part, key, reason FROM restored.missing")
+        purged = {row["key"] for row in found if row["reason"] == "purged"}
+        assert purged == own | theirs
+        restored = rows(reader.root / "restored" / "youtube" / "videos")
+        assert {row["video_id"] for row in restored} == {row["video_id"] for row in videos} - theirs
+    for path, text in texts(reader.root).items():
+        marked = [one for one in (channel, person, name) if one in text]
+        assert not marked or Path(path).stem == "tombstones", path
 
 
 def test_a_purge_reaches_what_was_restored(made: Made, reader: Reader, release: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from kb.store.layout import Layout
 from kb.store.state import tombstones
 from kb.youtube import channels
 from kb.youtube.parse.channels import mark
+from tests.crash import harm
 from tests.reddit.work import texts
 from tests.youtube.job import Job
 from tests.youtube.ytdlp.folder import info, video_id, write_video
@@ -170,6 +172,31 @@ def test_an_imported_channel_is_purged(job: Job) -> None:
     assert job.done("purge", "youtube", "--channels", listed(job, ID))["purged"] == 2
     assert not traces(job, theirs, video_id(5), ID, ID[2:])
     assert traces(job, others)
+
+
+def test_a_purge_that_was_killed_goes_on_without_the_list(job: Job) -> None:
+    """The id of the channel is nowhere but in what is left to purge."""
+    folder = job.place / "videos"
+    theirs = [write_video(folder, number, channel_id=ID) for number in (1, 2)]
+    others = write_video(folder, 3)
+    job.done("youtube", "import", str(folder))
+    job.done("youtube", "filter")
+    job.done("youtube", "export")
+    words = ["purge", "youtube", "--channels", listed(job, ID)]
+    shutil.copytree(job.root, job.place / "whole")
+    length = harm.run([*words, "--data", "whole"], job.env, job.place).operations
+    killed = 0
+    for tenth in range(2, 10, 2):
+        moment = max(1, length * tenth // 10)
+        ended = harm.run(words, job.env, job.place, harm=harm.KILL, before=moment)
+        killed += ended.code == -signal.SIGKILL
+        if Layout(job.root).purge("youtube").exists():
+            words = ["purge", "youtube"]
+    assert killed > 1
+    job.done("purge", "youtube")
+    assert not traces(job, ID, mark(ID), *theirs)
+    assert traces(job, others)
+    assert tombstones.people(job.root, "youtube") == {mark(ID)}
 
 
 def test_what_only_tables_have_is_found(job: Job) -> None:

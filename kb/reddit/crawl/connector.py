@@ -118,7 +118,8 @@ class RedditConnector(Connector):
                 self.comments += answer_tree.new_comments(answer.response, of)
         # What people posted who asked to be left out is told by the answer only.
         theirs = [one.key for one in items if reduce.fullname(phase.kind, one.key) in purged]
-        self.opened.frontier.mark(phase.kind, theirs, "skipped", "purged")
+        if theirs:
+            self.opened.frontier.mark(phase.kind, theirs, "skipped", "purged")
 
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
         """As kb.reddit.crawl.reduce."""

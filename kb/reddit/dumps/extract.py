@@ -86,7 +86,9 @@ def _extract_chunk(search: SubredditSearch, chunk: Chunk, rules: RecordRules) ->
             return
         kind = "t3" if "title" in record else "t1"
         data = scrubber.scrub(record)
-        things = without([{"kind": kind, "data": data}], purged)
+        things = [{"kind": kind, "data": data}]
+        if purged or scrubber.people:  # most data roots leave nothing out
+            things = without(things, purged)
         if not things and rules.ids and data.get("author") == PURGED:
             # Whoever asks for it by its id is told why it does not come.
             known = {name: data.get(name) for name in ("id", "link_id", "author")}

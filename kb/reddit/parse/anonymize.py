@@ -120,7 +120,7 @@ class Scrubber:
     """
 
     def __init__(self, key: bytes, people: Collection[str] = ()) -> None:
-        self._key, self._people = key, people
+        self._key, self.people = key, people
         self.hash = lru_cache(maxsize=1 << 16)(self._hash)
 
     def _hash(self, name: str) -> str:
@@ -128,7 +128,7 @@ class Scrubber:
         if name in _KEPT:
             return name
         found = keyed(self._key, name.lower())
-        return PURGED if found in self._people else found
+        return PURGED if found in self.people else found
 
     def scrub(self, value: Any) -> Any:
         """The answer with every author field hashed, in place where it can be; safe to repeat only

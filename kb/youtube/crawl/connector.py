@@ -201,9 +201,10 @@ class YouTubeConnector(Connector):
                 yield replace(answer, params=left[0], response=left[1])
             asked = parse.requested(answer.params) if left else [item.key for item in items]
             theirs = set(asked).difference(parse.requested(left[0]) if left else ())
-            self.theirs |= theirs
-            self.counts["crawled"] -= len(theirs)
-            self.opened.frontier.remove(phase.kind, theirs)
+            if theirs:
+                self.theirs |= theirs
+                self.counts["crawled"] -= len(theirs)
+                self.opened.frontier.remove(phase.kind, theirs)
 
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
         """See kb.youtube.crawl.reduce."""
