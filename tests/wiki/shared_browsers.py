@@ -16,7 +16,7 @@ import pytest
 from kb.core.errors import Retryable
 from kb.wiki.browser import browser
 from kb.wiki.browser.pool import Pool
-from kb.wiki.crawl import source
+from kb.wiki.crawl import connector
 
 MOST = 4  # browsers that wait; those of a wiki that has ended among them
 
@@ -92,7 +92,7 @@ def kept() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(browser, "Browser", shelf.start)
-        patch.setattr(source, "Pool", Sharing)
+        patch.setattr(connector, "Pool", Sharing)
         try:
             yield
         finally:
