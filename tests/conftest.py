@@ -89,6 +89,7 @@ LONG = (
 SMOKE = (
     "cli/framework/test_exit_codes.py",
     "clips/test_build.py",
+    "core/test_cached_property.py",
     "core/test_engine.py",
     "core/test_signals.py",
     "filters/test_predicates.py",

@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import pyarrow.dataset as ds
 
 from kb.artifacts.release_folder import TOMBSTONES, parse_tombstones
+from kb.core.cached_property import cached_property
 from kb.store.tables.remote_files import RemoteFolder
 
 

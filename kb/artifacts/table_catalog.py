@@ -19,12 +19,12 @@ import re
 import shlex
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from kb.artifacts import manifest, release_folder
 from kb.artifacts.release_folder import ReleaseFolder
+from kb.core.cached_property import cached_property
 from kb.core.errors import FatalError, KbError, SettingError, UsageError
 from kb.core.installation import cache_root
 from kb.core.sources import PUBLISHED, SOURCES

@@ -6,12 +6,13 @@ import hashlib
 import warnings
 from collections import Counter
 from collections.abc import Iterator
-from functools import cache, cached_property
+from functools import cache
 from typing import Any, cast
 
 import pyarrow as pa
 
 from kb.clips.clip_sources import ClipSource, NoClip
+from kb.core.cached_property import cached_property
 from kb.core.errors import UsageError
 from kb.core.installation import np, torch
 from kb.pairs.clip_tokens import token_ids

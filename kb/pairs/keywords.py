@@ -16,9 +16,10 @@ Of equal forms a keyword's own name wins over forms that follow by rule, then th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
+from kb.core.cached_property import cached_property
 from kb.core.config.profile import Profile
 from kb.core.config.profile.pairs import Pairs
 from kb.core.errors import ProfileError

@@ -10,13 +10,13 @@ Nobody says these marks, so spaces replace them, and positions stay those of the
 from __future__ import annotations
 
 import re
-from functools import cached_property
 from itertools import pairwise
 from typing import Any, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core.cached_property import cached_property
 from kb.core.installation import np
 from kb.pairs.matching import WALL
 

@@ -13,7 +13,6 @@ import io
 import threading
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
-from functools import cached_property
 from typing import Any, BinaryIO, NamedTuple
 
 import duckdb
@@ -22,6 +21,7 @@ import pyarrow.parquet as pq
 from fsspec import AbstractFileSystem
 
 from kb.artifacts.table_catalog import View
+from kb.core.cached_property import cached_property
 from kb.core.errors import KbError
 from kb.store.tables.remote_files import RemoteFolder, reading_at
 

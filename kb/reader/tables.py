@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -17,6 +16,7 @@ import pyarrow.parquet as pq
 from kb import query
 from kb.artifacts.release_folder import read_tombstones
 from kb.artifacts.table_catalog import View, bare
+from kb.core.cached_property import cached_property
 from kb.core.errors import MissingExtra, UsageError
 from kb.reader import html
 from kb.reader.error_hints import with_hints

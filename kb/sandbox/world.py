@@ -6,10 +6,10 @@ here from the nouns of a domain, the default profile's where none is given.
 
 from collections import Counter
 from datetime import UTC, datetime, timedelta
-from functools import cached_property
 from typing import Any
 
 from kb.core import clock
+from kb.core.cached_property import cached_property
 from kb.sandbox.domain import Domain, usual
 from kb.sandbox.reddit.subreddit import Subreddit
 from kb.sandbox.youtube.catalogue import Catalogue

@@ -9,7 +9,7 @@ place of {}; `values = ["<source>"]` stands for the name of every source.
 import re
 import tomllib
 from collections import Counter
-from functools import cache, cached_property
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,6 +17,7 @@ import msgspec
 import pyarrow as pa
 from msgspec import Meta
 
+from kb.core.cached_property import cached_property
 from kb.core.errors import SchemaMismatch, UsageError
 from kb.core.installation import folder
 from kb.core.sources import SOURCES

@@ -6,8 +6,8 @@ the next page of a listing. So `--limit N` reads no more listings than N posts n
 
 from collections.abc import Callable, Iterator
 from datetime import datetime
-from functools import cached_property
 
+from kb.core.cached_property import cached_property
 from kb.core.config.profile.reddit import RedditSection
 from kb.core.context import Run
 from kb.core.errors import ItemFinal

@@ -9,12 +9,12 @@ import logging
 from collections.abc import Collection, Iterator
 from dataclasses import replace
 from datetime import datetime, timedelta
-from functools import cached_property
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core import clock
+from kb.core.cached_property import cached_property
 from kb.core.context import Run
 from kb.core.errors import Retryable
 from kb.core.summary import Summary

@@ -6,10 +6,11 @@ for the sandbox's toxicity model. Times are fixed, so that the same seed gives t
 
 import random
 import re
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 from kb.core import clock
+from kb.core.cached_property import cached_property
 from kb.sandbox.domain import Domain, usual
 from kb.sandbox.invented_ids import ELSEWHERE, PEOPLE, comment_id, person_id, post_id, video_id
 from kb.sandbox.json_templates import written

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from datetime import UTC, datetime, timedelta
-from functools import cached_property
 from typing import Any
 
 from kb.core import clock
+from kb.core.cached_property import cached_property
 from kb.sandbox.domain import Domain
 from kb.sandbox.invented_ids import channel_id, video_id
 from kb.sandbox.speech import Sentence

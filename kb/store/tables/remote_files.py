@@ -14,7 +14,6 @@ import contextlib
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, BinaryIO, cast
 
 import fsspec
@@ -23,6 +22,7 @@ import pyarrow.dataset as ds
 import pyarrow.fs
 from fsspec.implementations.cached import CachingFileSystem
 
+from kb.core.cached_property import cached_property
 from kb.core.errors import DamagedData, FatalError, KbError, MissingExtra, SettingError
 from kb.core.installation import install_extra
 from kb.store.artifact_registry import SUMS

@@ -10,7 +10,6 @@ A video with a row, and one whose reason is final, is not asked for again withou
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
@@ -28,6 +27,7 @@ from kb.artifacts.restore import (
     RestoreFolder,
     WantedContent,
 )
+from kb.core.cached_property import cached_property
 from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import Interrupted, Stopped
