@@ -12,7 +12,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -25,9 +25,7 @@ from kb.store.state.tombstones import PERSON
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
 
-if TYPE_CHECKING:
-    from kb.artifacts.purge import Purge
-
+Purge = Any  # kb.artifacts.purge.Purge, whose module imports this one
 MARK = "mark"  # kind of name: what stands for people
 _SHOWN = 10  # numbers of lines that name nobody
 _BATCH = 65_536
