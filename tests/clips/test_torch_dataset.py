@@ -11,9 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
-from torch.utils.data import DataLoader, IterableDataset
-from torchdata.stateful_dataloader import StatefulDataLoader
 
 import kb
 from kb.clips import build
@@ -22,8 +19,15 @@ from kb.clips.torch_dataset import ClipDataset
 from kb.core.errors import UsageError
 from kb.pairs.clip_tokens import token_ids
 from tests.clips.films import film, number_of
+from tests.conftest import needs
 from tests.release.conftest import a_run
 from tests.release.made import build as made
+
+needs("torch", "torchdata")
+
+import torch  # noqa: E402
+from torch.utils.data import DataLoader, IterableDataset  # noqa: E402
+from torchdata.stateful_dataloader import StatefulDataLoader  # noqa: E402
 
 VIDEOS = 9  # two pairs each; the last has no film, the one before it a short one
 SMALL: dict[str, Any] = {"frames": 2, "size": (48, 80)}

@@ -9,9 +9,13 @@ from kb.filters.filter_run import run_clean, texts
 from kb.release.metadata.measure import models
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from tests.annotate.conftest import make_run, tiny  # noqa: F401  fixtures
 from tests.annotate.made import make_checkpoint
+from tests.conftest import needs
 from tests.youtube.job import Job
+
+needs("torch", "detoxify")
+
+from tests.annotate.conftest import make_run, tiny  # noqa: E402, F401  fixtures
 
 
 @pytest.fixture(scope="module")
