@@ -34,6 +34,7 @@ from kb.artifacts.purge_people import PeopleList, PeopleRules, people, say_absen
 from kb.artifacts.purge_raw import Matcher, Names, Strip
 from kb.artifacts.purge_rows import RowLocation, drop_rows, keys_in_rows, released
 from kb.core.context import Run
+from kb.core.errors import DamagedData
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.store import lock
@@ -179,7 +180,12 @@ class Purge:
         """Find what is to be removed, with what an interrupted purge left."""
         # What an interrupted purge found out can't be found out again.
         self.keys = left = unfinished(self.root, self.rules.source)
-        named = self.rules.look_up(self)
+        try:
+            named = self.rules.look_up(self)
+        except DamagedData:
+            # A damaged table may hold any of them; the step that rewrites it reports the damage,
+            # and until then no release is made.
+            named = dict.fromkeys(self.listed.keys, NAMED) if self.listed else {}
         if self.rules.people is not None:
             named |= people(self, self.rules.people, self.asked)
         named |= left
