@@ -215,7 +215,7 @@ def test_a_repaired_dump_of_the_same_size_and_beginning_is_read(tmp_path):
 
 
 def test_a_damaged_dump_that_was_written_again_is_read_again(tmp_path, monkeypatch):
-    for module in ("connector.importer", "dumps.import_file"):  # as if all of it were the same
+    for module in ("crawl.importer", "dumps.import_file"):  # as if all of it were the same
         name = f"kb.reddit.{module}.cursor_name"
         monkeypatch.setattr(name, lambda file, since, until: "one")
     dump = write(tmp_path / "RS.zst", [*DAYS, b"{ broken"])
