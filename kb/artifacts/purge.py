@@ -30,7 +30,7 @@ import msgspec
 from kb.artifacts import index as index_of
 from kb.artifacts import manifest, purge_raw
 from kb.artifacts.purge_named import ABSENT, KNOWN, NAMED, UNKNOWN, PurgeList, in_answers, warn
-from kb.artifacts.purge_people import PeopleList, PeopleRules, people, say_absent
+from kb.artifacts.purge_people import PeopleList, PeopleRules, people, say_absent, unseen
 from kb.artifacts.purge_raw import Matcher, Names, Strip
 from kb.artifacts.purge_rows import RowLocation, drop_rows, keys_in_rows, released
 from kb.core.context import Run
@@ -182,12 +182,14 @@ class Purge:
         self.keys = left = unfinished(self.root, self.rules.source)
         try:
             named = self.rules.look_up(self)
+            if self.rules.people is not None:
+                named |= people(self, self.rules.people, self.asked)
         except DamagedData:
-            # A damaged table may hold any of them; the step that rewrites it reports the damage,
-            # and until then no release is made.
-            named = dict.fromkeys(self.listed.keys, NAMED) if self.listed else {}
-        if self.rules.people is not None:
-            named |= people(self, self.rules.people, self.asked)
+            # A damaged table may hold any of it. What was asked for is recorded all the same: the
+            # step that rewrites the table reports the damage, and until then no release is made.
+            named = dict.fromkeys(self.listed.keys if self.listed else (), NAMED)
+            if self.rules.people is not None and self.asked is not None:
+                named |= unseen(self, self.rules.people, self.asked)
         named |= left
         self.keys = {key: NAMED if why in ABSENT else why for key, why in named.items()}
         found = self.rules.find(self)

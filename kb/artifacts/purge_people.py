@@ -133,6 +133,11 @@ def people(purge: Purge, rules: PeopleRules, listed: PeopleList | None) -> dict[
     return theirs
 
 
+def unseen(purge: Purge, rules: PeopleRules, listed: PeopleList) -> dict[str, str]:
+    """The keys that stand for the listed people, whose content could not be looked for."""
+    return {PERSON + mark: NAMED for name in listed.names for mark in rules.marks(purge, name)}
+
+
 def say_absent(
     rules: PeopleRules, listed: PeopleList, people: Mapping[str, str], say: Callable[[str], None]
 ) -> None:
