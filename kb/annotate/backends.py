@@ -11,6 +11,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+from kb.annotate.checkpoint import Checkpoint
 from kb.annotate.detoxify_model import load_detoxify
 from kb.annotate.inference import TOKEN_BUDGET, Meta, ModelNetwork, Runner
 from kb.annotate.onnx_model import (
@@ -19,7 +20,6 @@ from kb.annotate.onnx_model import (
     int8_runner,
     make_compiled,
 )
-from kb.annotate.verified_checkpoint import Checkpoint
 from kb.core.errors import MissingModel, SettingError
 
 # Within this of a threshold a reduced score may fall on the other side; half of it was measured, on

@@ -19,8 +19,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from kb.annotate.model_files import tokenizer_files
-from kb.annotate.verified_checkpoint import Checkpoint, need_extra
+from kb.annotate.checkpoint import Checkpoint, need_extra, tokenizer_files
 from kb.core.errors import FatalError, MissingModel
 
 WINDOW = 512  # tokens that every published model reads at once

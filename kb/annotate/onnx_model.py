@@ -17,10 +17,9 @@ from typing import Any
 
 import msgspec
 
+from kb.annotate.checkpoint import Checkpoint, sha256_of, tokenizer_files
 from kb.annotate.detoxify_model import load_detoxify
 from kb.annotate.inference import Meta, ModelNetwork, Runner
-from kb.annotate.model_files import tokenizer_files
-from kb.annotate.verified_checkpoint import Checkpoint, sha256_of
 from kb.core.installation import cache_root, making
 from kb.store.atomic import writing
 

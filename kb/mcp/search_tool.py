@@ -6,7 +6,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from kb.core.context import Run
 from kb.core.sources import SOURCES
-from kb.mcp.references import from_link
+from kb.mcp.documents import from_link
 from kb.mcp.untrusted_text import AnswerPart, Fence, fit
 from kb.search.answers import SearchHit, search, suggest
 from kb.search.build import ensure

@@ -28,8 +28,7 @@ from kb.pairs.extract import make_tools
 from kb.pairs.keywords import Keywords
 from kb.pairs.transcript_batch import Text, without_sounds
 from kb.pairs.transcripts import VIDEOS
-from kb.schema.table_check import conform
-from kb.schema.tables import table
+from kb.schema.tables import conform, table
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.damage import opening
 from kb.store.layout import Layout, parquet_files

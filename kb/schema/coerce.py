@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.schema.raw import types
-from kb.schema.types import Type
+from kb.schema.tables import Type
 
 Bad = list[tuple[int, str]]
 UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")

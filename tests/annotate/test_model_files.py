@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from kb.annotate.verified_checkpoint import find_checkpoint
+from kb.annotate.checkpoint import find_checkpoint
 from kb.core.config.settings import load_settings
 from kb.core.errors import MissingModel
 

@@ -1,6 +1,6 @@
 """Addresses of published models are pinned."""
 
-from kb.annotate.published_models import PUBLISHED
+from kb.annotate.checkpoint import PUBLISHED
 
 
 def test_published_addresses_are_pinned():

@@ -4,8 +4,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from kb.annotate import backends, chunks, worker
-from kb.annotate import toxicity as room
+from kb.annotate import backends, toxicity
 from kb.annotate.inference import DECIMALS
 from kb.annotate.scores import CATEGORIES, text_hashes
 from kb.annotate.toxicity import ToxicityScorer
@@ -89,9 +88,9 @@ def test_the_tiny_model_tells_insults_from_plain_text(checkpoint):
 def test_each_text_is_scored_once_in_this_and_all_later_runs(make_run, monkeypatch):
     seen: list[str] = []
     monkeypatch.setattr(
-        room,
+        toxicity,
         "score_chunk",
-        lambda job, texts, real=room.score_chunk: seen.extend(texts) or real(job, texts),
+        lambda job, texts, real=toxicity.score_chunk: seen.extend(texts) or real(job, texts),
     )
     run = make_run()
     first = ToxicityScorer.open(run, "reddit").annotate(
@@ -111,13 +110,13 @@ def test_equal_texts_far_apart_are_scored_once_too(make_run, monkeypatch):
     """The second one comes in a later look-up,
     before and after the first one's score is on disk.
     """
-    monkeypatch.setattr(chunks, "LOOKUP_TEXTS", 2)
-    monkeypatch.setattr(chunks, "CHUNK_TEXTS", 3)
+    monkeypatch.setattr(toxicity, "LOOKUP_TEXTS", 2)
+    monkeypatch.setattr(toxicity, "CHUNK_TEXTS", 3)
     seen: list[str] = []
     monkeypatch.setattr(
-        room,
+        toxicity,
         "score_chunk",
-        lambda job, texts, real=room.score_chunk: seen.extend(texts) or real(job, texts),
+        lambda job, texts, real=toxicity.score_chunk: seen.extend(texts) or real(job, texts),
     )
     counts = ToxicityScorer.open(make_run(), "reddit").annotate(
         [["a", "b"], ["a", "c"], ["d", "e"], ["a", "e"], ["f", "b"]]
@@ -143,13 +142,13 @@ def test_looked_up_scores_are_detoxifys_and_null_only_for_empty_text(make_run, r
         assert abs(columns["toxicity_title"][n].as_py() - max(row)) < 1e-6
         if len(text) < 500:
             assert close(row, reference[text]), text
-    by_worker = room.scores(room.check(run, "youtube"), run.root, "youtube", texts)
+    by_worker = toxicity.scores(toxicity.check(run, "youtube"), run.root, "youtube", texts)
     assert by_worker.column_names == list(CATEGORIES)
     assert by_worker["insult"].to_pylist() == columns["toxicity_title_insult"].to_pylist()
 
 
 def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(make_run, tmp_path, monkeypatch):
-    monkeypatch.setattr(chunks, "CHUNK_TEXTS", 3)
+    monkeypatch.setattr(toxicity, "CHUNK_TEXTS", 3)
     whole = make_run(root=tmp_path / "whole")
     ToxicityScorer.open(whole, "reddit").annotate([TEXTS])
     limited = make_run(root=tmp_path / "cut", limit=4)
@@ -168,8 +167,8 @@ def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(make_run, tmp_path, 
 
 def test_a_changed_threshold_loads_no_model(make_run, monkeypatch):
     ToxicityScorer.open(make_run(), "reddit").annotate([TEXTS])
-    monkeypatch.setattr(worker, "open_runner", lambda *_: pytest.fail("a model was loaded"))
-    worker._runner.cache_clear()
+    monkeypatch.setattr(toxicity, "open_runner", lambda *_: pytest.fail("a model was loaded"))
+    toxicity._runner.cache_clear()
     counts = ToxicityScorer.open(make_run(thresholds={"reddit": 0.9}), "reddit").annotate([TEXTS])
     assert (counts.scored, counts.known) == (0, len(TEXTS))
 
@@ -268,5 +267,5 @@ def test_off_in_the_profile_scores_nothing(make_run):
     assert not scorer.on
     assert scorer.annotate([TEXTS]).texts == 0
     assert scorer.columns(pa.array(TEXTS))["toxicity"].null_count == len(TEXTS)
-    assert room.check(off, "youtube") == ""
+    assert toxicity.check(off, "youtube") == ""
     assert not run.root.exists()

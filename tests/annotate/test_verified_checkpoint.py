@@ -10,11 +10,10 @@ import sys
 
 import pytest
 
-from kb.annotate import published_models as published
-from kb.annotate import verified_checkpoint
+from kb.annotate import checkpoint
 from kb.annotate.backends import open_runner
+from kb.annotate.checkpoint import find_checkpoint, sha256_of
 from kb.annotate.detoxify_model import load_detoxify
-from kb.annotate.verified_checkpoint import find_checkpoint, sha256_of
 from kb.core.config.settings import load_settings
 from kb.core.errors import MissingExtra, MissingModel, SettingError
 from kb.store.tables.reading import SANDBOX_MODEL
@@ -69,16 +68,16 @@ def test_a_files_own_name_proves_nothing(copied, tmp_path, monkeypatch):
         subprocess.run(error.hint.split("`")[1], shell=True, check=True, cwd=tmp_path)
         assert find(named).sha256 == digest, "the line that was told doesn't help"
     # A published file is known by what it is, wherever it lies.
-    monkeypatch.setitem(verified_checkpoint.KNOWN, digest, "original")
+    monkeypatch.setitem(checkpoint.KNOWN, digest, "original")
     assert find(copied).sha256 == digest
 
 
 def test_published_digests_stand_in_the_code_and_not_in_a_name(copied, tmp_path, monkeypatch):
     """A file that was put in the place of a fetched one is refused, whatever its name says."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    model = published.PUBLISHED["original"]
+    model = checkpoint.PUBLISHED["original"]
     assert len(model.sha256) == 64
-    place = verified_checkpoint.models_folder("original")
+    place = checkpoint.models_folder("original")
     shutil.copytree(copied.parent, place)
     shutil.copyfile(copied, place / model.checkpoint)
     assert "its published digest" in str(refused("original"))
@@ -251,7 +250,7 @@ def test_it_loads_without_asking_any_host(tiny):
         "import socket, sys\n"
         "def refuse(*a, **k): sys.exit('a host was asked')\n"
         "socket.socket.connect = socket.getaddrinfo = socket.create_connection = refuse\n"
-        "from kb.annotate.verified_checkpoint import find_checkpoint\n"
+        "from kb.annotate.checkpoint import find_checkpoint\n"
         "from kb.annotate.detoxify_model import load_detoxify\n"
         "from kb.core.config.settings import load_settings\n"
         "model = load_detoxify(find_checkpoint(load_settings(dotenv=False,"
@@ -269,7 +268,7 @@ def test_it_loads_without_asking_any_host(tiny):
 def test_without_the_extra_it_is_exit_2(monkeypatch, make_run):
     from kb.annotate.toxicity import ToxicityScorer
 
-    monkeypatch.setattr(verified_checkpoint, "EXTRA", ("torch", "no_such_package"))
+    monkeypatch.setattr(checkpoint, "EXTRA", ("torch", "no_such_package"))
     run = make_run()
     with pytest.raises(MissingExtra) as error:
         ToxicityScorer.open(run, "youtube")

@@ -2,20 +2,20 @@
 
 import pytest
 
-from kb.annotate import detoxify_model, worker
+from kb.annotate import detoxify_model, toxicity
 from kb.core import signals
 from kb.core.errors import FatalError, Interrupted, MissingModel
 
 
 def test_a_stop_waits_for_a_chunk_of_seconds_not_for_one_of_minutes(checkpoint, monkeypatch):
-    job = worker.ScoringJob(checkpoint, "fp32", "cpu", 1, None)
+    job = toxicity.ScoringJob(checkpoint, "fp32", "cpu", 1, None)
     texts = ["hello there", "x " * 2000]
     try:
         signals.stop.request("SIGTERM")
-        assert len(worker.score_chunk(job, texts)["scores"]) == 2
-        monkeypatch.setattr(worker, "HAND_S", -1.0)
+        assert len(toxicity.score_chunk(job, texts)["scores"]) == 2
+        monkeypatch.setattr(toxicity, "HAND_S", -1.0)
         with pytest.raises(Interrupted):
-            worker.score_chunk(job, texts)
+            toxicity.score_chunk(job, texts)
     finally:
         signals.stop.clear()
 
@@ -34,12 +34,12 @@ def test_too_little_memory_is_no_wrong_model(
     def read(*arguments: object) -> None:
         raise error
 
-    job = worker.ScoringJob(checkpoint, "bf16", "cpu", 1, None)
+    job = toxicity.ScoringJob(checkpoint, "bf16", "cpu", 1, None)
     monkeypatch.setattr(detoxify_model, "_read", read)
-    worker._runner.cache_clear()
+    toxicity._runner.cache_clear()
     with pytest.raises(FatalError, match="not enough memory for the toxicity model") as told:
-        worker.score_chunk(job, ["a text"])
+        toxicity.score_chunk(job, ["a text"])
     assert "--workers" in told.value.hint
     monkeypatch.setattr(detoxify_model, "_read", lambda *arguments: {})
     with pytest.raises(MissingModel):
-        worker.score_chunk(job, ["a text"])
+        toxicity.score_chunk(job, ["a text"])

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from kb.clips.video_files import video_files
+from kb.clips.clip_sources import video_files
 
 IDS = ("9LTiW466lNx", "-_abcdefghi", "f7Ls9uxGu_x", "nEiYFJtc4Jx")
 

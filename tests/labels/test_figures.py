@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kb.labels.figures import agreement
+from kb.labels.imports import agreement
 
 
 def test_cohens_kappa_of_a_known_table() -> None:

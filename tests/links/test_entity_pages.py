@@ -1,11 +1,11 @@
-"""Tests of `kb.links.entity_pages`."""
+"""Tests of `kb.links.build`."""
 
 from typing import Any
 
 import pytest
 
 from kb.core.context import Run
-from kb.links.entity_pages import Names, Own, own_pages
+from kb.links.build import Names, Own, own_pages
 from kb.pairs.keywords import make
 from tests.inprocess import Here
 from tests.links import made

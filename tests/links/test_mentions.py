@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kb.core.errors import FatalError
-from kb.links.entity_pages import aliases, own_pages
+from kb.links.build import aliases, own_pages
 from kb.pairs.keywords import Keyword, Keywords, load, make
 from tests.links import by_hand, made
 

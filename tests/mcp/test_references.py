@@ -4,7 +4,7 @@ import pytest
 
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
-from kb.mcp.references import parse_reference
+from kb.mcp.documents import parse_reference
 from tests.mcp.conftest import right
 from tests.search.made import combinations
 

@@ -9,8 +9,7 @@ import pytest
 
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
-from kb.mcp.read_tool import run_read
-from kb.mcp.references import parse_reference
+from kb.mcp.documents import parse_reference, run_read
 from kb.mcp.search_tool import run_search
 from kb.mcp.untrusted_text import DEFAULT
 from kb.search.ranking import Only

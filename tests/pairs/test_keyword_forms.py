@@ -1,8 +1,8 @@
-"""Tests of `kb.pairs.keyword_forms`."""
+"""Tests of `kb.pairs.keyword_list`."""
 
 import pytest
 
-from kb.pairs.keyword_forms import forms, plural, singular
+from kb.pairs.keyword_list import forms, plural, singular
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from kb.report.figure_style import readable
+from kb.report.charts import readable
 from tests.report.made import OfOne
 
 

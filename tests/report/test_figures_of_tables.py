@@ -7,7 +7,7 @@ import pytest
 
 from kb.core.config.profile import load_profile
 from kb.core.sources import SOURCES
-from kb.report import pairs
+from kb.report import derived
 from kb.report.data import ReportData
 from kb.youtube.report import durations
 from tests.report.made import a_run
@@ -18,7 +18,7 @@ from tests.report.made import a_run
     [
         (SOURCES["wiki"].figures()[2], "wiki/elements"),
         (SOURCES["reddit"].figures()[1], "reddit/posts"),
-        (pairs.lengths, "pairs/pairs"),
+        (derived.lengths, "pairs/pairs"),
     ],
 )
 def test_a_figure_counts_every_row(root: Path, figure: object, table: str) -> None:
@@ -30,7 +30,7 @@ def test_a_figure_counts_every_row(root: Path, figure: object, table: str) -> No
 
 def test_the_quality_of_pairs_is_what_the_table_says(root: Path) -> None:
     with ReportData(a_run(root)) as data:
-        figure = pairs.quality(data, load_profile("minecraft"))
+        figure = derived.quality(data, load_profile("minecraft"))
         files = data.files("pairs/quality")
     counts = dict(figure.rows)
     with duckdb.connect() as con:

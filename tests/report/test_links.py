@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from kb.core.config.profile import load_profile
-from kb.report import links
+from kb.report import derived
 from kb.report.data import ReportData
 from tests.release.made import build
 from tests.report.made import a_run
@@ -22,7 +22,7 @@ def test_what_is_spoken_of_and_who_knows_it(tmp_path: Path) -> None:
     profile = load_profile("minecraft")
     with ReportData(a_run(tmp_path)) as data:
         most, least, known = (
-            make(data, profile) for make in (links.most, links.least, links.known)
+            make(data, profile) for make in (derived.most, derived.least, derived.known)
         )
     assert most is not None
     assert least is not None

@@ -6,13 +6,13 @@ from typing import Any
 import pytest
 
 from kb.core.config.profile import load_profile
-from kb.report import services
+from kb.report import build
 from kb.report.data import ReportData
 from tests.report.made import a_run
 
 
 def test_quota_adds_up_by_day(root: Path) -> None:
-    figure = services.quota(ReportData(a_run(root)), load_profile("minecraft"))
+    figure = build.quota(ReportData(a_run(root)), load_profile("minecraft"))
     assert figure is not None
     assert sorted(tuple(row) for row in figure.rows) == sorted(
         [
@@ -26,8 +26,8 @@ def test_quota_adds_up_by_day(root: Path) -> None:
 def test_each_service_has_a_scale_of_its_own(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Thirty units beside six: each panel is as high as its own largest day."""
     sheets: list[Any] = []
-    monkeypatch.setattr(services, "saved", lambda sheet: sheets.append(sheet) or {})
-    services.quota(ReportData(a_run(root)), load_profile("minecraft"))
+    monkeypatch.setattr(build, "saved", lambda sheet: sheets.append(sheet) or {})
+    build.quota(ReportData(a_run(root)), load_profile("minecraft"))
     tops = [panel.get_ylim()[1] for panel in sheets[0].axes]
     assert [panel.get_title(loc="left") for panel in sheets[0].axes] == [
         "YouTube: general",

@@ -1,4 +1,4 @@
-"""Tests of `kb.schema.table_check`."""
+"""Tests of `kb.schema.tables`."""
 
 import pyarrow as pa
 import pytest

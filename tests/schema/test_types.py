@@ -1,8 +1,8 @@
-"""Tests of `kb.schema.types`."""
+"""Tests of `kb.schema.tables`."""
 
 import pyarrow as pa
 
-from kb.schema.types import parse_type
+from kb.schema.tables import parse_type
 
 
 def test_types_nest() -> None:

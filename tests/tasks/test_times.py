@@ -4,7 +4,7 @@ import pyarrow as pa
 import pytest
 
 from kb.pairs.transcript_batch import Text
-from kb.tasks.times import TaskTimes, by_chapter, by_mentions, chapters
+from kb.tasks.build import TaskTimes, by_chapter, by_mentions, chapters
 
 LISTED = """A tour.
 

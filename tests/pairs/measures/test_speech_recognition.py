@@ -10,7 +10,7 @@ import pytest
 from kb.core.context import Run
 from kb.pairs import keywords
 from kb.pairs.matching import Matcher
-from kb.pairs.measures.speech_recognition import compare, sampled
+from kb.pairs.measures import compare, sampled
 from kb.pairs.transcript_batch import Text
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World

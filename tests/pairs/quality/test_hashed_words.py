@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kb.pairs.quality.hashed_words import hash_of, hashed_words, runs
+from kb.pairs.repeated_text import hash_of, hashed_words, runs
 from kb.pairs.transcript_batch import Text
 from tests.pairs.conftest import transcripts
 

@@ -4,8 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kb.pairs.quality.hashed_words import hashed_words
-from kb.pairs.quality.near_duplicates import BANDS, bands_of, firsts
+from kb.pairs.repeated_text import BANDS, bands_of, firsts, hashed_words
 from kb.pairs.transcript_batch import Text
 from tests.pairs.conftest import transcripts
 

@@ -13,8 +13,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from kb.pairs.quality import near_duplicates, recurring_text
-from kb.pairs.quality.hashed_words import hashed_words
+from kb.pairs import repeated_text
+from kb.pairs.repeated_text import hashed_words
 from kb.pairs.transcript_batch import Text
 from kb.sandbox.world import World
 from kb.sandbox.youtube import web
@@ -74,8 +74,8 @@ def _plain(text: str) -> list[str]:
 def test_reposts_are_found_and_nothing_else(spoken: list[Spoken]) -> None:
     found, planted = set(), set()
     for seed, one in zip(SEEDS, spoken, strict=True):
-        bands = near_duplicates.bands_of(hashed_words(one.text), len(one.text))
-        first = near_duplicates.firsts(bands.bands)
+        bands = repeated_text.bands_of(hashed_words(one.text), len(one.text))
+        first = repeated_text.firsts(bands.bands)
         numbers = bands.video.tolist()
         for place, (number, of) in enumerate(zip(numbers, first.tolist(), strict=True)):
             if of != place:
@@ -108,9 +108,9 @@ def test_texts_that_recur_are_found_and_nothing_else(spoken: list[Spoken], tmp_p
 def _marked(one: Spoken, path: Path) -> list[list[bool]]:
     """Of each video's words, whether they lie in a run that was found to recur."""
     words = hashed_words(one.text)
-    keys = recurring_text.keys_of(words, [video.channel.id for video in one.videos])
-    np.save(path, recurring_text.once_a_video(keys, words.video[: len(keys)]))
-    hits = np.flatnonzero(np.isin(keys, recurring_text.recurring([path])) & (keys != 0))
+    keys = repeated_text.keys_of(words, [video.channel.id for video in one.videos])
+    np.save(path, repeated_text.once_a_video(keys, words.video[: len(keys)]))
+    hits = np.flatnonzero(np.isin(keys, repeated_text.recurring([path])) & (keys != 0))
     mark = np.zeros(len(words.at), bool)
     mark[(hits[:, None] + np.arange(LENGTH)).ravel()] = True
     return [mark[words.video == number].tolist() for number in range(len(one.videos))]

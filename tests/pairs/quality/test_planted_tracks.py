@@ -12,7 +12,7 @@ from kb.core.summary.intervals import wilson_interval
 from kb.pairs.keyword_list import Keyword
 from kb.pairs.keywords import Keywords
 from kb.pairs.matching import Matcher, phrase
-from kb.pairs.measures.speech_recognition import Compared, compare
+from kb.pairs.measures import Compared, compare
 from kb.pairs.transcript_batch import Text
 from kb.sandbox.world import World
 from kb.sandbox.youtube import web

@@ -7,8 +7,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kb.pairs.quality import recurring_text
-from kb.pairs.quality.hashed_words import hashed_words
+from kb.pairs import repeated_text
+from kb.pairs.repeated_text import hashed_words
 from kb.pairs.transcript_batch import Text
 from tests.pairs.conftest import transcripts
 
@@ -38,15 +38,15 @@ def test_the_share_of_a_text_that_recurs(
     ]
     rows = [(f"v{n}", "asr", [(0, 9, " ".join(words))]) for n, (_, words) in enumerate(videos)]
     words = hashed_words(Text(transcripts(*rows)))
-    keys = recurring_text.keys_of(words, [channel for channel, _ in videos])
+    keys = repeated_text.keys_of(words, [channel for channel, _ in videos])
     with TemporaryDirectory() as folder:
         files = []
         for half in (0, 1):  # as of two parts
             mine = words.video[: len(keys)] % 2 == half
-            once = recurring_text.once_a_video(keys[mine], words.video[: len(keys)][mine])
+            once = repeated_text.once_a_video(keys[mine], words.video[: len(keys)][mine])
             files.append(Path(folder, f"{half}.npy"))
             np.save(files[-1], np.sort(once))
-        recurs = recurring_text.recurring(files)
+        recurs = repeated_text.recurring(files)
     starts = np.searchsorted(words.video, np.arange(len(videos)))
     first, after, expected = [], [], []
     for row, (_, said) in enumerate(videos):
@@ -56,5 +56,5 @@ def test_the_share_of_a_text_that_recurs(
         after.append(starts[row] + high)
         inside = _plain(videos, row)[low:high]
         expected.append(sum(inside) / max(len(inside), 1))
-    around = recurring_text.around(keys, np.array(first), np.array(after))
-    assert recurring_text.shares(around, recurs).tolist() == expected
+    around = repeated_text.around(keys, np.array(first), np.array(after))
+    assert repeated_text.shares(around, recurs).tolist() == expected

@@ -4,8 +4,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from kb.pairs.quality import text_figures
-from kb.pairs.quality.hashed_words import hashed_words
+from kb.pairs import quality
+from kb.pairs.repeated_text import hashed_words
 from kb.pairs.transcript_batch import Text
 from tests.pairs.conftest import transcripts
 
@@ -20,11 +20,11 @@ TEXTS = {
 @pytest.mark.parametrize("code", TEXTS)
 def test_the_language_of_a_text(code: str) -> None:
     text = Text(transcripts(("v", "asr", [(0, 9, TEXTS[code])])))
-    words, known = hashed_words(text), text_figures.known_words("en")
+    words, known = hashed_words(text), quality.known_words("en")
     whole = np.array([0]), np.array([len(words.hash)])
-    sure = text_figures.sure(words, known, whole)
+    sure = quality.sure(words, known, whole)
     assert sure.tolist() == [code == "en"]
-    codes, confidence = text_figures.languages(pa.array([TEXTS[code]]), sure, "en")
+    codes, confidence = quality.languages(pa.array([TEXTS[code]]), sure, "en")
     assert codes.to_pylist() == [code]
     assert (confidence[0].as_py() or 0) > 0.5 or code == "en"
 
@@ -32,10 +32,10 @@ def test_the_language_of_a_text(code: str) -> None:
 def test_without_a_list_of_words_the_model_decides() -> None:
     text = Text(transcripts(("v", "asr", [(0, 9, TEXTS["en"])])))
     whole = np.array([0]), np.array([1])
-    assert text_figures.known_words("xx") is None
-    assert text_figures.sure(hashed_words(text), None, whole).tolist() == [False]
-    assert text_figures.detected(TEXTS["en"])[0] == "en"
-    assert text_figures.detected("12 34") == (None, None)
+    assert quality.known_words("xx") is None
+    assert quality.sure(hashed_words(text), None, whole).tolist() == [False]
+    assert quality.detected(TEXTS["en"])[0] == "en"
+    assert quality.detected("12 34") == (None, None)
 
 
 @pytest.mark.parametrize(
@@ -50,8 +50,8 @@ def test_without_a_list_of_words_the_model_decides() -> None:
 )
 def test_a_verb_near_the_keyword(said: str, verb: bool) -> None:
     words = hashed_words(Text(transcripts(("v", "asr", [(0, 9, said)]))))
-    known = text_figures.known_words("en")
+    known = quality.known_words("en")
     assert known is not None
     at = said.split().index("oak")
     bounds = (np.array([0]), np.array([len(words.hash)])), (np.array([at]), np.array([at + 2]))
-    assert text_figures.has_verb(words, known, *bounds).tolist() == [verb]
+    assert quality.has_verb(words, known, *bounds).tolist() == [verb]

@@ -4,26 +4,43 @@
 <parts>/quality/<part>.videos.arrow    the bands of the part's videos
 <parts>/quality/<part>.keys.npy        every key of its videos, sorted
 <parts>/quality/<part>.parquet         finished rows of pairs/quality
+
+Figures of one pair's text: its language, a verb near the keyword, keywords, words a second.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
+import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.core.installation import np
+from kb.pairs import repeated_text
 from kb.pairs.extract import PairBatch
-from kb.pairs.quality import near_duplicates, recurring_text, text_figures
-from kb.pairs.quality.hashed_words import hashed_words
+from kb.pairs.repeated_text import HashedWords, hash_of, hashed_words, is_among
 from kb.pairs.transcript_batch import Text
 from kb.store.atomic import writing
 from kb.store.tables.shard_writer import sorted_shards, write_table
 
+if TYPE_CHECKING:
+    from lingua import LanguageDetector
+
 _TABLE = "pairs/quality"
+
+NEAR = 5  # words before and after the keyword in which a verb is looked for
+_ENOUGH = 0.1  # share of function words that decides the language
+_FOLDER = Path(__file__).with_name("data")
+# What is spoken most in videos; each language more costs time and memory for every text.
+_LANGUAGES = (
+    *("arabic", "chinese", "dutch", "english", "french", "german", "hindi", "indonesian"),
+    *("italian", "japanese", "korean", "polish", "portuguese", "russian", "spanish", "swedish"),
+    *("turkish", "vietnamese"),
+)
 
 
 class BatchQuality(NamedTuple):
@@ -37,13 +54,13 @@ class BatchQuality(NamedTuple):
 def of_batch(text: Text, batch: PairBatch, language: str) -> BatchQuality:
     """The figures of a batch's pairs. `language`: the profile's."""
     words = hashed_words(text, batch.matches)
-    keys = recurring_text.keys_of(words, text.channels)
-    bands = near_duplicates.bands_of(words, len(text))
+    keys = repeated_text.keys_of(words, text.channels)
+    bands = repeated_text.bands_of(words, len(text))
     within, match = words.between(*batch.text), words.between(*batch.match)
-    known = text_figures.known_words(language)
-    sure = text_figures.sure(words, known, within)
-    codes, confidence = text_figures.languages(batch.rows["text"].combine_chunks(), sure, language)
-    verbs = text_figures.has_verb(words, known, within, match) if known is not None else None
+    known = known_words(language)
+    in_own = sure(words, known, within)
+    codes, confidence = languages(batch.rows["text"].combine_chunks(), in_own, language)
+    verbs = has_verb(words, known, within, match) if known is not None else None
     spoken = batch.rows["text"]
     seconds = pc.subtract(batch.rows["text_end_s"], batch.rows["text_start_s"])
     counts = pc.add(pc.count_substring(spoken, " "), 1)
@@ -55,7 +72,7 @@ def of_batch(text: Text, batch: PairBatch, language: str) -> BatchQuality:
             "has_channel": pa.array([one is not None for one in text.channels]).take(
                 pa.array(batch.video)
             ),
-            "runs": recurring_text.around(keys, *within),
+            "runs": repeated_text.around(keys, *within),
             "language": codes,
             "language_confidence": confidence,
             "has_verb": pa.array(verbs) if verbs is not None else pa.nulls(len(codes), pa.bool_()),
@@ -70,11 +87,11 @@ def of_batch(text: Text, batch: PairBatch, language: str) -> BatchQuality:
         {
             "video_id": text.ids.take(pa.array(bands.video)),
             "bands": pa.FixedSizeListArray.from_arrays(
-                pa.array(bands.bands.ravel()), near_duplicates.BANDS
+                pa.array(bands.bands.ravel()), repeated_text.BANDS
             ),
         }
     )
-    return BatchQuality(pairs, videos, recurring_text.once_a_video(keys, words.video[: len(keys)]))
+    return BatchQuality(pairs, videos, repeated_text.once_a_video(keys, words.video[: len(keys)]))
 
 
 def _interpolation_error(text: Text, batch: PairBatch) -> pa.Array[Any]:
@@ -112,12 +129,12 @@ def finish(parts: Sequence[Path], out: Path) -> None:
     videos. Raises DiskFull.
     """
     named = [path.parent / "quality" / path.stem for path in parts]
-    recurs = recurring_text.recurring([Path(f"{one}.keys.npy") for one in named])
+    recurs = repeated_text.recurring([Path(f"{one}.keys.npy") for one in named])
     duplicates = _duplicates(named)
     made_of_parts: list[Path] = []
     for one in named:
         rows = _read(Path(f"{one}.pairs.arrow"))
-        share = pa.array(np.round(recurring_text.shares(_one(rows["runs"]), recurs), 4))
+        share = pa.array(np.round(repeated_text.shares(_one(rows["runs"]), recurs), 4))
         at = pc.index_in(rows["pair_id"], value_set=_one(duplicates["pair_id"]))
         copies = duplicates.take(at)
         own = {
@@ -150,8 +167,8 @@ def _duplicates(parts: Sequence[Path]) -> pa.Table:
     videos = pa.concat_tables(_read(Path(f"{one}.videos.arrow")) for one in parts)
     videos = videos.filter(pc.is_in(videos["video_id"], value_set=with_pairs))
     videos = videos.sort_by("video_id").combine_chunks()
-    bands = np.asarray(_one(videos["bands"]).flatten()).reshape(-1, near_duplicates.BANDS)
-    first = near_duplicates.firsts(bands)
+    bands = np.asarray(_one(videos["bands"]).flatten()).reshape(-1, repeated_text.BANDS)
+    first = repeated_text.firsts(bands)
     clustered = np.bincount(first, minlength=len(first))[first] > 1
     known = _one(videos["video_id"])
     members, heads = known.filter(pa.array(clustered)), known.take(pa.array(first[clustered]))
@@ -197,3 +214,95 @@ def _read(path: Path) -> pa.Table:
 
 def _one(column: pa.ChunkedArray[Any]) -> Any:
     return column.combine_chunks() if column.num_chunks != 1 else column.chunk(0)
+
+
+class WordList(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """data/<language>.toml: words parted by spaces."""
+
+    function_words: str
+    verbs: str
+
+
+class KnownWords(NamedTuple):
+    """Sorted hashes of a language's words (uint64)."""
+
+    function_words: np.ndarray
+    verbs: np.ndarray
+
+
+@cache
+def known_words(language: str) -> KnownWords | None:
+    """The words of a language; None where there is no list."""
+    path = _FOLDER / f"{language}.toml"
+    if not path.is_file():
+        return None
+    given = msgspec.toml.decode(path.read_bytes(), type=WordList)
+    return KnownWords(_hashes(given.function_words), _hashes(given.verbs))
+
+
+def _hashes(words: str) -> np.ndarray:
+    return np.array(sorted(map(hash_of, words.split())), np.uint64)
+
+
+def counted(words: HashedWords, known: np.ndarray) -> np.ndarray:
+    """How many of the known words come before each word, and before the end (int64)."""
+    return np.concatenate(([0], np.cumsum(is_among(words.hash, known))))
+
+
+def has_verb(
+    words: HashedWords,
+    known: KnownWords,
+    text: tuple[np.ndarray, np.ndarray],
+    match: tuple[np.ndarray, np.ndarray],
+) -> np.ndarray:
+    """Whether a verb stands in the text, at most five words from the keyword and not in it.
+
+    `text`, `match`: the first word of each text and phrase, and the one after its last.
+    """
+    before = counted(words, known.verbs)
+    low = np.maximum(text[0], match[0] - NEAR)
+    high = np.minimum(text[1], match[1] + NEAR)
+    around = before[np.maximum(high, low)] - before[low]
+    return around > before[match[1]] - before[match[0]]
+
+
+def languages(
+    texts: pa.Array[Any], sure: np.ndarray, language: str
+) -> tuple[pa.Array[Any], pa.Array[Any]]:
+    """ISO 639-1 code of each text, and the model's confidence (0 to 1).
+
+    `sure`: texts whose function words say that they are in `language`; their confidence is null, as
+    is the language of a text without words of any language.
+    """
+    codes: list[str | None] = [language] * len(texts)
+    confidence: list[float | None] = [None] * len(texts)
+    for row in np.flatnonzero(~sure).tolist():
+        codes[row], confidence[row] = detected(texts[row].as_py() or "")
+    return pa.array(codes, pa.string()), pa.array(confidence, pa.float64())
+
+
+def detected(text: str) -> tuple[str | None, float | None]:
+    """A text's language by the model, and its confidence, rounded so that processors agree."""
+    best = _detector().compute_language_confidence_values(text)[0]
+    if not best.value:
+        return None, None
+    code: str = best.language.iso_code_639_1.name.lower()
+    return code, round(best.value, 2)
+
+
+@cache
+def _detector() -> LanguageDetector:
+    from lingua import Language, LanguageDetectorBuilder  # noqa: PLC0415  an extra's, and large
+
+    known = [getattr(Language, name.upper()) for name in _LANGUAGES]
+    return LanguageDetectorBuilder.from_languages(*known).with_low_accuracy_mode().build()
+
+
+def sure(
+    words: HashedWords, known: KnownWords | None, text: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Which texts are in the language of the known words by its function words."""
+    if known is None:
+        return np.zeros(len(text[0]), bool)
+    before = counted(words, known.function_words)
+    return (before[text[1]] - before[text[0]]) >= np.maximum(3, _ENOUGH * (text[1] - text[0]))

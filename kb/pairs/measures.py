@@ -1,4 +1,6 @@
-"""How often speech recognition hears the profile's keywords right, and when it says they are said.
+"""What samples of the pairs' videos say of how good the pairs are.
+
+How often speech recognition hears the profile's keywords right, and when it says they are said.
 
 Of a sample of videos that have both tracks, the keywords of the automatic track are aligned with
 those of the manual one, which people wrote: in order, by the longest runs that both have, and no

@@ -1,20 +1,75 @@
 """`read`: a place and its surroundings, from the clean or restored tables.
 
+A place has a short ref, or is the link of an answer:
+
+youtube:VIDEO         youtube:VIDEO@61      a second of it
+wiki:PAGE             wiki:PAGE#Taming      a section, by its anchor
+reddit:POST           reddit:POST/COMMENT   bare ids
+
 A document's parts keep their order: windows of a transcript, sections of a page with their tables,
 a post and its comments. The part at the place is chosen first, then the nearest ones.
 """
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import unquote, urlsplit
 
 from kb.artifacts import table_catalog
+from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
-from kb.mcp.references import SourceLocation
 from kb.mcp.untrusted_text import AnswerPart, Fence
 from kb.reader.open_tables import OpenTables
 from kb.reader.screenshots import Box
 from kb.store.tables.remote_files import RemoteFolder
+
+_REF = re.compile(rf"({'|'.join(SOURCES)}):([^\s@#/]+)(?:[@#/](.+))?")
+
+
+class SourceLocation(NamedTuple):
+    """An item of a source, and a place in it; for a link to the wiki `key` is the page's URL."""
+
+    source: str
+    key: str
+    at: str = ""
+
+    @property
+    def ref(self) -> str:
+        """The reference, as `read` takes it."""
+        mark = SOURCES[self.source].mark if self.at else ""
+        return f"{self.source}:{self.key}{mark}{self.at}"
+
+
+def from_link(url: str) -> SourceLocation | None:
+    """The place of an answer's link; None for any other link."""
+    parts = urlsplit(url)
+    if parts.scheme not in ("http", "https"):
+        return None
+    host = f".{parts.hostname or ''}"
+    of_host = [source for source in SOURCES.values() if host.endswith(source.hosts or "-")]
+    for source in of_host or [source for source in SOURCES.values() if not source.hosts]:
+        if found := source.place_of(parts):
+            return SourceLocation(source.name, *found)
+    return None
+
+
+def parse_reference(given: str) -> SourceLocation:
+    """The place of a ref or link. Raises UsageError."""
+    given = given.strip()
+    if match := _REF.fullmatch(given):
+        return SourceLocation(match[1], *SOURCES[match[1]].bare(match[2], match[3] or ""))
+    if known := from_link(given):
+        return known
+    refs = ", ".join(source.ref for source in SOURCES.values() if source.ref)
+    raise UsageError(
+        f"invalid reference {given[:200]!r}", hint=f"give the ref or link of an answer: {refs}"
+    )
+
+
+def anchor(text: str) -> str:
+    """An anchor in a comparable form: links percent-encode it."""
+    return unquote(text).replace(" ", "_")
 
 
 class DocumentPart(NamedTuple):
