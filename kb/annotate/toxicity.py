@@ -142,10 +142,9 @@ class ToxicityScorer:
         assert self.scores is not None
         chunks = Chunks(self.scores, self.threshold, self.run.limit, task, self.least)
         assert self.checkpoint is not None
-        job = ScoringJob(
-            self.checkpoint, self.precision, self.device, self._threads(), self.threshold
-        )
         local = self.run.engine == "local"
+        threads = self.run.workers if local else 0
+        job = ScoringJob(self.checkpoint, self.precision, self.device, threads, self.threshold)
         # On one machine the threads are inside the model: one copy of it, whatever the number of
         # cores.
         if not local and job.device != "cuda" and job.precision != "bf16":
@@ -178,9 +177,6 @@ class ToxicityScorer:
                 f"--limit: {scored} texts scored", hint="run the same command to resume"
             )
         return AnnotationCounts(chunks.texts, scored, chunks.texts - scored, exact)
-
-    def _threads(self) -> int:
-        return self.run.workers if self.run.engine == "local" else 0
 
 
 def check(run: Run, source: str) -> str:

@@ -108,7 +108,8 @@ def read(tables: CurrentTables, asked: RowsQuery) -> RowsPage:
         verdict
         for verdict in (_KEPT, *VERDICTS)
         if any(
-            _holds(tables, asked.source, verdict, table) for table in SOURCES[asked.source].tables
+            f"{asked.source}_{table if verdict == _KEPT else verdict}" in tables
+            for table in SOURCES[asked.source].tables
         )
     ]
     shown = [one for one in SOURCES[asked.source].tables if f"{asked.source}_{one}" in tables]
@@ -145,10 +146,6 @@ def read(tables: CurrentTables, asked: RowsQuery) -> RowsPage:
         verdicts,
         reasons,
     )
-
-
-def _holds(tables: CurrentTables, source: str, verdict: str, table: str) -> bool:
-    return f"{source}_{table if verdict == _KEPT else verdict}" in tables
 
 
 def _columns(asked: RowsQuery, kinds: Mapping[str, str]) -> list[str]:

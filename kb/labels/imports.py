@@ -104,12 +104,7 @@ def _judge(con: DuckDBPyConnection, root: Path) -> dict[str, int]:
     con.register("purged", pa.table({"video_id": purged}))
     con.execute(f"CREATE VIEW every AS {' UNION ALL '.join(selects)}")
     con.execute(_TABLES)
-    return {name: _one(con, sql) for name, sql in _COUNTED.items()}
-
-
-def _one(con: DuckDBPyConnection, sql: str) -> int:
-    ((number,),) = con.execute(sql).fetchall()
-    return int(number)
+    return {name: int(con.execute(sql).fetchall()[0][0]) for name, sql in _COUNTED.items()}
 
 
 _TABLES = """

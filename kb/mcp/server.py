@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
-from pydantic_core import ErrorDetails
 
 from kb import __version__
 from kb.artifacts import index, table_catalog, texts
@@ -272,7 +271,9 @@ def _wrong_arguments(error: ValidationError) -> str:
     """
     problems: dict[str, str] = {}
     # If an argument can be given in several ways, the error for a single value helps most.
-    for one in sorted(error.errors(include_url=False), key=_is_unclear):
+    every = error.errors(include_url=False)
+    every.sort(key=lambda one: one["type"] != "literal_error" or isinstance(one["input"], list))
+    for one in every:
         name = str(one["loc"][0]) if one["loc"] else "arguments"
         value = repr(one["input"])
         value = value if len(value) <= _VALUE else f"{value[: _VALUE - 1]}…"
@@ -283,10 +284,6 @@ def _wrong_arguments(error: ValidationError) -> str:
         valid = one["ctx"]["expected"] if literal else one["msg"].removeprefix("Input should be ")
         problems.setdefault(name, f"{name} is {value}; valid: {valid}")
     return "; ".join(problems.values())
-
-
-def _is_unclear(one: ErrorDetails) -> bool:
-    return one["type"] != "literal_error" or isinstance(one["input"], list)
 
 
 def run_about(run: Run, size: int) -> str:
@@ -317,11 +314,10 @@ def _source(opened: OpenTables, source: Source) -> str:
     if not ranked:
         return ""
     view, (when, word) = ranked[0].full, source.dated
-    row = _row(
-        opened,
+    (row,) = opened.rows(
         f"SELECT count(*) AS n, min({when}) AS first, max({when}) AS last,"
-        f" min(fetched_at) AS oldest, max(fetched_at) AS newest FROM {view}",
-    )
+        f" min(fetched_at) AS oldest, max(fetched_at) AS newest FROM {view}"
+    ).to_pylist()
     return (
         f"{source.name}: {row['n']:,} {noun}, {word}"
         f" from {_day(row['first'])} to {_day(row['last'])},"
@@ -341,10 +337,6 @@ def _licences(opened: OpenTables, source: Source) -> str:
         for row in rows[:_LICENCES]
     ]
     return "\n".join([*lines, *([f"and {len(rows) - _LICENCES} more"] * (len(rows) > _LICENCES))])
-
-
-def _row(opened: OpenTables, sql: str) -> dict[str, Any]:
-    return dict(opened.rows(sql).to_pylist()[0])
 
 
 def _day(when: Any) -> str:

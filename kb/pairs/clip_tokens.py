@@ -93,7 +93,10 @@ def _tokenizer() -> Tokenizer:
 
     with gzip.open(_VOCABULARY, "rt", encoding="utf-8") as file:
         merges = [(a, b) for a, b in map(str.split, islice(file, 1, _MERGES + 1))]
-    letters = _letters()
+    # A visible character for each byte, in the order of CLIP's ids: bytes that are one in Latin-1
+    # stand for themselves, and come first.
+    visible = [*range(0x21, 0x7F), *range(0xA1, 0xAD), *range(0xAE, 0x100)]
+    letters = [*map(chr, visible), *(chr(0x100 + number) for number in range(256 - len(visible)))]
     tokens = [*letters, *(f"{letter}</w>" for letter in letters)]
     tokens += [a + b for a, b in merges]
     ids = {token: number for number, token in enumerate(tokens)}
@@ -106,14 +109,6 @@ def _tokenizer() -> Tokenizer:
         ]
     )
     return tokenizer
-
-
-def _letters() -> list[str]:
-    """A visible character for each byte, in the order of CLIP's ids: bytes that are one in Latin-1
-    stand for themselves, and come first.
-    """
-    visible = [*range(0x21, 0x7F), *range(0xA1, 0xAD), *range(0xAE, 0x100)]
-    return [*map(chr, visible), *(chr(0x100 + number) for number in range(256 - len(visible)))]
 
 
 class Grown(NamedTuple):
@@ -148,7 +143,10 @@ def grow(
     first = np.searchsorted(words, start, "right") - 1
     after = np.searchsorted(words, end - 1, "right")
     least, most = np.maximum(begin, first - high), np.minimum(stop, after + high)
-    counts = counter.of_words(text.codes, words, _within(least, most, len(words)))
+    edges = np.bincount(least, minlength=len(words) + 1)
+    edges -= np.bincount(most, minlength=len(words) + 1)
+    reached = np.cumsum(edges)[:-1] > 0
+    counts = counter.of_words(text.codes, words, reached)
     total = np.concatenate(([0], np.cumsum(counts, dtype=np.int64)))
     goal = goal - ENDS
     own = total[after] - total[first]
@@ -179,12 +177,6 @@ def grow(
         grown.first[one] = text.words[np.searchsorted(text.words, grown.start[one], "right") - 1]
         grown.last[one] = text.words[np.searchsorted(text.words, grown.end[one]) - 1]
     return grown
-
-
-def _within(low: np.ndarray, high: np.ndarray, size: int) -> np.ndarray:
-    """A mask of what lies in any of the ranges."""
-    edges = np.bincount(low, minlength=size + 1) - np.bincount(high, minlength=size + 1)
-    return np.cumsum(edges)[:size] > 0
 
 
 def _cut(

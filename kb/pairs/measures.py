@@ -127,6 +127,7 @@ class Totals:
                 "automatic_given_manual": share_of(shared, written),
             }
 
+        quantiles = np.quantile(later, QUANTILES).round(3).tolist() if len(later) else ()
         kinds = sorted(set(self._kinds[np.concatenate((automatic, manual))].tolist()))
         return {
             "seed": seed,
@@ -138,13 +139,8 @@ class Totals:
             "keywords_by_kind": {
                 kind: shares(lambda one, kind=kind: self._kinds[one] == kind) for kind in kinds
             },
-            "automatic_later_s": _quantiles(later),
+            "automatic_later_s": quantiles_of(len(later), quantiles),
         }
-
-
-def _quantiles(seconds: np.ndarray) -> dict[str, Any]:
-    values = np.quantile(seconds, QUANTILES).round(3).tolist() if len(seconds) else ()
-    return quantiles_of(len(seconds), values)
 
 
 def measured(

@@ -203,15 +203,14 @@ def keys_of(words: HashedWords, channels: Sequence[str | None]) -> np.ndarray:
     `channels`: of each video of the batch.
     """
     hashes, inside = runs(words, RECURRING_RUN)
-    salts = np.array([_salt(channel) for channel in channels], np.uint64)
-    salt = salts[words.video[: len(hashes)]]
+    salts = [
+        int.from_bytes(hashlib.sha256(channel.encode()).digest()[:8], "little") | 1
+        if channel is not None
+        else 0
+        for channel in channels
+    ]
+    salt = np.array(salts, np.uint64)[words.video[: len(hashes)]]
     return np.where(inside & (salt != 0), mixed(hashes ^ salt), np.uint64(0))
-
-
-def _salt(channel: str | None) -> int:
-    if channel is None:
-        return 0
-    return int.from_bytes(hashlib.sha256(channel.encode()).digest()[:8], "little") | 1
 
 
 def once_a_video(keys: np.ndarray, video: np.ndarray) -> np.ndarray:

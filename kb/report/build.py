@@ -257,7 +257,7 @@ def quota(data: ReportData, profile: Profile) -> Figure | None:
             [spent.get(day, 0) for day in days],
             x="day" if last else "",
             y=unit,
-            color=_color(place[0]),
+            color=_COLORS.get(place[0], GREY),
             axes=axes,
             labels=4,
         )
@@ -276,10 +276,6 @@ def quota(data: ReportData, profile: Profile) -> Figure | None:
         ("day", "bucket", "spent"),
         rows,
     )
-
-
-def _color(source: str) -> str:
-    return _COLORS.get(source, GREY)
 
 
 def _label(source: str, bucket: str) -> str:

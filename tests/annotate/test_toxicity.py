@@ -4,11 +4,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from kb.annotate import backends, toxicity
+from kb.annotate import backends, detoxify_model, toxicity
 from kb.annotate.inference import DECIMALS
-from kb.annotate.scores import CATEGORIES, text_hashes
+from kb.annotate.scores import CATEGORIES, Scores, text_hashes
 from kb.annotate.toxicity import ToxicityScorer
-from kb.core.errors import LimitReached, SettingError
+from kb.core import signals
+from kb.core.errors import FatalError, Interrupted, LimitReached, MissingModel, SettingError
+from kb.core.progress import Task
 
 TEXTS = [
     "How to build a house in Minecraft",
@@ -269,3 +271,62 @@ def test_off_in_the_profile_scores_nothing(make_run):
     assert scorer.columns(pa.array(TEXTS))["toxicity"].null_count == len(TEXTS)
     assert toxicity.check(off, "youtube") == ""
     assert not run.root.exists()
+
+
+def test_a_chunk_grows_and_shrinks_with_the_time_it_takes(tmp_path):
+    """A stop waits for the chunk in hand, so that a slow model gets small ones and a fast one large
+    ones.
+    """
+    scores = Scores(str(tmp_path), "m", "r")
+    given = toxicity.Chunks(scores, None, None, Task())
+    sizes = []
+    seconds = iter([0.1] * 6 + [60.0] * 4 + [4.0] * 100)
+    for hashes, texts in given.of([[f"text {n}" for n in range(9000)]]):
+        assert len(hashes) == len(texts)
+        sizes.append(len(texts))
+        given.took(next(seconds))
+    assert sum(sizes) == 9000
+    assert sizes[:6] == [32, 64, 128, 256, 512, 1024]
+    assert sizes[7:10] == [512, 256, 128]
+    assert set(sizes[10:-1]) == {64}
+    long = toxicity.Chunks(scores, None, None, Task())
+    first, _ = next(iter(long.of([["x" * 10_000 + str(n) for n in range(20)]])))
+    assert len(first) == 4, "characters count too"
+
+
+def test_a_stop_waits_for_a_chunk_of_seconds_not_for_one_of_minutes(checkpoint, monkeypatch):
+    job = toxicity.ScoringJob(checkpoint, "fp32", "cpu", 1, None)
+    texts = ["hello there", "x " * 2000]
+    try:
+        signals.stop.request("SIGTERM")
+        assert len(toxicity.score_chunk(job, texts)["scores"]) == 2
+        monkeypatch.setattr(toxicity, "HAND_S", -1.0)
+        with pytest.raises(Interrupted):
+            toxicity.score_chunk(job, texts)
+    finally:
+        signals.stop.clear()
+
+
+SAID = [
+    MemoryError(),
+    RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory: you tried to …"),
+    RuntimeError("std::bad_alloc"),
+]
+
+
+@pytest.mark.parametrize("error", SAID, ids=["Python", "torch", "ONNX Runtime"])
+def test_too_little_memory_is_no_wrong_model(
+    checkpoint, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def read(*arguments: object) -> None:
+        raise error
+
+    job = toxicity.ScoringJob(checkpoint, "bf16", "cpu", 1, None)
+    monkeypatch.setattr(detoxify_model, "_read", read)
+    toxicity._runner.cache_clear()
+    with pytest.raises(FatalError, match="not enough memory for the toxicity model") as told:
+        toxicity.score_chunk(job, ["a text"])
+    assert "--workers" in told.value.hint
+    monkeypatch.setattr(detoxify_model, "_read", lambda *arguments: {})
+    with pytest.raises(MissingModel):
+        toxicity.score_chunk(job, ["a text"])

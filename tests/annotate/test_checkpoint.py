@@ -12,12 +12,26 @@ import pytest
 
 from kb.annotate import checkpoint
 from kb.annotate.backends import open_runner
-from kb.annotate.checkpoint import find_checkpoint, sha256_of
+from kb.annotate.checkpoint import PUBLISHED, find_checkpoint, sha256_of
 from kb.annotate.detoxify_model import load_detoxify
 from kb.core.config.settings import load_settings
 from kb.core.errors import MissingExtra, MissingModel, SettingError
 from kb.store.tables.reading import SANDBOX_MODEL
 from tests.annotate.made import WORDS, checkpoint_of, make_checkpoint
+
+BESIDE = {
+    "cut configuration": ("config.json", '{"a":', "config.json is no JSON object"),
+    "list as configuration": ("config.json", "[]", "config.json is no JSON object"),
+    "cut options of the tokenizer": (
+        "tokenizer_config.json",
+        '{"a":',
+        "tokenizer_config.json is no JSON object",
+    ),
+    "empty vocabulary": ("vocab.txt", "", "[UNK]"),
+    "vocabulary in another code": ("vocab.txt", "[UNK]\nfünf", "UTF-8"),
+    "a tokenizer that is none": ("tokenizer.json", "{}", "tokenizer.json is no tokenizer"),
+    "a web page": ("spiece.model", "<!DOCTYPE html><p>log in", "web page"),
+}
 
 
 def find(path, **settings):
@@ -274,3 +288,25 @@ def test_without_the_extra_it_is_exit_2(monkeypatch, make_run):
         ToxicityScorer.open(run, "youtube")
     assert "[toxicity]" in error.value.hint
     assert not run.root.exists()
+
+
+@pytest.mark.parametrize("case", BESIDE)
+def test_broken_files_beside_a_checkpoint_are_named_before_anything_is_loaded(tiny, tmp_path, case):
+    name, content, words = BESIDE[case]
+    shutil.copytree(tiny.parent, tmp_path / "model")
+    copied = tmp_path / "model" / tiny.name
+    (copied.parent / name).write_bytes(content.encode("latin-1"))
+    settings = load_settings(dotenv=False, kb_toxicity_model=str(copied))
+    with pytest.raises(MissingModel) as error:
+        find_checkpoint(settings)
+    assert words in str(error.value)
+
+
+def test_published_addresses_are_pinned():
+    for model in PUBLISHED.values():
+        *files, (checkpoint, address, expected) = model.sources()
+        assert all(f"/resolve/{model.revision}/" in url for _, url, _ in files)
+        assert len(model.revision) == 40
+        assert checkpoint.endswith(f"-{expected[:8]}.ckpt")
+        assert address.startswith("https://github.com/unitaryai/detoxify/releases/download/")
+        assert "config.json" in [name for name, _, _ in files]
