@@ -22,7 +22,7 @@ from kb.core.config.profile import Profile
 from kb.core.errors import UsageError
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.explore.histogram import Histogram, draw, edges_of
-from kb.explore.tables import CurrentTables
+from kb.explore.rows import CurrentTables
 from kb.filters.chain import Chain
 from kb.filters.predicates import number as shown
 from kb.filters.thresholds import UNSCORED, StageThreshold, thresholds

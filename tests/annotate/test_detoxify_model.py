@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kb.annotate import backends, onnx_model
+from kb.annotate import backends
 from kb.annotate.detoxify_model import load_detoxify
 from kb.annotate.inference import batches, largest, padded_length, windows
 from kb.annotate.scores import CATEGORIES, text_hashes
@@ -114,20 +114,20 @@ def test_batches_hold_each_window_once_within_the_budget(lengths, budget):
 def test_a_graph_is_kept_and_a_damaged_one_is_not_used(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     checkpoint = checkpoint_of(make_checkpoint(tmp_path / "model"))
-    assert onnx_model.find_compiled(checkpoint) is None
-    made = onnx_model.make_compiled(checkpoint)
+    assert backends.find_compiled(checkpoint) is None
+    made = backends.make_compiled(checkpoint)
     assert made is not None
-    assert onnx_model.find_compiled(checkpoint) == made
-    scores = onnx_model.graph_runner(made, threads=1).score(["you are a stupid idiot"])
+    assert backends.find_compiled(checkpoint) == made
+    scores = backends.graph_runner(made, threads=1).score(["you are a stupid idiot"])
     assert all(0 <= score <= 1 for score in scores[0])
     graph = made / "model.onnx"
     graph.write_bytes(graph.read_bytes()[:-1])
-    assert onnx_model.find_compiled(checkpoint) is None
+    assert backends.find_compiled(checkpoint) is None
 
 
 def test_a_graph_that_differs_from_detoxify_is_thrown_away(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(onnx_model, "TOLERANCE", -1.0)
+    monkeypatch.setattr(backends, "TOLERANCE", -1.0)
     checkpoint = checkpoint_of(make_checkpoint(tmp_path / "model"))
-    assert onnx_model.make_compiled(checkpoint) is None
-    assert onnx_model.find_compiled(checkpoint) is None
+    assert backends.make_compiled(checkpoint) is None
+    assert backends.find_compiled(checkpoint) is None
