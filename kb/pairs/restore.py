@@ -145,7 +145,7 @@ def fill(
         for path in files:
             for batch in transcripts.texts(path):
                 signals.stop.check()
-                for number, video in enumerate(batch.ids.to_pylist()):
+                for number, video in enumerate(cast("list[str]", batch.ids.to_pylist())):
                     if video not in places:
                         continue
                     transcript = batch.transcript(number)
