@@ -12,7 +12,7 @@ from typing import NamedTuple
 import pytest
 import zstandard
 
-from kb.annotate import chunks
+from kb.annotate import toxicity
 from kb.annotate.toxicity import ToxicityScorer
 from kb.core import clock
 from kb.core.config import pipeline
@@ -160,7 +160,7 @@ def test_every_engine_makes_the_same_bytes(
     monkeypatch.setenv("KB_NOW", NOW)
     monkeypatch.setattr(partition, "RAW_BYTES", 12_000 if command.make is youtube else 300_000)
     monkeypatch.setattr(build, "_ROWS", 5)
-    monkeypatch.setattr(chunks, "CHUNK_TEXTS", 40)
+    monkeypatch.setattr(toxicity, "CHUNK_TEXTS", 40)
     settings = load_settings(dotenv=False, kb_toxicity_model=str(tiny_checkpoint()))
 
     def made(name: str, **options) -> dict[str, str]:
