@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from kb.core.summary import Summary, vocabulary
-from kb.sandbox.server import Sandbox
 from kb.wiki.browser import chromium
 from tests.conftest import skip_or_fail
+from tests.faults import Sandbox
 from tests.small_worlds import ITEMS, small_world
 from tests.youtube.job import Job
 

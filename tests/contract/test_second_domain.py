@@ -8,10 +8,10 @@ from pathlib import Path
 
 from kb.sandbox.domain import OTHER_LABEL
 from kb.sandbox.reddit.subreddit import Subreddit
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from tests.cli.conftest import Kb, kb  # noqa: F401  (a fixture)
 from tests.conftest import needs
+from tests.faults import Sandbox
 
 needs("torch")
 

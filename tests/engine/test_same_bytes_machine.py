@@ -4,10 +4,10 @@ import shutil
 
 import pytest
 
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from tests.annotate.least import LIMITS
 from tests.conftest import needs
+from tests.faults import Sandbox
 from tests.youtube.job import Job
 
 needs("torch", "detoxify")

@@ -14,11 +14,11 @@ from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.filters.filter_run import run_clean
 from kb.pairs import build
-from kb.sandbox.server import Sandbox
 from kb.sandbox.toxicity import tiny_checkpoint
 from kb.sandbox.world import World
 from kb.store.tables import partition
 from tests.conftest import needs
+from tests.faults import Sandbox
 from tests.youtube.job import NOW, Job
 
 needs("distributed", "torch", "detoxify")

@@ -12,7 +12,7 @@ import pytest
 
 from kb.release.build import describe
 from kb.sandbox.reddit.subreddit import CASES
-from kb.sandbox.server import Sandbox
+from tests.faults import Sandbox
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post, write
 from tests.reddit.work import Work

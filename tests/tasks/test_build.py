@@ -8,8 +8,8 @@ import duckdb
 import pytest
 import yaml
 
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from tests.faults import Sandbox
 from tests.youtube.job import Job
 
 SCHEMA = {"collection", "guidance", "prompt", "source"}

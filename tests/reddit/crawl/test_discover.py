@@ -7,8 +7,8 @@ import pytest
 
 from kb.core.errors import LimitReached
 from kb.reddit.parse import answers as parse
-from kb.sandbox.server import Sandbox
 from kb.store.rawlog.rawlog import Envelope, Request, encode
+from tests.faults import Sandbox
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import listing, post
 from tests.reddit.work import Work

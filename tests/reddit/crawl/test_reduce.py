@@ -7,7 +7,7 @@ import pytest
 from kb.core.progress import Silent
 from kb.reddit.crawl.reduce import AGAIN
 from kb.sandbox.reddit.subreddit import CASES
-from kb.sandbox.server import Sandbox
+from tests.faults import Sandbox
 from tests.reddit.conftest import small_world
 from tests.reddit.work import Work
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
 
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from tests.faults import Sandbox
 from tests.youtube.crawl.test_fetch import CRAWL, check
 from tests.youtube.job import Job
 

@@ -7,8 +7,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import SettingError
-from kb.sandbox.server import Sandbox
 from kb.youtube.crawl.ids import RULES
+from tests.faults import Sandbox
 from tests.youtube.crawl.test_fetch import CRAWL, check
 from tests.youtube.job import Job
 

@@ -13,10 +13,10 @@ from kb.core import clock, signals
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.sandbox.server import Sandbox
-from kb.sandbox.youtube.resources import refusal
+from kb.sandbox.youtube.service import refusal
 from kb.youtube.crawl.quota import PACIFIC
 from pipelines import youtube
+from tests.faults import Sandbox
 from tests.youtube.crawl.test_fetch import CRAWL
 from tests.youtube.job import Job
 
