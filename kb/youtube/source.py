@@ -116,7 +116,7 @@ class YouTube(Source):
         return YouTubeConnector(run)
 
     def question(self, run: Run, cost: QuestionCost) -> OnlineAnswer:
-        from kb.youtube.crawl.online import question
+        from kb.youtube.crawl.client import question
 
         return question(run, cost)
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as some
 
-from kb.youtube.addresses import video_of
+from kb.youtube.crawl.ids import video_of
 
 ID, OTHER = "PotteryId01", "KilnRoad123"
 

@@ -18,7 +18,7 @@ import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from kb.reddit.parse.people import PURGED
+from kb.reddit.parse.answer_tree import PURGED
 
 LATEST = 253402300800  # seconds of Unix time: the year 10000
 _BY_ITS_AUTHOR = frozenset({"deleted", "author", "deleted by user"})

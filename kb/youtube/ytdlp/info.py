@@ -21,7 +21,7 @@ from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog
 from kb.youtube.crawl import player
-from kb.youtube.ytdlp.files import VIDEO_ID
+from kb.youtube.ytdlp.importer import VIDEO_ID
 
 ROWS = 8_192
 LIVE_CHAT = "live_chat"  # yt-dlp lists it among the subtitles

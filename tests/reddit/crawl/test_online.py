@@ -3,7 +3,7 @@
 import pytest
 
 from kb.core.config.profile.check_finding import ERROR, NOTE, WARNING, QuestionCost
-from kb.reddit.crawl.online import question
+from kb.reddit.crawl.client import question
 from tests.reddit.work import Work
 
 

@@ -3,8 +3,8 @@
 import pytest
 
 from kb.reddit.crawl.importer import import_dumps
-from kb.reddit.dumps import chunks, containers
-from kb.reddit.dumps.chunks import DEEPEST
+from kb.reddit.dumps import files
+from kb.reddit.dumps.files import DEEPEST
 from tests.reddit.dumped import imported, post, run_in, write
 
 
@@ -27,15 +27,13 @@ def test_a_line_nested_without_end_is_damaged(tmp_path, depth, innermost):
 @pytest.mark.parametrize("last", [False, True])
 def test_a_line_without_end_is_not_held_and_counts_as_damaged(tmp_path, monkeypatch, last):
     """One of 1.8 GB swells from a small file."""
-    monkeypatch.setattr(chunks, "LONGEST", 300_000)
+    monkeypatch.setattr(files, "LONGEST", 300_000)
     long = b'{"subreddit": "Minecraft", "id": "' + b"x" * 40_000_000
     lines = [post("a"), long, *([] if last else [post("b")])]
     dump = write(tmp_path / "RS.zst", lines, frames=len(lines))
-    held = max_held(chunks.chunks(dump, containers.ReadProgress()))
+    held = max_held(files.chunks(dump, files.ReadProgress()))
     assert held < 5_000_000
-    assert (
-        max(len(piece) for piece in containers.pieces(dump, containers.ReadProgress())) < 5_000_000
-    )
+    assert max(len(piece) for piece in files.pieces(dump, files.ReadProgress())) < 5_000_000
     done = import_dumps(run_in(tmp_path), [dump])
     assert (done["lines"], done["bad_lines"]) == (len(lines), 1)
     assert [data["id"] for _, data in imported(tmp_path)] == ["a"] + ["b"] * (not last)

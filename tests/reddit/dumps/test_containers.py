@@ -10,8 +10,8 @@ import pytest
 import zstandard
 
 from kb.core.errors import LimitReached
-from kb.reddit.dumps import containers
-from kb.reddit.dumps.containers import ReadProgress, memory
+from kb.reddit.dumps import files
+from kb.reddit.dumps.files import ReadProgress, memory
 from kb.store.rawlog import rawlog
 from tests.reddit.dumped import (
     archived,
@@ -148,7 +148,7 @@ def test_pieces_stay_small(tmp_path: Path, pack: Pack) -> None:
     (tmp_path / "x").write_bytes(pack(joined([post("a")]) + b'{"b": "' + b"x" * 40_000_000))
     if pack is blocks:
         return  # a row comes whole: its block says where it ends
-    sizes = [len(piece) for piece in containers.pieces(tmp_path / "x", ReadProgress())]
+    sizes = [len(piece) for piece in files.pieces(tmp_path / "x", ReadProgress())]
     assert max(sizes) < 5_000_000
     assert sum(sizes) > 40_000_000
 
@@ -164,13 +164,13 @@ def test_zeros_behind_the_last_gzip_member_are_padding(tmp_path: Path) -> None:
 def test_a_block_that_would_fill_the_memory_is_damage(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(containers, "_LARGEST", 1 << 20)
+    monkeypatch.setattr(files, "_LARGEST", 1 << 20)
     large = block([b"x" * 3_000_000])
     overlap = zstandard.compress(struct.pack("<5I", 2, 0, 700_000, 0, 700_000) + b"x" * 700_000)
     for data in (large, struct.pack("<I", len(overlap)) + overlap):
         (tmp_path / "x").write_bytes(block([json.dumps(post("a")).encode()]) + data)
         progress = ReadProgress()
-        assert len(list(containers.pieces(tmp_path / "x", progress))) == 1
+        assert len(list(files.pieces(tmp_path / "x", progress))) == 1
         assert "damaged block" in progress.problem
 
 

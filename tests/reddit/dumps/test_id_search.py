@@ -3,8 +3,8 @@
 import json
 from pathlib import Path
 
-from kb.reddit.dumps.chunks import Chunk
-from kb.reddit.dumps.id_search import ById, IdIndex, write_index
+from kb.reddit.dumps.files import Chunk
+from kb.reddit.dumps.search import ById, IdIndex, write_index
 
 
 def test_ids_of_any_length_and_kind(tmp_path: Path) -> None:

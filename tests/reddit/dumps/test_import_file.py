@@ -10,8 +10,7 @@ import pytest
 from kb.core.errors import LimitReached
 from kb.reddit.crawl.importer import import_dumps
 from kb.reddit.dumps import import_file as module
-from kb.reddit.dumps.extract import extract
-from kb.reddit.dumps.import_file import ImportJob, import_file
+from kb.reddit.dumps.import_file import ImportJob, extract, import_file
 from kb.reddit.parse.anonymize import load_key
 from kb.store.rawlog import rawlog
 from tests.reddit.dumped import imported, post, run_in, write

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 from kb.reddit.crawl.importer import import_dumps
-from kb.reddit.dumps.chunks import Chunk
-from kb.reddit.dumps.subreddit_search import CHECKED, SubredditSearch
+from kb.reddit.dumps.files import Chunk
+from kb.reddit.dumps.search import CHECKED, SubredditSearch
 from tests.reddit.dumped import imported, post, run_in, write
 
 

@@ -5,12 +5,7 @@ from typing import Any
 import pytest
 
 from kb.core.config.profile import load_profile
-from kb.reddit.parse.post_types import (
-    is_crosspost,
-    link_classifier,
-    poll_options,
-    post_type,
-)
+from kb.reddit.parse.records import is_crosspost, link_classifier, poll_options, post_type
 
 CLASSIFY = link_classifier(load_profile("minecraft").section("reddit").links)
 

@@ -6,7 +6,7 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from kb.youtube.parse.join import one_row_each
+from kb.youtube.parse.assemble import one_row_each
 
 TIME = pa.timestamp("us", "UTC")
 MONDAY, TUESDAY, FRIDAY = (datetime(2026, 11, day, tzinfo=UTC) for day in (16, 17, 20))
