@@ -94,7 +94,7 @@ PEOPLE = PeopleRules(
     hint="write one a line: NAME, u/NAME or the address of the profile",
     parse=name_of,
     marks=marks,
-    find_people=find_people,
+    find=find_people,
 )
 
 

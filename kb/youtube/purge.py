@@ -72,18 +72,12 @@ def find_channels(purge: Purge, marks: frozenset[str]) -> Iterator[Theirs]:
 
 def _in_segment(segment: str, marks: frozenset[str]) -> set[tuple[str, str]]:
     """Channels and videos in the answers of a segment. Runs in a worker."""
-    path = Path(segment)
-    return {
-        (channel, key)
-        for _, line in rawlog.Frames(path, checked=True)
-        for channel, key in _theirs(path.parent.name, line)
-        if mark(channel) in marks
-    }
-
-
-def _theirs(kind: str, line: bytes) -> Iterator[tuple[str, str]]:
-    envelope = rawlog.decode(line)
-    return theirs(kind, envelope.request.params, envelope.response)
+    path, found = Path(segment), set[tuple[str, str]]()
+    for _, line in rawlog.Frames(path, checked=True):
+        envelope = rawlog.decode(line)
+        pairs = theirs(path.parent.name, envelope.request.params, envelope.response)
+        found.update(pair for pair in pairs if mark(pair[0]) in marks)
+    return found
 
 
 PEOPLE = PeopleRules(
@@ -93,7 +87,7 @@ PEOPLE = PeopleRules(
     " a handle (@name) shows the id under About, Share channel",
     parse=channel_id,
     marks=lambda purge, channel: (mark(channel),),
-    find_channels=find_channels,
+    find=find_channels,
 )
 
 

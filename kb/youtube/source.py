@@ -90,7 +90,11 @@ class YouTube(Source):
     hint = "run `kb youtube crawl`, then `kb youtube filter`"
     sampled = {
         "youtube/videos": (
-            *("title", "view_count", "like_count", "duration_s", "transcript_kind"),
+            "title",
+            "view_count",
+            "like_count",
+            "duration_s",
+            "transcript_kind",
             "published_at",
         )
     }

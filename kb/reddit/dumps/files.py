@@ -106,7 +106,7 @@ def _reader(path: Path) -> Read:
     try:
         with path.open("rb") as file:
             head = file.read(8)
-            if _is_zstd(head):
+            if head.startswith(_FRAME) or (head[1:4] == _SKIPPED and head[0] & 0xF0 == 0x50):
                 return _of_zstd
             if head[4:] == _FRAME:
                 return _of_blocks
@@ -125,10 +125,6 @@ def _reader(path: Path) -> Read:
         " a JSON object",
         hint="name RS_* and RC_* files, or files of one subreddit",
     )
-
-
-def _is_zstd(head: bytes) -> bool:
-    return head.startswith(_FRAME) or (head[1:4] == _SKIPPED and head[0] & 0xF0 == 0x50)
 
 
 def _of_plain(file: BinaryIO, progress: ReadProgress) -> Iterator[bytes]:

@@ -81,7 +81,9 @@ def extract(chunks: list[Chunk], rules: RecordRules, limit: int = 0) -> list[Ext
 
     With a `limit` nothing behind that many records counts as read.
     """
-    search = _search(rules.subreddit, rules.ids)
+    search = SubredditSearch(rules.subreddit)
+    if rules.ids:
+        search = ById(_id_index(rules.ids), rules.subreddit)
     extracted = []
     for chunk in chunks:
         one = _extract_chunk(search, chunk, rules)
@@ -93,10 +95,6 @@ def extract(chunks: list[Chunk], rules: RecordRules, limit: int = 0) -> list[Ext
         limit -= len(one.records) if limit else 0
         extracted.append(one)
     return extracted
-
-
-def _search(subreddit: str, ids: str) -> SubredditSearch:
-    return ById(_id_index(ids), subreddit) if ids else SubredditSearch(subreddit)
 
 
 def _extract_chunk(search: SubredditSearch, chunk: Chunk, rules: RecordRules) -> ExtractedChunk:

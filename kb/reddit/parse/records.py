@@ -87,29 +87,19 @@ def post_type(post: Post, classify: Callable[[str], str]) -> tuple[str, str | No
         return "gallery", None, url
     if true.get("poll_data"):
         return "poll", None, None
-    if true.get("is_self") or url is None or _is_own_page(true, url):
+    page = true.get("permalink")
+    is_own_page = isinstance(page, str) and len(page) > 1 and url is not None and url.endswith(page)
+    if true.get("is_self") or url is None or is_own_page:
         return "text", None, None
     if "reddit.com/gallery/" in url or url.startswith("/gallery/"):
         return "gallery", None, url
-    if true is post and _shows_parents_page(post, url):
+    parent = post.get("crosspost_parent")
+    parents_page = f"/comments/{str(parent).removeprefix('t3_')}/"
+    if true is post and parent and parents_page in f"{url}/":
         # Of a crosspost whose parent isn't told: the address of a text is its page.
         return "text", None, None
     kind = "video" if true.get("is_video") else classify(url)
     return _KINDS[kind], kind, url
-
-
-def _shows_parents_page(post: Post, url: str) -> bool:
-    parent = post.get("crosspost_parent")
-    return (
-        isinstance(parent, str)
-        and bool(parent)
-        and f"/comments/{parent.removeprefix('t3_')}/" in f"{url}/"
-    )
-
-
-def _is_own_page(post: Post, url: str) -> bool:
-    permalink = post.get("permalink")
-    return isinstance(permalink, str) and len(permalink) > 1 and url.endswith(permalink)
 
 
 def poll_options(post: Post) -> list[str] | None:

@@ -16,7 +16,7 @@ import re
 from collections.abc import Callable
 from urllib.parse import parse_qs, unquote, urlsplit
 
-from kb.crawl.id_list import IdRules, ListedId
+from kb.crawl.id_list import IdRules
 
 _ID = re.compile(r"[A-Za-z0-9_-]{11}")
 _FIRST = re.compile(r"([A-Za-z0-9_-]{11})(?![A-Za-z0-9_-])")  # people add "?t=30" behind anything
@@ -126,20 +126,26 @@ Part = tuple[int, int] | None
 """Which of how many machines, from 1; None for one that does it all."""
 
 
-def _video_id(entry: ListedId) -> str | None:
-    return video_of(entry.value) if isinstance(entry.value, str) else None
-
-
 RULES = IdRules(
     option="--ids",
     noun="video ids",
     hint="write one per line: 11 characters, or a video's URL",
     columns=(
-        *("video_id", "youtube_id", "vid", "id", "key"),
-        *("video_url", "youtube_url", "title_url", "webpage_url", "original_url", "url", "link"),
+        "video_id",
+        "youtube_id",
+        "vid",
+        "id",
+        "key",
+        "video_url",
+        "youtube_url",
+        "title_url",
+        "webpage_url",
+        "original_url",
+        "url",
+        "link",
     ),
     tables=(("videos",), ("pairs",)),
-    parse=_video_id,
+    parse=lambda entry: video_of(entry.value) if isinstance(entry.value, str) else None,
     is_unmistakable=is_unmistakable,
 )
 

@@ -3,20 +3,15 @@
 A file is known by its name, size and time of change, which its raw answer names: what is in the raw
 log is not read again, so the same command goes on after a kill and repeats nothing. Files are taken
 as the disk lists them, a few at a time.
-
-What a file is, its name says. yt-dlp names files by a template that users change. Its default is
-`TITLE [ID].EXT`; `ID.EXT` is the most frequent other one. Subtitle files have their language before
-the suffix.
 """
 
 import hashlib
 import os
-import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 
@@ -33,75 +28,6 @@ from kb.youtube.crawl.connector import YouTubeConnector
 from kb.youtube.crawl.reduce import RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES
 from kb.youtube.parse.channels import ChannelFilter
 from kb.youtube.ytdlp import info, subtitles
-
-INFO = ".info.json"
-UNFINISHED, OTHER_FILES, OTHER_SUBTITLES = "unfinished_downloads", "other_files", "other_subtitles"
-VIDEO_ID = re.compile(r"[A-Za-z0-9_-]{11}")
-
-_SUBTITLES = re.compile(
-    r"(?P<stem>.+)\.(?P<language>[A-Za-z]{2,3}(?:-[A-Za-z0-9]+)*)\.(?P<format>vtt|srv3|json3)"
-)
-_IN_BRACKETS = re.compile(r"\[([A-Za-z0-9_-]{11})\]$")
-_UNFINISHED = re.compile(r"\.(?:part|ytdl|part-Frag\d+|temp|temp\.[a-z0-9]+)$")
-_MEDIA = re.compile(
-    r".+\.(?:3gp|aac|avi|flac|flv|gif|jpe?g|m4[av]|mhtml|mk[av]|mov|mp[34]|og[gv]|opus|png|ts|wav"
-    r"|web[amp])",
-    re.IGNORECASE,
-)
-_TEXT_TRACKS = re.compile(r".+\.(?:ass|lrc|sbv|srt|srv[123]|ttml|vtt|json3)", re.IGNORECASE)
-
-
-class SubtitleName(NamedTuple):
-    """What the name of a subtitle file says; `video_id` is None where the name has none."""
-
-    stem: str
-    video_id: str | None
-    language: str
-    format: str
-
-
-def subtitle_name(name: str) -> SubtitleName | None:
-    """`TITLE [ID].en.vtt` in its parts; None for any other name."""
-    match = _SUBTITLES.fullmatch(name)
-    if match is None:
-        return None
-    stem = match["stem"]
-    in_brackets = _IN_BRACKETS.search(stem)
-    if in_brackets is not None:
-        video_id: str | None = in_brackets[1]
-    else:
-        video_id = stem if VIDEO_ID.fullmatch(stem) else None
-    return SubtitleName(stem, video_id, match["language"], match["format"])
-
-
-def why_not(name: str) -> str | None:
-    """Why a file that is neither info nor subtitle_name is left out; None for media files, which
-    belong there.
-    """
-    if _UNFINISHED.search(name):
-        return UNFINISHED
-    if _MEDIA.fullmatch(name):
-        return None
-    return OTHER_SUBTITLES if _TEXT_TRACKS.fullmatch(name) else OTHER_FILES
-
-
-def walk(folders: Iterable[Path]) -> Iterator[os.DirEntry[str]]:
-    """Every file below the folders, as the disk lists them: no folder is held in memory.
-
-    Links to folders are not followed. A folder that can't be read is passed over.
-    """
-    waiting = [str(folder) for folder in folders]
-    while waiting:
-        try:
-            with os.scandir(waiting.pop()) as entries:
-                for entry in entries:
-                    if entry.is_dir(follow_symlinks=False):
-                        waiting.append(entry.path)
-                    elif entry.is_file():
-                        yield entry
-        except (PermissionError, FileNotFoundError):
-            continue
-
 
 AT_ONCE = 256  # answers that are written and synced together
 AT_ONCE_BYTES = 8 << 20
@@ -171,7 +97,7 @@ class _Import:
         """Take in every file. Raises what ends the run, with all that was read written."""
         with self._run.progress.task("import", unit="files") as task:
             try:
-                for entry in walk(folders):
+                for entry in info.walk(folders):
                     signals.stop.check()
                     self._take(entry)
                     self._flush(at_least=AT_ONCE)
@@ -186,9 +112,9 @@ class _Import:
 
     def _take(self, entry: os.DirEntry[str]) -> None:
         name = entry.name
-        named = subtitle_name(name)
-        if named is None and not name.endswith(INFO):
-            if (reason := why_not(name)) is not None:
+        named = info.subtitle_name(name)
+        if named is None and not name.endswith(info.INFO):
+            if (reason := info.left_out_as(name)) is not None:
                 self.left_out[reason] += 1
             return
         try:
@@ -248,7 +174,7 @@ class _Import:
     def _subtitles(
         self,
         entry: os.DirEntry[str],
-        named: SubtitleName,
+        named: info.SubtitleName,
         data: bytes,
         params: dict[str, Any],
         changed: datetime,
@@ -374,7 +300,7 @@ def _envelope(at: datetime, params: dict[str, Any], response: Any) -> Envelope:
 def _video_beside(path: Path, stem: str) -> dict[str, Any] | None:
     """The video in the info.json of the same name; None where there is none."""
     try:
-        parsed = info.read(path.with_name(f"{stem}{INFO}").read_bytes())
+        parsed = info.read(path.with_name(f"{stem}{info.INFO}").read_bytes())
     except (OSError, ValueError):
         return None
     return parsed.videos[0] if len(parsed.videos) == 1 else None

@@ -1,4 +1,4 @@
-"""Tests of `kb.youtube.ytdlp.importer`."""
+"""Tests of `kb.youtube.ytdlp.info`."""
 
 from tests.youtube.job import Job
 from tests.youtube.ytdlp.folder import spoken, vtt, write_video
