@@ -109,7 +109,11 @@ def poll_options(post: Post) -> list[str] | None:
         return None
     options = poll.get("options")
     return (
-        [str(option.get("text", "")) for option in options if isinstance(option, dict)]
+        [
+            str(text)
+            for option in options
+            if isinstance(option, dict) and (text := option.get("text")) not in (None, "")
+        ]
         if isinstance(options, list)
         else []
     )
@@ -117,6 +121,8 @@ def poll_options(post: Post) -> list[str] | None:
 
 _TEXTS = ("title", "selftext", "body")  # what tells whether a record was escaped
 _ADDRESSES = ("url", "url_overridden_by_dest")
+_DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
+_LARGEST_ID = 36**13  # as for ids in lists
 _NUMBER = re.compile(r"#(?:[0-9]+|[xX][0-9a-fA-F]+)")
 _OF_REDDIT = ("&amp;", "&lt;", "&gt;")
 
@@ -170,9 +176,10 @@ def resolve(record: dict[str, Any]) -> dict[str, Any]:
     poll = record.get("poll_data")
     if isinstance(poll, dict) and isinstance(poll.get("options"), list):
         options = [
-            {**option, "text": html.unescape(str(option.get("text", "")))}
+            {**option, "text": html.unescape(text)} if isinstance(text, str) else option
             for option in poll["options"]
             if isinstance(option, dict)
+            for text in [option.get("text")]
         ]
         changed["poll_data"] = {**poll, "options": options}
     return {**record, **changed} if changed else record
@@ -212,11 +219,15 @@ class RecordReader:
             data = resolve(data)
         row = _identified(answer_tree.COMMENT, data)
         row["post_id"] = answer_tree.bare(data.get("link_id"))
-        parent = data.get("parent_id")
+        parent = data.get("parent_id", "")
         if isinstance(parent, str) and parent.startswith(("t1_", "t3_")):
             row["parent_id"] = parent
-        else:  # some years of dumps give a number, or leave it out
-            _problem(row, "parent_id", parent)
+        elif parent is None and row["post_id"]:  # dumps of 2024 and later: null is the post
+            row["parent_id"] = f"{answer_tree.POST}_{row['post_id']}"
+        elif (key := _base36(parent)) is not None:  # and a number is a comment
+            row["parent_id"] = f"{answer_tree.COMMENT}_{key}"
+        else:
+            _problem(row, "parent_id", parent or None)
         row["text"] = _text(row, data, "body", required=True)
         return _with_common(row, data)
 
@@ -275,6 +286,19 @@ def _integer(row: Row, data: dict[str, Any], name: str) -> int | None:
             pass
     _problem(row, name, value)
     return None
+
+
+def _base36(value: Any) -> str | None:
+    """The bare id that a whole number stands for; None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    if not 0 < value < _LARGEST_ID or value != int(value):
+        return None
+    number, key = int(value), ""
+    while number:
+        number, digit = divmod(number, 36)
+        key = _DIGITS[digit] + key
+    return key
 
 
 def _flag(row: Row, data: dict[str, Any], name: str) -> bool | None:

@@ -413,6 +413,35 @@ def test_entities_of_comments_in_dumps_are_resolved() -> None:
     assert table["text"].to_pylist() == ["a < b", "a < b &lt;", "Q&A", "Q&A &amp; more"]
 
 
+@pytest.mark.parametrize(
+    ("given", "parent"),
+    [
+        ({"parent_id": None}, "t3_p"),
+        ({"parent_id": 44445998962}, "t1_kf200aa"),
+        ({"parent_id": 44445998962.0}, "t1_kf200aa"),
+        ({"parent_id": 35}, "t1_z"),
+        *(({"parent_id": odd}, None) for odd in (4.5, -1, 0, True, "", "kf200aa", [1])),
+        ({"parent_id": None, "link_id": None}, None),
+        ({}, None),
+    ],
+)
+def test_a_parent_of_null_is_the_post_and_a_number_is_a_comment(
+    given: dict[str, Any], parent: str | None
+) -> None:
+    usual = {"id": "c", "link_id": "t3_p", "body": "b", "created_utc": 5, "score": 1, "author": "x"}
+    (table,) = parse.rows([line([{"kind": "t1", "data": {**usual, **given}}])], "dumps", LINKS)
+    assert table["parent_id"].to_pylist() == [parent]
+    problems = [one["column"] for one in table["problems"].to_pylist()[0]]
+    assert ("parent_id" in problems) == (parent is None)
+
+
+def test_an_option_without_words_is_no_option() -> None:
+    options = [{"text": None}, {"text": "oak &amp; ash"}, {"text": ""}, {}, {"text": 5}]
+    data = {"id": "p", "title": "t", "poll_data": {"options": options}}
+    (table,) = parse.rows([line([{"kind": "t3", "data": data}])], "dumps", LINKS)
+    assert table["poll_options"].to_pylist() == [["oak & ash", "5"]]
+
+
 def line(things: list[Any]) -> bytes:
     listing = {"kind": "Listing", "data": {"children": things, "after": None}}
     return rawlog.encode(Envelope(None, Request("dump/RS.zst", {"offset": 1}), 200, listing))
