@@ -24,7 +24,7 @@ pytest_plugins = ["tests.installed", "tests.inprocess"]
 SLOW = ("wheel", "dask", "crash", "mediawiki", "slow")  # marks; pyproject.toml says what they mean
 
 
-# Files that take longest, the longest first; their tests have the mark `slow`.
+# Files that take longest, the longest first.
 LONG = (
     "crash/test_chaos.py",
     "wiki/crawl/test_connector.py",
@@ -109,8 +109,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     smoke = {ROOT / "tests" / name for name in SMOKE}
     long = {ROOT / "tests" / name: place for place, name in enumerate(LONG)}
     for item in items:
-        if item.path in long:
-            item.add_marker("slow")
         if item.path in smoke:
             item.add_marker("smoke")
     slow = {item.path for item in items if any(item.get_closest_marker(name) for name in SLOW)}
