@@ -12,7 +12,7 @@ from kb.core.errors import FatalError
 from kb.core.progress import Silent
 from kb.store.tables.shard_writer import sorted_shards
 from kb.verify.root import verify
-from kb.youtube.restore.job import TABLES
+from kb.youtube.restore import TABLES
 from tests.filters.made import run_at
 
 PARTS = [Part(name, (), 2) for name in "abc"]
