@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import re
+import sys
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import cache
@@ -14,12 +16,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 import typer.main
 
-from kb.cli.framework.messages import warn
+from kb.cli.framework.messages import warn, with_options
+from kb.core import terminal
 from kb.core.config.pipeline import load, locate
-from kb.core.errors import ProfileError, SettingError
+from kb.core.errors import MissingExtra, ProfileError, SettingError
+from kb.core.progress import Counted, LineProgress, Progress, Silent, Task
 
 if TYPE_CHECKING:
     from kb.core.config.profile import Profile
+    from kb.core.config.settings import Settings
     from kb.core.context import Run
 
 
@@ -112,9 +117,7 @@ class Options:
         Raises SettingError, ProfileError or OtherService before anything is sent or written.
         """
         from kb.artifacts.table_catalog import address_of, existing
-        from kb.cli.commands.profile.check import refuse
-        from kb.cli.framework import progress
-        from kb.cli.framework.demo_root import in_demo_root
+        from kb.cli.commands.profile_check import refuse
         from kb.core.config.settings import load_settings, unknown_names
         from kb.core.context import Run, default_workers
         from kb.net import redact
@@ -161,7 +164,7 @@ class Options:
             engine=str(self.engine),
             scheduler=self.scheduler,
             pipeline=str(self.pipeline) if self.pipeline else None,
-            progress=progress.choose(quiet=self.quiet),
+            progress=choose_progress(quiet=self.quiet),
         )
 
 
@@ -246,3 +249,118 @@ def parse_part(text: str | None) -> tuple[int, int] | None:
 def pipeline(run: Run, name: str) -> ModuleType:
     """The shipped pipeline of that name, or the file of `--pipeline`."""
     return load(str(locate(name, run.pipeline)))
+
+
+def choose_progress(*, quiet: bool) -> Progress:
+    """The display that fits where stderr goes."""
+    if quiet:
+        return Silent()
+    return Bars() if sys.stderr.isatty() else Lines()
+
+
+class Lines(LineProgress):
+    """Plain lines, in which commands are completed with --data and --profile."""
+
+    def say(self, text: str) -> None:
+        """One line."""
+        super().say(with_options(text))
+
+
+class Bars(Progress):
+    """One bar per task: done and total, rate, time left, and the stage's own figures."""
+
+    def __init__(self) -> None:
+        self._live: Any = None
+
+    def say(self, text: str) -> None:
+        """One line above the bars."""
+        shown = terminal.one_line(with_options(text))
+        if self._live is not None:
+            self._live.console.print(shown, highlight=False, markup=False)
+        else:
+            print(shown, file=sys.stderr, flush=True)
+
+    def _task(
+        self, name: str, total: int | None, unit: str, waiting: Callable[[], int] | None
+    ) -> Task:
+        return BarTask(self._start(), name, total, unit, waiting)
+
+    def close(self) -> None:
+        """Stop updating the bars, and release the terminal."""
+        if self._live is not None:
+            self._live.stop()
+            self._live = None
+
+    def _start(self) -> Any:
+        if self._live is None:
+            from rich import progress as rich
+            from rich.console import Console
+
+            self._live = rich.Progress(
+                rich.TextColumn("{task.description}", markup=False),
+                rich.BarColumn(bar_width=24),
+                rich.TextColumn("{task.fields[figures]}", markup=False),
+                rich.TextColumn("{task.fields[facts]}", markup=False, style="dim"),
+                console=Console(stderr=True),
+                refresh_per_second=4,
+            )
+            self._live.start()
+        return self._live
+
+
+class BarTask(Counted):
+    """A bar of the live display."""
+
+    def __init__(
+        self,
+        live: Any,
+        name: str,
+        total: int | None,
+        unit: str,
+        waiting: Callable[[], int] | None,
+    ) -> None:
+        super().__init__(name, total, unit, waiting)
+        self._live = live
+        self._number = live.add_task(
+            terminal.one_line(name), total=self.total, figures="", facts=""
+        )
+        self._show()
+
+    def _show(self) -> None:
+        figures = f"{self.figures()} {self.unit}".rstrip()
+        self._live.update(
+            self._number,
+            completed=self.done,
+            figures="  ".join(filter(None, (figures, self.rate(), self.time_left()))),
+            facts=terminal.one_line("  ".join(self.facts())),
+            **({} if self.total is None else {"total": self.total}),
+        )
+
+    def _end(self) -> None:
+        self._show()
+        self._live.stop_task(self._number)
+
+
+def in_demo_root(root: Path, settings: Settings, profile: Profile) -> tuple[Settings, Profile]:
+    """Settings and profile for another command in a demo's root; unchanged in any other root.
+
+    The root's scores are the tiny model's, so that model is used again unless the user names
+    another. Scoring stays off where the demo had to do without the model.
+    """
+    from kb.store.state import demo_mark
+
+    if demo_mark.read(root) is None or "kb_toxicity_model" in settings.model_fields_set:
+        return settings, profile
+    from kb.sandbox import toxicity
+
+    try:
+        model = str(toxicity.tiny_checkpoint())
+    except MissingExtra:
+        return settings, without_scores(profile)
+    return settings.model_copy(update={"kb_toxicity_model": model}), profile
+
+
+def without_scores(profile: Profile) -> Profile:
+    """The profile with toxicity scoring switched off."""
+    off = profile.toxicity.model_copy(update={"toxicity": "off"})
+    return profile.model_copy(update={"toxicity": off})

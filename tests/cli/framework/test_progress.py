@@ -6,19 +6,22 @@ import pty
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from kb.cli.framework import progress
+from kb.cli.framework.options import Bars, choose_progress
 from kb.core import clock
 from kb.core.progress import Counted, LineProgress, Silent
 from tests.cli.conftest import clean_environment
+from tests.core.test_terminal import HOSTILE, Terminal
 
 PROGRAM = """
 import sys
-from kb.cli.framework import progress
-shown = progress.choose(quiet='--quiet' in sys.argv)
+from kb.cli.framework.options import choose_progress
+shown = choose_progress(quiet='--quiet' in sys.argv)
 task = shown.task('metadata', total=40, unit='videos')
 for _ in range(40):
     task.advance(1, units='4/10000', resets_in='3h 20m')
@@ -32,8 +35,8 @@ print('result')
 # Sixty wait when the 42nd is done; ten more were found meanwhile; then Ctrl-C.
 STOPPED = """
 import sys, time
-from kb.cli.framework import progress
-shown = progress.choose(quiet=False)
+from kb.cli.framework.options import choose_progress
+shown = choose_progress(quiet=False)
 waiting = 60
 try:
     with shown.task('transcripts', unit='videos', waiting=lambda: waiting) as task:
@@ -52,9 +55,10 @@ print('result')
 NAMED = """
 from pathlib import Path
 import kb.cli.app
-from kb.cli.framework import messages, progress
+from kb.cli.framework import messages
+from kb.cli.framework.options import choose_progress
 messages.set_options(Path('my data'), 'stardew')
-shown = progress.choose(quiet=False)
+shown = choose_progress(quiet=False)
 with shown.task('metadata', total=1, unit='videos') as task:
     shown.say('run `kb reddit import --again` for it, or `kb demo`')
     task.advance(1)
@@ -63,8 +67,8 @@ print('result')
 """
 
 UNKNOWN = """
-from kb.cli.framework import progress
-shown = progress.choose(quiet=False)
+from kb.cli.framework.options import choose_progress
+shown = choose_progress(quiet=False)
 for name, error in (('listed', None), ('cut', KeyboardInterrupt)):
     try:
         with shown.task(name, unit='titles') as task:
@@ -197,8 +201,8 @@ def test_a_pipe_gets_lines() -> None:
 
 def test_the_choice(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stderr", io.StringIO())
-    assert isinstance(progress.choose(quiet=True), Silent)
-    assert isinstance(progress.choose(quiet=False), LineProgress)
+    assert isinstance(choose_progress(quiet=True), Silent)
+    assert isinstance(choose_progress(quiet=False), LineProgress)
 
 
 def test_a_command_that_a_line_names_is_as_it_has_to_be_typed() -> None:
@@ -207,3 +211,20 @@ def test_a_command_that_a_line_names_is_as_it_has_to_be_typed() -> None:
     assert typed in in_a_pipe(NAMED)
     _, seen = on_a_terminal(program=NAMED)
     assert typed in seen
+
+
+@pytest.mark.parametrize("display", [lambda: LineProgress(sys.stderr, every=0.0), Bars])
+def test_names_and_facts_of_a_task(
+    monkeypatch: pytest.MonkeyPatch, display: Callable[[], Any]
+) -> None:
+    stream = Terminal()
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setenv("TERM", "dumb")
+    shown = display()
+    with shown.task(HOSTILE, 2) as task:
+        task.advance(1, last=HOSTILE)
+    getattr(shown, "close", lambda: None)()
+    assert not set("\x07\x9b\u202e\u2028\ud800") & set(stream.getvalue())
+    assert "\x1b]0;t" not in stream.getvalue()
+    assert not [line for line in stream.getvalue().splitlines() if line.startswith("kb: ")]
+    assert r"\x1b]0;t\x07" in stream.getvalue()

@@ -1,4 +1,4 @@
-"""Tests of `kb release` and `kb release publish` at the command line."""
+"""`kb release`, `kb release publish` and `kb restore` at the command line."""
 
 import shutil
 from pathlib import Path
@@ -14,6 +14,11 @@ from tests.release.gate.test_check import Rows
 from tests.release.made import build
 from tests.release.publish.test_publish import store
 from tests.release.signed import signed
+from tests.restore.conftest import (
+    Made,
+    made,  # noqa: F401  a fixture
+)
+from tests.youtube.job import Job
 
 
 def test_publish_says_where_each_draft_is(
@@ -33,10 +38,10 @@ def test_publish_says_where_each_draft_is(
 
 
 def test_everything_is_said_at_once(tmp_path: Path, here: Here) -> None:
-    def edit(name: str, made: Rows) -> None:
+    def edit(name: str, rows: Rows) -> None:
         if name == "youtube/videos":
-            made[0]["title"] = f"{SECRETS['youtube_api_key']} and jane@mail.example"
-            made[1]["toxicity_title"] = None
+            rows[0]["title"] = f"{SECRETS['youtube_api_key']} and jane@mail.example"
+            rows[1]["toxicity_title"] = None
 
     build(tmp_path, edit)
     rewritten(
@@ -56,3 +61,16 @@ def test_everything_is_said_at_once(tmp_path: Path, here: Here) -> None:
     assert said[-1].startswith("kb: the release is refused for 4 reasons")
     assert not any(SECRETS["youtube_api_key"] in line for line in said)
     assert not (tmp_path / "release" / "youtube" / "README.md").exists()
+
+
+def test_the_profile_is_the_releases_own(made: Made, tmp_path: Path) -> None:  # noqa: F811
+    release = shutil.copytree(made.release, tmp_path / "downloaded")
+    job = Job(made.sandbox, tmp_path / "far")
+    own = release / "pairs" / "profile.toml"
+    own.write_text('name = "other"\ntitle = "Other"\n[youtube]\nunits_per_day = "many"\n')
+    line = job.stopped("restore", str(release), "--plan", code=2)
+    assert str(own) in line
+    assert "units_per_day" in line
+    profile = str(tmp_path / "far" / "profile" / "profile.toml")
+    plan = job.done("restore", str(release), "--plan", "--profile", profile)
+    assert plan["command"] == "restore --plan"

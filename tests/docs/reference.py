@@ -1,21 +1,25 @@
 """Generates the reference pages from the code that they describe.
 
-python -m kb.cli.reference           writes them (make reference)
-python -m kb.cli.reference --check   exit code 1 when one is out of date
+python -m tests.docs.reference       writes them (make reference)
 
 kb/cli/README.md           commands and settings
 data/profiles/README.md    the keys of a profile
 schemas/README.md          tables and columns
 """
 
-import importlib
-import importlib.util
-import sys
 import types
 import typing
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
+
+from kb.cli.app import context, leaves
+from kb.cli.framework.options import COMMON, DESCRIBED, RUNNING
+from kb.core.config.profile import Profile
+from kb.core.config.profile.base import model_in
+from kb.core.config.settings import Settings
+from kb.core.summary.vocabulary import WORDS
+from kb.schema.tables import tables
+from tests.conftest import ROOT
 
 _MADE = "<!-- Made by `make reference`; don't edit. -->\n"
 
@@ -31,9 +35,6 @@ def pages() -> dict[str, str]:
 
 def commands() -> str:
     """Every command with its own options and examples; shared options are listed once."""
-    from kb.cli.app import context, leaves
-    from kb.cli.framework.options import COMMON, DESCRIBED, RUNNING
-
     shared = {
         p.name: (p, context(path, command))
         for path, command in leaves()
@@ -87,8 +88,6 @@ def _paragraphs(text: str) -> str:
 
 def summaries() -> str:
     """Every name in a summary, as `--json` writes it, and its meaning."""
-    from kb.core.summary.vocabulary import WORDS
-
     lines = [
         "# Summaries\n",
         (
@@ -108,8 +107,6 @@ def summaries() -> str:
 
 def settings() -> str:
     """Every environment variable."""
-    from kb.core.config.settings import Settings
-
     lines = [
         "# Settings\n",
         (
@@ -127,8 +124,6 @@ def settings() -> str:
 
 def profile_keys() -> str:
     """Every key of a profile, by section."""
-    from kb.core.config.profile import Profile
-
     lines = [
         "# Profiles\n",
         (
@@ -143,8 +138,6 @@ def profile_keys() -> str:
 
 
 def _section(title: str, model: Any) -> Iterator[str]:
-    from kb.core.config.profile.base import model_in
-
     if title:
         yield f"\n## `[{title}]`\n"
         doc = (model.__doc__ or "").strip()
@@ -204,8 +197,6 @@ def _short(value: Any) -> str:
 
 def columns() -> str:
     """Every table and column, from schemas/."""
-    from kb.schema.tables import tables
-
     lines = [
         "# Tables\n",
         (
@@ -235,22 +226,6 @@ def _cell(text: str) -> str:
     return " ".join(text.replace("|", "\\|").replace("<", "&lt;").split())
 
 
-def main(arguments: list[str]) -> int:
-    """Write the pages, or name those that are out of date."""
-    root = Path(importlib.import_module("kb").__file__ or "").resolve().parent.parent
-    stale = {
-        name: text
-        for name, text in pages().items()
-        if not (root / name).is_file() or (root / name).read_text(encoding="utf-8") != text
-    }
-    if "--check" in arguments:
-        for name in stale:
-            print(f"{name} is out of date; run `make reference`", file=sys.stderr)
-        return 1 if stale else 0
-    for name, text in stale.items():
-        (root / name).write_text(text, encoding="utf-8")
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    for name, text in pages().items():
+        (ROOT / name).write_text(text, encoding="utf-8")

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from kb.cli import reference
 from kb.core.config.settings import Settings
+from tests.docs import reference
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -1,18 +1,117 @@
-"""`kb annotate` and `kb models`: toxicity scores, and the model that computes them."""
+"""`kb tasks`, `kb links`, `kb report`, `kb annotate`, `kb models`: what is made of clean tables."""
 
 from __future__ import annotations
 
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.options import CLUSTER
+from kb.cli.framework.options import CLUSTER, pipeline
 from kb.core.context import Run
 from kb.core.errors import KbError
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
+
+tasks_app = group("Mine candidates for creative tasks from titles of videos.")
+
+
+class TasksFormat(StrEnum):
+    """Layouts of tasks."""
+
+    parquet = "parquet"
+    minedojo = "minedojo"
+
+
+@command(
+    tasks_app,
+    uses=("pipeline",),
+    again="Mine all titles again, even if nothing has changed.",
+    json="tasks, titles, starts, rejected_by",
+    needs_data=True,
+    checks=True,
+    examples=[
+        "kb tasks                                 prompts with times, in tasks/ and release/tasks/",
+        "kb tasks --format minedojo               export/minedojo/creative_tasks.yaml",
+        'kb query "FROM tasks_titles SELECT rejected_reason, count(*) GROUP BY ALL"',
+    ],
+)
+def tasks(
+    run: Run,
+    format: Annotated[
+        TasksFormat,
+        typer.Option("--format", help="Parquet goes to release/, other formats to export/FORMAT/."),
+    ] = TasksFormat.parquet,
+) -> Summary:
+    """Mine tasks from titles: "How to Build an EASY Iron Farm!" is "build an easy iron farm".
+
+    Each video gives at most one task, which begins where a chapter or the transcript first names
+    its object. Every title that gives none is in tasks_titles with the reason. The verbs and
+    phrases are those of [tasks] in the profile.
+    """
+    summary: Summary = pipeline(run, "tasks").tasks(run, format.value)
+    return summary
+
+
+links_app = group("Find which videos, wiki pages and threads mention which entities.")
+
+
+@command(
+    links_app,
+    uses=(*CLUSTER, "pipeline"),
+    again="Match every source again, even if its clean tables have not changed.",
+    json="entities, with_page, links, mentions, sources",
+    needs_data=True,
+    checks=True,
+    examples=[
+        "kb links                                 what has changed since the last run",
+        "kb links --again                         everything again",
+        "kb query \"FROM links.links WHERE entity = 'Wolf' ORDER BY count DESC LIMIT 10\"",
+    ],
+)
+def links(run: Run) -> Summary:
+    """Make the entity tables: every keyword, its wiki page, and where it is mentioned.
+
+    Videos, pages, posts and comments are matched by the same rules as pairs. links/ and
+    release/links/ hold ids, counts and seconds, but no text. A source whose clean files have not
+    changed is skipped.
+    """
+    summary: Summary = pipeline(run, "links").links(run)
+    return summary
+
+
+report_app = group("Make figures and one HTML page about the collected data.")
+
+
+@command(
+    report_app,
+    needs_data=True,
+    uses=("workers",),
+    json="figures, page, without",
+    examples=["kb report                                then open report/index.html"],
+)
+def report(
+    run: Run,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            help="Write there. [default: report/ in the data root; the cache for a download]",
+        ),
+    ] = None,
+) -> Summary:
+    """Make figures (SVG, PNG, PDF) and one page that needs no network, in report/ of the data root.
+
+    Works at any time on what has been filtered so far, on a restored data root and on a downloaded
+    release. The page names sources without data.
+    """
+    from kb.report.build import report
+
+    return report(run, out)
+
 
 annotate_app = group("Score text for toxicity. `filter` does this as well.")
 models_app = group("Download the toxicity model.")
