@@ -134,11 +134,11 @@ UPWARDS = {
     "core/clock.py": "from kb.store.layout import Layout",
     "core/signals.py": "import kb.net.retry",
     "schema/answer_keys.py": "from kb.store.rawlog import rawlog",
-    "schema/types.py": "from ..net import retry",
+    "schema/nested_elements.py": "from ..net import retry",
     "net/retry.py": "from kb.schema import tables",
     "net/rate.py": "from kb.store.state.frontier import Frontier",
     "store/atomic.py": "from kb.crawl import loop",
-    "store/rawlog/frames.py": "from kb.query import connect",
+    "store/rawlog/rawlog.py": "from kb.query import connect",
     "crawl/limits.py": "from kb.youtube import parse",
     "youtube/parse/answers.py": "from kb.wiki import urls",
 }
