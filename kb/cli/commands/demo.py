@@ -70,7 +70,7 @@ def demo(options: Options) -> Summary:
 def play(options: Options, without: Collection[str] = (), **size: Any) -> Summary:
     """The demo without some steps, in a world of this size (n_channels …; kb.sandbox.world)."""
     from kb.artifacts.table_catalog import is_root
-    from kb.cli.commands.profile_check import refuse
+    from kb.cli.commands.profile_files import refuse
     from kb.core.config.profile import DEFAULT, load_profile
     from kb.core.config.settings import Settings, load_settings
     from kb.sandbox.domain import domain_of
@@ -331,7 +331,7 @@ def sandbox(
 
 def _domain(options: Options) -> Domain:
     """The world's domain. Raises ProfileError for a profile that commands would refuse."""
-    from kb.cli.commands.profile_check import refuse
+    from kb.cli.commands.profile_files import refuse
     from kb.core.config.profile import DEFAULT, load_profile
     from kb.core.config.settings import load_settings
     from kb.sandbox.domain import domain_of

@@ -117,7 +117,6 @@ class Options:
         Raises SettingError, ProfileError or OtherService before anything is sent or written.
         """
         from kb.artifacts.table_catalog import address_of, existing
-        from kb.cli.commands.profile_check import refuse
         from kb.core.config.settings import load_settings, unknown_names
         from kb.core.context import Run, default_workers
         from kb.net import redact
@@ -141,6 +140,8 @@ class Options:
             )
         profile = _profile(loaded.kb_profile, root, needs)
         if checks:
+            from kb.cli.commands.profile_files import refuse
+
             refuse(profile)
         address = address_of(loaded.kb_data)
         if address and not addresses:
