@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 
 from kb.core.config.addresses import is_loopback
-from kb.core.config.profile.wiki import WikiSection
+from kb.core.config.profile.collecting import WikiSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase, plan, to_read

@@ -17,7 +17,7 @@ from kb.core.errors import SettingError
 from kb.core.summary import Summary
 
 if TYPE_CHECKING:
-    from kb.core.config.profile.check_finding import Finding, QuestionCost
+    from kb.core.config.profile.base import Finding, QuestionCost
     from kb.pairs.keyword_proposal import Proposal
 
 
@@ -118,7 +118,7 @@ def check(
         selector_findings,
     )
     from kb.core.config.profile import find_profile
-    from kb.core.config.profile.check_finding import ERROR, LEVELS, NOTE, Finding
+    from kb.core.config.profile.base import ERROR, LEVELS, NOTE, Finding
 
     if name is not None and options.profile not in (None, name):
         raise SettingError(f"two profiles are named, {name} and {options.profile}")

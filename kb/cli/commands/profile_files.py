@@ -16,9 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from kb.core.config.addresses import is_loopback
 from kb.core.config.profile import is_shipped, load_profile
-from kb.core.config.profile.base import is_placeholder
-from kb.core.config.profile.check import Checked, check_file
-from kb.core.config.profile.check_finding import (
+from kb.core.config.profile.base import (
     ERROR,
     NOTE,
     REFUSED,
@@ -28,10 +26,11 @@ from kb.core.config.profile.check_finding import (
     Finding,
     OnlineAnswer,
     QuestionCost,
+    is_placeholder,
     worst_first,
 )
+from kb.core.config.profile.check import Checked, check_file
 from kb.core.config.profile.new import KEYWORDS, profile_text
-from kb.core.config.profile.plausibility import subreddit_meant
 from kb.core.errors import (
     CredentialRefused,
     FatalError,
@@ -274,8 +273,7 @@ def _check_given(text: str, *, wiki: str | None, subreddit: str | None) -> None:
         wrong = {one.key: one for one in check_file(path).findings if one.level == ERROR}
     for key, (option, value) in given.items():
         if value is not None and key in wrong:
-            guess = subreddit_meant(value) if key == "reddit.subreddit" else ""
-            raise SettingError(f"{option} is {value!r}", hint=guess or wrong[key].fix)
+            raise SettingError(f"{option} is {value!r}", hint=wrong[key].fix)
 
 
 def _home() -> Path:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from datetime import datetime
 
 from kb.core.cached_property import cached_property
-from kb.core.config.profile.reddit import RedditSection
+from kb.core.config.profile.collecting import RedditSection
 from kb.core.context import Run
 from kb.core.errors import ItemFinal
 from kb.core.summary import Summary

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from kb.core.config.profile.reddit import RedditSection as Section
+from kb.core.config.profile.collecting import RedditSection as Section
 from kb.reddit.crawl.reduce import OUTSIDE, ListingCursor, PostItem
 from kb.reddit.parse import answer_tree
 from kb.store.state.frontier import Frontier

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 
 from kb.core import signals
-from kb.core.config.profile.reddit import RedditSection
+from kb.core.config.profile.collecting import RedditSection
 from kb.core.context import Run
 from kb.core.engine import make_executor
 from kb.core.errors import Interrupted, LimitReached, Stopped

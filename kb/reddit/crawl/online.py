@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from kb.core.config.profile.check_finding import (
+from kb.core.config.profile.base import (
     ERROR,
     NOTE,
     WARNING,
@@ -10,7 +10,7 @@ from kb.core.config.profile.check_finding import (
     OnlineAnswer,
     QuestionCost,
 )
-from kb.core.config.profile.reddit import RedditSection
+from kb.core.config.profile.collecting import RedditSection
 from kb.core.context import Run
 from kb.core.errors import ItemFinal
 from kb.reddit.crawl.client import Client

@@ -13,7 +13,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.config.profile.reddit import Links, RedditSection
+from kb.core.config.profile.collecting import Links, RedditSection
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.reddit.parse import answers as parse

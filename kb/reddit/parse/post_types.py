@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 from urllib.parse import urlsplit
 
-from kb.core.config.profile.reddit import Links
+from kb.core.config.profile.collecting import Links
 
 Post = Mapping[str, Any]
 _SUBDOMAINS = ("www.", "m.", "old.", "new.", "i.")

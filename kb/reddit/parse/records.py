@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from html.entities import html5
 from typing import Any
 
-from kb.core.config.profile.reddit import Links
+from kb.core.config.profile.collecting import Links
 from kb.reddit.parse import answer_tree
 from kb.reddit.parse.people import PURGED
 from kb.reddit.parse.post_types import (

@@ -8,7 +8,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.artifacts.restore import MISSING, WantedContent
-from kb.core.config.profile.reddit import RedditSection
+from kb.core.config.profile.collecting import RedditSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPart, PlanPhase

@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 
 from requests import PreparedRequest
 
-from kb.core.config.profile.wiki import WikiSection
+from kb.core.config.profile.collecting import WikiSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.crawl.connector import Answer, Connector, Opened, Phase

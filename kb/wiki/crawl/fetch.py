@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from kb.core import signals
-from kb.core.config.profile.wiki import WikiSection
+from kb.core.config.profile.collecting import WikiSection
 from kb.core.errors import ItemFinal, Retryable
 from kb.crawl.connector import Answer
 from kb.store.layout import BELOW, Layout

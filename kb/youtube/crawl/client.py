@@ -15,7 +15,7 @@ import requests
 from googleapiclient.discovery import build
 from googleapiclient.errors import HttpError
 
-from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import CredentialRefused, ItemFinal, KbError, Retryable
 from kb.crawl.connector import Opened

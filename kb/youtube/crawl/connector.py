@@ -22,7 +22,7 @@ from typing import Any, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import KbError, SettingError
 from kb.core.summary import Summary

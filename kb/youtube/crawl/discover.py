@@ -8,7 +8,7 @@ import pyarrow as pa
 
 from kb.core import clock
 from kb.core.config.profile.check import key_lines, line_of
-from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.store.rawlog import rawlog

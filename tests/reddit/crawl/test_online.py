@@ -2,7 +2,7 @@
 
 import pytest
 
-from kb.core.config.profile.check_finding import ERROR, NOTE, WARNING, QuestionCost
+from kb.core.config.profile.base import ERROR, NOTE, WARNING, QuestionCost
 from kb.reddit.crawl.online import question
 from tests.reddit.work import Work
 

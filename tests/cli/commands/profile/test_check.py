@@ -24,7 +24,7 @@ WARNINGS = [
     toml('["rock garden"]', '["spring"]', 4, 'the everyday word "spring"', "topic_keywords"),
     toml('["rock garden"]', '["alpines", "Alpines"]', 4, "twice"),
     toml("[26]", "[99]", 5, "99, which is not a YouTube category", "26 Howto"),
-    toml("[26]", '[26]\ngame_ids = ["Gardens"]', 6, "no browse id", "begins with UC"),
+    toml("[26]", '[26]\ngame_ids = ["Gardens"]', 6, "not a browse id", "begins with UC"),
     toml("[26]", "[26]\nmin_aspect_ratio = 2", 6, "'youtube.min_aspect_ratio'", "hardly one"),
     toml("[26]", "[26]\nmax_age_days = 90", 6, "'youtube.max_age_days' is 90", "30 days"),
     toml("//gardens.wiki", "//gardens.wiki/wiki/Saxifrage", 7, "looks like a page", "the root"),
@@ -157,12 +157,12 @@ def test_a_copied_folder_beside_the_shipped_ones_needs_its_own_name(
 ) -> None:
     from kb.core import installation
     from kb.core.config import profile
-    from kb.core.config.profile import plausibility
+    from kb.core.config.profile import check
 
     profiles = tmp_path / "profiles"
     (profiles / "garden").mkdir(parents=True)
     written(profiles / "garden", toml('"garden"', '"minecraft"', 1, ""))
-    for module in (profile, plausibility, installation):
+    for module in (profile, check, installation):
         monkeypatch.setattr(module, "folder", lambda name: profiles)
     assert typed("profile", "check", "garden", "--json") == 2
     (one,) = [found for found in summary_of(capsys)["findings"] if found["level"] == "error"]

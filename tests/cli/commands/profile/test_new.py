@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from kb.core.config.profile import load_profile
+from kb.core.config.profile.base import ERROR
 from kb.core.config.profile.check import check_file
-from kb.core.config.profile.check_finding import ERROR
 from kb.core.config.profile.new import KEYWORDS, profile_text
 from kb.core.installation import folder
 from kb.pairs.keywords import NEVER, Keyword, read
@@ -27,7 +27,7 @@ from tests.cli.commands.profile.conftest import (
     written,
 )
 from tests.cli.conftest import Kb, clean_environment
-from tests.core.config.profile.filled import filled
+from tests.core.config.profile.test_new import filled
 
 
 def place_of(finding: dict[str, Any]) -> str:

@@ -1,11 +1,75 @@
-"""[wiki]: which wiki, how its pages are shown and measured, which are kept."""
+"""[youtube], [wiki], [reddit]: what is collected from each source, and which items are kept."""
 
 import re
+from typing import Literal, get_args
 
 from pydantic import Field, ValidationInfo, field_validator
 
 from kb.core.config.addresses import root_of
-from kb.core.config.profile.base import Section
+from kb.core.config.profile.base import Phrases, Section
+
+
+class YouTubeSection(Section):
+    """The YouTube part of a profile (MineDojo paper, data collection appendix: YouTube)."""
+
+    table = "youtube"
+    about = "YouTube: which channels are searched, which videos are kept"
+
+    keywords: Phrases = Field(min_length=1, description="searches that find channels")
+    topic_keywords: Phrases = Field(
+        (),
+        description="whole words that indicate the topic without a label; default: keywords",
+    )
+    game_ids: tuple[str, ...] = Field(
+        (), description="browse ids of the topic's label on watch pages, if YouTube has one"
+    )
+    category_ids: tuple[int, ...] = Field(
+        min_length=1, description="YouTube categories of the topic (20 is Gaming)"
+    )
+    search_pages: int = Field(
+        10,
+        ge=1,
+        le=10,
+        description="result pages of 50 channels per keyword; the API returns about 500 at most",
+    )
+    uploads: Literal["all", "no_shorts"] = Field(
+        "all", description="list every upload, or skip Shorts"
+    )
+    min_views: int = Field(
+        100, ge=0, le=20_000_000_000, description="minimum views of a kept video"
+    )
+    min_aspect_ratio: float = Field(
+        1.0, ge=0, le=10, description="minimum aspect ratio (width / height) of a video"
+    )
+    min_duration_s: float = Field(
+        60, ge=0, le=43_200, description="minimum duration of a video, in seconds"
+    )
+    transcripts: Literal["required", "optional"] = Field(
+        "required", description="whether a video without transcript is kept"
+    )
+    language: str = Field(
+        "en", pattern=r"^[a-z]{2,3}$", description="language of the transcripts", examples=["en"]
+    )
+    translate: bool = Field(
+        True, description="use YouTube's translation if there is no transcript in the language"
+    )
+    transcripts_per_hour: float = Field(
+        300, gt=0, description="maximum videos per hour from the public site"
+    )
+    max_age_days: int = Field(
+        30, ge=1, description="API data older than this is re-read by `kb refresh youtube`"
+    )
+    max_tries: int = Field(
+        5, ge=1, le=20, description="attempts per request before its item counts as failed"
+    )
+    units_per_day: int = Field(10_000, ge=1, description="quota of the general bucket, in units")
+    searches_per_day: int = Field(100, ge=1, description="quota of the search bucket, in searches")
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Whole words or phrases that show the topic."""
+        return self.topic_keywords or self.keywords
+
 
 _REGIONS = {
     "infobox": ".infobox, .portable-infobox, .notaninfobox, [class^='infobox']",
@@ -130,7 +194,7 @@ class WikiSection(Section):
         (), description="namespaces to read; default: the wiki's content namespaces"
     )
     min_words: int = Field(
-        20, ge=0, description="minimum words of visible text of a page, including cells"
+        20, ge=0, le=500_000, description="minimum words of visible text of a page, including cells"
     )
     viewport_width: int = Field(
         1280, ge=320, le=4096, description="width of the browser's window, in CSS px"
@@ -251,3 +315,61 @@ def _closed(text: str, place: int) -> int | None:
         if not depth:
             return place
     return None
+
+
+Listing = Literal["new", "top", "controversial", "hot", "rising"]
+Span = Literal["all", "year", "month", "week", "day", "hour"]
+
+
+class Links(Section):
+    """How the address of a link post tells what it shows. Endings decide first, then hosts.
+
+    A host counts with its subdomains `www`, `m`, `old`, `new` and `i`. `video_paths` are sites
+    where only some pages are videos: the path starts with one of these.
+    """
+
+    image_endings: tuple[str, ...] = Field(
+        ("jpg", "jpeg", "png", "gif", "webp", "bmp"), description="file endings of images"
+    )
+    video_endings: tuple[str, ...] = Field(
+        ("gifv", "mp4", "webm", "mov"), description="file endings of videos"
+    )
+    image_hosts: tuple[str, ...] = Field(
+        ("i.redd.it", "preview.redd.it", "i.reddituploads.com", "imgur.com"),
+        description="image hosts",
+    )
+    video_hosts: tuple[str, ...] = Field(
+        ("v.redd.it", "streamable.com", "gfycat.com"), description="video hosts"
+    )
+    video_paths: dict[str, tuple[str, ...]] = Field(
+        default_factory=dict, description="path prefixes of videos, by host"
+    )
+
+
+class RedditSection(Section):
+    """The Reddit part of a profile (MineDojo paper, data collection appendix: Reddit)."""
+
+    table = "reddit"
+    about = "Reddit: which posts are kept, what their links show"
+
+    subreddit: str = Field(
+        pattern=r"^[A-Za-z0-9_]{2,21}$", description="name without r/", examples=["Minecraft"]
+    )
+    search: tuple[str, ...] = Field(
+        (), description="search terms in the subreddit, besides its listings"
+    )
+    listings: tuple[Listing, ...] = Field(get_args(Listing), description="listings to read")
+    spans: tuple[Span, ...] = Field(
+        get_args(Span), description="time spans of top and controversial"
+    )
+    min_score: int = Field(5, le=1_000_000, description="minimum score of a kept post")
+    links: Links = Links()
+    max_age_days: int = Field(
+        30, ge=1, description="live figures older than this are re-read by `kb refresh reddit`"
+    )
+    requests_per_minute: float = Field(
+        100, gt=0, description="maximum requests per minute to the public service"
+    )
+    max_tries: int = Field(
+        5, ge=1, le=20, description="attempts per request before its items count as failed"
+    )
