@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import re
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import cache
@@ -20,7 +19,7 @@ from kb.cli.framework.messages import warn, with_options
 from kb.core import terminal
 from kb.core.config.pipeline import load, locate
 from kb.core.errors import MissingExtra, ProfileError, SettingError
-from kb.core.progress import Counted, LineProgress, Progress, Silent, Task
+from kb.core.progress import LineProgress, Progress, Task
 
 if TYPE_CHECKING:
     from kb.core.config.profile import Profile
@@ -253,18 +252,10 @@ def pipeline(run: Run, name: str) -> ModuleType:
 
 
 def choose_progress(*, quiet: bool) -> Progress:
-    """The display that fits where stderr goes."""
+    """Bars on a terminal, plain lines elsewhere, nothing with --quiet."""
     if quiet:
-        return Silent()
-    return Bars() if sys.stderr.isatty() else Lines()
-
-
-class Lines(LineProgress):
-    """Plain lines, in which commands are completed with --data and --profile."""
-
-    def say(self, text: str) -> None:
-        """One line."""
-        super().say(with_options(text))
+        return Progress()
+    return Bars() if sys.stderr.isatty() else LineProgress(complete=with_options)
 
 
 class Bars(Progress):
@@ -272,19 +263,33 @@ class Bars(Progress):
 
     def __init__(self) -> None:
         self._live: Any = None
+        self._bars: dict[Task, Any] = {}
 
     def say(self, text: str) -> None:
-        """One line above the bars."""
+        """Print one line above the bars."""
         shown = terminal.one_line(with_options(text))
         if self._live is not None:
             self._live.console.print(shown, highlight=False, markup=False)
         else:
             print(shown, file=sys.stderr, flush=True)
 
-    def _task(
-        self, name: str, total: int | None, unit: str, waiting: Callable[[], int] | None
-    ) -> Task:
-        return BarTask(self._start(), name, total, unit, waiting)
+    def show(self, task: Task) -> None:
+        """Draw a task's bar."""
+        if self._live is None:
+            self._live = _live_bars()
+        if task not in self._bars:
+            self._bars[task] = self._live.add_task(
+                terminal.one_line(task.name), total=task.total, figures="", facts=""
+            )
+        self._live.update(
+            self._bars[task],
+            completed=task.done,
+            figures="  ".join(task.figures()),
+            facts=terminal.one_line("  ".join(task.facts())),
+            **({} if task.total is None else {"total": task.total}),
+        )
+        if task.ended:
+            self._live.stop_task(self._bars.pop(task))
 
     def close(self) -> None:
         """Stop updating the bars, and release the terminal."""
@@ -292,54 +297,21 @@ class Bars(Progress):
             self._live.stop()
             self._live = None
 
-    def _start(self) -> Any:
-        if self._live is None:
-            from rich import progress as rich
-            from rich.console import Console
 
-            self._live = rich.Progress(
-                rich.TextColumn("{task.description}", markup=False),
-                rich.BarColumn(bar_width=24),
-                rich.TextColumn("{task.fields[figures]}", markup=False),
-                rich.TextColumn("{task.fields[facts]}", markup=False, style="dim"),
-                console=Console(stderr=True),
-                refresh_per_second=4,
-            )
-            self._live.start()
-        return self._live
+def _live_bars() -> Any:
+    from rich import progress as rich
+    from rich.console import Console
 
-
-class BarTask(Counted):
-    """A bar of the live display."""
-
-    def __init__(
-        self,
-        live: Any,
-        name: str,
-        total: int | None,
-        unit: str,
-        waiting: Callable[[], int] | None,
-    ) -> None:
-        super().__init__(name, total, unit, waiting)
-        self._live = live
-        self._number = live.add_task(
-            terminal.one_line(name), total=self.total, figures="", facts=""
-        )
-        self._show()
-
-    def _show(self) -> None:
-        figures = f"{self.figures()} {self.unit}".rstrip()
-        self._live.update(
-            self._number,
-            completed=self.done,
-            figures="  ".join(filter(None, (figures, self.rate(), self.time_left()))),
-            facts=terminal.one_line("  ".join(self.facts())),
-            **({} if self.total is None else {"total": self.total}),
-        )
-
-    def _end(self) -> None:
-        self._show()
-        self._live.stop_task(self._number)
+    live = rich.Progress(
+        rich.TextColumn("{task.description}", markup=False),
+        rich.BarColumn(bar_width=24),
+        rich.TextColumn("{task.fields[figures]}", markup=False),
+        rich.TextColumn("{task.fields[facts]}", markup=False, style="dim"),
+        console=Console(stderr=True),
+        refresh_per_second=4,
+    )
+    live.start()
+    return live
 
 
 def in_demo_root(root: Path, settings: Settings, profile: Profile) -> tuple[Settings, Profile]:

@@ -14,7 +14,7 @@ import pytest
 
 from kb.cli.framework.options import Bars, choose_progress
 from kb.core import clock
-from kb.core.progress import Counted, LineProgress, Silent
+from kb.core.progress import LineProgress, Progress, Task
 from tests.cli.conftest import clean_environment
 from tests.core.test_terminal import HOSTILE, Terminal
 
@@ -167,25 +167,27 @@ def test_a_task_of_unknown_length_is_whole_in_the_end_but_not_when_it_was_stoppe
     assert "cut: 7/? titles" in lines
 
 
-def test_time_left_is_told_only_where_it_means_something(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rate_and_time_left_are_told_only_where_they_mean_something(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     now = 0.0
     monkeypatch.setattr(clock, "monotonic", lambda: now)
     waiting = 100
-    task = Counted("metadata", None, "videos", lambda: waiting)
+    task = Task("metadata", None, "videos", lambda: waiting, lambda task: None)
     task.advance(10)
-    assert task.time_left() == "", "too early to tell"
+    assert task.figures() == ["10/100 videos"], "too early to tell"
     now, waiting = 10.0, 90
     task.advance(0)
-    assert (task.figures(), task.time_left()) == ("10/100", "1m 30s left")
+    assert task.figures() == ["10/100 videos", "1.0/s", "1m 30s left"]
     waiting = 190
     now = 11.0
     task.advance(0)
-    assert (task.figures(), task.time_left()) == ("10/200", ""), "more are being found"
+    assert task.figures() == ["10/200 videos", "54.5/min"], "more are being found"
     now = 20.0
-    assert task.time_left() == "6m 20s left"
+    assert task.figures()[2] == "6m 20s left"
     waiting = 0
     task.advance(190)
-    assert (task.figures(), task.time_left()) == ("200/200", "")
+    assert task.figures() == ["200/200 videos", "10.0/s"]
 
 
 def test_quiet_shows_nothing() -> None:
@@ -201,7 +203,7 @@ def test_a_pipe_gets_lines() -> None:
 
 def test_the_choice(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stderr", io.StringIO())
-    assert isinstance(choose_progress(quiet=True), Silent)
+    assert type(choose_progress(quiet=True)) is Progress
     assert isinstance(choose_progress(quiet=False), LineProgress)
 
 
