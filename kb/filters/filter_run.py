@@ -5,8 +5,8 @@ pending.
     texts    a task per bucket: texts that reach the toxicity stage, scored if they have no score
     judge    a task per bucket: newest rows joined, judged by stages in order, written
 
-The steps of a task are in kb.filters.tasks. Workers get paths and names only, and load the pipeline
-by its path. clean/<source> is replaced in one step after the counts were checked.
+The steps of a task are in kb.filters.tasks. Workers get paths and names only, and of a
+user's own pipeline its text. clean/<source> is replaced in one step after the counts were checked.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ def check_kept(run: Run, source: str, summary: Summary) -> None:
 
 def _job(run: Run, source: str) -> FilterJob:
     return FilterJob(
-        pipeline=str(pipeline.locate(source, run.pipeline)),
+        pipeline=pipeline.packed(source, run.pipeline),
         profile=run.profile.model_dump_json(),
         profile_path=str(run.profile.path),
         source=source,
@@ -180,6 +180,13 @@ def _segments(root: Path, spec: Clean) -> list[tuple[str, Path]]:
         raise FatalError(
             f"nothing to filter: {Layout(root).raw(spec.source)} is empty",
             hint=f"run `kb {spec.source} crawl` first",
+        )
+    if len(marks := Layout(root).key_marks(spec.source)) > 1:
+        raise FatalError(
+            f"the authors in {marks[0].parent} were hashed with {len(marks)} keys:"
+            f" {', '.join(path.name for path in marks)}",
+            hint=f"collect again on all machines but one, with a copy of its"
+            f" {Layout(root).key(spec.source)}",
         )
     return segments
 

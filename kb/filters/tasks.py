@@ -9,13 +9,13 @@
 
 `collect_texts` does `latest`, `join` and a part of `judge_chain` before, to find the texts that
 need a toxicity score. A task is a `FilterJob` and the name of a segment or the number of a bucket;
-the pipeline is loaded by its path. No function holds more than a bucket.
+the pipeline is made of its name or text. No function holds more than a bucket.
 """
 
 import json
 from collections import Counter
 from collections.abc import Mapping
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,9 +35,9 @@ from kb.store.tables.shard_writer import write_table
 
 
 class FilterJob(NamedTuple):
-    """What a worker needs to know, as plain strings and numbers."""
+    """What a worker needs to know, as plain strings and numbers. `pipeline` is packed."""
 
-    pipeline: str
+    pipeline: tuple[str, str]
     profile: str
     profile_path: str
     source: str
@@ -49,12 +49,14 @@ class FilterJob(NamedTuple):
     scores: str = ""
 
 
-@cache
-def _pipeline_spec(path: str, profile: str, profile_path: str, source: str) -> Clean:
+@lru_cache(maxsize=8)
+def _pipeline_spec(
+    packed: tuple[str, str], profile: str, profile_path: str, source: str
+) -> Clean:
     made = Profile.model_validate({**json.loads(profile), "path": profile_path})
-    spec = pipeline.load(path).clean(made)
+    spec = pipeline.unpack(*packed).clean(made)
     if not isinstance(spec, Clean) or spec.source != source:
-        raise FatalError(f"{path}: clean(p) must return the Clean of {source}")
+        raise FatalError(f"{packed[0]}: clean(p) must return the Clean of {source}")
     return spec
 
 
