@@ -50,9 +50,7 @@ class FilterJob(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def _pipeline_spec(
-    packed: tuple[str, str], profile: str, profile_path: str, source: str
-) -> Clean:
+def _pipeline_spec(packed: tuple[str, str], profile: str, profile_path: str, source: str) -> Clean:
     made = Profile.model_validate({**json.loads(profile), "path": profile_path})
     spec = pipeline.unpack(*packed).clean(made)
     if not isinstance(spec, Clean) or spec.source != source:

@@ -10,8 +10,8 @@ from kb.artifacts import manifest
 from kb.core.errors import FatalError, UsageError
 from kb.core.progress import Silent
 from kb.store.artifact_registry import MANIFEST
-from kb.store.tables import parquet
 from kb.store.layout import Layout
+from kb.store.tables import parquet
 from kb.verify.findings import Findings
 from kb.verify.root import verify as look_at
 
