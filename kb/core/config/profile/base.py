@@ -126,9 +126,8 @@ def problems(error: ValidationError, model: type[BaseModel]) -> list[Problem]:
         if kind == "extra_forbidden":
             *parents, last = one["loc"]
             inside = field_of(model, parents)
-            names = (model_in(inside.annotation) if inside else model).model_fields.keys() - {
-                "path"
-            }
+            section = model_in(inside.annotation) if inside else model
+            names = set(section.model_fields) - {"path"} if section else set()
             close = difflib.get_close_matches(str(last), names, n=1, cutoff=0.5)
             fix = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(sorted(names))}"
             found.append((key, f"unknown key '{key}'", fix))
@@ -141,9 +140,10 @@ def problems(error: ValidationError, model: type[BaseModel]) -> list[Problem]:
             fix = one["msg"].removeprefix("Value error, ")
             if kind == "string_pattern_mismatch":
                 fix = f"must be: {about}"  # rather than a regular expression
-            # A table is not shown whole: what is wrong in it is said.
-            whole = isinstance(value, (dict, BaseModel))
-            found.append((key, f"'{key}'" + ("" if whole else f" is {terminal.shown(value)}"), fix))
+            if isinstance(value, (dict, BaseModel)):  # a table is not shown whole
+                found.append((key, f"'{key}': {fix}", ""))
+            else:
+                found.append((key, f"'{key}' is {terminal.shown(value)}", fix))
     return list(dict.fromkeys(found))
 
 

@@ -71,7 +71,7 @@ def test_a_placeholder_in_the_settings_is_seen_unless_all_is_local(
 
 @pytest.mark.parametrize(
     ("spdx", "fix"),
-    [("CC-BY-4", 'did you mean "CC-BY-4.0"?'), ("MY-LICENCE", "known: CC-BY-3.0, CC-BY-4.0, ")],
+    [("CC-BY-4", "known: "), ("MY-LICENCE", "known: CC-BY-3.0, CC-BY-4.0, ")],
 )
 def test_a_licence_is_one_that_a_release_can_carry(
     spdx: str, fix: str, tmp_path: Path, typed: Typed, capsys: pytest.CaptureFixture[str]

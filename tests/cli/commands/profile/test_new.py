@@ -182,7 +182,7 @@ def test_an_address_and_a_subreddit_are_filled_in(tmp_path: Path, kb: Kb) -> Non
             ),
         ),
         (("g", "--wiki", "g.wiki"), "--wiki is 'g.wiki'; must be an address like"),
-        (("g", "--subreddit", "r/gg"), "--subreddit is 'r/gg'; write it without r/: \"gg\""),
+        (("g", "--subreddit", "r/gg"), "--subreddit is 'r/gg'; must be: name without r/"),
         (("g", "--from", "minecarft"), "there is no profile 'minecarft'"),
         (("g", "--out", "there"), "there/keywords.tsv already exists, and is not overwritten"),
     ],
