@@ -26,7 +26,7 @@ import pyarrow.compute as pc
 from kb.artifacts import domain_binding, index, manifest
 from kb.core.config import pipeline
 from kb.core.context import Run
-from kb.core.engine import make_executor, map_in_order
+from kb.core.engine import Workers, executor_of, map_in_order
 from kb.core.errors import CountMismatch, DamagedData, FatalError, NothingKept
 from kb.core.summary import Summary, Tally, vocabulary
 from kb.filters.chain import VERDICTS, Clean
@@ -74,7 +74,7 @@ def run_clean(run: Run, source: str) -> Summary:
                 job = decoded.job._replace(out=str(fresh))
                 with run.progress.task(f"filter {source}", total=job.buckets, unit="parts") as task:
                     for done in map_in_order(
-                        decoded.executor, filter_bucket, decoded.tasks(job), 2 * run.workers
+                        decoded.executor, filter_bucket, decoded.tasks(job), decoded.executor.window
                     ):
                         counts.update(done)
                         task.advance(1, kept=counts["kept"], rejected=counts["rejected"])
@@ -138,7 +138,7 @@ class _Decoded(NamedTuple):
     """Raw answers as partitioned rows: how many of which kind are in which bucket; unknown keys."""
 
     job: FilterJob
-    executor: Any
+    executor: Workers
     rows: dict[str, Counter[int]]
     unknown: Counter[str]
 
@@ -166,7 +166,7 @@ def _decoded(run: Run, job: FilterJob) -> Iterator[_Decoded]:
     work.mkdir(parents=True)
     job = job._replace(work=str(work), buckets=partition.how_many(size))
     try:
-        with make_executor(run.engine, run.processes(size), run.scheduler) as executor:
+        with executor_of(run, size) as executor:
             yield _Decoded(job, executor, *_decode(run, job, segments, executor))
     finally:
         shutil.rmtree(work, ignore_errors=True)
@@ -192,7 +192,7 @@ def _segments(root: Path, spec: Clean) -> list[tuple[str, Path]]:
 
 
 def _decode(
-    run: Run, job: FilterJob, segments: list[tuple[str, Path]], executor: Any
+    run: Run, job: FilterJob, segments: list[tuple[str, Path]], executor: Workers
 ) -> tuple[dict[str, Counter[int]], Counter[str]]:
     rows: dict[str, Counter[int]] = {kind: Counter() for kind, _ in segments}
     unknown: Counter[str] = Counter()
@@ -202,7 +202,7 @@ def _decode(
         with run.progress.task(
             f"decode {job.source}", total=len(segments), unit="raw files"
         ) as task:
-            decoding = map_in_order(executor, decode_segment, tasks, window=2 * run.workers)
+            decoding = map_in_order(executor, decode_segment, tasks, window=executor.window)
             for (kind, path), done in zip(segments, decoding, strict=True):
                 rows[kind].update(done["rows"])
                 unknown.update(done["unknown"])
@@ -226,7 +226,8 @@ def _decode(
 
 def _texts(run: Run, decoded: _Decoded) -> Iterator[pa.Array[Any]]:
     tasks = decoded.tasks(decoded.job)
-    for path in map_in_order(decoded.executor, collect_texts, tasks, window=2 * run.workers):
+    executor = decoded.executor
+    for path in map_in_order(executor, collect_texts, tasks, window=executor.window):
         with pa.ipc.open_file(path) as file:
             for number in range(file.num_record_batches):
                 yield file.get_batch(number).column(0)

@@ -88,17 +88,18 @@ def _discard_stdout() -> None:
 
 
 def describe(error: BaseException) -> tuple[str, str, int]:
-    """(message, hint, exit code) of anything that can end a command."""
+    """(message, hint, exit code) of anything that can end a command; notes say on which machine."""
+    notes = "".join(f" ({note})" for note in getattr(error, "__notes__", ()))
     if isinstance(error, KbError):
-        return str(error), error.hint, error.exit_code
+        return f"{error}{notes}", error.hint, error.exit_code
     if isinstance(error, KeyboardInterrupt):
         return "stopped", "run the same command to resume", INTERRUPTED
     if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}", "", 1
+        return f"{error.filename}: {error.strerror}{notes}", "", 1
     if isinstance(error, MemoryError):
-        return "out of memory", "try fewer --workers", 1
+        return f"out of memory{notes}", "try fewer --workers", 1
     text = str(error).splitlines()[0] if str(error) else ""
-    message = f"unexpected {type(error).__name__}: {text}"
+    message = f"unexpected {type(error).__name__}: {text}{notes}"
     return message, "run it again with --debug for the traceback", 1
 
 
