@@ -14,12 +14,12 @@ from kb.core.context import Run
 from kb.filters.filter_run import run_clean, texts
 from kb.release.build import release
 from kb.release.metadata.measure import models
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store.tables.shard_writer import write_table
 from tests.annotate.conftest import make_run, tiny  # noqa: F401  fixtures
 from tests.annotate.made import make_checkpoint
 from tests.conftest import needs
+from tests.faults import Sandbox
 from tests.inprocess import Here
 from tests.links import made
 from tests.links.conftest import run  # noqa: F401  a fixture

@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-from kb.sandbox.server import Sandbox
 from tests.cli.commands.profile.conftest import (
     ERRORS,
     GOOD,
@@ -18,6 +17,7 @@ from tests.cli.commands.profile.conftest import (
     written,
 )
 from tests.cli.conftest import Kb
+from tests.faults import Sandbox
 from tests.pairs.made import fill, tables
 
 WARNINGS = [

@@ -16,7 +16,6 @@ from kb.core.config.profile.check import check_file
 from kb.core.config.profile.new import KEYWORDS, profile_text
 from kb.core.installation import folder
 from kb.pairs.keywords import NEVER, Keyword, read
-from kb.sandbox.server import Sandbox
 from tests.cli.commands.profile.conftest import (
     ERRORS,
     GOOD,
@@ -28,6 +27,7 @@ from tests.cli.commands.profile.conftest import (
 )
 from tests.cli.conftest import Kb, clean_environment
 from tests.core.config.profile.test_new import filled
+from tests.faults import Sandbox
 
 
 def place_of(finding: dict[str, Any]) -> str:
