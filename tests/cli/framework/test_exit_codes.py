@@ -254,3 +254,11 @@ def test_a_named_command_is_completed_with_what_this_call_was_given(text: str, w
     finally:
         set_options()
     assert with_options(text) == text
+
+
+def test_an_address_that_a_hint_repeats_is_whole() -> None:
+    set_options(Path("s3://bucket/release"))
+    try:
+        assert "--data s3://bucket/release`" in with_options("`kb query`")
+    finally:
+        set_options()

@@ -137,7 +137,8 @@ def web_server(folder: Path) -> Iterator[str]:
     def serve(request: Request) -> Response:
         path = folder / request.path.strip("/")
         if path.is_dir():
-            links = "".join(f'<a href="{one.name}">{one.name}</a>' for one in path.iterdir())
+            names = [one.name + "/" * one.is_dir() for one in path.iterdir()]
+            links = "".join(f'<a href="{name}">{name}</a>' for name in names)
             return Response(f"<a href='../'>..</a>{links}", mimetype="text/html")
         return send_file(path, request.environ, conditional=True)
 
