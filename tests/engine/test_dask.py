@@ -24,7 +24,7 @@ from kb.core.errors import FatalError, Interrupted, MissingExtra, SettingError, 
 sys.path.insert(0, str(Path(__file__).parent))
 import tasks
 
-from tests.conftest import needs
+from tests.conftest import ROOT, needs
 
 needs("distributed")
 
@@ -161,8 +161,8 @@ class Own:
         threading.Thread(target=line.read, daemon=True).start()
 
     def start(self, what: str, *words: str, code: str = "", place: Path | None = None) -> None:
-        path = os.pathsep.join(filter(None, (str(Path(__file__).parent), code)))
-        environment = os.environ | {"PYTHONPATH": path}
+        paths = (str(Path(__file__).parent), code, str(ROOT))  # this code, wherever it is installed
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
         command = [sys.executable, "-m", "dask", what, *words]
         err = subprocess.PIPE if what == "scheduler" else subprocess.DEVNULL
         if what in self.processes:
