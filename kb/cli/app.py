@@ -33,6 +33,7 @@ TREE = {
     "mcp": "Serve search and tables to agents (Model Context Protocol).",
     "query": "Run SQL over the tables with DuckDB.",
     "explore": "Look at rows, stages and pairs in a browser, on this machine.",
+    "merge": "Bring the data roots of several machines into one.",
     "refresh": "Re-read data that the services' terms require fresh.",
     "purge": "Remove content that was deleted at its source or is named.",
     "sandbox": "Serve invented YouTube, wiki and Reddit on this machine.",
@@ -87,6 +88,8 @@ def _loaded(name: str) -> Any:  # noqa: PLR0915  a list of imports
             from kb.cli.commands.query import app
         case "explore":
             from kb.cli.commands.search import explore_app as app
+        case "merge":
+            from kb.cli.commands.maintain import merge_app as app
         case "refresh":
             from kb.cli.commands.maintain import refresh_app as app
         case "purge":
