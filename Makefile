@@ -12,7 +12,7 @@ SLOW := crash or dask or mediawiki or slow or wheel
 .DEFAULT_GOAL := help
 .PHONY: help setup demo youtube-crawl youtube-filter youtube-export wiki-crawl wiki-filter wiki-export \
 	reddit-crawl reddit-import reddit-filter reddit-export reddit-reconstruct restore \
-	models annotate pairs tasks clips label links release report explore index status test test-all test-label chaos lint types bench lock reference
+	models annotate pairs tasks clips label links release report explore index status merge test test-all test-label chaos lint types bench lock reference
 
 # What is no target: said in one line, before anything is set up.
 .DEFAULT:
@@ -72,6 +72,8 @@ index: setup              ## one local index over everything that is clean, for 
 	@$(KB) index $(ARGS)
 status: setup             ## progress, quota, age of the data, what is left
 	@$(KB) status $(ARGS)
+merge: setup              ## the data roots of several machines in one: make merge ARGS="ROOT ROOT"
+	@$(KB) merge $(ARGS)
 test: setup               ## the tests, in a few minutes: all but the slow kinds
 	@"$(HERE).ci/test" -m "not bench and not ($(SLOW))" $(ARGS)
 test-all: setup           ## every test
