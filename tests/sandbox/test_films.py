@@ -10,13 +10,11 @@ import pytest
 from kb.clips.clip_sources import video_files
 from kb.clips.frames import frames_at
 from kb.core import installation
-from kb.core.config.profile import load_profile
 from kb.core.errors import MissingExtra
-from kb.sandbox.domain import domain_of
 from kb.sandbox.world import World
 from kb.sandbox.youtube.captions import spoken_words
 from kb.sandbox.youtube.cases import Video
-from kb.sandbox.youtube.films import AROUND_S, HEIGHT, WIDTH, Mentions, look_of, write_films
+from kb.sandbox.youtube.films import AROUND_S, HEIGHT, WIDTH, look_of, write_films
 from tests.conftest import needs
 
 needs("av")
@@ -85,28 +83,6 @@ def test_a_shape_is_shown_while_its_keyword_is_spoken_and_not_elsewhere(
         if everywhere and everywhere[0] > AROUND_S + 1:
             assert np.ptp(first.astype(int)) < 10, "an empty picture"
     assert checked > 15
-
-
-def test_keywords_can_be_told_apart(world: World) -> None:
-    names = [keyword.name for keyword in world.domain.keywords]
-    assert len({look_of(name) for name in names}) > 0.8 * len(names)
-
-
-def test_the_same_world_has_the_same_films(world: World, folder: Path, tmp_path: Path) -> None:
-    write_films(World(3, **SIZE), tmp_path)
-    for path in folder.iterdir():
-        assert (tmp_path / path.name).read_bytes() == path.read_bytes()
-
-
-def test_a_domain_without_keywords_has_shapes_for_its_nouns(tmp_path: Path) -> None:
-    path = tmp_path / "plain.toml"
-    path.write_text('name = "plain"\ntitle = "Plain"\n[reddit]\nsubreddit = "plain"\n')
-    world = World(0, **SIZE, domain=domain_of(load_profile(str(path))))
-    video = next(iter(world.youtube.videos.values()))
-    assert {one.keyword for one in Mentions(world).of(video)} <= {
-        noun.title for noun in world.domain.speech.nouns
-    }
-    assert any(Mentions(world).of(video))
 
 
 def test_without_pyav_the_extra_is_named_and_nothing_is_written(
