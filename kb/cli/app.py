@@ -26,6 +26,7 @@ TREE = {
     "release": "Check, describe and publish release/.",
     "report": "Make figures and one HTML page about the collected data.",
     "status": "Show progress, quota, age of the data and what is left.",
+    "doctor": "Check what a long crawl needs on this machine.",
     "verify": "Find damaged, missing and foreign files; repair them.",
     "profile": "Make and check the profile of a new domain.",
     "index": "Build the local search index.",
@@ -74,6 +75,8 @@ def _loaded(name: str) -> Any:  # noqa: PLR0915  a list of imports
             from kb.cli.commands.derived import report_app as app
         case "status":
             from kb.cli.commands.status.command import app
+        case "doctor":
+            from kb.cli.commands.doctor import app
         case "verify":
             from kb.cli.commands.maintain import verify_app as app
         case "profile":
