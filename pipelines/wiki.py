@@ -14,15 +14,15 @@ from pathlib import Path
 
 from kb.annotate import toxicity
 from kb.core.config.profile import Profile
-from kb.core.config.profile.wiki import WikiSection
+from kb.core.config.profile.collecting import WikiSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
 from kb.filters.chain import Chain, Clean, Follow, SideFiles
 from kb.filters.predicates import AtLeast, Predicate, Present, RecordedReason, Waits, none_above
 from kb.wiki.parse import tables
+from kb.wiki.parse.decode import HELPERS, KINDS, assemble
 from kb.wiki.parse.facts import MarkupRules
-from kb.wiki.parse.join import HELPERS, KINDS, assemble
 
 NEEDED = ("page_id", "title", "url", "revision_id", "revision_timestamp")
 

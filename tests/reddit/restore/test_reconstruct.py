@@ -16,9 +16,9 @@ import pytest
 import kb.reddit
 from kb.core.errors import LimitReached, SettingError, Unreachable, WriterLocked
 from kb.sandbox.invented_ids import PEOPLE
-from kb.sandbox.server import Sandbox
 from kb.schema import table
 from tests import processes
+from tests.faults import Sandbox
 from tests.reddit.conftest import small_world
 from tests.reddit.work import Work, rows, texts
 
@@ -133,7 +133,7 @@ def test_one_python_call_yields_typed_rows(whole: Work, tmp_path: Path) -> None:
 
 def test_the_call_has_its_name_whatever_was_imported_before() -> None:
     code = (
-        "import kb.reddit, kb.cli.commands.sources.reddit, kb.reddit.restore.reconstruct; assert"
+        "import kb.reddit, kb.cli.commands.sources, kb.reddit.restore.reconstruct; assert"
         " callable(kb.reddit.reconstruct)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import pytest
 
 from kb.cli import main
-from kb.sandbox.server import Sandbox
 from tests.cli.conftest import clean_environment
+from tests.faults import Sandbox
 from tests.reddit.conftest import small_world
 
 GOOD = """\
@@ -65,34 +65,34 @@ CONTACT = 'contact = "me@gardens.wiki"'
 
 
 ERRORS = [
-    toml('title = "Rock Gardens"', "title = Rock Gardens", 2, "not valid TOML", "in quotes"),
-    toml('title = "Rock Gardens"', 'title = "Rock', 2, "not valid TOML: a text is not closed"),
-    toml("[wiki]", "keywords = []\n[wiki]", 6, "stands here a second time", "take one"),
-    toml("[wiki]", "[youtube]\n[wiki]", 6, "the section stands here a second time", "together"),
+    toml('title = "Rock Gardens"', "title = Rock Gardens", 2, "not valid TOML", "toml.io"),
+    toml('title = "Rock Gardens"', 'title = "Rock', 2, "not valid TOML: "),
+    toml("[wiki]", "keywords = []\n[wiki]", 6, "not valid TOML: Cannot overwrite"),
+    toml("[wiki]", "[youtube]\n[wiki]", 6, "not valid TOML: Cannot declare"),
     toml("[26]", "[26]\nmin_vews = 5", 6, "unknown key 'youtube.min_vews'", "'min_views'"),
     toml("[wiki]", "[wikis]", 6, "unknown key 'wikis'", "did you mean 'wiki'?"),
     toml('title = "Rock Gardens"\n', "", 0, "'title' is missing", "add a line title ="),
     toml('url = "https://gardens.wiki"\n', "", 6, "'wiki.url' is missing", "add a line wiki.url"),
-    toml('["rock garden"]', '"rock garden"', 4, "'youtube.keywords' is", "a list in brackets"),
-    toml("[26]", "[26]\nmin_views = -1", 6, "'youtube.min_views' is -1", "at least 0"),
-    toml("[26]", '["Howto"]', 5, "'youtube.category_ids[1]' is", "a whole number"),
+    toml('["rock garden"]', '"rock garden"', 4, "'youtube.keywords' is", "valid tuple"),
+    toml("[26]", "[26]\nmin_views = -1", 6, "'youtube.min_views' is -1", "or equal to 0"),
+    toml("[26]", '["Howto"]', 5, "'youtube.category_ids[1]' is", "valid integer"),
     toml("[26]", '["FILL-IN"]', 5, "'youtube.category_ids' is still to be filled in"),
     toml('["rock garden"]', '["FILL-IN"]', 4, "'youtube.keywords' is still to be filled in"),
-    toml('"rockgarden"', '"r/rockgarden"', 9, '"r/rockgarden"', 'without r/: "rockgarden"'),
-    toml('"rockgarden"', '"https://reddit.com/r/alpines/"', 9, "/alpines", 'r/: "alpines"'),
+    toml('"rockgarden"', '"r/rockgarden"', 9, '"r/rockgarden"', "name without r/"),
+    toml('"rockgarden"', '"https://reddit.com/r/alpines/"', 9, "/alpines", "name without r/"),
     toml('"https://gardens.wiki"', '"gardens.wiki"', 7, "'wiki.url' is", "an address like"),
     toml('"https://gardens.wiki"', '"https://gardens"', 7, "host is not a full name", "an address"),
-    toml("//gardens.wiki", "//gardens.wiki/api.php", 7, "which is no root", '//gardens.wiki"'),
-    toml("[reddit]", 'hosts = ["https://a.b/c"]\n[reddit]', 8, "no host", 'write "a.b"'),
-    toml("[26]", "[26]\nmin_duration_s = 1e6", 6, "nothing passes", "12 hours"),
-    toml("[26]", "[26]\nmin_aspect_ratio = 16", 6, "nothing passes", "wide-screen is 1.78"),
+    toml("//gardens.wiki", "//gardens.wiki/api.php", 7, "not the wiki's root", '//gardens.wiki"'),
+    toml("[reddit]", 'hosts = ["https://a.b/c"]\n[reddit]', 8, "not a host's name", "write a name"),
+    toml("[26]", "[26]\nmin_duration_s = 1e6", 6, "is 1000000.0", "43200"),
+    toml("[26]", "[26]\nmin_aspect_ratio = 16", 6, "is 16", "or equal to 10"),
     toml("[reddit]", '[wiki.markup]\nslot = ".a["\n[reddit]', 9, ".a[", "must be a CSS selector"),
     toml("[reddit]", '[wiki.markup]\nroot = "#a >"\n[reddit]', 9, "#a >", "before its last part"),
-    toml('"rockgarden"', '"rockgarden"\nmin_score = 2_000_000', 10, "nothing passes", "points"),
-    toml('"rockgarden"', '"rockgarden"\nspans = ["weekly"]', 10, "'reddit.spans[1]'", "must be"),
+    toml('"rockgarden"', '"rockgarden"\nmin_score = 2_000_000', 10, "is 2000000", "1000000"),
+    toml('"rockgarden"', '"rockgarden"\nspans = ["weekly"]', 10, "'reddit.spans[1]'", "'week'"),
     toml("[release]", "min_clip_s = 20\n[release]", 10, "min_clip_s is above max_clip_s"),
     toml("[release]", "min_tokens = 70\nmax_tokens = 60\n[release]", 10, "min_tokens is above"),
-    toml("[release]", "[toxicity.thresholds]\nreddit = 0\n[release]", 13, "nothing passes"),
+    toml("[release]", "[toxicity.thresholds]\nreddit = 0\n[release]", 13, "is 0", "than 0"),
     toml("[reddit]", "max_page_height = 1000\n[reddit]", 8, "nothing passes", "the window"),
     toml(CONTACT, 'contact = "me"', 13, "no mail or web address", "such as"),
     toml('"garden"', '"minecraft"', 1, "that of the shipped profile", "a name of its own"),
