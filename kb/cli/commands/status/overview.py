@@ -1,0 +1,248 @@
+"""Collects what `kb status` shows, the next commands included. Only reads, and never waits for or
+stops a running crawl.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from datetime import timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pyarrow.parquet as pq
+
+from kb.artifacts import manifest, texts
+from kb.artifacts.table_catalog import Catalog, view_name
+from kb.cli.framework.messages import complete
+from kb.core import clock
+from kb.core.source import Source
+from kb.core.sources import SOURCES, made_of
+from kb.core.summary import vocabulary
+from kb.schema.tables import tables as declared
+from kb.store import lock
+from kb.store.layout import TOP, Layout, parquet_files
+from kb.store.tables import reading
+from kb.store.tables.row_counts import rows, span, tally
+
+if TYPE_CHECKING:
+    from kb.core.context import Run
+
+
+def next_steps(run: Run, sources: dict[str, dict[str, Any]], links: dict[str, Any]) -> list[str]:
+    """The next commands, as they have to be typed; one for each source that needs one.
+
+    `sources` and `links` are those of the overview.
+    """
+    steps = [step for name, about in sources.items() if (step := _step(run, name, about))]
+    if sources and not steps:
+        steps = _of_all(run, sources, links)[:1]
+    return [complete(step) for step in steps]
+
+
+def _step(run: Run, source: str, about: dict[str, Any]) -> str:
+    """The next command for a source: crawl, filter, refresh or export.
+
+    A source with a credential is not crawled without it.
+    """
+    if about["running_pid"]:
+        return ""
+    of, root = SOURCES[source], run.root
+    asks = not of.credential or getattr(run.settings, of.credential) is not None
+    if asks and of.refreshed and set(about["left_by"]) == {of.noun(of.refreshed)}:
+        return f"refresh {source}"
+    failed = sum(counts.get("error", 0) for counts in about["phases"].values())
+    if asks and (about["left"] or failed):
+        return f"{source} crawl"
+    if Layout(root).raw(source).is_dir() and not manifest.is_current(root, f"clean/{source}"):
+        return f"{source} filter"
+    if asks and about["too_old"]:
+        return f"refresh {source}"
+    if Layout(root).summary(source).is_file() and not manifest.is_current(
+        root, f"release/{source}"
+    ):
+        return f"{source} export"
+    return ""
+
+
+def _of_all(run: Run, sources: dict[str, dict[str, Any]], links: dict[str, Any]) -> list[str]:
+    """What is not made yet, or not of today's rows, of what all sources lead to."""
+    at = Layout(run.root)
+    is_made = {
+        "pairs": not any(map(sources.get, made_of("pairs"))) or bool(parquet_files(at.pairs)),
+        "links": run.profile.pairs is None or bool(links and not links["older_than"]),
+        "release": any(at.release().glob("*/SHA256SUMS")),
+        "report": at.page.is_file(),
+    }
+    return [name for name, made in is_made.items() if not made]
+
+
+_ANSWERS = ("crawled", "kept", "rejected", "failed", "pending", "missing")
+_LEFT = ("todo", "in_progress")  # failed items are counted separately, as in a crawl's summary
+
+
+def overview(run: Run) -> dict[str, Any]:
+    """Facts about the data root: by source, disk use in bytes by folder, next commands."""
+    catalog = Catalog(run.root)
+    sources = {source: about for source in SOURCES if (about := _source(run, source, catalog))}
+    links = _links(catalog)
+    folders = [one.path for one in catalog.releases] if catalog.is_download else []
+    disk = {path.name: _size(path) for path in folders or _folders(run.root)}
+    collected = any(about["rows"] or about["phases"] for about in sources.values())
+    return {
+        "data": str(run.root),
+        "profile": run.profile.name,
+        "sources": sources,
+        "left": sum(source["left"] for source in sources.values()),
+        "too_old": sum(source["too_old"] for source in sources.values()),
+        "links": links,
+        "disk_bytes": disk,
+        "disk_bytes_total": sum(disk.values()),
+        "download": catalog.is_download,
+        "pairs": {
+            schema: _schema_rows(catalog, schema, "pairs").get("pairs", 0)
+            for schema in ("clean", "restored", "release")
+        },
+        "tasks": _schema_rows(catalog, "clean", "tasks").get("tasks", 0)
+        or _schema_rows(catalog, "release", "tasks").get("tasks", 0),
+        "next": next_steps(run, sources, links) if collected else [],
+    }
+
+
+def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
+    """Progress, quota, age and rows of a source; empty without data of it."""
+    of, state = SOURCES[source], Layout(run.root).state(source)
+    tables = _clean_rows(run.root, source)
+    released, restored = (_schema_rows(catalog, one, source) for one in ("release", "restored"))
+    if not (state.is_file() or tables or released or restored):
+        return {}
+    about: dict[str, Any] = {
+        "running_pid": _writer(run.root, source),
+        "counted": of.counted,
+        "phases": {},
+        "left_by": {},
+        "crawled_so_far": 0,
+        "requests": 0,
+        "units": 0,
+        "quota": {},
+    }
+    if state.is_file():
+        about |= _frontier(run, of, state)
+    about["left"] = sum(counts["left"] for counts in about["phases"].values())
+    about["rows"] = tables
+    about |= _verdicts(run.root, source)
+    about |= {"released": released, "restored": restored}
+    about |= _age(run, source, catalog)
+    about["unknown_keys"] = _unknown_keys(run.root, source)
+    return about | of.incomplete(run.root)
+
+
+def _frontier(run: Run, source: Source, state: Path) -> dict[str, Any]:
+    with reading.state(state) as frontier:
+        kinds = frontier.kinds()
+        phases = {}
+        for kind in source.in_order(kinds):
+            counts = kinds[kind]
+            phases[source.noun(kind)] = {
+                **counts,
+                "total": sum(counts.values()),
+                "left": sum(counts.get(status, 0) for status in _LEFT),
+            }
+        requests, _ = frontier.requests()
+        return {
+            "phases": phases,
+            "left_by": source.left_by(kinds),
+            "crawled_so_far": source.crawled(frontier),
+            "requests": requests,
+            **source.status(run, frontier),
+        }
+
+
+def _links(catalog: Catalog) -> dict[str, Any]:
+    """Rows of the entity tables, and the sources that have changed since; empty without tables."""
+    counts = _schema_rows(catalog, "links", "links")
+    if not counts:
+        return {}
+    older = [] if catalog.is_download else texts.changed(catalog.path, "links")
+    return {"entities": 0, "links": 0, **counts, "older_than": older}
+
+
+def _verdicts(root: Path, source: str) -> dict[str, Any]:
+    """The four verdicts of the last filter, in total and by table; empty before the first."""
+    by_table = tally(Layout(root).clean(source), SOURCES[source].tables)
+    if not by_table:
+        return {"tally": {}}
+    total = {name: sum(each[name] for each in by_table.values()) for name in _ANSWERS}
+    return {**total, "tally": by_table}
+
+
+def _clean_rows(root: Path, source: str) -> dict[str, int]:
+    """Rows by table of clean/<source>, verdicts included, from the files' footers."""
+    folders = sorted(Layout(root).clean(source).glob("*/"))
+    return _in_order({one.name: rows(one) for one in folders if parquet_files(one)})
+
+
+def _schema_rows(catalog: Catalog, schema: str, source: str) -> dict[str, int]:
+    """Rows by table of a source in one schema of the catalog, such as release or restored."""
+    named = {f"{schema}.{view_name(one)}": one for one in declared().values()}
+    counts: dict[str, int] = {}
+    for view in catalog.views:
+        one = named.get(view.full)
+        if one is not None and one.source == source and one.short != "missing":
+            with reading.reading(view.files):
+                counts[one.short] = sum(pq.read_metadata(file).num_rows for file in view.files)
+    return _in_order(counts)
+
+
+def _age(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
+    """Age of the kept, restored or released rows, and how many are too old for the profile."""
+    max_age = getattr(getattr(run.profile, source), "max_age_days", None)
+    limit = clock.now() - timedelta(days=max_age or 0)
+    schema = catalog.schema_of(source)
+    shown = {f"{schema}.{source}_{short}" for short in SOURCES[source].tables}
+    files = [file for view in catalog.views if view.full in shown for file in view.files]
+    with reading.reading(files):
+        oldest, newest, old = span(files, "fetched_at", limit)
+    return {
+        "oldest": f"{oldest:%Y-%m-%dT%H:%M:%SZ}" if oldest else None,
+        "newest": f"{newest:%Y-%m-%dT%H:%M:%SZ}" if newest else None,
+        "max_age_days": max_age,
+        "too_old": old if max_age else 0,
+    }
+
+
+def _unknown_keys(root: Path, source: str) -> dict[str, int]:
+    """Keys of answers that schemas/ does not declare, with how often they were seen by the last
+    filter.
+    """
+    keys = reading.filtered(root, source).get("unknown_keys", {})
+    return keys if isinstance(keys, dict) else {}
+
+
+def _in_order(counts: Mapping[str, int]) -> dict[str, int]:
+    return dict(sorted(counts.items(), key=lambda item: vocabulary.place(item[0])))
+
+
+def _writer(root: Path, source: str) -> int | None:
+    """The pid of the process that is writing to the source."""
+    pid = lock.holders(root).get(source, "")
+    return int(pid) if pid.isdigit() else None
+
+
+def _folders(root: Path) -> Iterator[Path]:
+    yield from (root / name for name in (*TOP, "demo") if (root / name).is_dir())
+
+
+def _size(folder: Path) -> int:
+    """Bytes of all files in a folder; files that vanish meanwhile are not counted."""
+    total = 0
+    try:
+        with os.scandir(folder) as entries:
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    total += _size(Path(entry.path))
+                elif entry.is_file(follow_symlinks=False):
+                    total += entry.stat(follow_symlinks=False).st_size
+    except FileNotFoundError:
+        pass
+    return total
