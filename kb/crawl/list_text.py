@@ -31,8 +31,9 @@ def encoding_of(start: bytes) -> str:
     else UTF-8.
     """
     zeros = tuple(number for number, byte in enumerate(start) if not byte)
-    unmarked = {(1, 3): "utf-16-le", (0, 2): "utf-16-be"}.get(zeros, "utf-8")
-    return next((name for mark, name in _MARKS if start.startswith(mark)), unmarked)
+    unmarked: dict[tuple[int, ...], str] = {(1, 3): "utf-16-le", (0, 2): "utf-16-be"}
+    marked = (name for mark, name in _MARKS if start.startswith(mark))
+    return next(marked, unmarked.get(zeros, "utf-8"))
 
 
 def _unpacked(path: Path) -> IO[bytes]:

@@ -120,6 +120,9 @@ def test_what_is_typed_becomes() -> None:
     assert asked.terms == (Term("wolf"), Term("bed rock"), craft, Term("iron"))
     assert asked.needed == (Term("bed rock"), Term("iron"))
     assert asked.barred == (Term("dog"), Term("a b"))
+    assert question("wolf,dog").terms == question("wolf/dog").terms == question("wolf dog").terms
+    assert question("wolf,craft*").terms == (Term("wolf"), craft)
+    assert question("wolf -iron,dog").barred == (Term("iron"), Term("dog"))
     asked = question("How do I tame the wolf?")
     assert asked.terms == (Term("tame"), Term("wolf"))
     assert len(question("how to").terms) == 2
