@@ -17,14 +17,14 @@ from kb.store.tables.columns import aligned, column, lists, put
 from kb.store.tables.latest import newest
 from kb.store.tables.partition import RawKind
 from kb.youtube.parse import answers as parse
-from kb.youtube.parse.join import FROM_FILE, one_row_each
+from kb.youtube.parse.join import FROM_FILE, IMPORTED, one_row_each
 from kb.youtube.parse.view_counting import view_rule
 from kb.youtube.parse.word_times import checked
 from kb.youtube.ytdlp import info, tracks
 from kb.youtube.ytdlp.tracks import ENGLISH, TrackLanguage
 
 VIDEOS = "videos"  # kind in the frontier
-HELPERS = ("missing", "game_label_id", "game_label", "transcript_outcome")
+HELPERS = ("missing", "game_label_id", "game_label", "transcript_outcome", IMPORTED)
 KINDS = {
     "videos": RawKind(parse.videos, key=("video_id",), bucket="video_id"),
     "statistics": RawKind(parse.statistics, key=("video_id",), bucket="video_id"),
@@ -45,9 +45,10 @@ def assemble(
     """Videos joined with what is known of their transcripts, and the transcripts that were had.
 
     `words` counts the words of each list of texts; `language` chooses among imported tracks.
-    Adds to the parsed columns: `link`, `width`, `height` (px; the largest stream's when known, else
-    the embed frame's), `fps`, `view_rule`, `age_restricted`, `game_label_id`, `game_label`,
-    `transcript_outcome` (null: not asked), `transcript_kind`, `word_count`.
+    Adds to the parsed columns: `link`, `imported` (whether a file tells of it), `width`, `height`
+    (px; the largest stream's when known, else the embed frame's), `fps`, `view_rule`,
+    `age_restricted`, `game_label_id`, `game_label`, `transcript_outcome` (null: not asked),
+    `transcript_kind`, `word_count`.
     """
     videos = one_row_each(latest.get("videos"), latest.get("ytdlp_info"), latest.get("statistics"))
     outcomes = tracks.with_imported(
@@ -83,6 +84,9 @@ def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
         alone = pc.and_(column(videos, FROM_FILE), pc.is_null(outcome))
         outcome = pc.if_else(alone, tracks.NOT_IMPORTED, outcome)
         videos = videos.drop_columns([FROM_FILE])
+    else:
+        nowhere = pa.repeat(pa.scalar(False), videos.num_rows)
+        videos = videos.append_column(IMPORTED, nowhere)
     width, height, fps = _size(videos, side)
     had = pc.fill_null(pc.equal(outcome, "ok"), False)
     not_imported = pc.fill_null(pc.equal(outcome, tracks.NOT_IMPORTED), False)

@@ -20,6 +20,7 @@ import pyarrow.compute as pc
 from kb.store.tables.columns import aligned, column, put
 
 FROM_FILE = "from_file"  # true for a video that only an imported file tells of
+IMPORTED = "imported"  # true for a video that an imported file tells of
 COUNTED = ("view_count", "like_count", "comment_count")
 _OF_ONE = (*COUNTED, "counted_at")
 
@@ -35,7 +36,8 @@ def one_row_each(
     if files is None:
         rows = videos
     elif videos is None:
-        rows = files.append_column(FROM_FILE, pa.repeat(pa.scalar(True), files.num_rows))
+        always = pa.repeat(pa.scalar(True), files.num_rows)
+        rows = files.append_column(FROM_FILE, always).append_column(IMPORTED, always)
     else:
         rows = _joined(videos, files)
     if rows is None:
@@ -70,6 +72,7 @@ def _joined(videos: pa.Table, files: pa.Table) -> pa.Table:
     missing = pc.fill_null(column(api, "missing"), False)
     rows = pa.table({**made, "video_id": keys, "missing": missing})
     rows = rows.append_column(FROM_FILE, pc.is_null(column(api, "fetched_at")))
+    rows = rows.append_column(IMPORTED, pc.is_in(keys, value_set=column(files, "video_id")))
     counted = pc.or_(_newer(file, api), pc.is_null(column(api, "view_count")))
     has_views = pc.or_(*(pc.is_valid(column(side, "view_count")) for side in (file, api)))
     for name in _OF_ONE:

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from kb.core.config.profile import load_profile
 from tests.youtube.crawl.test_fetch import CRAWL
 from tests.youtube.job import Job
 from tests.youtube.ytdlp.folder import FORMS, info, spoken, video_id, vtt, write_video
@@ -39,7 +40,16 @@ def test_a_root_of_files_alone_goes_through_every_stage(job: Job) -> None:
         "with a water bucket and",
     ]
     job.done("youtube", "export")
-    assert job.done("pairs")["pairs"] > 0
+    likely = job.done("pairs")["pairs"]
+    assert likely > 0
+    shutil.copytree(load_profile("minecraft").path.parent, job.place / "minecraft")
+    profile = job.place / "minecraft/profile.toml"
+    text = profile.read_text().replace("[youtube]\n", '[youtube]\nimported_topic = "known"\n')
+    profile.write_text(text)
+    job.done("youtube", "filter", "--profile", str(profile))
+    assert {row["topic_evidence"] for row in job.rows(VIDEOS)} == {"profile"}
+    # "so today we build a farm": a word of the topic.
+    assert job.done("pairs", "--profile", str(profile))["pairs"] > likely
     assert len(job.sandbox.ledger) == before  # nothing was sent
 
 

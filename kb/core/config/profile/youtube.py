@@ -6,6 +6,11 @@ from pydantic import Field
 
 from kb.core.config.profile.base import Phrases, Section
 
+# What decided the topic of videos that are known to be about it: YouTube's label, or the profile,
+# which takes imported videos as meant. `keywords` only make it likely.
+BY_LABEL, BY_PROFILE, BY_KEYWORDS = "game_label", "profile", "keywords"
+TOPIC_KNOWN = (BY_LABEL, BY_PROFILE)
+
 
 class YouTubeSection(Section):
     """The YouTube part of a profile (MineDojo paper, data collection appendix: YouTube)."""
@@ -23,6 +28,11 @@ class YouTubeSection(Section):
     )
     category_ids: tuple[int, ...] = Field(
         min_length=1, description="YouTube categories of the topic (20 is Gaming)"
+    )
+    imported_topic: Literal["label", "known"] = Field(
+        "label",
+        description="whether videos of imported files are judged as others are, by label or"
+        " category and keywords, or are known to be about the topic",
     )
     search_pages: int = Field(
         10,
