@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
+from kb.sandbox.youtube.cases import Video
 from kb.sandbox.youtube.catalogue import Catalogue
-from kb.sandbox.youtube.uploads import Video
 
 BREAD = """\
 name = "bread"
@@ -51,6 +51,8 @@ regions = { infobox = ".about" }
 subreddit = "astronomy"
 min_score = 50
 [pairs]
+min_clip_s = 4
+max_clip_s = 6
 keyword_files = ["keywords.tsv"]
 """
 FARM = """\

@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Any
 
 from kb.core.summary import Summary, vocabulary
-from kb.sandbox.server import Sandbox
 from kb.store.lock import writer
 from kb.store.state.frontier import Frontier
 from tests.cli.commands.status.conftest import fill, status
+from tests.faults import Sandbox
 from tests.small_worlds import ITEMS, small_world
 from tests.youtube.job import Job
 
@@ -83,6 +83,8 @@ def test_a_stopped_crawl_says_what_is_left_as_status_does(tmp_path: Path) -> Non
             assert left in text
             assert f"{limit} {ITEMS[source]} crawled but not filtered yet" in text
             assert f"next: kb {source} crawl\n" in text
+            elsewhere = job.kb("status", "--data", str(job.root)).stdout
+            assert f"next: kb {source} crawl --data {job.root}\n" in elsewhere
             rest = job.done(source, "crawl")
             assert rest["crawled_in_all"] == rest["crawled"] + int(limit)
             assert f"{rest['crawled_in_all']:,} in all" in Summary(rest).line()
