@@ -20,7 +20,7 @@ from kb.core.errors import ProfileError
 from kb.pairs.matching import phrase
 
 COLUMNS = ("keyword", "kind", "rule", "forms")
-RULES = ("topic", "near", "near:WORDS", "never", "always")
+RULES = ("near", "near:WORDS", "topic", "never", "always")
 NEVER = -1
 _NAMED = 10  # keywords or forms that a finding names
 LONGEST = 64  # characters of a phrase, so that it always fits in a text

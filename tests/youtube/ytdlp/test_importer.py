@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-from kb.core.config.profile import load_profile
 from kb.youtube.ytdlp.info import playlists
 from kb.youtube.ytdlp.tracks import ListedTracks, TrackKind, kind_of
 from tests.youtube.crawl.test_fetch import CRAWL
@@ -42,16 +41,15 @@ def test_a_root_of_files_alone_goes_through_every_stage(job: Job) -> None:
         "with a water bucket and",
     ]
     job.done("youtube", "export")
-    likely = job.done("pairs")["pairs"]
-    assert likely > 0
-    shutil.copytree(load_profile("minecraft").path.parent, job.place / "minecraft")
-    profile = job.place / "minecraft/profile.toml"
-    text = profile.read_text().replace("[youtube]\n", '[youtube]\nimported_topic = "known"\n')
-    profile.write_text(text)
-    job.done("youtube", "filter", "--profile", str(profile))
+    likely = job.done("pairs")
+    assert likely["pairs"] > 0
+    job.profile(("[youtube]\n", '[youtube]\nimported_topic = "known"\n'))
+    job.done("youtube", "filter")
     assert {row["topic_evidence"] for row in job.rows(VIDEOS)} == {"profile"}
-    # "so today we build a farm": a word of the topic.
-    assert job.done("pairs", "--profile", str(profile))["pairs"] > likely
+    # "so today we build a farm": a word of the topic needs no other.
+    known = job.done("pairs")
+    assert known["matches"] == likely["matches"]
+    assert known["ambiguous"] < likely["ambiguous"]
     assert len(job.sandbox.ledger) == before  # nothing was sent
 
 
