@@ -16,7 +16,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.config.profile.youtube import BY_KEYWORDS, BY_LABEL, BY_PROFILE, YouTubeSection
+from kb.core.config.profile.collecting import BY_KEYWORDS, BY_LABEL, BY_PROFILE, YouTubeSection
 from kb.core.installation import np
 from kb.filters.predicates import (
     Judgement,

@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from kb.artifacts import manifest
-from kb.core.config.profile.youtube import TOPIC_KNOWN
+from kb.core.config.profile.collecting import TOPIC_KNOWN
 from kb.core.errors import FatalError
 from kb.core.installation import np
 from kb.core.sources import made_of

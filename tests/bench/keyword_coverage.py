@@ -19,7 +19,7 @@ from typing import Any
 import pyarrow as pa
 
 from kb.core.config.profile import load_profile
-from kb.core.config.profile.pairs import Pairs
+from kb.core.config.profile.products import Pairs
 from kb.core.installation import np
 from kb.pairs.extract import PairCounts, Tools, make_tools, matches
 from kb.pairs.keywords import load
