@@ -150,7 +150,7 @@ class Pairs(Publication):
     def quality(
         self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder
     ) -> tuple[str, ...]:
-        from kb.release.metadata.pair_quality import pair_quality
+        from kb.release.metadata.quality import pair_quality
 
         return pair_quality(con, root, folder)
 
@@ -193,7 +193,7 @@ class Tasks(Publication):
     def quality(
         self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder
     ) -> tuple[str, ...]:
-        from kb.release.metadata.judgements import task_quality
+        from kb.release.metadata.quality import task_quality
 
         return task_quality(con, root, folder)
 

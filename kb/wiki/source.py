@@ -134,9 +134,9 @@ class Wiki(Source):
         return gaps(con, folder)
 
     def writers(self) -> Mapping[str, Writer]:
-        from kb.export import minedojo_wiki, wiki_tar
+        from kb.export import minedojo, wiki_tar
 
-        return {"parquet": wiki_tar.export, "minedojo": minedojo_wiki.wiki}
+        return {"parquet": wiki_tar.export, "minedojo": minedojo.wiki}
 
     def purge_rules(self) -> PurgeRules:
         from kb.wiki.purge import RULES

@@ -15,7 +15,7 @@ from kb.core.progress import Silent
 from kb.labels.export import export
 from kb.labels.questions import PAIRS
 from kb.query import connect, select
-from kb.release.metadata.pair_quality import pair_quality
+from kb.release.metadata.quality import pair_quality
 from kb.verify.root import verify
 from tests.inprocess import Here
 from tests.labels.answers import exported, items, judgement

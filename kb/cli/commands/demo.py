@@ -186,7 +186,7 @@ def _missing_section(run: Run, step: str) -> str | None:
 
 def _queries(queries: list[tuple[str, str, list[str]]], root: Path) -> None:
     from kb.query import connect, find_views, select
-    from kb.query.output import for_people
+    from kb.query.formats import for_people
 
     names = {view.full for view in find_views(root)}
     with contextlib.closing(connect(root)) as db:

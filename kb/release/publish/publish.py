@@ -26,9 +26,8 @@ from kb.release.gate import GateProblem, check
 from kb.release.metadata.measure import models
 from kb.release.publish import repository, upload
 from kb.release.publish.hub import PUBLIC, check_installed, check_name
-from kb.release.publish.service import TIMEOUT_S, stray
 from kb.release.publish.upload import Upload, document_of
-from kb.release.publish.zenodo import Zenodo
+from kb.release.publish.zenodo import TIMEOUT_S, Zenodo, stray
 from kb.store.artifact_registry import SUMS
 from kb.store.lock import RELEASES, writer
 from kb.store.tables.reading import SANDBOX_MODEL
