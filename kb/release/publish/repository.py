@@ -24,7 +24,7 @@ from kb.core.sources import PUBLISHED
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase, plan
 from kb.release.metadata.card import SIZES
-from kb.release.publish.hub import MAIN, Hub, Revision, check_name
+from kb.release.publish.hub import MAIN, PACK, Hub, Revision, check_name
 from kb.release.publish.upload import Records, document_of, local_files, record_key
 from kb.store.artifact_registry import SUMS
 from kb.store.tables.checksums import digest
@@ -34,7 +34,6 @@ _VERSION = re.compile(r"v\d+\.\d+\.\d+")
 # What a repository may hold that somebody made on the site and that has no data yet.
 _BARE = {".gitattributes", ".gitignore", "LICENSE", CARD}
 _SHA256 = 64  # characters of a digest; git's have 40
-_PACK = 256  # files that one request of the package names
 
 
 def send(
@@ -78,15 +77,15 @@ def send(
         for path in newest.files
         if "/" in path and path.partition("/")[0] in mine and path not in wanted
     ]
-    files: dict[str, tuple[Path | bytes, str | None]] = {
-        path: (wanted[path], digests[path]) for path in changed
-    }
+    files: dict[str, Path | bytes] = {path: wanted[path] for path in changed}
     if newest.files.get(CARD) != _git_oid(card):
-        files[CARD] = (card, None)
+        files[CARD] = card
     head = newest.id
     if files or gone:
         signals.stop.check()
-        size = sum(wanted[path].stat().st_size for path in changed)
+        size = sum(
+            len(one) if isinstance(one, bytes) else one.stat().st_size for one in files.values()
+        )
         with run.progress.task(f"upload {repo}", size, "bytes") as task:
             head = service.commit(repo, newest.id, files, gone, f"Version {tag[1:]}", task.advance)
     older, tags = service.older(repo), service.tags(repo)
@@ -126,7 +125,7 @@ def planned(
         new = [path for path in inside if there.get(path) != digests[path]]
         size = sum((folder.path / path.partition("/")[2]).stat().st_size for path in new)
         large = sum((folder.path / path.partition("/")[2]) in folder.data for path in new)
-        requests = 2 * large + 2 * -(-len(new) // _PACK)  # bytes and a check; modes and addresses
+        requests = 2 * large + 2 * -(-len(new) // PACK)  # bytes and a check; modes and addresses
         phases.append(PlanPhase(f"upload {folder.source}", len(new), requests, gb=size / 1e9))
     mine = _names(exports) if only else {path.partition("/")[0] for path in there}
     removed = [path for path in there if path not in digests and path.partition("/")[0] in mine]
