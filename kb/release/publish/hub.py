@@ -171,7 +171,7 @@ class Hub:
                 self._api.preupload_lfs_files(repo, pack, repo_type=KIND, num_threads=THREADS)
                 sent(sum(one.upload_info.size for one in pack))
                 signals.stop.check()
-            operations = [*added, *map(CommitOperationDelete, removed)]
+            operations: list[Any] = [*added, *map(CommitOperationDelete, removed)]
             done = self._api.create_commit(
                 repo,
                 operations,
