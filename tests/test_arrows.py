@@ -138,7 +138,7 @@ UPWARDS = {
     "net/retry.py": "from kb.schema import tables",
     "net/rate.py": "from kb.store.state.frontier import Frontier",
     "store/atomic.py": "from kb.crawl import loop",
-    "store/rawlog/frames.py": "from kb.query import connect",
+    "store/rawlog/rawlog.py": "from kb.query import connect",
     "crawl/limits.py": "from kb.youtube import parse",
     "youtube/parse/answers.py": "from kb.wiki import urls",
 }

@@ -3,14 +3,42 @@
 import contextlib
 import errno
 import os
+import re
 import shutil
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
-from kb.store import process
 from kb.store.full_disk import full_disk_is_resumable
+
+_MARK = re.compile(r"(\d+)-(\d+)")
+
+
+def mark() -> str:
+    """This process for good: its number, and when it began, as numbers are given again."""
+    stat = _stat("self")
+    return f"{stat[0]}-{stat[1]}" if stat is not None else "0-0"
+
+
+def has_ended(text: str) -> bool:
+    """Whether the process that a mark within `text` names has ended; False without a mark."""
+    match = _MARK.search(text)
+    if match is None or match[1] == "0":
+        return False
+    stat = _stat(match[1])
+    return stat is None or stat[1] != int(match[2])
+
+
+def _stat(process: str) -> tuple[int, int] | None:
+    """Number and start (ticks since the machine was booted) of a process of this machine."""
+    try:
+        text = Path("/proc", process, "stat").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return None
+    # The second field is a name in brackets, which may hold anything; the start is the 22nd.
+    fields = text.rpartition(")")[2].split()
+    return int(text.split(" ", 1)[0]), int(fields[19])
 
 
 @contextlib.contextmanager
@@ -20,7 +48,7 @@ def writing(path: Path, *, sync: bool = True) -> Iterator[Path]:
     `sync=False` is for files in a fresh folder, which `replacing_folder` syncs before it counts.
     Raises DiskFull. Nothing is left behind when the block fails.
     """
-    temporary = path.with_name(f".{path.name}.{process.mark()}-{uuid.uuid4().hex[:8]}.tmp")
+    temporary = path.with_name(f".{path.name}.{mark()}-{uuid.uuid4().hex[:8]}.tmp")
     try:
         with full_disk_is_resumable(path):
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -11,7 +11,7 @@ import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
-from kb.store import process
+from kb.store import atomic
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.atomic import followed, settle_folder
 from kb.store.layout import Layout
@@ -80,7 +80,7 @@ def _spilled(folder: Path) -> None:
 def remove_temporary(path: Path) -> None:
     """What processes that ended left of a file which no lock is for."""
     for entry in sorted(path.parent.glob(f".{path.name}.*.tmp")):
-        if process.has_ended(entry.name.removeprefix(f".{path.name}.")):
+        if atomic.has_ended(entry.name.removeprefix(f".{path.name}.")):
             _clear(entry)
 
 

@@ -11,7 +11,7 @@ import zstandard
 from kb.core.errors import DamagedData
 from kb.store.artifact_registry import SUMS
 from kb.store.layout import BELOW, CAPTURED, Layout
-from kb.store.rawlog import damaged_answers, quarantine, rawlog, sidefiles
+from kb.store.rawlog import damaged_answers, rawlog, sidefiles
 from kb.store.state.sqlite import REBUILT
 from kb.store.tables import reading
 from kb.verify.findings import Findings
@@ -35,7 +35,7 @@ class SegmentVerifier:
         """Read a segment in full."""
         findings, name, size = self._findings, rawlog.base_name(path), path.stat().st_size
         committed = self._known.pop((path.parent.name, name), 0)
-        gaps = quarantine.gaps(path, committed)
+        gaps = damaged_answers.gaps(path, committed)
         findings.advance(size)
         if committed > size:
             what = f"ends at byte {size:,}, {committed - size:,} bytes are missing"

@@ -11,7 +11,7 @@ from kb.core.config.profile import load_profile
 from kb.core.errors import OtherService, ProfileError
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from kb.store import lock, process
+from kb.store import atomic, lock
 from kb.store.state.service_binding import remember
 from tests.store.state.test_service_binding import answered
 from tests.youtube.job import Job
@@ -162,14 +162,14 @@ def test_noting_the_profile_clears_what_a_killed_command_left_of_it(tmp_path: Pa
     state = tmp_path / "state"
     state.mkdir()
     killed = subprocess.run(
-        [sys.executable, "-c", "from kb.store import process; print(process.mark())"],
+        [sys.executable, "-c", "from kb.store import atomic; print(atomic.mark())"],
         capture_output=True,
         text=True,
         check=True,
         cwd=Path(__file__).parents[2],
     )
     left = state / f".profile.json.{killed.stdout.strip()}-0.tmp"
-    running = state / f".profile.json.{process.mark()}-0.tmp"
+    running = state / f".profile.json.{atomic.mark()}-0.tmp"
     for path in (left, running):
         path.write_bytes(b"{")
     domain_binding.note(tmp_path, load_profile("minecraft"))

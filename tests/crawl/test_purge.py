@@ -1,6 +1,6 @@
 """A purge of damaged raw data: what can be read is purged, what can't be read is set aside."""
 
-from kb.store.rawlog import quarantine
+from kb.store.rawlog import damaged_answers
 from tests.youtube.job import Job
 from tests.youtube.test_damage import frames, job, overwrite, plain, segment, video_of
 
@@ -38,7 +38,7 @@ def test_a_purge_leaves_no_damaged_bytes_that_may_hold_its_key(job: Job) -> None
     gone = job.place / "gone.txt"
     gone.write_text(video_of(line) + "\n")
     job.stopped("purge", "youtube", "--ids", str(gone), code=1)
-    assert not quarantine.quarantined_files(job.root, "youtube")
+    assert not damaged_answers.quarantined_files(job.root, "youtube")
     job.done("youtube", "crawl")
     assert video_of(line) not in {
         str(one["response"]["video_id"]) for one in job.raw("transcripts")

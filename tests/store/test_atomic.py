@@ -1,10 +1,13 @@
 """Files and folders appear whole or not at all."""
 
 import errno
+import subprocess
+import sys
 
 import pytest
 
 from kb.core.errors import DiskFull
+from kb.store import atomic
 from kb.store.atomic import replacing_folder, settle_folder, write_text, writing
 
 
@@ -44,3 +47,13 @@ def test_a_swap_that_was_cut_off_between_the_renames_is_undone(tmp_path):
     settle_folder(tmp_path / "release")
     assert [path.name for path in tmp_path.iterdir()] == ["release"]
     assert (tmp_path / "release" / "one").read_text() == "1"
+
+
+def test_a_running_process_is_known_by_its_mark_and_an_ended_one_too() -> None:
+    assert not atomic.has_ended(f".file.{atomic.mark()}.tmp")
+    program = "from kb.store import atomic; print(atomic.mark())"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert atomic.has_ended(f".file.{done.stdout.strip()}.tmp")
+    assert not atomic.has_ended("no mark")

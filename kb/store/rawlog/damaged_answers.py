@@ -11,14 +11,16 @@ again, and until it has, `check` keeps filters from taking what is lost for what
 """
 
 import shutil
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
+from typing import BinaryIO
 
 import msgspec
 
 from kb.core.errors import DamagedData
+from kb.store.atomic import write_bytes, writing
 from kb.store.layout import Layout
-from kb.store.rawlog import quarantine, rawlog
+from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier
 from kb.store.tables import reading
@@ -30,6 +32,7 @@ _LOST, _SUSPECTS = "lost", "suspects"  # cursors of the frontier
 _PAIRS = list[tuple[str, str]]
 _STORED_AS = {"quarantined_as": "aside", "reported": "told"}  # names in the state's cursor
 _NAMED = 3  # items that a message names
+_CHUNK = 1 << 16
 
 
 class LostRange(msgspec.Struct, rename=_STORED_AS):
@@ -68,7 +71,7 @@ def note(root: Path, source: str, frontier: Frontier, error: DamagedData, hint: 
         for path in paths
         if path is not None
         and path.parent.parent.resolve() == base
-        and quarantine.gaps(path, path.stat().st_size)
+        and gaps(path, path.stat().st_size)
     ]
     if damaged:
         suspect(frontier, damaged)
@@ -110,15 +113,15 @@ def quarantine_segment(path: Path, frontier: Frontier, committed: int = 0) -> No
     Raises DiskFull.
     """
     kind, name = path.parent.name, rawlog.base_name(path)
-    if not (gaps := quarantine.gaps(path, committed)):
+    if not (stretches := gaps(path, committed)):
         return
-    named = [(start, end, quarantine.quarantine_name(path, start, end)) for start, end in gaps]
+    named = [(start, end, quarantine_name(path, start, end)) for start, end in stretches]
     with frontier.transaction():
         _note(frontier, [LostRange(kind, name, *stretch) for stretch in named])
         # Killed before the last line, the whole segment is read again, which changes nothing.
         frontier.set_offset(kind, name, 0)
-    quarantine.move_out(path, named)
-    lost_bytes = sum(max(0, min(end, committed) - start) for start, end in gaps)
+    move_out(path, named)
+    lost_bytes = sum(max(0, min(end, committed) - start) for start, end in stretches)
     frontier.set_offset(kind, name, max(0, committed - lost_bytes))
 
 
@@ -206,7 +209,7 @@ def check(root: Path, source: str) -> None:
             losses.append(LostRange(*place, size, committed))
         elif segment.name.endswith(".open"):
             # Readers take its end for a torn one; the state knows better.
-            losses += [LostRange(*place, *gap) for gap in quarantine.gaps(segment, committed)]
+            losses += [LostRange(*place, *gap) for gap in gaps(segment, committed)]
     losses += [LostRange(*place, 0, committed) for place, committed in known.items() if committed]
     if losses:
         raise _error(root, source, losses)
@@ -222,7 +225,7 @@ def remove_quarantined(
     """
     known = {lost.quarantined_as: lost for lost in _load(frontier) if lost.quarantined_as}
     removed = 0
-    for path in quarantine.quarantined_files(root, source):
+    for path in quarantined_files(root, source):
         lost = known.get(path.name)
         lost_keys = {key for _, key in lost.items or ()} if lost is not None else set()
         if path.parent.name not in exact or not lost_keys or lost_keys & set(keys):
@@ -285,3 +288,65 @@ def _load(frontier: Frontier) -> list[LostRange]:
 
 def _save(frontier: Frontier, losses: list[LostRange]) -> None:
     frontier.set_cursor(_LOST, msgspec.to_builtins(losses) or None)
+
+
+def gaps(path: Path, committed: int) -> list[tuple[int, int]]:
+    """The stretches (start, end) of a segment that hold no readable answer.
+
+    A torn tail of an open segment counts where it begins before `committed`, the offset that the
+    state knows; behind it nothing was promised.
+    """
+    frames = rawlog.Frames(path, mending=True, checked=True)
+    for _ in frames:
+        pass
+    stretches = list(frames.damaged)
+    if frames.torn and (not path.name.endswith(".open") or frames.good < committed):
+        stretches.append((frames.good, path.stat().st_size))
+    return stretches
+
+
+def quarantine_name(path: Path, start: int, end: int) -> str:
+    """The name of the file that gets the damaged bytes of a segment; no reader of raw takes it.
+
+    A file that has these bytes already, of a run that was killed, keeps them.
+    """
+    first = name = f"{rawlog.base_name(path)}{rawlog.SUFFIX}.damaged-{start}"
+    number = 1
+    with path.open("rb") as file:
+        file.seek(start)
+        data = file.read(end - start)
+    while (existing := path.with_name(name)).exists() and existing.read_bytes() != data:
+        number += 1
+        name = f"{first}-{number}"
+    return name
+
+
+def move_out(path: Path, stretches: Sequence[tuple[int, int, str]]) -> None:
+    """Take stretches (start, end, name of the new file) out of a segment, which is written anew.
+
+    Raises DiskFull.
+    """
+    with path.open("rb") as file:
+        for start, end, name in stretches:
+            file.seek(start)
+            write_bytes(path.with_name(name), file.read(end - start))
+        with writing(path) as temporary, temporary.open("wb") as fresh:
+            at = 0
+            for start, end, _ in stretches:
+                copy(file, fresh, at, start)
+                at = end
+            copy(file, fresh, at, path.stat().st_size)
+
+
+def copy(file: BinaryIO, fresh: BinaryIO, start: int, end: int) -> None:
+    """Bytes `start` to `end` of one file at the end of another."""
+    file.seek(start)
+    left = end - start
+    while chunk := file.read(min(_CHUNK, left)):
+        fresh.write(chunk)
+        left -= len(chunk)
+
+
+def quarantined_files(root: Path, source: str) -> list[Path]:
+    """What was set aside of a source's segments."""
+    return sorted(Layout(root).raw(source).glob(f"*/*{rawlog.SUFFIX}.damaged-*"))

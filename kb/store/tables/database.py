@@ -15,7 +15,7 @@ from pathlib import Path
 
 import duckdb
 
-from kb.store import process
+from kb.store import atomic
 
 SPILL = ".duckdb"  # and the process; below the data root, there only while something is spilled
 _FEW = 16 << 20  # bytes of Parquet of which nothing is spilled
@@ -78,10 +78,10 @@ def _set(con: duckdb.DuckDBPyConnection) -> None:
 
 def _spill(root: Path | None) -> Path:
     if root is not None and root.is_dir() and os.access(root, os.W_OK):
-        return root.absolute() / f"{SPILL}-{process.mark()}"
+        return root.absolute() / f"{SPILL}-{atomic.mark()}"
     return Path(tempfile.gettempdir()) / f"lorecrawl-duckdb-{os.getuid()}"
 
 
 def abandoned(folder: Path) -> bool:
     """Whether a folder is what a process spilled that is not there any more."""
-    return folder.name.startswith(f"{SPILL}-") and process.has_ended(folder.name)
+    return folder.name.startswith(f"{SPILL}-") and atomic.has_ended(folder.name)

@@ -3,10 +3,12 @@
 import shutil
 
 import pytest
+import zstandard
 
 from kb.core.errors import DamagedData
-from kb.store.rawlog import rawlog
+from kb.store.rawlog import damaged_answers, rawlog
 from kb.store.rawlog.recorder import Recorder
+from tests.store.rawlog.test_rawlog import written
 from tests.store.rawlog.test_recorder import apply, counted
 from tests.store.state.test_frontier import open_frontier
 
@@ -38,3 +40,19 @@ def test_a_damaged_segment_that_the_state_does_not_know_is_set_aside(tmp_path, h
     assert frontier.offset("videos", rawlog.base_name(path)) == path.stat().st_size
     Recorder(tmp_path, "youtube", frontier, counted)
     assert frontier.cursor("applied") == 4
+
+
+@pytest.mark.parametrize("summed", [True, False], ids=["summed", "not summed"])
+@pytest.mark.parametrize(
+    "line",
+    [b"a note\n", b'{"status":200}\n', b'{"fetched_at":null,"request"', b"\n", b""],
+    ids=["text", "other JSON", "cut off", "blank", "empty"],
+)
+def test_a_whole_frame_without_an_envelope_is_damage(tmp_path, line, summed):
+    """Which frames are decoded for that must not be seen."""
+    written(tmp_path, 2)
+    [path] = rawlog.segments(tmp_path, "youtube", "videos")
+    good = path.read_bytes()
+    odd = zstandard.ZstdCompressor(write_checksum=summed).compress(line)
+    path.write_bytes(good + odd + good)
+    assert damaged_answers.gaps(path, path.stat().st_size) == [(len(good), len(good) + len(odd))]

@@ -12,7 +12,7 @@ from hypothesis import strategies as some
 from kb.core.errors import DamagedData
 from kb.net import redact
 from kb.store.rawlog import rawlog
-from kb.store.rawlog.rawlog import Envelope, Request, Segment
+from kb.store.rawlog.rawlog import Envelope, Frames, Request, Segment
 from kb.store.rawlog.recorder import Recorder, recover
 from kb.store.state.frontier import Frontier
 
@@ -181,3 +181,23 @@ def held(value):
 def test_answers_are_verbatim_but_for_what_text_cannot_hold(response):
     line = rawlog.encode(Envelope(None, Request("e", {}), 200, response))
     assert msgspec.json.decode(line)["response"] == held(response)
+
+
+@given(
+    some.lists(some.binary(min_size=1, max_size=3000), min_size=1, max_size=12),
+    some.integers(0, 4000),
+)
+def test_whole_frames_of_any_prefix(tmp_path_factory, lines, cut):
+    path = tmp_path_factory.mktemp("frames") / "segment"
+    frames = [zstandard.ZstdCompressor().compress(line) for line in lines]
+    data = b"".join(frames)
+    cut = min(cut, len(data))
+    path.write_bytes(data[: len(data) - cut])
+    read = Frames(path, mending=True)
+    found = [line for _, line in read]
+    whole = 0
+    while sum(map(len, frames[: whole + 1])) <= len(data) - cut and whole < len(frames):
+        whole += 1
+    assert found == lines[:whole]
+    assert read.good == sum(map(len, frames[:whole]))
+    assert read.torn == (read.good < len(data) - cut)
