@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
@@ -18,6 +18,21 @@ if TYPE_CHECKING:
     from kb.core.config.profile import Profile
     from kb.export.layouts import Writer
     from kb.report.figures import FigureMaker
+
+
+class RecordedWay(NamedTuple):
+    """Where a data root records that rows came by some way: by the value of a released column, or
+    by raw answers of a kind.
+
+    `ages`: the service's terms limit how old such rows may be. `absent`: the way of those without
+    raw answers of the kind.
+    """
+
+    column: str = ""
+    value: str = ""
+    ages: bool = False
+    raw: str = ""
+    absent: bool = False
 
 
 class Publication:
@@ -68,8 +83,8 @@ class Publication:
     licence: ClassVar[str] = "CC-BY-4.0"
     """SPDX id when the profile gives none."""
 
-    scraped: ClassVar[bool] = False
-    """Whether some of it was read from web pages."""
+    ways: ClassVar[Mapping[str, RecordedWay]] = {}
+    """How rows may have come, by the names that about.toml has sentences for."""
 
     extra: ClassVar[str] = ""
     """The package extra that the card's commands need."""
@@ -221,7 +236,6 @@ class Links(Publication):
         "pairs.exclude",
         "pairs.near_words",
     )
-    scraped = True
 
     def figures(self) -> Sequence[FigureMaker]:
         from kb.report.links import known, least, most
@@ -240,7 +254,6 @@ class OpenText(Publication):
         " GROUP BY ALL ORDER BY words DESC"
     )
     licence = "CC-BY-3.0"
-    scraped = True
     part_of = "youtube"
 
     def writers(self) -> Mapping[str, Writer]:

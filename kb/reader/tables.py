@@ -67,6 +67,10 @@ class RowSet:
         """All rows as a pyarrow.Table, of all or some columns. Raises DamagedData."""
         raise NotImplementedError
 
+    def to_arrow(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """All rows as a pyarrow.Table, of all or some columns. Raises DamagedData."""
+        return self.to_table(columns)
+
     def head(self, rows: int = _SHOWN) -> pa.Table:
         """The first rows as a pyarrow.Table."""
         raise NotImplementedError

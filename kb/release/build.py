@@ -6,7 +6,6 @@ describe(run)    the files around the data alone (also after a purge)
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -48,8 +47,6 @@ from kb.store.tables.checksums import listed
 from kb.store.tables.reading import reading
 from kb.store.tables.shard_writer import order
 
-_log = logging.getLogger(__name__)
-
 
 def release(run: Run, only: Sequence[str] = ()) -> Summary:
     """Check and describe every exported folder, or `only` those of some sources.
@@ -63,13 +60,6 @@ def release(run: Run, only: Sequence[str] = ()) -> Summary:
 def _release(run: Run, only: Sequence[str]) -> Summary:
     exports = exported(run, only)
     refuse(check.check(run, exports))
-    lacking = " and ".join(run.profile.release.unsigned())
-    if lacking:
-        _log.warning(
-            "the profile has no %s; `kb release publish` refuses a release without it:"
-            " add [[release.creators]] and release.contact",
-            lacking.replace("a ", "").replace(" and ", " and no "),
-        )
     facts = [write(run, folder) for folder in exports]
     refuse(check.check_made(run, [read(folder.path, folder.source) for folder in exports]))
     return Summary(

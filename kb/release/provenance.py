@@ -82,7 +82,8 @@ def changes(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> Ch
 
 def record(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> None:
     """Record the keys of this version, for the next release."""
-    about = {"built": facts.built.strftime("%Y-%m-%d"), "tombstones": facts.tombstones}
+    built = facts.built.strftime("%Y-%m-%d") if facts.built else ""
+    about = {"built": built, "tombstones": facts.tombstones}
     keys = _keys(folder).replace_schema_metadata({_ABOUT: json.dumps(about).encode()})
     path = Layout(root).released(folder.source) / f"{version}.parquet"
     path.parent.mkdir(parents=True, exist_ok=True)

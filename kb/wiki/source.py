@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import SplitResult, urlunsplit
 
+from kb.core.publication import RecordedWay
 from kb.core.source import Source
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ class Wiki(Source):
     paths = (("pages", "screenshot_path"), ("images", "path"))
     licensed = ("pages", "images")
     licence = ""
-    scraped = True
+    ways = {"listed": RecordedWay(raw="titles"), "named": RecordedWay(raw="titles", absent=True)}
     extra = "wiki"
     title = "Wiki"
     shown = ("wiki/pages", "wiki/elements", "wiki/images")

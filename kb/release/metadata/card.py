@@ -25,7 +25,7 @@ from kb.core.source import Source
 from kb.core.sources import PUBLISHED
 from kb.release import provenance
 from kb.release.metadata.measure import ColumnFacts, Facts, TableFacts
-from kb.release.metadata.templates import SANDBOX_NOTE, about, language, md, name, render
+from kb.release.metadata.templates import about, language, md, name, notes, render
 from kb.release.provenance import Changes
 
 WIDTH = 40  # of the longest bar, in characters
@@ -103,7 +103,7 @@ def card(run: Run, facts: Facts, changed: Changes) -> str:
     return render(
         "card.md",
         **_in_markdown(run, facts),
-        title=about(run.profile, facts.source).title,
+        title=about(run.profile, facts).title,
         language=language(run),
         size_category=size_category(facts.rows),
         tags=_search_words(run, facts),
@@ -137,7 +137,7 @@ def citation(run: Run, facts: Facts) -> str:
         version=__version__,
         address=software_address(),
         lock=lock_digest(),
-        about=about(run.profile, facts.source),
+        about=about(run.profile, facts),
         facts=facts,
         published=run.profile.release.published_at(facts.source),
         release=run.profile.release,
@@ -149,7 +149,7 @@ def bibtex(run: Run, facts: Facts) -> str:
     """How to cite the folder."""
     return render(
         "citation.bib",
-        about=about(run.profile, facts.source),
+        about=about(run.profile, facts),
         facts=facts,
         key=name(run, facts).replace("-", "_"),
         published=run.profile.release.published_at(facts.source),
@@ -162,7 +162,7 @@ def law(run: Run, facts: Facts) -> str:
     """LICENSE. Names of licences are the wiki's own words, so each stays on its line."""
     return render(
         "licence.txt",
-        about=about(run.profile, facts.source),
+        about=about(run.profile, facts),
         facts=facts,
         law=licence(facts.licence),
     )
@@ -171,11 +171,11 @@ def law(run: Run, facts: Facts) -> str:
 def _in_markdown(run: Run, facts: Facts) -> dict[str, Any]:
     section = run.profile.release
     return {
-        "about": about(run.profile, facts.source, md),
+        "about": about(run.profile, facts, md),
         "contact": section.contact or section.homepage or "the depositor of this record",
         "facts": facts,
         "law": licence(facts.licence),
-        "note": SANDBOX_NOTE,
+        "notes": notes(facts),
         "install": install_extra(PUBLISHED[facts.source].extra),
         "release": section,
         "software": _software(),
@@ -185,7 +185,7 @@ def _in_markdown(run: Run, facts: Facts) -> dict[str, Any]:
 
 
 def _search_words(run: Run, facts: Facts) -> list[str]:
-    words = about(run.profile, facts.source).words
+    words = about(run.profile, facts).words
     return list(dict.fromkeys((run.profile.name, *words, *run.profile.release.keywords)))
 
 

@@ -16,10 +16,10 @@ from typing import Any
 from kb.core.config.profile.release import Creator
 from kb.core.context import Run
 from kb.core.licences import licence
-from kb.core.sources import PUBLISHED, SOURCES, made_of
+from kb.core.sources import SOURCES, made_of
 from kb.release.metadata.card import bibtex
 from kb.release.metadata.measure import DataFile, Facts, TableFacts
-from kb.release.metadata.templates import SANDBOX_NOTE, about, dataset_name, day, language, name
+from kb.release.metadata.templates import about, dataset_name, day, language, name, notes
 from kb.release.provenance import made_with
 from kb.schema.tables import Column
 
@@ -74,21 +74,20 @@ CONTEXT: dict[str, Any] = {
 
 def croissant(run: Run, facts: Facts) -> str:
     """The whole document as text."""
-    prose, section = about(run.profile, facts.source), run.profile.release
+    prose, section = about(run.profile, facts), run.profile.release
     published = section.published_at(facts.source)
     document = {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
         "conformsTo": CONFORMS,
         "name": name(run, facts),
-        "description": prose.summary + (f" {SANDBOX_NOTE}" if facts.sandbox else ""),
+        "description": " ".join((prose.summary, *notes(facts))),
         "license": licence(facts.licence).url,
         "version": section.version,
         "citeAs": bibtex(run, facts),
         "creator": [_creator(one) for one in section.creators],
         "keywords": list(dict.fromkeys((run.profile.name, *prose.words, *section.keywords))),
-        "datePublished": day(facts.built),
-        "dateModified": day(facts.built),
+        **({"datePublished": day(facts.built)} if facts.built else {}),
         "inLanguage": language(run),
         **({"url": section.homepage} if section.homepage else {}),
         **({"identifier": f"https://doi.org/{published.doi}"} if published.doi else {}),
@@ -139,13 +138,11 @@ def _not_for(uses: Iterable[str]) -> list[str]:
 
 
 def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
-    prose = about(run.profile, facts.source)
+    prose = about(run.profile, facts)
     emails, phones = (sum(counts[i] for counts in facts.personal.values()) for i in (1, 2))
     fields = {
         "rai:dataCollection": prose.collection,
-        "rai:dataCollectionType": ["Web API", "Web scraping"]
-        if PUBLISHED[facts.source].scraped
-        else ["Web API"],
+        "rai:dataCollectionType": list(prose.kinds),
         "rai:dataCollectionRawData": prose.raw,
         "rai:dataCollectionMissingData": prose.absent,
         "rai:dataPreprocessingProtocol": list(prose.processing),
@@ -304,7 +301,7 @@ def _origins(run: Run, source: str) -> list[dict[str, Any]]:
 
 def _activities(run: Run, facts: Facts) -> list[dict[str, Any]]:
     """A step each, in order. Times are those of the data; a step without them has none."""
-    prose = about(run.profile, facts.source)
+    prose = about(run.profile, facts)
     steps: list[tuple[str, str, tuple[datetime, datetime] | None]] = [
         ("collection", prose.collection, facts.read),
         ("processing", " ".join(prose.processing), None),

@@ -301,7 +301,7 @@ def _thresholds(profile: Profile) -> Iterator[Remark]:
 def _release(profile: Profile) -> Iterator[Remark]:
     if not profile.toxicity.on:
         message = "'toxicity' is off: no text is scored"
-        yield NOTE, "toxicity", message, "the release gate reports it as incomplete"
+        yield NOTE, "toxicity", message, "the card of a release says so"
     unsigned = profile.release.unsigned()
     if "a contact" in unsigned:
         message = "'release.contact' is not set"

@@ -26,7 +26,7 @@ class Toxicity(Section):
     about = 'Toxicity: how texts are scored; toxicity.toxicity = "off" leaves the scores out'
 
     toxicity: Literal["on", "off"] = Field(
-        "on", description="off: no text is scored; the release gate reports it"
+        "on", description="off: no text is scored, and the release says so"
     )
     thresholds: Thresholds = Field(
         Thresholds(), description="maximum score that is kept, per source"
