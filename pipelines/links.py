@@ -16,8 +16,7 @@ from kb.artifacts.table_catalog import Catalog
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
-from kb.links.build import build, check
-from kb.links.entity_pages import Names
+from kb.links.build import Names, build, check
 from kb.store.layout import Layout
 from kb.wiki.parse import answers
 

@@ -23,10 +23,10 @@ from kb.core.context import Run
 from kb.core.errors import LimitReached
 from kb.core.summary import Summary
 from kb.export import layouts
+from kb.pairs import measures
 from kb.pairs.build import build, check
 from kb.pairs.extract import Tools, make_tools
-from kb.pairs.measures import speech_recognition
-from kb.pairs.measures.speech_recognition import VideoSample
+from kb.pairs.measures import VideoSample
 from kb.store.layout import Layout
 from kb.youtube.crawl.second_tracks import (
     fetch_second_tracks,
@@ -56,8 +56,8 @@ def measure(run: Run, size: int) -> Summary:
     sample, tools = _sample(run, size)
     fetched = fetch_second_tracks(run, sample.ids)
     tracks = second_tracks(run.root, sample.ids, word_count_of_lists)
-    section = speech_recognition.measured(run.root, tracks, tools, sample, run.seed)
-    path = write_measure(run.root, speech_recognition.NAME, section)
+    section = measures.measured(run.root, tracks, tools, sample, run.seed)
+    path = write_measure(run.root, measures.NAME, section)
     return Summary(
         fetched,
         videos_with_both_tracks=sample.out_of,
@@ -76,7 +76,7 @@ def plan_measure(run: Run, size: int) -> Summary:
 def _sample(run: Run, size: int) -> tuple[VideoSample, Tools]:
     section, keywords = run.profile.section(Pairs), check(run)
     check_pairs(run.root)
-    sample = speech_recognition.sampled(run.root, with_both(run), size, run.seed)
+    sample = measures.sampled(run.root, with_both(run), size, run.seed)
     return sample, make_tools(section, run.seed, keywords)
 
 

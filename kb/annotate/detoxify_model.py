@@ -19,8 +19,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from kb.annotate.model_files import tokenizer_files
-from kb.annotate.verified_checkpoint import Checkpoint, need_extra
+from kb.annotate.checkpoint import Checkpoint, need_extra, tokenizer_files
 from kb.core.errors import FatalError, MissingModel
 
 WINDOW = 512  # tokens that every published model reads at once
@@ -81,7 +80,10 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
             except Exception as error:  # whatever a foreign configuration makes transformers raise
                 if is_out_of_memory(error):
                     raise
-                raise _misfit(checkpoint, _reason(error)) from error
+                why = (str(error).strip().splitlines() or [type(error).__name__])[0]
+                if "ignore_mismatched_sizes" in why:
+                    why = "its weights have other shapes"
+                raise _misfit(checkpoint, why) from error
         if len(model.tokenizer) > model.model.config.vocab_size:
             raise _misfit(
                 checkpoint,
@@ -164,11 +166,6 @@ def _same_weights(model: Any, state: dict[str, Any], checkpoint: Checkpoint) -> 
     ]
     if wrong:
         raise _misfit(checkpoint, f"{wrong[0]} differs")
-
-
-def _reason(error: Exception) -> str:
-    lines = str(error).strip().splitlines() or [type(error).__name__]
-    return "its weights have other shapes" if "ignore_mismatched_sizes" in lines[0] else lines[0]
 
 
 def _misfit(checkpoint: Checkpoint, why: str) -> MissingModel:

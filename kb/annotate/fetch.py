@@ -10,9 +10,7 @@ from typing import Any
 
 import requests
 
-from kb.annotate.model_files import problem_of
-from kb.annotate.published_models import PUBLISHED, Published
-from kb.annotate.verified_checkpoint import models_folder, sha256_of
+from kb.annotate.checkpoint import PUBLISHED, Published, models_folder, problem_of, sha256_of
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, Retryable, SettingError

@@ -99,6 +99,8 @@ class Runner:
 
         Calls `between` before each batch; an exception from it ends the work.
         """
+        import numpy as np
+
         if not texts:
             return []
         inputs: list[Sequence[int]] = []
@@ -116,7 +118,7 @@ class Runner:
         if len(near) and self._exact:
             self.exactly += len(near)
             logits[near] = self._logits(self._exact(), [inputs[n] for n in near], between)
-        return largest(round_scores(logits).tolist(), owners, len(texts))
+        return largest(np.round(_sigmoid(logits), DECIMALS).tolist(), owners, len(texts))
 
     def _logits(
         self, network: ModelNetwork, inputs: Sequence[Sequence[int]], between: Callable[[], None]
@@ -192,13 +194,6 @@ def batches(
         waiting.append(number)
     if waiting:
         yield width, waiting
-
-
-def round_scores(logits: Any) -> Any:
-    """Scores between 0 and 1 (float64) of an array of logits, to `DECIMALS` decimals."""
-    import numpy as np
-
-    return np.round(_sigmoid(logits), DECIMALS)
 
 
 def near_boundary(logits: Any) -> Any:

@@ -1,33 +1,50 @@
 """Scores texts that have none yet, and looks scores up. Score and decision are apart.
 
-    scorer = Scorer.open(run, "youtube")       exit 2 without model or extra: nothing is written
+    scorer = ToxicityScorer.open(run, "youtube")       exit 2 without model or extra
     scorer.annotate(batches of texts)          scores each distinct text once, resumable
     scorer.columns(texts, "toxicity_title")    the table columns of a text column
 
 Equal texts are scored once, by their hash, in this run and in all later ones. A reduced precision
 is only used when asked for; a score within its reach of the threshold is computed again in fp32.
+
+Texts are scored and written in chunks. A chunk is what a stop waits for and what is lost at worst,
+so it takes some seconds, whatever the model; large ones are scored faster, because texts of one
+length share a batch. What a text scores doesn't depend on its chunk.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import threading
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.annotate.backends import check_options, prepare
-from kb.annotate.chunks import Chunks
+from kb.annotate.backends import REACH, check_options, choose_device, open_runner, prepare
+from kb.annotate.checkpoint import Checkpoint, find_checkpoint, need_extra
+from kb.annotate.detoxify_model import explained_memory
+from kb.annotate.inference import Runner
 from kb.annotate.scores import CATEGORIES, Scores, text_hashes, unscored
-from kb.annotate.verified_checkpoint import Checkpoint, find_checkpoint, need_extra
-from kb.annotate.worker import ScoringJob, score_chunk
-from kb.core import signals
+from kb.core import clock, signals
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import LimitReached
 from kb.store.layout import Layout
+
+CHUNK_TEXTS, CHUNK_CHARACTERS = 1024, 1_000_000  # the largest chunk
+FIRST, SMALLEST = 32, 128  # the first chunk, and a slow model's, is this part of it
+CHUNK_S = 5.0  # about what a chunk takes
+LOOKUP_TEXTS, LOOKUP_CHARACTERS = (
+    100_000,
+    50_000_000,
+)  # what is looked up at once, because each look-up reads all scores
+
+HAND_S = 10.0  # a chunk that takes longer ends between two batches when the run was asked to stop
+_ONE = threading.Lock()  # one chunk at a time in a process
 
 
 @dataclass(frozen=True)
@@ -125,10 +142,9 @@ class ToxicityScorer:
         assert self.scores is not None
         chunks = Chunks(self.scores, self.threshold, self.run.limit, task, self.least)
         assert self.checkpoint is not None
-        job = ScoringJob(
-            self.checkpoint, self.precision, self.device, self._threads(), self.threshold
-        )
         local = self.run.engine == "local"
+        threads = self.run.workers if local else 0
+        job = ScoringJob(self.checkpoint, self.precision, self.device, threads, self.threshold)
         # On one machine the threads are inside the model: one copy of it, whatever the number of
         # cores.
         if not local and job.device != "cuda" and job.precision != "bf16":
@@ -161,9 +177,6 @@ class ToxicityScorer:
                 f"--limit: {scored} texts scored", hint="run the same command to resume"
             )
         return AnnotationCounts(chunks.texts, scored, chunks.texts - scored, exact)
-
-    def _threads(self) -> int:
-        return self.run.workers if self.run.engine == "local" else 0
 
 
 def check(run: Run, source: str) -> str:
@@ -201,3 +214,182 @@ def scores(
     model, _, revision = key.rpartition("@")
     known = Scores(str(Layout(Path(root)).annotations(source)), model, revision)
     return known.lookup(text_hashes(texts)).select(CATEGORIES)
+
+
+class Chunks:
+    """Distinct unscored texts in the order they come, in memory that the number of texts doesn't
+    change.
+
+    What has a score is asked for a look-up at a time; what was given out is remembered until
+    `written`.
+    `texts`: how many came by, equal ones of one look-up counted once.
+    """
+
+    def __init__(
+        self,
+        scores: Scores,
+        threshold: float | None,
+        limit: int | None,
+        task: Any,
+        least: str | None = None,
+    ) -> None:
+        self._scores, self._threshold, self._limit, self._task = scores, threshold, limit, task
+        self._least = least
+        self._given: set[str] = set()
+        self._part = FIRST
+        self.texts = 0
+        self.limited = False
+
+    def of(self, batches: Iterable[Any]) -> Iterable[tuple[list[str], list[str]]]:
+        """(hashes, texts) of each chunk; `limited` is set when more were there than the limit
+        allows.
+        """
+        hashes: list[str] = []
+        texts: list[str] = []
+        size = given = 0
+        for key, text in self._unscored(batches):
+            if self._limit is not None and given == self._limit:
+                self.limited = True
+                break
+            hashes.append(key)
+            texts.append(text)
+            size, given = size + len(text), given + 1
+            if len(texts) * self._part >= CHUNK_TEXTS or size * self._part >= CHUNK_CHARACTERS:
+                yield hashes, texts
+                hashes, texts, size = [], [], 0
+        if texts:
+            yield hashes, texts
+
+    def written(self, hashes: Iterable[str]) -> None:
+        """Their scores are on disk, where the next look-up finds them."""
+        self._given.difference_update(hashes)
+
+    def took(self, seconds: float) -> None:
+        """How long a chunk took: the next ones are twice or half as large when it was far from
+        `CHUNK_S`.
+        """
+        if seconds < CHUNK_S / 2:
+            self._part = max(1, self._part // 2)
+        elif seconds > 2 * CHUNK_S:
+            self._part = min(SMALLEST, self._part * 2)
+
+    def _unscored(self, batches: Iterable[Any]) -> Iterable[tuple[str, str]]:
+        for texts in self._lookups(batches):
+            self.texts += len(texts)
+            hashes = pa.array(texts, pa.string())
+            missing = cast(
+                "list[bool]",
+                self._scores.missing(hashes, self._threshold, REACH, self._least).to_pylist(),
+            )
+            self._task.advance(len(missing) - sum(missing))
+            for (key, text), wanted in zip(texts.items(), missing, strict=True):
+                if not wanted:
+                    continue
+                if key in self._given:
+                    self._task.advance(1)
+                    continue
+                self._given.add(key)
+                yield key, text
+
+    def _lookups(self, batches: Iterable[Any]) -> Iterable[dict[str, str]]:
+        """Texts that are not empty by their hashes, as many as are looked up at once."""
+        texts: dict[str, str] = {}
+        size = 0
+        for batch in batches:
+            column = (
+                batch
+                if isinstance(batch, (pa.Array, pa.ChunkedArray))
+                else pa.array(batch, pa.string())
+            )
+            for key, text in zip(text_hashes(column).to_pylist(), column.to_pylist(), strict=True):
+                if key is None or text is None or key in texts:
+                    continue
+                texts[key] = text
+                size += len(text)
+                if len(texts) == LOOKUP_TEXTS or size >= LOOKUP_CHARACTERS:
+                    yield texts
+                    texts, size = {}, 0
+        if texts:
+            yield texts
+
+
+class ScoringJob(NamedTuple):
+    """How a worker is to score; what it loads is kept for the next task.
+
+    `threads` 0: as many as the worker has. `device` "auto" is the worker's own GPU, where it has
+    one.
+    """
+
+    checkpoint: Checkpoint
+    precision: str
+    device: str
+    threads: int
+    threshold: float | None
+
+
+def score_chunk(job: ScoringJob, texts: Sequence[str]) -> dict[str, Any]:
+    """Scores of a chunk, in its order; runs in a worker.
+
+    Near the threshold a reduced score is made exact. Raises FatalError when memory is too short.
+    """
+    # A Dask worker with several threads takes several chunks: one at a time, with all threads.
+    with _ONE, explained_memory():
+        return _score_chunk(job._replace(threads=job.threads or _worker_threads()), texts)
+
+
+def _score_chunk(job: ScoringJob, texts: Sequence[str]) -> dict[str, Any]:
+    job = job._replace(device=_device(job.device, job.precision))
+    runner = _runner(job.checkpoint, job.precision, job.device, job.threads)
+    start, before = clock.monotonic(), runner.tokens
+
+    def between() -> None:
+        # A chunk of some seconds is finished; one long text may take minutes.
+        if clock.monotonic() - start > HAND_S:
+            signals.stop.check()
+
+    scores = runner.score(texts, between)
+    precisions = [job.precision] * len(texts)
+    near = []
+    if job.threshold is not None and REACH[job.precision]:
+        near = [
+            n
+            for n, row in enumerate(scores)
+            if abs(max(row) - job.threshold) <= REACH[job.precision]
+        ]
+        exact = (
+            _runner(job.checkpoint, "fp32", job.device, job.threads).score(
+                [texts[n] for n in near], between
+            )
+            if near
+            else []
+        )
+        for n, row in zip(near, exact, strict=True):
+            scores[n], precisions[n] = row, "fp32"
+    return {
+        "scores": scores,
+        "precisions": precisions,
+        "classes": runner.meta.classes,
+        "again": len(near),
+        "tokens": runner.tokens - before,
+        "seconds": clock.monotonic() - start,
+    }
+
+
+def _worker_threads() -> int:
+    """Threads of the Dask worker that this runs on."""
+    from distributed import get_worker
+
+    try:
+        return get_worker().state.nthreads
+    except ValueError:  # not on a worker
+        return 1
+
+
+@cache
+def _device(wanted: str, precision: str) -> str:
+    return choose_device(wanted, precision)
+
+
+@cache
+def _runner(checkpoint: Checkpoint, precision: str, device: str, threads: int) -> Runner:
+    return open_runner(checkpoint, precision, device, threads)

@@ -32,9 +32,8 @@ from kb.clips.clip_files import (
     shard_report,
     writer_of,
 )
-from kb.clips.cut import cut, frame_times
+from kb.clips.clip_sources import cut, frame_times, video_files
 from kb.clips.frames import UndecodableVideo
-from kb.clips.video_files import video_files
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError, UsageError

@@ -1,21 +1,30 @@
-"""Where single clips come from: the user's films, or shards that `kb clips` has cut."""
+"""Where single clips come from: the user's films, or shards that `kb clips` has cut.
+
+The film of a video is `ID.ext`, `TITLE [ID].ext` as yt-dlp names it, or a file in `ID/`. All clips
+of a film are cut in one pass.
+"""
 
 from __future__ import annotations
 
 import io
+import os
+import re
 import tarfile
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import msgspec
 
 from kb.clips.clip_files import CutOptions, Row, ShardReport, shard_reports
-from kb.clips.cut import cut, frame_times
-from kb.clips.frames import UndecodableVideo
-from kb.clips.video_files import video_files
+from kb.clips.frames import Fit, UndecodableVideo, frames_at
 from kb.core.errors import UsageError
 from kb.core.installation import np
+
+_ENDINGS = frozenset(
+    (".mp4", ".m4v", ".mkv", ".webm", ".mov", ".avi", ".flv", ".ts", ".3gp", ".mpg", ".mpeg")
+)
+_BRACKETS = re.compile(r"\[([^][]+)\]$")
 
 
 class NoClip(Exception):
@@ -128,3 +137,51 @@ def _content(tar: tarfile.TarFile) -> bytes:
     if file is None:
         raise tarfile.ReadError("it ends too early")
     return file.read()
+
+
+def frame_times(start_s: float, end_s: float, frames: int) -> np.ndarray:
+    """The centres of as many equal parts of a clip (s, float64)."""
+    return start_s + (np.arange(frames) + 0.5) / frames * (end_s - start_s)
+
+
+def cut(
+    path: Path, times_s: Sequence[np.ndarray], size: tuple[int, int], fit: Fit
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Each clip by its number, with its frames: uint8 [frames, height, width, 3], RGB.
+
+    `times_s`: of the frames of each clip (`frame_times`). Clips come in the order of their ends;
+    those that the film is too short for are left out. Clips that overlap share the decoding, and
+    only they are in memory together. Raises UndecodableVideo, behind the clips before the fault.
+    """
+    clips = np.repeat(np.arange(len(times_s)), [len(one) for one in times_s])
+    times = np.concatenate([*times_s, np.zeros(0)])
+    order = np.argsort(times, kind="stable")
+    cutting: dict[int, list[np.ndarray]] = {}
+    shown = frames_at(path, times[order].tolist(), size, fit)
+    for clip, image in zip(clips[order].tolist(), shown, strict=False):
+        images = cutting.setdefault(clip, [])
+        images.append(image)
+        if len(images) == len(times_s[clip]):
+            yield clip, np.stack(cutting.pop(clip))
+
+
+def video_files(folders: Iterable[Path], ids: Collection[str]) -> dict[str, Path]:
+    """By video id: its file in these folders or below them. Of several the first one by folder
+    and name counts. Raises OSError for a folder that can't be read.
+    """
+    wanted, paths = frozenset(ids), dict[str, Path]()
+    for folder in folders:
+        for where, below, files in os.walk(folder, onerror=_refuse):
+            below.sort()
+            for path in (Path(where, name) for name in sorted(files)):
+                if path.suffix.lower() not in _ENDINGS:
+                    continue
+                titled = _BRACKETS.search(path.stem)
+                named = (path.stem, titled[1] if titled else "", path.parent.name)
+                if key := next((one for one in named if one in wanted), ""):
+                    paths.setdefault(key, path)
+    return paths
+
+
+def _refuse(error: OSError) -> None:
+    raise error

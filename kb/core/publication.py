@@ -170,7 +170,7 @@ class Pairs(Publication):
         return pair_quality(con, root, folder)
 
     def figures(self) -> Sequence[FigureMaker]:
-        from kb.report.pairs import keywords, lengths, quality
+        from kb.report.derived import keywords, lengths, quality
 
         return keywords, lengths, quality
 
@@ -213,7 +213,7 @@ class Tasks(Publication):
         return task_quality(con, root, folder)
 
     def figures(self) -> Sequence[FigureMaker]:
-        from kb.report.tasks import titles
+        from kb.report.derived import titles
 
         return (titles,)
 
@@ -238,7 +238,7 @@ class Links(Publication):
     )
 
     def figures(self) -> Sequence[FigureMaker]:
-        from kb.report.links import known, least, most
+        from kb.report.derived import known, least, most
 
         return most, least, known
 

@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from kb.core.context import Run
     from kb.crawl.connector import Connector
     from kb.links.texts import TextPart
-    from kb.mcp.read_tool import AgentDocument
-    from kb.mcp.references import SourceLocation
+    from kb.mcp.documents import AgentDocument, SourceLocation
     from kb.reader.open_tables import OpenTables
     from kb.search.passage import Passage
     from kb.store.state.frontier import Frontier

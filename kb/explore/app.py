@@ -24,8 +24,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from kb.core.config.profile import Profile
 from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.core.templates import environment
-from kb.explore import funnel, pairs, rows, search, thresholds
-from kb.explore.tables import CurrentTables
+from kb.explore import rows, search, thresholds
+from kb.explore.rows import CurrentTables
 from kb.store.state import demo_mark
 
 HOST = "127.0.0.1"
@@ -103,7 +103,7 @@ def make(root: Path, profile: Profile, status: Callable[[], list[str]]) -> Starl
 
     return Starlette(
         routes=[
-            Route("/", page("funnel", lambda at, _: funnel.read(CurrentTables(at)))),
+            Route("/", page("funnel", lambda at, _: rows.read_funnel(CurrentTables(at)))),
             Route("/search", page("search", search.read, search.without_answers)),
             Route("/document", page("document", search.document)),
             Route("/screenshot", picture),
@@ -113,7 +113,7 @@ def make(root: Path, profile: Profile, status: Callable[[], list[str]]) -> Starl
                 page("thresholds", lambda at, q: thresholds.read(CurrentTables(at), profile, q)),
             ),
             Route("/status", page("status", lambda _, __: status())),
-            Route("/pairs", page("pairs", lambda at, q: pairs.read(CurrentTables(at), q))),
+            Route("/pairs", page("pairs", lambda at, q: rows.read_pairs(CurrentTables(at), q))),
             Route("/favicon.ico", lambda _: RedirectResponse("/static/icon.svg")),
             Mount("/static", StaticFiles(directory=_HERE / "static")),
         ],

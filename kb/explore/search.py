@@ -9,8 +9,7 @@ from urllib.parse import urlencode
 
 from kb.core.errors import KbError, UsageError
 from kb.core.sources import SOURCES
-from kb.mcp.read_tool import AgentDocument, surroundings
-from kb.mcp.references import parse_reference
+from kb.mcp.documents import AgentDocument, parse_reference, surroundings
 from kb.mcp.search_tool import ref
 from kb.reader.screenshots import stored_png
 from kb.search.answers import MARK, NotIndexed, SearchHit, search, suggest

@@ -1,22 +1,34 @@
 """What another threshold would keep: figures, a histogram, and rows on both sides of the line.
 
-The figures are those of a filter run with the other threshold. Nothing is written.
+The figures are those of a filter run with the other threshold. Nothing is written. Rows that are
+kept have their numbers in the clean tables. Rows that the stage rejected have them in `rejected`,
+with what the other stages decide (kb.filters.thresholds).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any, NamedTuple
+from urllib.parse import urlencode
 
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.dataset as ds
+
+from kb.core.config import pipeline
 from kb.core.config.profile import Profile
 from kb.core.errors import UsageError
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.explore.histogram import Histogram, draw, edges_of
-from kb.explore.tables import CurrentTables
-from kb.explore.threshold_rows import NearRow, rows_of
-from kb.explore.threshold_stages import StageOfTable, stages_of
-from kb.filters.thresholds import UNSCORED
+from kb.explore.rows import CurrentTables
+from kb.filters.chain import Chain
+from kb.filters.predicates import number as shown
+from kb.filters.thresholds import UNSCORED, StageThreshold, thresholds
+from kb.schema.tables import table
 from kb.store.tables import database
+from kb.store.tables.reading import reading
 
 GROUPS = 20
 _WAITING = {
@@ -24,6 +36,10 @@ _WAITING = {
     UNSCORED: "wait for a toxicity score, which the next filter computes",
     "failed": "count as failed",
 }
+
+
+EXAMPLES = 20  # on each side of the line
+_LONGEST = 160  # characters of an example's text
 
 
 @dataclass(frozen=True)
@@ -155,3 +171,208 @@ def _value(query: Mapping[str, str], edges: list[float], current: float) -> floa
         pass
     given = query.get("step") or query.get("value")
     raise UsageError(f"the threshold is {given!r}, not a number")
+
+
+class StageOfTable(NamedTuple):
+    """A stage with a threshold, and the table whose rows it judges. Rows of the tables `followers`
+    are kept only with their row of this one.
+    """
+
+    source: str
+    table: str
+    threshold: StageThreshold
+    chain: Chain
+    followers: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """How pages call it: "youtube videos: views"."""
+        return f"{self.source} {self.table}: {self.threshold.stage}"
+
+    @property
+    def view(self) -> str:
+        """The bare name of the table."""
+        return f"{self.source}_{self.table}"
+
+    @property
+    def rejected(self) -> str:
+        """The bare name of the table with the rejected rows."""
+        return f"{self.source}_rejected"
+
+    @property
+    def address(self) -> str:
+        """The address of its page."""
+        named = {"source": self.source, "table": self.table, "stage": self.threshold.stage}
+        return f"/thresholds?{urlencode(named)}"
+
+    @property
+    def sign(self) -> str:
+        """How a number compares with the limit in a row that passes."""
+        return "≥" if self.threshold.at_least else "≤"
+
+    @property
+    def group(self) -> str:
+        """The column by which changes are counted: the channel of videos, the type of posts."""
+        named = [name for name in ("channel_title", "type") if name in self.chain.described_by]
+        return named[0] if named else ""
+
+
+def stages_of(tables: CurrentTables, profile: Profile) -> Iterator[StageOfTable]:
+    """The stages of the shipped pipelines whose columns the tables have. Raises DamagedData."""
+    for source in SOURCES:
+        if getattr(profile, source, None) is None:
+            continue
+        clean = pipeline.load(str(pipeline.locate(source))).clean(profile)
+        following = tuple(one.table.partition("/")[2] for one in clean.chains if one.relate)
+        for chain in clean.chains:
+            table = chain.table.partition("/")[2]
+            if f"{source}_{table}" not in tables:
+                continue
+            columns = tables.columns(f"{source}_{table}")
+            for threshold in thresholds(chain.stages):
+                if threshold.reads <= columns:
+                    followers = () if chain.relate else following
+                    yield StageOfTable(source, table, threshold, chain, followers)
+
+
+@dataclass(frozen=True)
+class NearRow:
+    """A row near the line. `now` and `then` are its outcomes by the two thresholds."""
+
+    key: str
+    number: str
+    text: str
+    now: str
+    then: str
+    address: str
+    is_local: bool
+
+
+@dataclass(frozen=True)
+class ThresholdRows:
+    """The kept rows and those that the stage rejected.
+
+    `numbers` has the columns number, kept, outcome (without this stage) and group; kept rows come
+    first, in the order of their files, then those of `rejected`. `limit` is the threshold that the
+    tables were filtered with. `is_outdated`: the rejected rows lack numbers.
+    """
+
+    stage: StageOfTable
+    numbers: pa.Table
+    kept: ds.FileSystemDataset
+    rejected: pa.Table
+    limit: float
+    is_outdated: bool
+
+    def passes(self, value: float) -> Any:
+        """Which rows a threshold lets pass, as a mask; null without a number."""
+        numbers = self.numbers["number"]
+        at_least = self.stage.threshold.at_least
+        return pc.greater_equal(numbers, value) if at_least else pc.less_equal(numbers, value)
+
+    def nearest(self, value: float, *, inside: bool) -> Iterator[NearRow]:
+        """The rows next to the line on one side of it, the nearest first. Raises DamagedData."""
+        mask = pc.equal(self.passes(value), inside)
+        numbers = pc.if_else(mask, self.numbers["number"], None)
+        order = "ascending" if self.stage.threshold.at_least == inside else "descending"
+        places = pc.select_k_unstable(
+            pa.table({"number": numbers}), k=EXAMPLES, sort_keys=[("number", order)]
+        )
+        here = [place for place in places.to_pylist() if numbers[place].is_valid]
+        kept = self._kept(place for place in here if place < self._size)
+        for place in here:
+            if place < self._size:
+                key, text = kept[place]
+            else:
+                row = self.rejected.slice(place - self._size, 1).to_pylist()[0]
+                key, text = row["key"], row["title"]
+            outcome = self.numbers["outcome"][place].as_py()
+            is_kept = place < self._size
+            yield NearRow(
+                key.removeprefix(self.stage.chain.prefix),
+                shown(numbers[place].as_py()),
+                (text or "")[:_LONGEST],
+                "kept" if is_kept else "rejected",
+                outcome if inside else "rejected",
+                self._address(key, is_kept),
+                is_kept,
+            )
+
+    @property
+    def _size(self) -> int:
+        """How many rows are kept."""
+        return self.numbers.num_rows - self.rejected.num_rows
+
+    def _kept(self, places: Iterable[int]) -> Mapping[int, tuple[str, str]]:
+        """Key and text (the title, else the body) of kept rows by place."""
+        ordered = sorted(places)
+        key = table(self.stage.chain.table).key[0]
+        text = next((one for one in ("title", "body") if one in self.kept.schema.names), key)
+        with reading(self.kept.files):
+            taken = self.kept.scanner(columns=[key, text]).take(pa.array(ordered, pa.int64()))
+        rows = zip(ordered, taken[key].to_pylist(), taken[text].to_pylist(), strict=True)
+        return {
+            place: (f"{self.stage.chain.prefix}{name}", str(body or ""))
+            for place, name, body in rows
+        }
+
+    def _address(self, key: str, is_kept: bool) -> str:
+        """The page with what surrounds a kept row; the address of a rejected item at its source,
+        "" where the key alone does not give one.
+        """
+        source = self.stage.source
+        if not SOURCES[source].ref:
+            return ""
+        if is_kept:
+            return f"/document?{urlencode({'ref': f'{source}:{key}'})}"
+        bare = key.removeprefix(self.stage.chain.prefix)
+        is_main = self.stage.table == PUBLISHED[source].main
+        return SOURCES[source].address(bare) if is_main else ""
+
+
+def rows_of(tables: CurrentTables, stage: StageOfTable) -> ThresholdRows:
+    """The rows of a stage as they are now. Raises DamagedData."""
+    threshold, files = stage.threshold, tables.view(stage.view).files
+    with reading(files):
+        kept = ds.dataset([str(path) for path in files], format="parquet")
+        group = [stage.group] if stage.group in kept.schema.names else []
+        rows = kept.to_table(columns=[*sorted(threshold.reads), *group])
+    is_outdated = stage.rejected in tables and "number" not in tables.columns(stage.rejected)
+    rejected = _rejected(tables, stage) if not is_outdated else _NONE
+    numbers = pa.table(
+        {
+            "number": threshold.numbers(rows),
+            "kept": pa.repeat(True, rows.num_rows),
+            "outcome": pa.repeat("kept", rows.num_rows),
+            "group": rows[stage.group] if group else pa.nulls(rows.num_rows, pa.string()),
+        }
+    )
+    numbers = pa.concat_tables(
+        [numbers, rejected.select(numbers.column_names)], promote_options="permissive"
+    )
+    limit = float(rejected["threshold"][0].as_py()) if rejected.num_rows else threshold.limit
+    return ThresholdRows(stage, numbers, kept, rejected, limit, is_outdated)
+
+
+_TEXTS = ("key", "title", "outcome", "group", "threshold")
+
+_NONE = pa.table(
+    {
+        **{name: pa.array([], pa.string()) for name in _TEXTS},
+        "number": pa.array([], pa.float64()),
+        "kept": pa.array([], pa.bool_()),
+    }
+)
+
+
+def _rejected(tables: CurrentTables, stage: StageOfTable) -> pa.Table:
+    if stage.rejected not in tables:
+        return _NONE
+    return tables.rows(
+        stage.rejected,
+        f"""SELECT key, title, number, false AS kept, other_stages::VARCHAR AS outcome,
+            {stage.group or "NULL"}::VARCHAR AS "group", threshold::VARCHAR AS threshold
+        FROM {{table}} WHERE stage = ? AND starts_with(key, ?) AND number IS NOT NULL
+        ORDER BY key""",
+        [stage.threshold.stage, stage.chain.prefix],
+    )

@@ -1,27 +1,36 @@
-"""Answers of exports into labels/, and their figures into pairs/measures.json.
+"""Label Studio's exports → labels/, and what they say of all items in pairs/measures.json.
 
 Of several judgements of a person about an item the newest counts, so that importing a file again,
 or files in another order, gives the same bytes.
+
+The sample is stratified, so each judged item stands for as many rows as its stratum has, divided by
+how many of them were judged. An item that several people judged has the mean of their answers. The
+interval is Wilson's with the effective size of the weighted sample (Kish), which is no larger than
+the number of items.
 """
 
-from collections.abc import Sequence
-from pathlib import Path
+from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import msgspec
 import pyarrow as pa
 from duckdb import DuckDBPyConnection
 
 from kb.artifacts import domain_binding, manifest
 from kb.artifacts.measures import write_measure
 from kb.core.context import Run
-from kb.core.errors import FatalError
-from kb.core.installation import require
+from kb.core.errors import FatalError, UsageError
+from kb.core.installation import np, require
 from kb.core.summary import Summary
-from kb.labels.exports import LABELS, read_exports
-from kb.labels.figures import figures
-from kb.labels.questions import KINDS
+from kb.core.summary.intervals import wilson_interval
+from kb.labels.questions import KINDS, NEAR_S, UNSURE, YES, Labeling, LabelQuestion
 from kb.pairs.transcripts import VIDEOS
-from kb.schema.table_check import conform
-from kb.schema.tables import table
+from kb.schema.tables import conform, table
 from kb.store.layout import Layout
 from kb.store.state import tombstones
 from kb.store.tables import database, parquet
@@ -30,6 +39,8 @@ from kb.store.tables.shard_writer import write_table
 
 SECTION = "labels"  # of pairs/measures.json
 _FILE = "labels-00000-of-00001.parquet"
+
+LABELS = "labels/labels"
 
 
 def import_exports(run: Run, paths: Sequence[Path]) -> Summary:
@@ -93,12 +104,7 @@ def _judge(con: DuckDBPyConnection, root: Path) -> dict[str, int]:
     con.register("purged", pa.table({"video_id": purged}))
     con.execute(f"CREATE VIEW every AS {' UNION ALL '.join(selects)}")
     con.execute(_TABLES)
-    return {name: _one(con, sql) for name, sql in _COUNTED.items()}
-
-
-def _one(con: DuckDBPyConnection, sql: str) -> int:
-    ((number,),) = con.execute(sql).fetchall()
-    return int(number)
+    return {name: int(con.execute(sql).fetchall()[0][0]) for name, sql in _COUNTED.items()}
 
 
 _TABLES = """
@@ -111,6 +117,7 @@ CREATE TEMP TABLE merged AS
     SELECT * FROM given
         SEMI JOIN items USING (kind, item_id, video_id) ANTI JOIN purged USING (video_id);
 """
+
 _COUNTED = {
     "contradictory": """
         SELECT count(*) FROM (
@@ -122,6 +129,7 @@ _COUNTED = {
         SELECT count(DISTINCT item_id) FROM given
         ANTI JOIN purged USING (video_id) ANTI JOIN items USING (kind, item_id, video_id)""",
 }
+
 _NEWEST = """
     SELECT * FROM (
         SELECT DISTINCT ON (kind, item_id, annotator, question) * FROM (
@@ -129,3 +137,201 @@ _NEWEST = """
                 = max(labelled_at) OVER (PARTITION BY kind, item_id, annotator))
         ORDER BY kind, item_id, annotator, question, answer)
     ORDER BY kind::VARCHAR, item_id, annotator, question::VARCHAR"""
+
+
+class LabeledItem(msgspec.Struct):
+    """`data` of a task: what `kb label export` wrote of the item."""
+
+    item_id: str
+    kind: Literal["pair", "task"]
+    video_id: str
+
+
+class _Person(msgspec.Struct):
+    id: int
+
+
+class _Result(msgspec.Struct):
+    value: dict[str, Any] = {}
+    from_name: str = ""  # relations between regions have none
+
+
+class _Annotation(msgspec.Struct):
+    completed_by: int | _Person | None
+    result: list[_Result]
+    was_cancelled: bool = False
+    created_at: datetime | None = None
+    updated_at: datetime | None = None
+
+
+class _Task(msgspec.Struct):
+    data: LabeledItem
+    annotations: list[_Annotation]
+
+
+class ExportedAnswers(NamedTuple):
+    """Rows of labels, and how many judgements and answers were not taken, by why.
+
+    `skipped`: judgements that were skipped or have no answer; `undefined`: answers to other
+    questions, with other options, or whose end is before their beginning.
+    """
+
+    rows: pa.Table
+    skipped: int
+    undefined: int
+
+
+def read_exports(paths: Sequence[Path]) -> ExportedAnswers:
+    """The answers of all files. Raises UsageError for the first that is no such export."""
+    counts: Counter[str] = Counter()
+    rows = [row for path in paths for task in _tasks(path) for row in _rows(task, counts)]
+    made = pa.Table.from_pylist(rows, table(LABELS).arrow())
+    return ExportedAnswers(made, counts["skipped"], counts["undefined"])
+
+
+def _tasks(path: Path) -> list[_Task]:
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=list[_Task])
+    except OSError as error:
+        raise UsageError(f"{path} can't be read: {error.strerror}") from None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise UsageError(
+            f"{path} is not an export of such a project: {error}",
+            hint="export the project from Label Studio as JSON (not JSON-MIN)",
+        ) from None
+
+
+def _rows(task: _Task, counts: Counter[str]) -> Iterator[dict[str, Any]]:
+    asked = {one.name: one for one in KINDS[task.data.kind].questions}
+    for annotation in task.annotations:
+        found = [(asked.get(one.from_name), one.value) for one in annotation.result]
+        answers = {one.name: answer(one, value) for one, value in found if one is not None}
+        if annotation.was_cancelled or not found:
+            counts["skipped"] += 1
+            continue
+        begins, ends = (answers.get(name) for name in ("begins_s", "ends_s"))
+        if begins and ends and float(begins) > float(ends):
+            answers["begins_s"] = answers["ends_s"] = None
+        given = {name: text for name, text in answers.items() if text is not None}
+        counts["undefined"] += len(found) - len(given)
+        by, at = annotation.completed_by, annotation.updated_at or annotation.created_at
+        at = at or datetime.fromtimestamp(0, UTC)
+        common = {
+            **msgspec.structs.asdict(task.data),
+            "annotator": by.id if isinstance(by, _Person) else by or 0,
+            "labelled_at": at if at.tzinfo else at.replace(tzinfo=UTC),
+        }
+        for name, text in given.items():
+            yield {**common, "question": name, "answer": text}
+
+
+def answer(question: LabelQuestion, value: dict[str, Any]) -> str | None:
+    """An answer as labels have it; None for one that the question does not have."""
+    if question.options:
+        names = {one: name for name, shown in question.options for one in (name, shown)}
+        match value.get("choices"):
+            case [str(chosen)]:
+                return names.get(chosen)
+        return None
+    if question.is_number:
+        number = value.get("number")
+        return f"{number:.10g}" if isinstance(number, (int, float)) and number >= 0 else None
+    text = value.get("text")
+    joined = "\n".join(map(str, text)) if isinstance(text, list) else str(text or "")
+    return " ".join(joined.split()) or None
+
+
+def figures(con: DuckDBPyConnection, labeling: Labeling) -> dict[str, Any]:
+    """The section of a kind. `con` has the tables labels; items (kind, item_id, stratum, start_s,
+    end_s) of what was judged; sizes (kind, stratum, size) of all rows.
+    """
+    con.execute(
+        "CREATE OR REPLACE TEMP TABLE ratings AS"
+        " SELECT question::VARCHAR AS question, item_id, annotator, answer, stratum, size, start_s,"
+        " end_s FROM labels JOIN items USING (kind, item_id) JOIN sizes USING (kind, stratum)"
+        " WHERE kind = $kind",
+        {"kind": labeling.kind},
+    )
+    ((items, people),) = con.execute(
+        "SELECT count(DISTINCT item_id), count(DISTINCT annotator) FROM ratings"
+    ).fetchall()
+    questions = {
+        one.name: {"question": one.text, **_figures_of(con, one, labeling.kind)}
+        for one in labeling.questions
+    }
+    return {"items": items, "annotators": people, "questions": questions}
+
+
+def _figures_of(con: DuckDBPyConnection, question: LabelQuestion, kind: str) -> dict[str, Any]:
+    name = {"question": question.name}
+    answers = con.execute(
+        "SELECT answer, count(*) AS n FROM ratings WHERE question = $question GROUP BY 1"
+        " ORDER BY n DESC, 1",
+        name,
+    ).fetchall()
+    if not question.options and not question.compared:
+        return {"answers": sum(n for _, n in answers)}
+    near = f"abs(answer::DOUBLE - {question.compared}) <= {NEAR_S}"
+    good = near if question.compared else f"answer = '{YES}'"
+    ((n, covered, share, size),) = con.execute(
+        f"""
+        WITH judged AS (
+            SELECT item_id, stratum, size, avg(({good})::INT) AS good
+            FROM ratings WHERE question = $question AND answer <> '{UNSURE}' GROUP BY ALL),
+        weighed AS (
+            SELECT good, size / count(*) OVER (PARTITION BY stratum) AS weight
+            FROM judged WHERE good IS NOT NULL)
+        SELECT count(*), sum(weight) / (SELECT sum(size) FROM sizes WHERE kind = $kind),
+            sum(weight * good) / sum(weight), sum(weight) ** 2 / sum(weight ** 2)
+        FROM weighed""",
+        {**name, "kind": kind},
+    ).fetchall()
+    low, high = wilson_interval(share * size, size) if n else (0.0, 1.0)
+    return {
+        "good": f"within {NEAR_S} s of {question.compared}" if question.compared else YES,
+        "n": n,
+        "share": round(share, 4) if n else None,
+        "low": round(low, 4),
+        "high": round(high, 4),
+        "effective_n": round(size, 1) if n else 0,
+        "covered": round(covered, 4) if n else 0,
+        "answers": dict(answers) if question.options else sum(n for _, n in answers),
+        "agreement": _agreement(con, name) if question.options else None,
+    }
+
+
+def _agreement(con: DuckDBPyConnection, name: dict[str, str]) -> dict[str, Any] | None:
+    """Kappa of a question's answers, all options counted; None with one person."""
+    ranks = (
+        f"dense_rank() OVER (ORDER BY {one}) - 1" for one in ("item_id", "annotator", "answer")
+    )
+    sql = f"SELECT {', '.join(ranks)} FROM ratings WHERE question = $question"
+    rows = np.array(con.execute(sql, name).fetchall(), np.int64).reshape(-1, 3)
+    items, people, options = rows.max(axis=0, initial=-1) + 1
+    if people < 2:
+        return None
+    chosen = np.full((items, people), -1)
+    chosen[rows[:, 0], rows[:, 1]] = rows[:, 2]
+    return agreement(chosen, int(options))
+
+
+def agreement(chosen: np.ndarray, options: int) -> dict[str, Any]:
+    """Cohen's kappa (1960) for two people, Fleiss' (1971) for more, over items that at least two
+    people judged. `chosen`: an option's number for each item and person, -1 for none. `kappa` is
+    None where every answer is the same.
+    """
+    counts = (chosen[:, :, None] == np.arange(options)).sum(axis=1)
+    shared = counts.sum(axis=1) >= 2
+    counts, judged = counts[shared], counts[shared].sum(axis=1)
+    n = int(shared.sum())
+    method = "cohen" if chosen.shape[1] == 2 else "fleiss"
+    if not n:
+        return {"method": method, "items": 0, "agreed": None, "kappa": None}
+    agreed = float(((counts * (counts - 1)).sum(axis=1) / (judged * (judged - 1))).mean())
+    if method == "cohen":
+        first, second = (np.bincount(chosen[shared, one], minlength=options) for one in (0, 1))
+        chance = float((first * second).sum() / n**2)
+    else:
+        chance = float(((counts.sum(axis=0) / counts.sum()) ** 2).sum())
+    kappa = round((agreed - chance) / (1 - chance), 4) if chance < 1 else None
+    return {"method": method, "items": n, "agreed": round(agreed, 4), "kappa": kappa}

@@ -1,8 +1,6 @@
 """Entities, and where the three sources speak of them (contract: links).
 
     texts      rows of clean tables → texts in batches, as the matcher takes them
-    mentions   a batch of texts → rows of links/links: counts and first seconds
-    entity_pages   the wiki's titles and redirects → which page each entity has
     build      all clean tables → links/entities-*.parquet and links/links-*.parquet
 
 The matcher is that of the pairs (kb.pairs.matching), with the same keywords, forms and rules for

@@ -3,14 +3,23 @@
 A part is a file of a clean table. The parts are merged into globally sorted files, which therefore
 don't depend on workers or the engine. Rows of a source whose texts, keywords and names have not
 changed are copied from the tables as they are.
+
+Each entity has the wiki page with its title, else one whose redirect names it. Titles and redirects
+are compared whole, folded as keywords are (case, punctuation, spaces). Of several pages that one
+wins, in this order: whose title is the entity's name; whose redirect is; whose title is without
+what stands in brackets behind it; then the same for the entity's other forms. Of equals one that is
+written as the entity is, then the smallest id.
 """
+
+from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -21,14 +30,13 @@ from kb.artifacts.resumable_build import Part, PartedBuild, read_plan, write_par
 from kb.artifacts.table_catalog import NO_TABLES, Catalog
 from kb.core.context import Run
 from kb.core.errors import FatalError
-from kb.core.installation import require
+from kb.core.installation import np, require
 from kb.core.summary import Summary
-from kb.links import entity_pages
-from kb.links.entity_pages import Names, Own
-from kb.links.mentions import Finder, finder, mentions, rows
-from kb.links.texts import parts
+from kb.links.texts import TextPart, parts
 from kb.pairs import keywords as lists
-from kb.pairs.keywords import Keywords
+from kb.pairs.extract import PairCounts, matches
+from kb.pairs.keywords import EXCLUDED, Keywords
+from kb.pairs.matching import Matcher, phrase
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
 from kb.store.tables import database, parquet
@@ -37,6 +45,11 @@ from kb.store.tables.shard_writer import ShardWriter, sorted_shards, write_table
 
 _LAYOUT = 1  # raised when the same input gives other rows
 _PAGES = "wiki/pages"
+
+TITLE, ALIAS = "title", "alias"
+_BRACKETS = re.compile(r"\s*\([^()]*\)$")
+
+MENTION = "mention"
 
 
 def build(run: Run, names: Callable[[], Mapping[str, Names]]) -> Summary:
@@ -60,7 +73,7 @@ def build(run: Run, names: Callable[[], Mapping[str, Names]]) -> Summary:
             run.progress.say("links are up to date")
             return _summary(parted.root)
         parted.begin()
-        own = entity_pages.own_pages(keywords, _titles(files.get(_PAGES, [])), called)
+        own = own_pages(keywords, _titles(files.get(_PAGES, [])), called)
         marks = _marks(inputs, plan)
         known = parted.known()
         before = known.figures.get("marks", {}) if known is not None else {}
@@ -176,7 +189,7 @@ def _finish(parted: PartedBuild, fresh: Build, keywords: Keywords, own: Mapping[
         {
             "entity": pa.array([one.name for one in keywords.every], pa.string()),
             "kind": pa.array([one.kind for one in keywords.every], pa.string()),
-            "aliases": pa.array(entity_pages.aliases(keywords), pa.list_(pa.string())),
+            "aliases": pa.array(aliases(keywords), pa.list_(pa.string())),
             "wiki_page_id": pa.array(
                 [
                     own[number].page_id if number in own else None
@@ -210,4 +223,139 @@ def _summary(root: Path) -> Summary:
         {"command": "links", "source": "links"},
         **{name: figures[name] for name in shown},
         path=str(Layout(root).links),
+    )
+
+
+class Names(NamedTuple):
+    """What the wiki calls a page: its title without its namespace, and redirects without theirs."""
+
+    title: str
+    redirects: tuple[str, ...] = ()
+
+
+class Own(NamedTuple):
+    """An entity's own page: `how` it bears the name, `names` of its titles and redirects do."""
+
+    page_id: int
+    how: str
+    names: int
+
+
+class _Claim(NamedTuple):
+    """Why a page may be an entity's own; the smallest one wins."""
+
+    form: bool  # not the name, another form
+    way: int  # title, redirect, title without brackets
+    spelt: bool  # not as the entity is
+    page_id: int
+    names: int
+
+
+def own_pages(
+    keywords: Keywords, pages: Iterable[tuple[int, str]], names: Mapping[str, Names]
+) -> dict[int, Own]:
+    """Entities (by number) that have a page of their own. `pages` are ids and titles; `names` says
+    by title what else they are called.
+    """
+    owners = dict(zip(keywords.phrases, keywords.of, strict=True))
+    first = [phrase(keyword.name) for keyword in keywords.every]
+    best: dict[int, _Claim] = {}
+    for page_id, title in pages:
+        known = names.get(title, Names(title))
+        claims: dict[int, _Claim] = {}
+        for way, name in (
+            (0, known.title),
+            *((1, redirect) for redirect in known.redirects),
+            (2, _BRACKETS.sub("", known.title)),
+        ):
+            folded = phrase(name)
+            number = owners.get(folded, EXCLUDED)
+            if number == EXCLUDED or (way == 2 and name == known.title):
+                continue
+            form, spelt = folded != first[number], name != keywords.every[number].name
+            claim = _Claim(form, way, spelt, page_id, 1)
+            known_claim = claims.get(number)
+            if known_claim is not None:
+                claim = min(claim, known_claim)._replace(names=known_claim.names + 1)
+            claims[number] = claim
+        for number, claim in claims.items():
+            best[number] = min(best.get(number, claim), claim)
+    return {
+        number: Own(one.page_id, ALIAS if one.form or one.way == 1 else TITLE, one.names)
+        for number, one in sorted(best.items())
+    }
+
+
+def aliases(keywords: Keywords) -> list[list[str]]:
+    """The other forms of each entity, sorted."""
+    other_forms: list[list[str]] = [[] for _ in keywords.every]
+    first = [phrase(keyword.name) for keyword in keywords.every]
+    for form, number in zip(keywords.phrases, keywords.of, strict=True):
+        if number != EXCLUDED and form != first[number]:
+            other_forms[number].append(form)
+    return [sorted(forms) for forms in other_forms]
+
+
+class Finder(NamedTuple):
+    """What finds keywords, made once a worker."""
+
+    keywords: Keywords
+    matcher: Matcher
+    names: pa.Array[Any]
+
+
+def finder(keywords: Keywords) -> Finder:
+    """The automaton of a profile's keywords."""
+    names = pa.array([keyword.name for keyword in keywords.every], pa.string())
+    return Finder(keywords, Matcher(keywords.phrases), names)
+
+
+def mentions(source: str, part: TextPart, with_: Finder) -> pa.Table:
+    """Rows of a part of a source's texts, in no order that matters."""
+    text = part.text
+    hits = matches(text, with_, PairCounts())
+    if part.timed:  # what is said when the video is over makes no pair either
+        hits = hits.take(~text.beyond[text.cue_of(hits.start)])
+    pair = hits.keyword * len(text) + hits.video
+    order = np.argsort(pair, kind="stable")
+    ordered = pair[order]
+    heads = np.flatnonzero(np.concatenate(([True], ordered[1:] != ordered[:-1]))[: len(ordered)])
+    counts = np.diff(np.append(heads, len(ordered)))
+    first: pa.Array[Any] = pa.nulls(len(heads), pa.float64())
+    if part.timed and len(heads):
+        ms: np.ndarray = np.minimum.reduceat(text.time_of(hits.start[order]), heads)
+        first = pa.array(ms / 1000)
+    keyword, video = np.divmod(ordered[heads], max(len(text), 1))
+    return rows(
+        source,
+        part.part,
+        MENTION,
+        with_.names.take(pa.array(keyword)),
+        text.ids.take(pa.array(video)).cast(pa.string()),
+        pa.array(counts, pa.int64()),
+        first,
+    )
+
+
+def rows(
+    source: str,
+    part: str,
+    how: str | pa.Array[Any],
+    entities: pa.Array[Any],
+    keys: pa.Array[Any],
+    counts: pa.Array[Any],
+    first: pa.Array[Any],
+) -> pa.Table:
+    """Columns of links/links; `how` for all of them or each."""
+    ways = pa.array([how] * len(keys), pa.string()) if isinstance(how, str) else how
+    return pa.table(
+        {
+            "entity": entities,
+            "source": pa.array([source] * len(keys), pa.string()),
+            "key": keys,
+            "part": pa.array([part] * len(keys), pa.string()),
+            "how": ways,
+            "count": counts,
+            "first_at_s": first,
+        }
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -57,7 +57,7 @@ def in_columns(
     """Parts that are columns, by name; a release lacks some of them. `prefix` precedes the key."""
     names = [key, *(name for columns in parts.values() for name in columns)]
     for rows in _batches(path, names):
-        keys = _full(prefix, rows[key])
+        keys = pc.binary_join_element_wise(prefix, rows[key].cast(pa.string()), "")
         for part, columns in parts.items():
             present = tuple(rows[name] for name in columns if name in rows.column_names)
             if present:
@@ -97,11 +97,6 @@ def _batches(path: Path, columns: list[str]) -> Iterator[pa.Table]:
         there = [name for name in columns if name in file.schema_arrow.names]
         for batch in file.iter_batches(batch_size=_ROWS, columns=there, use_threads=False):
             yield pa.Table.from_batches([batch]).combine_chunks()
-
-
-def _full(prefix: str, ids: pa.ChunkedArray[Any]) -> pa.ChunkedArray[Any]:
-    joined = pc.binary_join_element_wise(prefix, ids.cast(pa.string()), "")
-    return cast("pa.ChunkedArray[Any]", joined)
 
 
 def _texts(

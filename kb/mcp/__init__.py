@@ -2,8 +2,6 @@
 
 server            the four tools; `query` runs SQL in a process of its own (kb.query.isolated)
 search_tool       `search`: ranked answers
-read_tool         `read`: what surrounds one of them; kb.<source>.documents finds its parts
-about_tool        `about`: contents, age and licences
-references        references to places, such as "wiki:14#Taming", and links
+documents         `read`: what surrounds one of them; kb.<source>.documents finds its parts
 untrusted_text    retrieved text between unforgeable markers, and answers of limited size
 """

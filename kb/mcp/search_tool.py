@@ -6,7 +6,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from kb.core.context import Run
 from kb.core.sources import SOURCES
-from kb.mcp.references import from_link
+from kb.mcp.documents import from_link
 from kb.mcp.untrusted_text import AnswerPart, Fence, fit
 from kb.search.answers import SearchHit, search, suggest
 from kb.search.build import ensure
@@ -43,7 +43,8 @@ def _left_out(count: int) -> str:
 
 
 def _part(number: int, one: SearchHit) -> AnswerPart:
-    parts = [f"{one.source} {one.kind}", one.date, revision(one.url), _licence(one.licence)]
+    licence = f"licence {one.licence}" if one.licence else "no licence given"
+    parts = [f"{one.source} {one.kind}", one.date, revision(one.url), licence]
     facts = " · ".join(part for part in parts if part)
     where = " › ".join(part for part in (one.title, one.path) if part)
     return AnswerPart(
@@ -57,10 +58,6 @@ def revision(url: str) -> str:
     """The revision in a link to a wiki."""
     number = parse_qs(urlsplit(url).query).get("oldid")
     return f"revision {number[0]}" if number else ""
-
-
-def _licence(licence: str | None) -> str:
-    return f"licence {licence}" if licence else "no licence given"
 
 
 def ref(one: SearchHit) -> str:

@@ -18,9 +18,8 @@ from kb.core.errors import LimitReached
 from kb.core.installation import np
 from kb.core.summary import Summary
 from kb.pairs import keywords as lists
-from kb.pairs import transcripts
+from kb.pairs import quality, transcripts
 from kb.pairs.extract import PairCounts, Tools, make_tools, pairs_of
-from kb.pairs.quality import build as quality
 from kb.store.layout import Layout
 from kb.store.lock import writer
 from kb.store.tables.shard_writer import sorted_shards

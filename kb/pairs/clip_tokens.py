@@ -3,6 +3,13 @@ white space.
 
 Source: Radford et al., "Learning Transferable Visual Models From Natural Language Supervision"
 (2021). The vocabulary is the file of https://github.com/openai/CLIP (clip_vocabulary/, MIT).
+
+The text around a match, grown word by word on both sides to a drawn number of CLIP tokens.
+
+A share of the tokens that are left is drawn for the left side; the right side takes the rest, and
+each gives the other what its end of the transcript can't use. A text has at least `low` tokens
+where its transcript has them and never more than `high`: it ends inside a word only where a word
+alone is longer than that (text without spaces, addresses).
 """
 
 from __future__ import annotations
@@ -11,11 +18,12 @@ import gzip
 from functools import cache, lru_cache
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import pyarrow as pa
 
 from kb.core.installation import np
+from kb.pairs.transcript_batch import Text
 
 if TYPE_CHECKING:
     from tokenizers import Encoding, Tokenizer
@@ -85,7 +93,10 @@ def _tokenizer() -> Tokenizer:
 
     with gzip.open(_VOCABULARY, "rt", encoding="utf-8") as file:
         merges = [(a, b) for a, b in map(str.split, islice(file, 1, _MERGES + 1))]
-    letters = _letters()
+    # A visible character for each byte, in the order of CLIP's ids: bytes that are one in Latin-1
+    # stand for themselves, and come first.
+    visible = [*range(0x21, 0x7F), *range(0xA1, 0xAD), *range(0xAE, 0x100)]
+    letters = [*map(chr, visible), *(chr(0x100 + number) for number in range(256 - len(visible)))]
     tokens = [*letters, *(f"{letter}</w>" for letter in letters)]
     tokens += [a + b for a, b in merges]
     ids = {token: number for number, token in enumerate(tokens)}
@@ -100,9 +111,112 @@ def _tokenizer() -> Tokenizer:
     return tokenizer
 
 
-def _letters() -> list[str]:
-    """A visible character for each byte, in the order of CLIP's ids: bytes that are one in Latin-1
-    stand for themselves, and come first.
+class Grown(NamedTuple):
+    """Texts: first byte, byte after the last (white space may be before it),
+    tokens with both ends, first bytes of the first and the last word.
     """
-    visible = [*range(0x21, 0x7F), *range(0xA1, 0xAD), *range(0xAE, 0x100)]
-    return [*map(chr, visible), *(chr(0x100 + number) for number in range(256 - len(visible)))]
+
+    start: np.ndarray
+    end: np.ndarray
+    tokens: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
+
+
+def grow(
+    text: Text,
+    counter: Tokens,
+    places: tuple[np.ndarray, np.ndarray],
+    video: np.ndarray,
+    *,
+    goal: np.ndarray,
+    side: np.ndarray,
+    low: int,
+    high: int,
+) -> Grown:
+    """`places`: first byte of the phrase and the one after it; `goal`: tokens drawn; `side`: tokens
+    out of `goal` for the left, at most."""
+    start, end = places
+    words = np.append(text.words, len(text.codes))
+    begin = np.searchsorted(words, text.video_at[video])
+    stop = np.searchsorted(words, text.video_end[video])
+    first = np.searchsorted(words, start, "right") - 1
+    after = np.searchsorted(words, end - 1, "right")
+    least, most = np.maximum(begin, first - high), np.minimum(stop, after + high)
+    edges = np.bincount(least, minlength=len(words) + 1)
+    edges -= np.bincount(most, minlength=len(words) + 1)
+    reached = np.cumsum(edges)[:-1] > 0
+    counts = counter.of_words(text.codes, words, reached)
+    total = np.concatenate(([0], np.cumsum(counts, dtype=np.int64)))
+    goal = goal - ENDS
+    own = total[after] - total[first]
+    a = np.maximum(
+        np.searchsorted(total, total[first] - np.minimum(side, np.maximum(goal - own, 0)), "left"),
+        least,
+    )
+    a = np.minimum(a, first)
+    b = np.clip(np.searchsorted(total, total[a] + goal, "left"), after, most)
+    b -= (total[b] - total[a] > high - ENDS) & (b > after)
+    short = total[b] - total[a] < goal  # the right side has ended: more from the left
+    further = np.clip(np.searchsorted(total, total[b] - goal, "right") - 1, least, a)
+    further += (total[b] - total[further] > high - ENDS) & (further < a)
+    a = np.where(short, further, a)
+    tokens = total[b] - total[a] + ENDS
+    grown = Grown(words[a], words[b], tokens, words[a], words[b - 1])
+    hard = (tokens > high) | ((tokens < low) & ((a > begin) | (b < stop)))
+    for one in np.flatnonzero(hard).tolist():
+        begins = (
+            (int(start[one]), int(end[one]))
+            if tokens[one] > high
+            else (int(grown.start[one]), int(grown.end[one]))
+        )
+        bounds = (int(text.video_at[video[one]]), int(text.video_end[video[one]]))
+        grown.start[one], grown.end[one], grown.tokens[one] = _cut(
+            text, counter, begins, bounds, goal=max(low, int(goal[one]) + ENDS), high=high
+        )
+        grown.first[one] = text.words[np.searchsorted(text.words, grown.start[one], "right") - 1]
+        grown.last[one] = text.words[np.searchsorted(text.words, grown.end[one]) - 1]
+    return grown
+
+
+def _cut(
+    text: Text,
+    counter: Tokens,
+    begins: tuple[int, int],
+    bounds: tuple[int, int],
+    *,
+    goal: int,
+    high: int,
+) -> tuple[int, int, int]:
+    """The rare text beside words too long to take whole: grown on, character by character,
+    right and then left.
+    """
+    start, end = begins
+    low, top = bounds
+
+    def size(begin: int, finish: int) -> int:
+        return counter.count(text.codes[begin:finish].tobytes().decode("utf-8", "replace")) + ENDS
+
+    def inside(place: int) -> bool:
+        return low < place < top and bool(text.codes[place] & 0xC0 == 0x80)
+
+    tokens = size(start, end)
+    while tokens < goal and end < top:
+        place = end + 1
+        while inside(place):
+            place += 1
+        more = size(start, place)
+        if more > high:
+            break
+        end, tokens = place, more
+    while tokens < goal and start > low:
+        place = start - 1
+        while inside(place):
+            place -= 1
+        more = size(place, end)
+        if more > high:
+            break
+        start, tokens = place, more
+    while text.codes[start] == 0x20:
+        start += 1
+    return start, end, tokens

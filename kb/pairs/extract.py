@@ -18,10 +18,9 @@ from kb.core.config.profile.pairs import Pairs
 from kb.core.errors import MissingExtra
 from kb.core.installation import install_extra, np
 from kb.pairs import seeded_random
-from kb.pairs.clip_tokens import ENDS, Tokens
+from kb.pairs.clip_tokens import ENDS, Grown, Tokens, grow
 from kb.pairs.keywords import EXCLUDED, NEVER, Keywords
 from kb.pairs.matching import Matcher
-from kb.pairs.text_window import Grown, grow
 from kb.pairs.transcript_batch import Text
 
 

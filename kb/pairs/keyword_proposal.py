@@ -11,8 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from kb.core.config.profile.everyday_words import is_everyday
-from kb.pairs.keyword_forms import forms
-from kb.pairs.keyword_list import COLUMNS, LONGEST
+from kb.pairs.keyword_list import COLUMNS, LONGEST, forms
 from kb.pairs.matching import phrase
 
 PAGE = "page"  # the kind of a page without a category

@@ -1,7 +1,7 @@
 """The profile's keywords: forms, kinds, and rules for everyday words.
 
 A list is a tab-separated file with the columns `keyword`, `kind`, `rule`, `forms`; lines that begin
-with # are comments. Plural and joined forms follow by rule (kb.pairs.keyword_forms);
+with # are comments. Plural and joined forms follow by rule (kb.pairs.keyword_list);
 `forms` adds others, separated by commas. A rule says what an everyday word ("bed", "chest")
 needs to count:
 
@@ -24,8 +24,7 @@ from kb.core.config.profile import Profile
 from kb.core.config.profile.pairs import Pairs
 from kb.core.errors import ProfileError
 from kb.core.installation import np
-from kb.pairs.keyword_forms import forms
-from kb.pairs.keyword_list import COLUMNS, LONGEST, NEVER, Keyword, read
+from kb.pairs.keyword_list import COLUMNS, LONGEST, NEVER, Keyword, forms, read
 from kb.pairs.matching import phrase
 
 __all__ = [

@@ -26,10 +26,9 @@ from kb.pairs import transcripts
 from kb.pairs.clip_tokens import ENDS
 from kb.pairs.extract import make_tools
 from kb.pairs.keywords import Keywords
-from kb.pairs.transcript_batch import Text, without_sounds
+from kb.pairs.transcript_batch import without_sounds
 from kb.pairs.transcripts import VIDEOS
-from kb.schema.table_check import conform
-from kb.schema.tables import table
+from kb.schema.tables import conform, table
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.damage import opening
 from kb.store.layout import Layout, parquet_files
@@ -146,7 +145,10 @@ def fill(
         for path in files:
             for batch in transcripts.texts(path):
                 signals.stop.check()
-                for video, transcript in _wanted(batch, places):
+                for number, video in enumerate(cast("list[str]", batch.ids.to_pylist())):
+                    if video not in places:
+                        continue
+                    transcript = batch.transcript(number)
                     for row in places[video]:
                         spoken = without_sounds(transcript[starts[row] : ends[row]].encode())
                         text = " ".join(spoken.decode().split())
@@ -193,15 +195,6 @@ def _read(index: Path) -> pa.Table:
         ]
         rows = pa.concat_tables([schema.empty_table(), *read], promote_options="permissive")
     return conform("pairs/pairs", rows, released=True)
-
-
-def _wanted(batch: Text, places: dict[str, list[int]]) -> list[tuple[str, str]]:
-    """Ids and whole texts of the transcripts that the index names, sounds among them."""
-    return [
-        (video, batch.transcript(row))
-        for row, video in enumerate(batch.ids.to_pylist())
-        if video in places
-    ]
 
 
 def _write(run: Run, rows: pa.Table, name: str, quality: Sequence[Path]) -> None:

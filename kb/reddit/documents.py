@@ -1,8 +1,7 @@
 """What `read` shows of a thread: the post and its comments."""
 
 from kb.core.errors import UsageError
-from kb.mcp.read_tool import AgentDocument, DocumentPart, first_row, outward
-from kb.mcp.references import SourceLocation
+from kb.mcp.documents import AgentDocument, DocumentPart, SourceLocation, first_row, outward
 from kb.reader import thread as threads
 from kb.reader.open_tables import OpenTables
 from kb.search.passage import plain

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from kb.crawl.connector import Connector
     from kb.export.layouts import Writer
     from kb.links.texts import TextPart
-    from kb.mcp.read_tool import AgentDocument
-    from kb.mcp.references import SourceLocation
+    from kb.mcp.documents import AgentDocument, SourceLocation
     from kb.reader.open_tables import OpenTables
     from kb.report.figures import FigureMaker
     from kb.search.passage import Passage

@@ -6,9 +6,21 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from kb.core.config.profile import Profile
-from kb.report.charts import bars, histogram, over_time
+from kb.report.charts import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PALE,
+    Figure,
+    bars,
+    canvas,
+    histogram,
+    number,
+    over_time,
+    saved,
+)
 from kb.report.data import Funnel, ReportData
-from kb.report.figure_style import BLUE, GREEN, GREY, ORANGE, PALE, Figure, canvas, number, saved
 
 _SCORES = [step / 20 for step in range(21)]
 

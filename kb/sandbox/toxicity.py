@@ -13,7 +13,7 @@ from pathlib import Path, PurePath
 
 import zstandard
 
-from kb.annotate.verified_checkpoint import need_extra, sha256_of
+from kb.annotate.checkpoint import need_extra, sha256_of
 from kb.core.errors import DamagedData
 from kb.core.installation import cache_root, making
 from kb.store.tables.reading import SANDBOX_MODEL

@@ -5,7 +5,6 @@ check of what code writes (`conform`), DuckDB views, the column reference and Cr
 derived from them; `raw` holds the JSON Schemas of raw answers.
 """
 
-from kb.schema.table_check import conform
-from kb.schema.tables import Column, Table, released_tables, table, tables
+from kb.schema.tables import Column, Table, conform, released_tables, table, tables
 
 __all__ = ["Column", "Table", "conform", "released_tables", "table", "tables"]

@@ -11,7 +11,7 @@ import json
 import re
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
-from functools import cache, partial
+from functools import partial
 from itertools import accumulate
 from types import NoneType
 from typing import Any
@@ -20,13 +20,14 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.schema.raw import types
-from kb.schema.types import Type
+from kb.schema.tables import Type
 
 Bad = list[tuple[int, str]]
 UNHOLDABLE = re.compile("[\x00\ud800-\udfff]")
 _DURATION = re.compile(
     r"P(?=.)(?:(\d+)W)?(?:(\d+)D)?(?:T(?=.)(?:(\d+)H)?(?:(\d+)M)?(?:(\d+)(?:\.\d+)?S)?)?"
 )
+_RFC3339 = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
 _SECONDS = (604_800, 86_400, 3_600, 60, 1)
 _TIME = r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,6})?Z$"
 _LARGEST = (1 << 63) - 1
@@ -110,7 +111,11 @@ def times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
 
 def unix_times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
     """Seconds since 1970, whole or with a fraction → UTC."""
-    return _each(values, pa.timestamp("us", "UTC"), _unix_moment)
+    return _each(
+        values,
+        pa.timestamp("us", "UTC"),
+        lambda value: datetime.fromtimestamp(a_number(value), UTC),
+    )
 
 
 def booleans(values: Sequence[Any], allowed: set[str]) -> tuple[pa.Array[Any], Bad]:
@@ -128,7 +133,9 @@ def lists(values: Sequence[Any], kind: Type) -> tuple[pa.Array[Any], Bad]:
     """Lists of strings; an absent one is empty."""
     empty: list[str] = []
     column, bad = _each(
-        [empty if value is None else value for value in values], kind.arrow(), _strings
+        [empty if value is None else value for value in values],
+        kind.arrow(),
+        lambda value: [a_text(item) for item in a_list(value)],
     )
     return pc.fill_null(column, pa.scalar(empty, kind.arrow())) if bad else column, bad
 
@@ -269,18 +276,9 @@ def _duration(value: Any) -> int:
 
 
 def _moment(value: Any) -> datetime:
-    if not isinstance(value, str) or not value.isascii() or not _rfc3339().fullmatch(value):
+    if not isinstance(value, str) or not value.isascii() or not _RFC3339.fullmatch(value):
         raise ValueError
     return datetime.fromisoformat(value).astimezone(UTC)
-
-
-def _unix_moment(value: Any) -> datetime:
-    return datetime.fromtimestamp(a_number(value), UTC)
-
-
-@cache
-def _rfc3339() -> re.Pattern[str]:
-    return re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
 
 
 def a_list(value: Any) -> list[Any]:
@@ -288,7 +286,3 @@ def a_list(value: Any) -> list[Any]:
     if not isinstance(value, list):
         raise TypeError
     return value
-
-
-def _strings(value: Any) -> list[str]:
-    return [a_text(item) for item in a_list(value)]

@@ -4,11 +4,17 @@ A file has the keys of `Table`, then one `[[column]]` block a column with the ke
 `[[input]]` block has the same keys and stands for a value that parsing reads and a later rule uses
 up: it is in no table. A block with `each`, a list of words, stands for one column a word, put in
 place of {}; `values = ["<source>"]` stands for the name of every source.
+
+Types: `string | bool | int32 | int64 | float32 | float64 | date | timestamp[us, UTC]`,
+`list<TYPE>` and `struct<NAME: TYPE, …>`, nested at will.
 """
+
+from __future__ import annotations
 
 import re
 import tomllib
 from collections import Counter
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,11 +27,23 @@ from kb.core.cached_property import cached_property
 from kb.core.errors import SchemaMismatch, UsageError
 from kb.core.installation import folder
 from kb.core.sources import SOURCES
-from kb.schema.types import Type, parse_type
 
 Text = Annotated[str, Meta(pattern=r"\S")]
 Line = Annotated[str, Meta(pattern=r"^[^\n]*\S[^\n]*$")]
 Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
+
+
+# name → (Arrow factory's name, Croissant data type)
+_PLAIN: dict[str, tuple[str, str]] = {
+    "string": ("string", "sc:Text"),
+    "bool": ("bool_", "sc:Boolean"),
+    "int32": ("int32", "sc:Integer"),
+    "int64": ("int64", "sc:Integer"),
+    "float32": ("float32", "sc:Float"),
+    "float64": ("float64", "sc:Float"),
+    "date": ("date32", "sc:Date"),
+    "timestamp[us, UTC]": ("timestamp", "sc:DateTime"),
+}
 
 
 class Origin(str):
@@ -232,3 +250,100 @@ def _filled(value: Any, word: str) -> Any:
     if isinstance(value, list):
         return [_filled(one, word) for one in value]
     return value.replace("{}", word) if isinstance(value, str) else value
+
+
+def conform(declared: Table | str, rows: pa.Table, *, released: bool = False) -> pa.Table:
+    """`rows` with the declared columns, order and types, and the declaration's metadata.
+
+    Casts only where no value changes. Raises SchemaMismatch that lists every undeclared column,
+    every missing one, every value that does not fit and every null where none is allowed.
+    """
+    declared = table(declared) if isinstance(declared, str) else declared
+    schema = declared.arrow(released)
+    known, given = set(schema.names), set(rows.column_names)
+    problems = [
+        f"column {name!r} is not declared" for name in rows.column_names if name not in known
+    ]
+    problems += [f"column {name!r} is missing" for name in schema.names if name not in given]
+    if len(given) < rows.num_columns:
+        problems.append("a column is there twice")
+    columns = []
+    for field in schema:
+        if field.name not in given or problems:
+            continue
+        column = rows.column(field.name)
+        if column.type != field.type:
+            try:
+                column = column.cast(field.type)
+            except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+                first = str(error).splitlines()[0]
+                problems.append(
+                    f"column {field.name!r} is {column.type}, not {field.type}: {first}"
+                )
+                continue
+        if not field.nullable and column.null_count:
+            problems.append(
+                f"column {field.name!r} has {column.null_count} nulls and may have none"
+            )
+        columns.append(column)
+    if problems:
+        raise SchemaMismatch(
+            f"{declared.name}: " + "; ".join(problems),
+            hint=f"see schemas/tables/{declared.name}.toml",
+        )
+    return pa.Table.from_arrays(columns, schema=schema)
+
+
+@dataclass(frozen=True)
+class Type:
+    """One parsed type: `text` as declared; `item` of a list; `fields` of a struct."""
+
+    text: str
+    item: Type | None = None
+    fields: tuple[tuple[str, Type], ...] = ()
+
+    def arrow(self) -> pa.DataType:
+        if self.item is not None:
+            return pa.list_(self.item.arrow())
+        if self.fields:
+            return pa.struct([(name, kind.arrow()) for name, kind in self.fields])
+        if self.text.startswith("timestamp"):
+            return pa.timestamp("us", tz="UTC")
+        return getattr(pa, _PLAIN[self.text][0])()
+
+    def croissant(self) -> str:
+        """Croissant's data type; of a list that of its items, of a struct text."""
+        if self.item is not None:
+            return self.item.croissant()
+        return _PLAIN[self.text][1] if not self.fields else "sc:Text"
+
+
+def parse_type(text: str) -> Type:
+    """Parses a declared type. Raises ValueError that says what is allowed."""
+    text = text.strip()
+    if text in _PLAIN:
+        return Type(text)
+    if match := re.fullmatch(r"list<(.+)>", text, re.DOTALL):
+        return Type(text, item=parse_type(match[1]))
+    if match := re.fullmatch(r"struct<(.+)>", text, re.DOTALL):
+        fields = []
+        for part in _split(match[1]):
+            name, colon, kind = part.partition(":")
+            if not colon or not re.fullmatch(r"[a-z][a-z0-9_]*", name.strip()):
+                raise ValueError(f"{part.strip()!r} in {text!r} is not `name: type`")
+            fields.append((name.strip(), parse_type(kind)))
+        return Type(text, fields=tuple(fields))
+    allowed = ", ".join(_PLAIN)
+    raise ValueError(f"unknown type {text!r}; allowed: {allowed}, list<…>, struct<name: …>")
+
+
+def _split(text: str) -> list[str]:
+    """Splits at the commas that stand outside of brackets."""
+    parts, depth, start = [], 0, 0
+    for index, sign in enumerate(text):
+        depth += sign in "<["
+        depth -= sign in ">]"
+        if sign == "," and depth == 0:
+            parts.append(text[start:index])
+            start = index + 1
+    return [*parts, text[start:]]

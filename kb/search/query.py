@@ -70,7 +70,11 @@ def question(text: str) -> Question:
         sign, phrase = match["sign"], match["phrase"]
         word = match["word"] if phrase is None else phrase
         prefix = bool(match["any"]) or (phrase is None and word.endswith("*"))
-        kept = "".join(one if _counts(one) else " " for one in word).split()
+        kinds = [unicodedata.category(one) for one in word]
+        kept = "".join(
+            one if kind[0] in "LNM" or kind == "Co" else " "
+            for one, kind in zip(word, kinds, strict=True)
+        ).split()
         if not kept:
             continue
         term = Term(" ".join(kept), prefix)
@@ -108,11 +112,6 @@ def clean(text: str) -> str:
     return unicodedata.normalize("NFC", signs)
 
 
-def _counts(one: str) -> bool:
-    """Whether a character may be one of a word: letters, digits, marks."""
-    return unicodedata.category(one)[0] in "LNM" or unicodedata.category(one) == "Co"
-
-
 _KNOWN = 50_000  # most frequent words with the same first letter that are compared
 _LEAST = 0.7  # similarity (difflib's ratio) of a word to one that is suggested for it
 _COMPARED = 20  # nearest words of which the most frequent is chosen
@@ -129,15 +128,12 @@ def corrected(indexes: Sequence[PassageIndex], query: str) -> str:
     asked = question(query)
     text = clean(query)
     for word in {word for term in asked.terms if not term.prefix for word in term.text.split()}:
-        if not any(_frequency(index, word) for index in indexes) and (
-            other := _nearest(indexes, word)
-        ):
+        known = any(
+            min(map(index.frequency, index.analyzer.analyze(word)), default=1) for index in indexes
+        )
+        if not known and (other := _nearest(indexes, word)):
             text = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", other, text)
     return "" if text == clean(query) else text
-
-
-def _frequency(index: PassageIndex, word: str) -> int:
-    return min(map(index.frequency, index.analyzer.analyze(word)), default=1)
 
 
 def _nearest(indexes: Sequence[PassageIndex], word: str) -> str:

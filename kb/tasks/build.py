@@ -1,12 +1,19 @@
-"""Titles and transcripts of clean/youtube → tasks/tasks-*.parquet and tasks/titles-*.parquet."""
+"""Titles and transcripts of clean/youtube → tasks/tasks-*.parquet and tasks/titles-*.parquet.
+
+A task begins and ends at a chapter of the description, else where its subject is first spoken of.
+Chapters are lines such as "1:05 Building the house", as YouTube reads them: the first one begins at
+0:00, and each one later than the one before.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import pyarrow as pa
@@ -16,7 +23,7 @@ from kb.artifacts import manifest
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import FatalError
-from kb.core.installation import require
+from kb.core.installation import np, require
 from kb.core.sources import made_of
 from kb.core.summary import Summary
 from kb.pairs import keywords
@@ -27,12 +34,14 @@ from kb.store.lock import writer
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
 from kb.store.tables.shard_writer import sorted_shards, write_table
-from kb.tasks.times import TaskTimes, by_chapter, by_mentions, chapters
 from kb.tasks.titles import DUPLICATE, TitleMiner
 
 _LAYOUT = 1  # raised when the same input gives other rows
 _ROWS = 128  # transcripts in memory at once
 (_VIDEOS,) = made_of("tasks")
+
+_CHAPTER = re.compile(r"^\W*((?:\d{1,2}:)?\d{1,2}:\d{2})\b\W*(\S.*)$", re.MULTILINE)
+_FEWEST = 2  # chapters of a list; a single time is a remark
 
 
 def build(run: Run, playlists: Mapping[str, str]) -> Summary:
@@ -218,3 +227,78 @@ def _summary(root: Path) -> Summary:
         rejected_by=figures["rejected"],
         path=str(Layout(root).tasks),
     )
+
+
+class TaskTimes(NamedTuple):
+    """Seconds of the video."""
+
+    start_s: float
+    end_s: float
+
+
+def chapters(description: str, length_s: float | None) -> list[tuple[float, str]]:
+    """The start (s) and title of each chapter; [] where the lines are no list of chapters."""
+    listed = [(_seconds(time), title) for time, title in _CHAPTER.findall(description)]
+    rising = all(one < other for (one, _), (other, _) in pairwise(listed))
+    if len(listed) < _FEWEST or listed[0][0] != 0 or not rising:
+        return []
+    return [one for one in listed if length_s is None or one[0] < length_s]
+
+
+def _seconds(time: str) -> float:
+    total = 0
+    for part in time.split(":"):
+        total = total * 60 + int(part)
+    return float(total)
+
+
+def by_chapter(
+    listed: Sequence[tuple[float, str]], words: Sequence[str], length_s: float | None
+) -> TaskTimes | None:
+    """The times of the first chapter whose title names the object."""
+    for named in _suffixes(words):
+        for number, (start, title) in enumerate(listed):
+            if named.search(title.encode()):
+                following = listed[number + 1 :]
+                end = following[0][0] if following else length_s
+                return TaskTimes(start, end) if end is not None else None
+    return None
+
+
+def by_mentions(
+    text: Text, objects: Sequence[Sequence[str]], max_gap_s: float
+) -> list[TaskTimes | None]:
+    """The times in which each transcript of a batch speaks of its object; None where it does not.
+
+    Mentions at most `max_gap_s` apart belong together. The task begins with the first of those that
+    have company, as a single mention is a greeting or an announcement, and ends with the cue of the
+    last. Where all stand alone, it is the first one's cue from the mention on.
+    """
+    return [
+        _mentioned(text, number, words, max_gap_s * 1000) for number, words in enumerate(objects)
+    ]
+
+
+def _mentioned(text: Text, number: int, words: Sequence[str], max_gap: float) -> TaskTimes | None:
+    begin, end = int(text.video_at[number]), int(text.video_end[number])
+    for named in _suffixes(words):
+        places = np.array([one.start() for one in named.finditer(text.raw, begin, end)], np.int64)
+        if len(places):
+            break
+    else:
+        return None
+    starts = text.time_of(places)
+    parted = np.flatnonzero(np.diff(starts) > max_gap) + 1
+    groups = np.split(np.arange(len(places)), parted)
+    group = next((one for one in groups if len(one) > 1), groups[0])
+    last = int(text.cue_end[text.cue_of(places[group[-1:]])][0])
+    start = int(starts[group[0]])
+    return TaskTimes(start / 1000, max(last, start) / 1000)
+
+
+def _suffixes(words: Sequence[str]) -> list[re.Pattern[bytes]]:
+    """Patterns of the object's words, whole, then without the first ones: of "simple wooden house"
+    a transcript may have "wooden house" or "house".
+    """
+    every = [rb"\W+".join(re.escape(one.encode()) for one in words[n:]) for n in range(len(words))]
+    return [re.compile(rb"(?<!\w)" + one + rb"(?:e?s)?(?!\w)", re.IGNORECASE) for one in every]

@@ -19,6 +19,8 @@ NO_VERB, NO_OBJECT, TOO_LONG = "no_verb", "no_object", "too_long"
 NOT_A_TASK, DUPLICATE = "not_a_task", "duplicate"
 _NEAREST = (NOT_A_TASK, TOO_LONG, NO_OBJECT, NO_VERB)  # the decisive one of several reasons first
 
+# Emoji and other symbols, what changes their form, and control characters.
+_PICTURES = {"So", "Sk", "Sc", "Cc", "Cf", "Cs", "Co", "Me"}
 _BRACKETS = re.compile(r"\([^()]*\)|\[[^][]*\]|\{[^{}]*\}|【[^】]*】|《[^》]*》")
 _HASHTAG = re.compile(r"#\w+|https?://\S+|\bv?\d+\.\d+(?:\.\d+)*\+?")  # versions too
 _PARTS = re.compile(r"[|:;!?,\"“”„~•·…]+|\.{2,}|\.(?:\s|$)|\s[-–—/]+\s|\s/|/\s")
@@ -109,13 +111,10 @@ def _plain(title: str) -> str:
     while text != previous:  # brackets in brackets
         previous, text = text, _BRACKETS.sub(" | ", text)
     text = _HASHTAG.sub(" ", text)
-    return "".join(" " if _is_picture(letter) else letter for letter in text)
-
-
-def _is_picture(letter: str) -> bool:
-    """Emoji and other symbols, what changes their form, and control characters."""
-    kinds = {"So", "Sk", "Sc", "Cc", "Cf", "Cs", "Co", "Me"}
-    return letter == "\ufe0f" or unicodedata.category(letter) in kinds
+    return "".join(
+        " " if unicodedata.category(letter) in _PICTURES or letter == "\ufe0f" else letter
+        for letter in text
+    )
 
 
 def _words(text: str) -> list[str]:

@@ -3,14 +3,15 @@
 from typing import Any
 
 from kb.core.errors import UsageError
-from kb.mcp.read_tool import (
+from kb.mcp.documents import (
     AgentDocument,
     DocumentPart,
     DocumentScreenshot,
+    SourceLocation,
+    anchor,
     first_row,
     outward,
 )
-from kb.mcp.references import SourceLocation, anchor
 from kb.mcp.search_tool import revision
 from kb.reader.open_tables import OpenTables
 from kb.reader.screenshots import Box, box

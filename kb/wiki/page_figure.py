@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from kb.core.config.profile import Profile
-from kb.report.data import ReportData
-from kb.report.figure_style import (
+from kb.report.charts import (
     BLUE,
     GREEN,
     INK,
@@ -23,6 +22,7 @@ from kb.report.figure_style import (
     canvas,
     saved,
 )
+from kb.report.data import ReportData
 from kb.store.damage import opening
 
 

@@ -2,9 +2,7 @@
 
 from functools import partial
 
-from kb.report.figure_style import (
-    GREEN,
-)
+from kb.report.charts import GREEN
 from kb.report.figures import dates, funnel, toxicity, values
 from kb.wiki.page_figure import KINDS, page
 

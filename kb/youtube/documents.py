@@ -1,8 +1,7 @@
 """What `read` shows of a video: its description and its transcript in windows."""
 
 from kb.core.errors import UsageError
-from kb.mcp.read_tool import AgentDocument, DocumentPart, first_row, outward
-from kb.mcp.references import SourceLocation
+from kb.mcp.documents import AgentDocument, DocumentPart, SourceLocation, first_row, outward
 from kb.reader.open_tables import OpenTables
 from kb.search.passage import plain
 from kb.youtube.passages import Talk, talk

@@ -4,21 +4,22 @@ import itertools
 from functools import partial
 
 from kb.core.config.profile import Profile
-from kb.report.charts import even, histogram
-from kb.report.data import ReportData
-from kb.report.figure_style import (
+from kb.report.charts import (
     BLUE,
     GREEN,
     GREY,
     ORANGE,
     SKY,
     Figure,
+    even,
+    histogram,
     number,
     readable,
     saved,
+    words,
 )
+from kb.report.data import ReportData
 from kb.report.figures import bar_figure, dates, funnel, logarithmic, toxicity, values
-from kb.report.word_cloud import words
 
 _VIDEOS = "youtube/videos"
 _CHANNELS = 10

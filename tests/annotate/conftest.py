@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from kb.annotate.verified_checkpoint import Checkpoint, find_checkpoint
+from kb.annotate.checkpoint import Checkpoint, find_checkpoint
 from kb.core.config.settings import load_settings
 from kb.sandbox.toxicity import tiny_checkpoint
 from tests.conftest import needs

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from kb.annotate.verified_checkpoint import Checkpoint, find_checkpoint, sha256_of
+from kb.annotate.checkpoint import Checkpoint, find_checkpoint, sha256_of
 from kb.core.config.settings import load_settings
 
 ORIGINAL = ("toxic", "severe_toxic", "obscene", "threat", "insult", "identity_hate")

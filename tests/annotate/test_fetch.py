@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from kb.annotate.checkpoint import PUBLISHED, Published, find_checkpoint
 from kb.annotate.fetch import PIECE, fetch
-from kb.annotate.published_models import PUBLISHED, Published
-from kb.annotate.verified_checkpoint import find_checkpoint
 from kb.core import clock
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings

@@ -4,12 +4,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from kb.annotate import backends, chunks, worker
-from kb.annotate import toxicity as room
+from kb.annotate import backends, detoxify_model, toxicity
 from kb.annotate.inference import DECIMALS
-from kb.annotate.scores import CATEGORIES, text_hashes
+from kb.annotate.scores import CATEGORIES, Scores, text_hashes
 from kb.annotate.toxicity import ToxicityScorer
-from kb.core.errors import LimitReached, SettingError
+from kb.core import signals
+from kb.core.errors import FatalError, Interrupted, LimitReached, MissingModel, SettingError
+from kb.core.progress import Task
 
 TEXTS = [
     "How to build a house in Minecraft",
@@ -89,9 +90,9 @@ def test_the_tiny_model_tells_insults_from_plain_text(checkpoint):
 def test_each_text_is_scored_once_in_this_and_all_later_runs(make_run, monkeypatch):
     seen: list[str] = []
     monkeypatch.setattr(
-        room,
+        toxicity,
         "score_chunk",
-        lambda job, texts, real=room.score_chunk: seen.extend(texts) or real(job, texts),
+        lambda job, texts, real=toxicity.score_chunk: seen.extend(texts) or real(job, texts),
     )
     run = make_run()
     first = ToxicityScorer.open(run, "reddit").annotate(
@@ -111,13 +112,13 @@ def test_equal_texts_far_apart_are_scored_once_too(make_run, monkeypatch):
     """The second one comes in a later look-up,
     before and after the first one's score is on disk.
     """
-    monkeypatch.setattr(chunks, "LOOKUP_TEXTS", 2)
-    monkeypatch.setattr(chunks, "CHUNK_TEXTS", 3)
+    monkeypatch.setattr(toxicity, "LOOKUP_TEXTS", 2)
+    monkeypatch.setattr(toxicity, "CHUNK_TEXTS", 3)
     seen: list[str] = []
     monkeypatch.setattr(
-        room,
+        toxicity,
         "score_chunk",
-        lambda job, texts, real=room.score_chunk: seen.extend(texts) or real(job, texts),
+        lambda job, texts, real=toxicity.score_chunk: seen.extend(texts) or real(job, texts),
     )
     counts = ToxicityScorer.open(make_run(), "reddit").annotate(
         [["a", "b"], ["a", "c"], ["d", "e"], ["a", "e"], ["f", "b"]]
@@ -143,13 +144,13 @@ def test_looked_up_scores_are_detoxifys_and_null_only_for_empty_text(make_run, r
         assert abs(columns["toxicity_title"][n].as_py() - max(row)) < 1e-6
         if len(text) < 500:
             assert close(row, reference[text]), text
-    by_worker = room.scores(room.check(run, "youtube"), run.root, "youtube", texts)
+    by_worker = toxicity.scores(toxicity.check(run, "youtube"), run.root, "youtube", texts)
     assert by_worker.column_names == list(CATEGORIES)
     assert by_worker["insult"].to_pylist() == columns["toxicity_title_insult"].to_pylist()
 
 
 def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(make_run, tmp_path, monkeypatch):
-    monkeypatch.setattr(chunks, "CHUNK_TEXTS", 3)
+    monkeypatch.setattr(toxicity, "CHUNK_TEXTS", 3)
     whole = make_run(root=tmp_path / "whole")
     ToxicityScorer.open(whole, "reddit").annotate([TEXTS])
     limited = make_run(root=tmp_path / "cut", limit=4)
@@ -168,8 +169,8 @@ def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(make_run, tmp_path, 
 
 def test_a_changed_threshold_loads_no_model(make_run, monkeypatch):
     ToxicityScorer.open(make_run(), "reddit").annotate([TEXTS])
-    monkeypatch.setattr(worker, "open_runner", lambda *_: pytest.fail("a model was loaded"))
-    worker._runner.cache_clear()
+    monkeypatch.setattr(toxicity, "open_runner", lambda *_: pytest.fail("a model was loaded"))
+    toxicity._runner.cache_clear()
     counts = ToxicityScorer.open(make_run(thresholds={"reddit": 0.9}), "reddit").annotate([TEXTS])
     assert (counts.scored, counts.known) == (0, len(TEXTS))
 
@@ -268,5 +269,64 @@ def test_off_in_the_profile_scores_nothing(make_run):
     assert not scorer.on
     assert scorer.annotate([TEXTS]).texts == 0
     assert scorer.columns(pa.array(TEXTS))["toxicity"].null_count == len(TEXTS)
-    assert room.check(off, "youtube") == ""
+    assert toxicity.check(off, "youtube") == ""
     assert not run.root.exists()
+
+
+def test_a_chunk_grows_and_shrinks_with_the_time_it_takes(tmp_path):
+    """A stop waits for the chunk in hand, so that a slow model gets small ones and a fast one large
+    ones.
+    """
+    scores = Scores(str(tmp_path), "m", "r")
+    given = toxicity.Chunks(scores, None, None, Task())
+    sizes = []
+    seconds = iter([0.1] * 6 + [60.0] * 4 + [4.0] * 100)
+    for hashes, texts in given.of([[f"text {n}" for n in range(9000)]]):
+        assert len(hashes) == len(texts)
+        sizes.append(len(texts))
+        given.took(next(seconds))
+    assert sum(sizes) == 9000
+    assert sizes[:6] == [32, 64, 128, 256, 512, 1024]
+    assert sizes[7:10] == [512, 256, 128]
+    assert set(sizes[10:-1]) == {64}
+    long = toxicity.Chunks(scores, None, None, Task())
+    first, _ = next(iter(long.of([["x" * 10_000 + str(n) for n in range(20)]])))
+    assert len(first) == 4, "characters count too"
+
+
+def test_a_stop_waits_for_a_chunk_of_seconds_not_for_one_of_minutes(checkpoint, monkeypatch):
+    job = toxicity.ScoringJob(checkpoint, "fp32", "cpu", 1, None)
+    texts = ["hello there", "x " * 2000]
+    try:
+        signals.stop.request("SIGTERM")
+        assert len(toxicity.score_chunk(job, texts)["scores"]) == 2
+        monkeypatch.setattr(toxicity, "HAND_S", -1.0)
+        with pytest.raises(Interrupted):
+            toxicity.score_chunk(job, texts)
+    finally:
+        signals.stop.clear()
+
+
+SAID = [
+    MemoryError(),
+    RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory: you tried to …"),
+    RuntimeError("std::bad_alloc"),
+]
+
+
+@pytest.mark.parametrize("error", SAID, ids=["Python", "torch", "ONNX Runtime"])
+def test_too_little_memory_is_no_wrong_model(
+    checkpoint, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def read(*arguments: object) -> None:
+        raise error
+
+    job = toxicity.ScoringJob(checkpoint, "bf16", "cpu", 1, None)
+    monkeypatch.setattr(detoxify_model, "_read", read)
+    toxicity._runner.cache_clear()
+    with pytest.raises(FatalError, match="not enough memory for the toxicity model") as told:
+        toxicity.score_chunk(job, ["a text"])
+    assert "--workers" in told.value.hint
+    monkeypatch.setattr(detoxify_model, "_read", lambda *arguments: {})
+    with pytest.raises(MissingModel):
+        toxicity.score_chunk(job, ["a text"])

@@ -17,7 +17,7 @@ import pyarrow as pa
 import pytest
 
 from kb.core.config.profile import load_profile
-from kb.links.mentions import finder, mentions
+from kb.links.build import finder, mentions
 from kb.links.texts import TextPart, in_pieces
 from kb.pairs.extract import make_tools, pairs_of
 from kb.pairs.keywords import load

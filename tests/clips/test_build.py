@@ -20,6 +20,7 @@ from PIL import Image
 
 from kb.clips import build
 from kb.clips.clip_files import CutOptions
+from kb.clips.clip_sources import video_files
 from kb.core.context import Run
 from kb.core.errors import UsageError
 from kb.pairs.clip_tokens import token_ids
@@ -29,6 +30,8 @@ from tests.release.made import build as made
 
 IDS = [f"vid{n:08d}" for n in range(4)]  # 0: whole, 1: short, 2: no film, 3: no file
 OPTIONS = CutOptions(frames=4, size=(90, 160))
+
+IDS_video_files = ("9LTiW466lNx", "-_abcdefghi", "f7Ls9uxGu_x", "nEiYFJtc4Jx")
 
 
 @pytest.fixture(scope="module")
@@ -175,3 +178,30 @@ def test_tokens_are_those_of_clip() -> None:
     assert ids[:8].tolist() == [49406, 320, 1125, 539, 320, 2368, 49407, 0]
     assert ids.shape == (77,)
     assert token_ids("cat " * 100)[-1] == 49407
+
+
+def test_every_form_of_name_is_found(tmp_path: Path) -> None:
+    names = (
+        "9LTiW466lNx.mp4",
+        "deep/er/A [good] day [-_abcdefghi].WEBM",
+        "f7Ls9uxGu_x/video.mkv",
+        "9LTiW466lNx.json",
+        "nEiYFJtc4Jx.mp4.part",
+    )
+    for name in names:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    found = {
+        key: str(path.relative_to(tmp_path))
+        for key, path in video_files([tmp_path], IDS_video_files).items()
+    }
+    assert found == dict(zip(IDS_video_files, names[:3], strict=False))
+
+
+def test_the_first_folder_counts(tmp_path: Path) -> None:
+    for name in ("b", "a"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / f"{IDS_video_files[0]}.mp4").touch()
+    found = video_files([tmp_path / "b", tmp_path / "a"], IDS_video_files)
+    assert found == {IDS_video_files[0]: tmp_path / "b" / f"{IDS_video_files[0]}.mp4"}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from kb.annotate import chunks
+from kb.annotate import toxicity
 from kb.annotate.toxicity import ToxicityScorer
 from kb.core import clock
 from kb.core.config.profile import load_profile
@@ -41,7 +41,7 @@ def score(root: Path, texts: list[str], **options) -> bytes:
 def test_both_engines_and_any_number_of_workers_write_the_same_scores(
     cluster, kill_a_worker, texts, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(chunks, "CHUNK_TEXTS", 40)
+    monkeypatch.setattr(toxicity, "CHUNK_TEXTS", 40)
     expected = score(tmp_path / "one", texts, workers=1)
     assert score(tmp_path / "two", texts, workers=2) == expected
     on_dask = {"workers": 2, "engine": "dask", "scheduler": cluster.scheduler_address}

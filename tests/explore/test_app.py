@@ -1,5 +1,6 @@
 """The pages over HTTP: who may ask, what is answered, and that nothing is written."""
 
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -83,3 +84,20 @@ def test_nothing_is_written_into_a_download(release_pages: Explored, demo: Path)
     for path in PAGES:
         assert release_pages.ask(path).status == 200
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
+
+
+def test_a_folder_without_tables_and_a_port_that_is_taken_are_refused(
+    demo_pages: Explored, demo: Path, tmp_path: Path
+) -> None:
+    with explored(tmp_path / "nothing") as nothing:
+        assert nothing.address == ""
+    with explored(demo / "data" / "demo", "--port", str(demo_pages.port)) as second:
+        assert second.address == ""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_as_done(demo: Path, number: signal.Signals) -> None:
+    with explored(demo / "data" / "demo") as pages:
+        assert pages.ask("/").status == 200
+        pages.process.send_signal(number)
+        assert pages.process.wait(30) == 0

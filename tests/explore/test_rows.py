@@ -1,12 +1,20 @@
 """Rows by verdict, against DuckDB over the same files."""
 
 import html
+import json
+import os
 import re
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import duckdb
+import pyarrow.parquet as pq
 
-from tests.explore.conftest import Explored, total
+from tests.cli.conftest import clean_environment
+from tests.conftest import ROOT
+from tests.explore.conftest import Explored, explored, total
 
 
 def cells(text: str) -> list[list[str]]:
@@ -60,3 +68,75 @@ def test_text_is_looked_for_literally(demo_pages: Explored, demo: Path) -> None:
 def test_what_a_release_lacks_is_empty_and_no_error(release_pages: Explored) -> None:
     answer = release_pages.ask("/rows?source=youtube&verdict=rejected")
     assert (answer.status, total(answer.text)) == (200, 0)
+
+
+def test_a_row_that_is_gone_disappears_from_the_next_page(demo: Path, tmp_path: Path) -> None:
+    root = tmp_path / "root"
+    for name in ("clean/youtube", "state"):
+        shutil.copytree(demo / "data" / "demo" / name, root / name)
+    with explored(root) as pages:
+        before = total(pages.ask("/rows?source=youtube").text)
+        folder = root / "clean" / "youtube"
+        (folder / "_manifest.json").unlink()
+        part = next(iter((folder / "videos").glob("*.parquet")))
+        rows = pq.read_table(part)
+        pq.write_table(rows.slice(1), part)
+        assert total(pages.ask("/rows?source=youtube").text) == before - 1
+
+
+def test_pages_are_read_while_a_filter_replaces_the_tables(demo: Path, tmp_path: Path) -> None:
+    root = tmp_path / "root"
+    shutil.copytree(demo / "data" / "demo", root)
+    paths = ("/", "/rows?source=wiki", "/thresholds?source=wiki&value=5", "/status")
+    with explored(root) as pages:
+        command = [sys.executable, "-m", "kb", "wiki", "filter", "--quiet", "--data", str(root)]
+        environment = {**clean_environment(), "PYTHONPATH": str(ROOT)}
+        for _ in range(3):
+            with subprocess.Popen(command, env=environment, cwd=os.sep) as process:
+                while process.poll() is None:
+                    assert [pages.ask(path).status for path in paths] == [200] * len(paths)
+            assert process.returncode == 0
+
+
+def test_rows_by_verdict_and_stage_are_the_filters(demo_pages: Explored, demo: Path) -> None:
+    text = demo_pages.ask("/").text
+    for source in ("youtube", "wiki", "reddit"):
+        path = demo / "data" / "demo" / "clean" / source / "summary.json"
+        summary = json.loads(path.read_text())
+        section = text.partition(f'id="of-{source}"')[2].partition("</section>")[0]
+        shown = {
+            verdict: int(n.replace(",", ""))
+            for n, verdict in re.findall(r">([\d,]+) (kept|rejected|failed|pending)<", section)
+        }
+        assert shown == {
+            verdict: sum(one[verdict] for one in summary["tally"].values()) for verdict in shown
+        }
+        dropped = re.findall(r"stage=(\w+)\">([\d,]+)<", section)
+        assert {stage: int(n.replace(",", "")) for stage, n in dropped} == summary["stages"]
+        last = re.findall(r'<td class="n">([\d,]+)</td>', section)[-1]
+        assert int(last.replace(",", "")) == shown["kept"]
+
+
+def test_pairs_of_a_keyword_in_the_order_of_the_video(demo_pages: Explored, demo: Path) -> None:
+    root = demo / "data" / "demo" / "pairs"
+    expected = duckdb.sql(
+        f"""SELECT video_id, floor(clip_start_s)::BIGINT FROM read_parquet('{root}/pairs-*.parquet')
+        WHERE keyword = 'Creeper' ORDER BY video_id, clip_start_s, pair_id"""
+    ).fetchall()
+    pages = -(-len(expected) // 20)
+    found: list[tuple[str, int]] = []
+    for page in range(1, pages + 1):
+        text = demo_pages.ask(f"/pairs?keyword=creeper&page={page}").text
+        found += [
+            (video, int(start))
+            for video, start in re.findall(r"watch\?v=([\w-]+)&amp;t=(\d+)s", text)
+        ]
+    assert found == expected
+    assert f"<p>{len(expected):,} pairs.</p>" in text
+    assert "<dt>language</dt>" in text
+
+
+def test_a_release_says_that_it_has_no_text(release_pages: Explored) -> None:
+    text = release_pages.ask("/pairs?keyword=creeper").text
+    assert "The text was not restored" in text
+    assert 'rel="noopener noreferrer" target="_blank"' in text

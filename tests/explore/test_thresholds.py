@@ -7,10 +7,15 @@ import shutil
 from pathlib import Path
 
 import duckdb
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from kb.explore.histogram import draw, edges_of
 from tests.conftest import ROOT
-from tests.explore.conftest import Explored, figures, number
+from tests.explore.conftest import Explored, explored, figures, number
 from tests.inprocess import Here
 
 KEYS = {
@@ -22,6 +27,10 @@ KEYS = {
     "words": "min_words = 20",
     "score": "min_score = 5",
 }
+
+WHOLE = st.integers(-50, 10_000_000).map(float)
+SHARES = st.floats(0, 1, width=32)
+OUTCOMES = st.sampled_from(["kept", "pending", "rejected"])
 
 
 @pytest.fixture(scope="module")
@@ -133,3 +142,90 @@ def test_a_wrong_question_is_refused(demo_pages: Explored, query: str, message: 
     answer = demo_pages.ask(f"/thresholds?{query}")
     assert answer.status == 400
     assert message in html.unescape(answer.text)
+
+
+@given(
+    st.lists(st.tuples(WHOLE | SHARES, st.booleans(), OUTCOMES), max_size=60),
+    st.sampled_from([0.5, 5.0, 100.0]),
+    st.booleans(),
+)
+def test_bars_hold_every_row_between_their_edges(
+    rows: list[tuple[float, bool, str]], current: float, at_least: bool
+) -> None:
+    numbers, kept, outcomes = ([row[place] for row in rows] for place in range(3))
+    with duckdb.connect() as con:
+        con.register(
+            "numbers",
+            pa.table(
+                {
+                    "number": pa.array(numbers, pa.float64()),
+                    "kept": pa.array(kept, pa.bool_()),
+                    "outcome": pa.array(outcomes, pa.string()),
+                }
+            ),
+        )
+        edges = edges_of(con, current, at_least)
+        histogram = draw(con, edges, current, current, at_least)
+    assert edges == sorted(set(edges))
+    assert edges[histogram.current] == edges[histogram.position] == current
+    for bar in histogram.bars:
+        inside = [
+            (one, outcome)
+            for number, one, outcome in rows
+            if (bar.low <= number < bar.high if at_least else bar.low < number <= bar.high)
+        ]
+        assert bar.kept == sum(one for one, _ in inside)
+        assert bar.others == sum(not one and outcome == "rejected" for one, outcome in inside)
+        assert bar.kept + bar.deciding + bar.others == len(inside)
+    counted = sum(bar.kept + bar.deciding + bar.others for bar in histogram.bars)
+    assert counted == len(rows)
+
+
+def test_examples_stand_on_both_sides_of_the_line(demo_pages: Explored) -> None:
+    text = demo_pages.ask("/thresholds?source=youtube&stage=views&value=500").text
+    sides = [
+        [
+            number(views)
+            for views in re.findall(r'<td class="n">([\d,]+)</td><td class="word">', part)
+        ]
+        for part in text.partition("Just outside</h3>")[2].split("Just inside</h3>")
+    ]
+    assert [len(side) for side in sides] == [20, 20]
+    assert sides[0] == sorted(sides[0], reverse=True)
+    assert sides[1] == sorted(sides[1])
+    assert sides[0][0] < 500 <= sides[1][0]
+
+
+def test_tables_of_an_older_version_are_named(demo: Path, tmp_path: Path) -> None:
+    root = tmp_path / "root"
+    shutil.copytree(demo / "data" / "demo" / "clean" / "wiki", root / "clean" / "wiki")
+    (root / "clean" / "wiki" / "_manifest.json").unlink()
+    for path in (root / "clean" / "wiki" / "rejected").glob("*.parquet"):
+        pq.write_table(pq.read_table(path).drop_columns(["number", "other_stages"]), path)
+    with explored(root) as pages:
+        answer = pages.ask("/thresholds?source=wiki&value=5")
+    assert (answer.status, figures(answer.text)[0]) == (200, 21)
+    assert "run <code>kb wiki filter</code> again" in answer.text
+
+
+def test_the_current_threshold_changes_nothing(demo_pages: Explored) -> None:
+    text = demo_pages.ask("/thresholds").text
+    addresses = [html.unescape(one) for one in re.findall(r'href="(/thresholds\?.*?)"', text)]
+    assert len(addresses) == 8
+    for address in addresses:
+        text = demo_pages.ask(address).text
+        then, now, waiting = figures(text)
+        assert then == now > 0
+        assert waiting == 0
+        places = [html.unescape(one) for one in re.findall(r'href="(/document\?.*?)"', text)]
+        assert demo_pages.ask(places[0]).status == 200
+
+
+def test_a_release_is_read_with_its_own_profile(demo: Path, tmp_path: Path) -> None:
+    release = tmp_path / "release"
+    shutil.copytree(demo / "data" / "demo" / "release", release)
+    profile = release / "youtube" / "profile.toml"
+    for path in release.glob("*/profile.toml"):
+        path.write_text(profile.read_text().replace("min_views = 100", "min_views = 150"))
+    with explored(release) as pages:
+        assert "views ≥ 150" in pages.ask("/thresholds?stage=views").text

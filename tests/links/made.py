@@ -9,8 +9,7 @@ import pyarrow.parquet as pq
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.links.build import build
-from kb.links.entity_pages import Names
+from kb.links.build import Names, build
 from kb.store.layout import Layout
 from tests.search.made import write
 

@@ -17,7 +17,7 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, WriterLocked
 from kb.core.progress import Silent
 from kb.links import build as building
-from kb.links.entity_pages import Names
+from kb.links.build import Names
 from kb.query import connect
 from kb.schema import table
 from kb.search.answers import keys

@@ -13,9 +13,8 @@ import psutil
 import pytest
 
 from kb.core.errors import UsageError
-from kb.mcp.about_tool import run_about
 from kb.mcp.search_tool import run_search
-from kb.mcp.server import make, run_query
+from kb.mcp.server import make, run_about, run_query
 from kb.mcp.untrusted_text import DEFAULT
 from kb.search.ranking import Only
 from kb.store.tables.shard_writer import write_table

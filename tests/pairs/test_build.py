@@ -11,7 +11,7 @@ from kb.artifacts.measures import read_measures, write_measure
 from kb.core.config.pipeline import load, locate
 from kb.core.config.profile.pairs import Pairs
 from kb.core.context import Run
-from kb.core.errors import LimitReached
+from kb.core.errors import FatalError, LimitReached, ProfileError, SettingError
 from kb.pairs import build as building
 from kb.store.layout import Layout
 from tests.pairs.made import PHRASES, fill, shards, tables
@@ -139,3 +139,34 @@ def test_measures_stay_while_the_rules_of_the_pairs_do(run: Run) -> None:
     other = run.profile.model_copy(update={"pairs": section})
     pipeline.pairs(replace(run, profile=other), "parquet")
     assert list(read_measures(run.root / "pairs")) == ["pairs"]
+
+
+def test_a_released_index_is_filled_again(run: Run) -> None:
+    pipeline.pairs(run, "parquet")
+    whole = _bytes(run.root / "pairs")
+    index = run.root / "release" / "pairs" / "pairs-00000-of-00001.parquet"
+    summary = pipeline.refill(run, index)
+    assert (summary["missing"], summary["differing"]) == (0, 0)
+    assert summary["filled"] == summary["pairs"]
+    assert _bytes(run.root / "pairs") == whole
+
+
+def test_texts_that_can_not_be_had_stay_null_and_are_counted(run: Run) -> None:
+    pipeline.pairs(run, "parquet")
+    (run.root / "clean/youtube/transcripts/part-00001.parquet").unlink()
+    summary = pipeline.refill(run, run.root / "release" / "pairs")
+    assert summary["missing"] == pq.read_table(shards(run.root / "pairs"))["text"].null_count > 0
+    assert summary["filled"] + summary["missing"] == summary["pairs"]
+    with pytest.raises(SettingError, match="no column 'pair_id'"):
+        pipeline.refill(run, run.root / "clean/youtube/videos/part-00000.parquet")
+    with pytest.raises(SettingError, match="no index"):
+        pipeline.refill(run, run.root / "nowhere.parquet")
+
+
+def test_without_transcripts_or_section(run: Run) -> None:
+    with pytest.raises(FatalError, match="no transcripts"):
+        pipeline.pairs(replace(run, root=run.root / "empty"), "parquet")
+    with pytest.raises(ProfileError, match=r"\[pairs\]"):
+        pipeline.pairs(
+            replace(run, profile=run.profile.model_copy(update={"pairs": None})), "parquet"
+        )

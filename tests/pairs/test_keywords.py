@@ -8,9 +8,30 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kb.core.config.profile import load_profile
+from kb.core.context import Run
 from kb.core.errors import ProfileError
-from kb.pairs.keywords import NEVER, Keyword, load, make, read
+from kb.pairs.keyword_hits import keyword_lines
+from kb.pairs.keyword_list import NEVER, forms, plural, read, scan, singular
+from kb.pairs.keyword_proposal import PageNames, propose
+from kb.pairs.keywords import Keyword, load, make
 from kb.pairs.matching import phrase
+
+HEADER = "keyword\tkind\trule\tforms\n"
+
+PAGES = [
+    PageNames(
+        "Rock Garden", ["Rockery", "Rock gardens", "RG/old", "Stone: a poem"], ["All", "Places"]
+    ),
+    PageNames("Spring", ["Springtime"], ["All", "Seasons"]),
+    PageNames("Trough (planter)", ["Alpine trough", "Springtime"], ["All", "Tools"]),
+    PageNames("Trough (river)", [], ["All"]),
+    PageNames("Secateurs", ["Pruners, old"], ["All", "Tools"]),
+    PageNames("1.19", [], ["All"]),
+    PageNames("List of all the plants that anybody ever had", [], ["All"]),
+    PageNames("Saxifrage", [], []),
+    PageNames("Guides/Pruning", [], ["All", "Techniques"]),
+    PageNames("Alpine", [], ["All", "Places"]),
+]
 
 
 @pytest.mark.parametrize(
@@ -92,3 +113,96 @@ def test_nothing_to_match_is_an_error() -> None:
 @given(st.text(st.characters(max_codepoint=127)))
 def test_plain_text_is_folded_as_any_other(text: str) -> None:
     assert phrase(text) == phrase(f"{text} \N{BLACK STAR}")
+
+
+@pytest.mark.parametrize(
+    ("one", "many"),
+    [
+        ("creeper", "creepers"),
+        ("torch", "torches"),
+        ("berry", "berries"),
+        ("key", "keys"),
+        ("wolf", "wolves"),
+        ("sheep", "sheep"),
+        ("glass", "glasses"),
+        ("bookshelf", "bookshelves"),
+        ("cactus", "cacti"),
+        ("box", "boxes"),
+        ("potato", "potatoes"),
+    ],
+)
+def test_singular_and_plural(one: str, many: str) -> None:
+    assert plural(one) == plural(many) == many or one == "glass"
+    assert singular(many) in (one, many)
+    assert singular(one) == one
+
+
+def test_forms() -> None:
+    assert forms("block of diamond") >= {"block of diamond", "blocks of diamond"}
+    assert forms("iron golem") >= {"iron golem", "iron golems", "irongolem", "irongolems"}
+    assert forms("oak planks") >= {"oak planks", "oak plank"}
+    assert forms("cobblestone", {"cobble", "stone"}) >= {"cobble stone"}
+
+
+def test_keywords_with_examples(run: Run) -> None:
+    lines = {line.keyword: line for line in keyword_lines(run, examples=2)}
+    assert lines["Creeper"].matches > 30
+    assert len(lines["Creeper"].examples) == 2
+    assert "[creeper]" in lines["Creeper"].examples[0]
+    assert lines["Bed"].rule == "near:20"
+    assert lines["Bed"].alone > 0
+    assert list(keyword_lines(run, examples=2)) == list(lines.values())
+    assert {line.kind for line in keyword_lines(run, kind="entity")} == {"entity"}
+
+
+def test_rules_and_forms_of_a_row(tmp_path: Path) -> None:
+    path = tmp_path / "list.tsv"
+    path.write_text(
+        f"# a comment\n{HEADER}Wolf\tmob\t\thound, dog\nBed\tblock\tnear\nAir\tblock\tnever\n"
+        "Ice\tblock\tnear:30\n"
+    )
+    wolf, *others = read(path, 50)
+    assert (wolf.name, wolf.kind, wolf.reach, wolf.more) == ("Wolf", "mob", None, ("hound", "dog"))
+    assert [one.reach for one in others] == [50, NEVER, 30]
+
+
+@pytest.mark.parametrize("line", ["Wolf", "Wolf\t", "!\tmob", "Wolf\tmob\tnaer", "a\tb\t\tc\td"])
+def test_a_wrong_line_is_named_and_the_others_are_read(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "list.tsv"
+    path.write_text(f"{HEADER}{line}\nBed\tblock\n")
+    rows, problems = scan(path, 50)
+    assert [row.line for row in rows] == [3]
+    assert [one.line for one in problems] == [2]
+    with pytest.raises(ProfileError):
+        read(path, 50)
+
+
+def test_titles_redirects_and_categories_become_rows() -> None:
+    found = propose(PAGES, taken={phrase("Alpine")})
+    assert found.rows == [
+        ("Saxifrage", "page", "", ""),
+        ("Rock Garden", "places", "", "Rockery"),
+        ("Spring", "seasons", "near", "Springtime"),
+        ("Pruning", "techniques", "", ""),
+        ("Secateurs", "tools", "", "Pruners old"),
+        ("Trough", "tools", "", "Alpine trough"),
+    ]
+    assert found.left == {
+        "no word": 1,
+        "too long to be said": 1,
+        "already in the list": 1,
+        "another page has this name": 1,
+    }
+
+
+def test_what_is_proposed_is_a_list_that_can_be_read(tmp_path) -> None:
+    path = tmp_path / "keywords.tsv"
+    path.write_text(propose(PAGES).text("Rock Gardens"), encoding="utf-8")
+    rows, problems = scan(path, 20)
+    assert not problems
+    assert len(rows) == 7
+    assert {row.keyword.name: row.keyword.more for row in rows}["Spring"] == ("Springtime",)
+
+
+def test_nothing_comes_of_nothing() -> None:
+    assert propose([]).rows == []

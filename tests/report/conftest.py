@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from kb.report import figure_style
+from kb.report import charts
 from kb.report.build import report
 from kb.store.state.frontier import Frontier
 from tests.once import once
@@ -44,7 +44,7 @@ def _make(root: Path) -> None:
 @pytest.fixture
 def no_pdf(monkeypatch: pytest.MonkeyPatch) -> None:
     """For a question about the page, which shows the others: half of a report is its PDF."""
-    monkeypatch.delitem(figure_style.FORMATS, "pdf")
+    monkeypatch.delitem(charts.FORMATS, "pdf")
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,7 @@ import pytest
 
 from kb.core.errors import FatalError
 from kb.core.sources import BY_DEFAULT
-from kb.report import figure_style
+from kb.report import charts
 from kb.report.build import report
 from kb.schema import table
 from kb.store.state import demo_mark
@@ -81,7 +81,7 @@ def test_every_figure_is_there_as_svg_png_and_pdf(root: Path) -> None:
         fonts = embedded(content)
         assert bool(fonts) != path.stem.endswith("-words")  # a cloud is shapes
         for tables in fonts:
-            assert tables == figure_style._IN_PDF
+            assert tables == charts._IN_PDF
         assert b"/CreationDate" not in content
     for path in folder.glob("*.svg"):
         ElementTree.parse(path)

@@ -8,7 +8,7 @@ import pytest
 
 from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData
-from kb.report import figure_style
+from kb.report import charts
 from kb.report.build import report
 from kb.report.data import ReportData
 from kb.wiki import page_figure
@@ -26,8 +26,8 @@ def test_boxes_cover_nothing_of_the_page_and_a_pixel_is_a_pixel(
 ) -> None:
     from PIL import Image
 
-    for other in figure_style.FORMATS.keys() - {"png"}:
-        monkeypatch.delitem(figure_style.FORMATS, other)
+    for other in charts.FORMATS.keys() - {"png"}:
+        monkeypatch.delitem(charts.FORMATS, other)
 
     build(tmp_path, sources=("wiki",), export=False, n=10)
     for page in range(1, 4):

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import zstandard
 
-from kb.annotate.verified_checkpoint import sha256_of
+from kb.annotate.checkpoint import sha256_of
 from kb.core.errors import DamagedData
 from kb.sandbox import toxicity
 from kb.sandbox.toxicity import tiny_checkpoint

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from kb.schema import coerce, table
 from kb.schema.decode import ColumnReader, decoded
-from kb.schema.types import parse_type
+from kb.schema.tables import parse_type
 from tests.schema.json_values import (
     anything,
     digits,

@@ -10,12 +10,12 @@ import pytest
 
 from kb.core.errors import SchemaMismatch, UsageError
 from kb.core.installation import folder
-from kb.schema import raw, table, tables
-from kb.schema.tables import load_table
+from kb.schema import conform, raw, table, tables
+from kb.schema.nested_elements import ancestors, is_outermost
+from kb.schema.tables import load_table, parse_type
 from kb.store.tables.shard_writer import write_table
 
 FILES = sorted((folder("schemas") / "tables").glob("*/*.toml"))
-
 # The contract's columns, by its own words: (table, released ones, others that the clean table has)
 CONTRACT = {
     "youtube/videos": (
@@ -192,3 +192,67 @@ def test_writing_an_undeclared_column_fails(tmp_path: Path, make_rows) -> None:
     with pytest.raises(SchemaMismatch, match="column 'reason' is missing"):
         write_table(tmp_path / "a.parquet", rows.drop_columns(["reason"]), "shared/failed")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("chain", "wanted"),
+    [
+        (["text"], True),
+        (["text", "text"], False),
+        (["cell", "text"], False),
+        (["text", "image", "text"], False),
+        (["text", "image"], True),
+        (["text", "table", "text"], True),
+        (["cell", "table"], True),
+        (["text", "cell", "table"], False),
+    ],
+)
+def test_a_text_counts_where_no_other_one_of_its_table_contains_it(
+    chain: list[str], wanted: bool
+) -> None:
+    """`chain` lists the kinds from the element to the outermost one around it."""
+    kinds = dict(enumerate(chain))
+    parents = {at: at + 1 for at in kinds}
+    assert list(ancestors(0, parents)) == list(kinds)[1:]
+    assert is_outermost(0, parents, kinds) == wanted
+
+
+def test_parents_that_form_a_cycle_end() -> None:
+    assert list(ancestors(1, {1: 2, 2: 3, 3: 2})) == [2, 3]
+    assert list(ancestors(1, {1: 1})) == []
+    assert list(ancestors(1, {1: None})) == []
+
+
+def test_conform_casts_orders_and_refuses(make_rows) -> None:
+    rows = make_rows("wiki/cells", 2)
+    narrow = rows.set_column(
+        rows.column_names.index("row_index"), "row_index", pa.array([0, 1], pa.int32())
+    )
+    shuffled = narrow.select(list(reversed(narrow.column_names)))
+    done = conform("wiki/cells", shuffled)
+    assert done.schema.equals(table("wiki/cells").arrow(), check_metadata=True)
+    with pytest.raises(SchemaMismatch, match="column 'text' has 1 nulls and may have none"):
+        conform("wiki/cells", make_rows("wiki/cells", 2, text=["a", None]))
+    with pytest.raises(SchemaMismatch, match="column 'row_index' is double, not int64"):
+        conform(
+            "wiki/cells",
+            rows.set_column(rows.column_names.index("row_index"), "row_index", pa.array([0.5, 1])),
+        )
+    nullable = make_rows("youtube/videos", 2, like_count=[None, 1], fps=[None, 30])
+    assert conform("youtube/videos", nullable)["like_count"].null_count == 1
+    # released tables need their own columns only
+    assert (
+        conform(
+            "youtube/videos",
+            nullable.select(table("youtube/videos").names(released=True)),
+            released=True,
+        ).num_rows
+        == 2
+    )
+
+
+def test_types_nest() -> None:
+    kind = parse_type("list<struct<a: int64, b: list<struct<c: string>>>>").arrow()
+    assert kind == pa.list_(
+        pa.struct([("a", pa.int64()), ("b", pa.list_(pa.struct([("c", pa.string())])))])
+    )

@@ -4,8 +4,13 @@ from pathlib import Path
 
 import pytest
 
+from kb.search import tantivy_index
 from kb.search.answers import search, suggest
 from kb.search.build import index
+from kb.search.passage import Passage, pieces, plain
+from kb.search.query import Term, question
+from kb.search.ranking import Only, Weights, rank
+from kb.search.tantivy_index import PassageIndex
 from tests.filters.made import run_at
 from tests.search.test_answers import EVERY, found, posts
 
@@ -68,3 +73,56 @@ def test_a_misspelt_word_is_suggested_as_it_is_written(
     posts(tmp_path, "Creepers spawn here", "the creeper runs, a creeper", "Villagers are trading")
     index(run_at(tmp_path))
     assert suggest(tmp_path, typed) == meant
+
+
+def test_the_same_rows_give_the_same_answers_in_any_number_of_segments(tmp_path: Path) -> None:
+    passages = [
+        Passage("post", f"t3_{n}", f"{n // 3}", "t", f"an elm and {n % 7} oaks", "", "2023-01-01")
+        for n in range(20_000)
+    ]
+    indexes = []
+    for name, heap in (("small", 30 << 20), ("large", 256 << 20)):
+        (tmp_path / name).mkdir()
+        tantivy_index.write(tmp_path / name, "", passages, lambda _: None, heap)
+        indexes.append(PassageIndex(tmp_path / name, ""))
+    for words in ("elm", "6 oaks", "oaks elm 3"):
+        asked = question(words)
+        first, again = (
+            [
+                (one.score, one.number, index.passage(one.address))
+                for one in rank(by_source, asked, Weights(by_source, asked), Only(limit=50))
+            ]
+            for index in indexes
+            for by_source in [{"reddit": index}]
+        )
+        assert first == again
+        assert [number for _, number, _ in first] == sorted(number for _, number, _ in first)
+
+
+def test_lines_are_joined_to_pieces_and_long_ones_are_divided() -> None:
+    assert list(pieces(["a b", "c", "d e f g h", "i"], 3)) == ["a b\nc", "d e f", "g h\ni"]
+    assert list(pieces([])) == []
+
+
+def test_plain_text_has_no_control_characters_and_composed_letters() -> None:
+    assert plain(None) == ""
+    assert plain("a\x00b\ttab") == "a b\ttab"
+    assert plain("cafe\u0301") == "café"
+
+
+def test_what_is_typed_becomes() -> None:
+    assert question("how-to 'ride'").terms == (Term("how to"), Term("ride"))
+    assert question("how-to 'ride'").run == ("how", "to", "ride")
+    assert question("wolf -dog").run == question("wolf dog*").run == ()
+    assert question("wolf -dog wolf").run == ("wolf", "wolf")
+    asked = question('wolf "bed rock" craft* +iron -dog -"a b"')
+    craft = Term("craft", prefix=True)
+    assert asked.terms == (Term("wolf"), Term("bed rock"), craft, Term("iron"))
+    assert asked.needed == (Term("bed rock"), Term("iron"))
+    assert asked.barred == (Term("dog"), Term("a b"))
+    asked = question("How do I tame the wolf?")
+    assert asked.terms == (Term("tame"), Term("wolf"))
+    assert len(question("how to").terms) == 2
+    assert len(question('+how "to the" wolf').terms) == 3
+    assert question("x" + " y z" * 100).terms == question("x y z").terms
+    assert len(question(" ".join(map(str, range(100)))).terms) == 32

@@ -18,8 +18,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from kb.schema.table_check import conform
-from kb.schema.tables import Table, table
+from kb.schema.tables import Table, conform, table
 from kb.store.atomic import writing
 from kb.store.tables import parquet
 from kb.store.tables.merge import Merge

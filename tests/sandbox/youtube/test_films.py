@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from kb.clips.clip_sources import video_files
 from kb.clips.frames import frames_at
-from kb.clips.video_files import video_files
 from kb.core import installation
 from kb.core.config.profile import load_profile
 from kb.core.errors import MissingExtra

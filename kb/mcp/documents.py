@@ -1,0 +1,167 @@
+"""`read`: a place and its surroundings, from the clean or restored tables.
+
+A place has a short ref, or is the link of an answer:
+
+youtube:VIDEO         youtube:VIDEO@61      a second of it
+wiki:PAGE             wiki:PAGE#Taming      a section, by its anchor
+reddit:POST           reddit:POST/COMMENT   bare ids
+
+A document's parts keep their order: windows of a transcript, sections of a page with their tables,
+a post and its comments. The part at the place is chosen first, then the nearest ones.
+"""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import unquote, urlsplit
+
+from kb.artifacts import table_catalog
+from kb.core.errors import UsageError
+from kb.core.sources import SOURCES
+from kb.mcp.untrusted_text import AnswerPart, Fence
+from kb.reader.open_tables import OpenTables
+from kb.reader.screenshots import Box
+from kb.store.tables.remote_files import RemoteFolder
+
+_REF = re.compile(rf"({'|'.join(SOURCES)}):([^\s@#/]+)(?:[@#/](.+))?")
+
+
+class SourceLocation(NamedTuple):
+    """An item of a source, and a place in it; for a link to the wiki `key` is the page's URL."""
+
+    source: str
+    key: str
+    at: str = ""
+
+    @property
+    def ref(self) -> str:
+        """The reference, as `read` takes it."""
+        mark = SOURCES[self.source].mark if self.at else ""
+        return f"{self.source}:{self.key}{mark}{self.at}"
+
+
+def from_link(url: str) -> SourceLocation | None:
+    """The place of an answer's link; None for any other link."""
+    parts = urlsplit(url)
+    if parts.scheme not in ("http", "https"):
+        return None
+    host = f".{parts.hostname or ''}"
+    of_host = [source for source in SOURCES.values() if host.endswith(source.hosts or "-")]
+    for source in of_host or [source for source in SOURCES.values() if not source.hosts]:
+        if found := source.place_of(parts):
+            return SourceLocation(source.name, *found)
+    return None
+
+
+def parse_reference(given: str) -> SourceLocation:
+    """The place of a ref or link. Raises UsageError."""
+    given = given.strip()
+    if match := _REF.fullmatch(given):
+        return SourceLocation(match[1], *SOURCES[match[1]].bare(match[2], match[3] or ""))
+    if known := from_link(given):
+        return known
+    refs = ", ".join(source.ref for source in SOURCES.values() if source.ref)
+    raise UsageError(
+        f"invalid reference {given[:200]!r}", hint=f"give the ref or link of an answer: {refs}"
+    )
+
+
+def anchor(text: str) -> str:
+    """An anchor in a comparable form: links percent-encode it."""
+    return unquote(text).replace(" ", "_")
+
+
+class DocumentPart(NamedTuple):
+    """A part of a document: its place and text."""
+
+    place: SourceLocation
+    label: str
+    url: str
+    text: str
+
+
+class DocumentScreenshot(NamedTuple):
+    """Where a screenshot is, as kb.reader.screenshots.stored_png takes it; its size, and the
+    boxes of what stands at the place, in CSS pixels.
+    """
+
+    home: Path | RemoteFolder
+    path: str
+    width: float
+    height: float
+    boxes: list[Box]
+
+
+class AgentDocument(NamedTuple):
+    """A document in parts; `nearest` has their numbers, from the place outward."""
+
+    facts: str
+    title: str
+    parts: list[DocumentPart]
+    nearest: list[int]
+    screenshot: DocumentScreenshot | None = None
+
+
+def surroundings(root: Path, place: SourceLocation) -> AgentDocument:
+    """The document of a place. Raises UsageError for an unknown place, DamagedData."""
+    tables = OpenTables([table_catalog.read(root)])
+    return SOURCES[place.source].document(tables, place)
+
+
+def run_read(root: Path, place: SourceLocation, size: int) -> str:
+    """The place and its surroundings, in at most `size` characters. Raises KbError."""
+    document = surroundings(root, place)
+    fence = Fence()
+    head = f"{fence.note}\n{document.facts}"
+    answer_parts = [
+        AnswerPart(f"[{part.label}] {part.url}", part.text or "(no text)")
+        for part in document.parts
+    ]
+    title = fence.mark(document.title)
+    room = size - len(head) - len(title) - 4
+    reserve = len(_left(document, set())) + 40
+    if room < reserve + 200:  # a title of thousands of characters
+        title, room = "", size - len(head) - 4
+    blocks: dict[int, str] = {}
+    for number in document.nearest:
+        block = answer_parts[number].full(fence)
+        if len(block) + 2 > room - reserve and not blocks:
+            block = answer_parts[number].within(fence, room - reserve - 2)
+        if len(block) + 2 > room - reserve:
+            break
+        blocks[number] = block
+        room -= len(block) + 2
+    lines = [head, title, *(blocks[number] for number in sorted(blocks))]
+    if len(blocks) < len(answer_parts):
+        lines.append(_left(document, set(blocks)))
+    return "\n\n".join(line for line in lines if line)
+
+
+def _left(document: AgentDocument, taken: set[int]) -> str:
+    left = [number for number in range(len(document.parts)) if number not in taken]
+    first = min(taken, default=0)
+    before = [number for number in left if number < first]
+    after = [number for number in left if number > first] if taken else left
+    note = f"{len(left):,} of {len(document.parts):,} parts were left out; raise max_chars, or read"
+    ways = []
+    if before:
+        ways.append(f"the part before: {document.parts[before[-1]].place.ref}")
+    if after:
+        ways.append(f"the part after: {document.parts[after[0]].place.ref}")
+    return f"{note} {', '.join(ways)}"
+
+
+def outward(centre: int, count: int) -> list[int]:
+    """All numbers below `count`, nearest to `centre` first, later before earlier."""
+    return sorted(range(count), key=lambda number: (abs(number - centre), number < centre))
+
+
+def first_row(
+    tables: OpenTables, short: str, where: str, values: Sequence[Any]
+) -> dict[str, Any] | None:
+    """The first row that matches, from the fullest table of that name that has one."""
+    for one in tables.ranked(short):
+        if rows := tables.rows(f"FROM {one.full} WHERE {where}", values).to_pylist():
+            return dict(rows[0])
+    return None

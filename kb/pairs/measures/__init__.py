@@ -1,1 +1,0 @@
-"""What samples of the pairs' videos say of how good the pairs are."""
