@@ -96,6 +96,11 @@ class Publication:
     """Files and folders that formats besides Parquet write below export/."""
 
     @property
+    def aging(self) -> list[tuple[str, str]]:
+        """Columns with the values of rows whose age the service's terms limit."""
+        return [(way.column, way.value) for way in self.ways.values() if way.ages]
+
+    @property
     def formats(self) -> list[str]:
         """The export formats besides Parquet."""
         return list(dict.fromkeys(place.partition("/")[0] for place in self.exports))

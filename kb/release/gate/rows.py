@@ -112,8 +112,8 @@ def _age(run: Run, source: str, part: ReleasedTable) -> list[GateProblem]:
         return []
     limit = clock.now() - timedelta(days=days)
     # The terms of a service are about what it was asked for, not about files that people have.
-    aged = [way for way in PUBLISHED[source].ways.values() if way.ages]
-    asked = " OR ".join(f"{way.column} = '{way.value}'" for way in aged) or "true"
+    aging = PUBLISHED[source].aging
+    asked = " OR ".join(f"{column} = '{value}'" for column, value in aging) or "true"
     with database.asking() as con:
         row = con.execute(
             "SELECT count(*), min(fetched_at)::DATE FROM read_parquet(?)"

@@ -187,22 +187,12 @@ def test_words_of_the_data_are_never_markup_nor_lines(tmp_path: Path) -> None:
         assert "plain_words" in text
     said = MarkdownIt("commonmark").parse((folder / "README.md").read_text())
     fence = next(token for token in said if token.info == "bibtex")
-    assert fence.content.count("\n") == 7
+    assert fence.content.count("\n") == 6
 
 
 def test_a_template_with_an_unknown_name_fails() -> None:
     with pytest.raises(UndefinedError, match="'about' is undefined"):
         render("licence.txt", law=KNOWN["CC0-1.0"], facts=None)
-
-
-def test_date_is_the_newest_reading_or_source_date_epoch(tmp_path: Path) -> None:
-    build(tmp_path, sources=("youtube",))
-    release(a_run(tmp_path))
-    deposit = tmp_path / "release" / "youtube" / "zenodo.json"
-    assert json.loads(deposit.read_text())["metadata"]["publication_date"] == "2026-11-03"
-    release(a_run(tmp_path, source_date_epoch=1_800_000_000))
-    assert json.loads(deposit.read_text())["metadata"]["publication_date"] == "2027-01-15"
-    assert "date-released: 2027-01-15" in (deposit.parent / "CITATION.cff").read_text()
 
 
 def test_licences_of_a_wiki_whose_rows_name_several(tmp_path: Path) -> None:
