@@ -36,7 +36,11 @@ def unknown_name(
     if missing := _TABLE.search(text):
         return _table(con, _qualified(missing[1], sql), text.splitlines()[0], root)
     if missing := _COLUMN.search(text):
-        near = similar(missing[1], _columns(con, sql))
+        columns = con.execute(
+            "SELECT DISTINCT column_name FROM duckdb_columns() WHERE list_contains(?, table_name)",
+            [sorted(set(re.findall(r"\w+", sql)))],
+        )
+        near = similar(missing[1], [name for (name,) in columns.fetchall()])
         return UsageError(f"{one_line(error)}.{did_you_mean(near)}", hint=_LISTS)
     return None
 
@@ -62,7 +66,10 @@ def one_line(error: Exception) -> str:
 
 
 def _table(con: duckdb.DuckDBPyConnection, name: str, message: str, root: Path | None) -> KbError:
-    views = list(_views(con))
+    views = con.execute(
+        "SELECT schema_name, view_name FROM duckdb_views() WHERE list_contains(?, schema_name)",
+        [list(SCHEMAS)],
+    ).fetchall()
     schema, _, short = name.rpartition(".")
     full = [f"{one}.{view}" for one, view in views]
     if schema:
@@ -99,21 +106,6 @@ def _made_by(short: str, schema: str) -> str:
 def did_you_mean(near: Sequence[str]) -> str:
     """ " Did you mean a or b?", to follow a message; "" without names."""
     return f" Did you mean {' or '.join(near)}?" if near else ""
-
-
-def _views(con: duckdb.DuckDBPyConnection) -> list[tuple[str, str]]:
-    sql = "SELECT schema_name, view_name FROM duckdb_views() WHERE list_contains(?, schema_name)"
-    return [(schema, view) for schema, view in con.execute(sql, [list(SCHEMAS)]).fetchall()]
-
-
-def _columns(con: duckdb.DuckDBPyConnection, sql: str) -> list[str]:
-    """Columns of the views named in the query."""
-    words = set(re.findall(r"\w+", sql))
-    rows = con.execute(
-        "SELECT DISTINCT column_name FROM duckdb_columns() WHERE list_contains(?, table_name)",
-        [sorted(words)],
-    )
-    return [name for (name,) in rows.fetchall()]
 
 
 _BATCH = 10_000  # rows

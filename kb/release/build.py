@@ -54,14 +54,10 @@ def release(run: Run, only: Sequence[str] = ()) -> Summary:
     Raises ReleaseRefused with `.problems`, UsageError.
     """
     with domain_binding.writing(run, *RELEASES):
-        return _release(run, only)
-
-
-def _release(run: Run, only: Sequence[str]) -> Summary:
-    exports = exported(run, only)
-    refuse(check.check(run, exports))
-    facts = [write(run, folder) for folder in exports]
-    refuse(check.check_made(run, [read(folder.path, folder.source) for folder in exports]))
+        exports = exported(run, only)
+        refuse(check.check(run, exports))
+        facts = [write(run, folder) for folder in exports]
+        refuse(check.check_made(run, [read(folder.path, folder.source) for folder in exports]))
     return Summary(
         command="release",
         folders=len(exports),
@@ -90,9 +86,10 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
     at, exports = Layout(run.root), folders.in_root(run.root)
     there = {folder.source for folder in exports}
     wanted = only or PUBLISHED
+    lost = "was exported and is not there; run `{}`, or name the other folders with --only"
     refuse(
         [
-            GateProblem("missing", str(at.release(source)), _lost(source))
+            GateProblem("missing", str(at.release(source)), lost.format(exported_by(source)))
             for source in wanted
             if source not in there and manifest.read(run.root, f"release/{source}")
         ]
@@ -108,11 +105,6 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
             hint=f"exported: {', '.join(folder.source for folder in exports)}",
         )
     return [folder for folder in exports if folder.source in wanted]
-
-
-def _lost(source: str) -> str:
-    made = exported_by(source)
-    return f"was exported and is not there; run `{made}`, or name the other folders with --only"
 
 
 def refuse(problems: Sequence[GateProblem]) -> None:

@@ -40,6 +40,8 @@ def test_every_table_of_a_release_and_its_ways_out(release: Path) -> None:
     shards = sorted((release / "youtube").glob("videos-*.parquet"))
     whole = pq.read_table(shards[0])
     assert videos.to_table().equals(whole)
+    assert videos.to_arrow(["video_id"]).equals(whole.select(["video_id"]))
+    assert data.sql("FROM youtube_videos").to_arrow().num_rows == whole.num_rows
     assert videos.schema.names == whole.schema.names
     assert videos.schema.field("fps").metadata[b"doc"]
     assert len(videos) == videos.count_rows() == whole.num_rows

@@ -20,11 +20,10 @@ from kb import __version__
 from kb.core.context import Run
 from kb.core.installation import install_extra, lock_digest, software_address
 from kb.core.licences import licence
-from kb.core.publication import Publication
 from kb.core.source import Source
 from kb.core.sources import PUBLISHED
 from kb.release import provenance
-from kb.release.metadata.measure import ColumnFacts, Facts, TableFacts
+from kb.release.metadata.measure import Facts, TableFacts
 from kb.release.metadata.templates import about, language, md, name, notes, render
 from kb.release.provenance import Changes
 
@@ -53,8 +52,8 @@ def picture(facts: Facts) -> list[Bar]:
     of = PUBLISHED[facts.source]
     if isinstance(of, Source) and of.stages:
         return _bars(_funnel(facts, of))
-    keyword = _column(facts, of)
-    return _bars(list(keyword.top) if keyword is not None else [])
+    main = [column for one in facts.tables if one.table.short == of.main for column in one.columns]
+    return _bars([one for fact in main if fact.column.name == of.pictured for one in fact.top])
 
 
 def _funnel(facts: Facts, source: Source) -> list[tuple[str, int]]:
@@ -75,12 +74,6 @@ def _funnel(facts: Facts, source: Source) -> list[tuple[str, int]]:
 def _bars(steps: list[tuple[str, int]]) -> list[Bar]:
     most = max((n for _, n in steps), default=0)
     return [Bar(name, n, "█" * max(1, round(WIDTH * n / most))) for name, n in steps if n]
-
-
-def _column(facts: Facts, of: Publication) -> ColumnFacts | None:
-    main = next((one for one in facts.tables if one.table.short == of.main), None)
-    columns = main.columns if main is not None else ()
-    return next((one for one in columns if one.column.name == of.pictured), None)
 
 
 # The hub's size categories, a power of ten each.

@@ -65,7 +65,7 @@ def send(
         for path in local_files(folder)
     }
     mine = _names(exports) if only else {*PUBLISHED, *_names(exports)}
-    others = sorted(_folders(newest.files) - mine)
+    others = sorted(one for one in {*PUBLISHED} - mine if f"{one}/{SUMS}" in newest.files)
     tag = f"v{_version(exports)}"
     cards = {folder.path.name: (folder.path / CARD).read_text("utf-8") for folder in exports}
     cards |= {one: service.text(repo, newest.id, f"{one}/{CARD}") for one in others}
@@ -97,9 +97,11 @@ def send(
         if tag in tags:
             service.untag(repo, tag)  # the same version, made again
         service.tag(repo, tag, head)
+    left: dict[str, str] = known.get("files", {})
+    kept = {path: what for path, what in left.items() if path.partition("/")[0] in others}
     records.write(
         record_key(endpoint, repo),
-        {"repository": repo, "files": digests | _kept(known, others), "revision": head, "tag": tag},
+        {"repository": repo, "files": digests | kept, "revision": head, "tag": tag},
     )
     more = {"older_revisions": older, "older_tags": ", ".join(sorted({*tags} - {tag}))}
     return Summary(_summary(service.root, repo, tag, head, exports, files, gone) | more)
@@ -245,19 +247,8 @@ def _git_oid(data: bytes) -> str:
     return hashlib.sha1(b"blob %d\0" % len(data) + data, usedforsecurity=False).hexdigest()
 
 
-def _folders(files: Mapping[str, str]) -> set[str]:
-    """The release folders that a revision holds."""
-    return {one for one in PUBLISHED if f"{one}/{SUMS}" in files}
-
-
 def _names(exports: Sequence[ReleaseFolder]) -> set[str]:
     return {folder.path.name for folder in exports}
-
-
-def _kept(known: Mapping[str, Any], others: Sequence[str]) -> dict[str, str]:
-    """What is recorded of the folders that this run left alone."""
-    files: Mapping[str, str] = known.get("files", {})
-    return {path: what for path, what in files.items() if path.partition("/")[0] in others}
 
 
 def _summary(
