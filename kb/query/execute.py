@@ -16,7 +16,7 @@ from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.core.progress import Progress, Silent
 from kb.core.sources import PUBLISHED, SOURCES, exported_by
 from kb.query import statements
-from kb.query.remote_duckdb import SCHEME, reading_views
+from kb.query.remote_duckdb import reading_views
 from kb.query.views import find_views
 from kb.schema.tables import tables
 from kb.store.damage import unreadable
@@ -187,10 +187,8 @@ def _problem(error: Exception, views: Sequence[View]) -> KbError:
     if (named or about_files) and (damage := broken(named or files)):
         return damage
     remote = list(dict.fromkeys(view.remote.folder for view in views if view.remote is not None))
-    name = re.search(rf"{SCHEME}://\d+/([^'\"\s]+)", str(error))
-    if remote and (name or about_files):
-        places = [f"{one}/{name[1]}" for one in remote if name and name[1] in one.sizes]
-        return unreadable((places or [" or ".join(map(str, remote))])[0], line, "publish it again")
+    if remote and about_files:
+        return unreadable(" or ".join(map(str, remote)), line, "publish it again")
     if line.startswith("Out of Memory Error: "):
         return FatalError(line, hint="ask for less at a time")
     if line.startswith("IO Error: "):

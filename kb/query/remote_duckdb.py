@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import re
 import threading
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
@@ -20,6 +21,7 @@ from fsspec import AbstractFileSystem
 from kb.artifacts.table_catalog import View
 from kb.core.cached_property import cached_property
 from kb.core.errors import KbError
+from kb.store.damage import unreadable
 from kb.store.tables.remote_files import RemoteFolder, reading_at
 
 SCHEME = "address"
@@ -33,10 +35,15 @@ def reading_views(views: Iterable[View]) -> Iterator[None]:
         folder.failures.clear()
     try:
         yield
-    except (duckdb.Error, pa.ArrowException, OSError):
+    except (duckdb.Error, pa.ArrowException, OSError) as error:
+        line = str(error).partition("\n")[0]
+        named = re.search(rf"{SCHEME}://\d+/([^'\"\s]+)", line)
         for folder in folders:
             if folder.failures:
                 raise folder.failures[0] from None
+            if named and named[1] in folder.sizes:
+                what = line.replace(named[0], named[1])
+                raise unreadable(f"{folder}/{named[1]}", what, "publish it again") from None
         raise
 
 

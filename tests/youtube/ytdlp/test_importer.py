@@ -44,7 +44,9 @@ def test_a_root_of_files_alone_goes_through_every_stage(job: Job) -> None:
     card = (job.root / "release/youtube/README.md").read_text()
     assert "Toxicity: not scored" in card.partition("|  |  |")[0]
     assert "described all 3 videos; their dates are 2026-09-21." in " ".join(card.split())
-    assert not any(word in card for word in ("keyword search", "watch pages", "terms ask", "Built"))
+    assert not any(
+        word in card for word in ("keyword search", "watch pages", "terms ask", "| Built")
+    )
     assert len(job.sandbox.ledger) == before  # nothing was sent
 
 
