@@ -44,14 +44,14 @@ def export(run: Run, labeling: Labeling, sample: int, seed: int, out: Path) -> S
     if place.exists() and not (place / CONFIG).is_file():
         raise UsageError(f"--out {out} exists and is not such a project", hint="name a new folder")
     files = table_catalog.read(run.root).files(labeling.table)
-    has_text = bool(files) and "text" in parquet.open_file(files[0]).schema_arrow.names
-    rows = _drawn(run.root, files, labeling, sample, seed, has_text) if files else []
-    if not rows:
+    if not files:
         raise FatalError(
             f"there are no {labeling.kind}s to judge",
             hint=f"run `{labeling.command}` first",
         )
-    around = _surroundings(run.root, files, rows) if has_text else {}
+    has_text = "text" in parquet.open_file(files[0]).schema_arrow.names
+    rows = _drawn(run.root, files, labeling, sample, seed, has_text)
+    around = _surroundings(run.root, files, rows) if has_text and rows else {}
     questions = [one for one in labeling.questions if has_text or not one.of_text]
     tasks = [{"data": _data(row, labeling, around)} for row in rows]
     watched = (times[1] - times[0] if (times := _times(row, labeling)) else 0 for row in rows)

@@ -129,6 +129,9 @@ def finish(parts: Sequence[Path], out: Path) -> None:
     videos. Raises DiskFull.
     """
     named = [path.parent / "quality" / path.stem for path in parts]
+    if not named:  # no transcript was kept
+        sorted_shards((), out, _TABLE, released=False)
+        return
     recurs = repeated_text.recurring([Path(f"{one}.keys.npy") for one in named])
     duplicates = _duplicates(named)
     made_of_parts: list[Path] = []

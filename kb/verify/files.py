@@ -29,7 +29,7 @@ _OF_STATE = (
     *(".sqlite-wal", ".sqlite-shm", ".bak"),
     *(".arrow", ".npy"),  # of artifacts on their way
 )
-_NEVER_EMPTY = (".json", ".jsonl", ".html", ".parquet", ".png", ".svg")
+_NEVER_EMPTY = (".json", ".html", ".parquet", ".png", ".svg")
 
 
 def problem(path: Path, advance: Callable[[int], None]) -> str:

@@ -3,7 +3,6 @@ release, and two invented ones through what a keyword decides. None speaks of an
 """
 
 import json
-import os
 import re
 import shutil
 import tarfile
@@ -17,17 +16,14 @@ import pytest
 
 from kb import query
 from kb.cli import main
-from kb.cli.commands.demo import play
-from kb.cli.framework.options import Options
 from kb.core.config.profile import load_profile
 from kb.pairs import keywords
 from kb.pairs.matching import phrase
 from kb.sandbox.domain import domain_of
 from kb.sandbox.world import World
-from tests.cli.conftest import clean_environment
 from tests.conftest import needs
+from tests.contract.conftest import Demo, played
 from tests.sandbox.domains import GAMES, MINECRAFT, written
-from tests.small_worlds import DEMO
 
 needs("torch")
 
@@ -36,28 +32,9 @@ LITTLE = ("wiki crawl", "wiki filter", "wiki export", "reddit crawl", "reddit im
 REST = ("refresh reddit", "reddit filter", "reddit export", "reddit reconstruct", "report")
 
 
-def played(place: Path, profile: str, without: tuple[str, ...]) -> Path:
-    """The data root of a demo in a small world."""
-    with pytest.MonkeyPatch.context() as patch:
-        for name in set(os.environ) - set(clean_environment()):
-            patch.delenv(name)
-        patch.setenv("KB_NOW", "2026-11-20T12:00:00Z")
-        before = set(os.environ)
-        play(Options(data=place, profile=profile, quiet=True, workers=1), without, **DEMO)
-        for name in set(os.environ) - before:
-            os.environ.pop(name)  # what `patch` removes, it would bring back
-    return place / "demo"
-
-
 def rows(root: Path, sql: str) -> list[dict[str, Any]]:
     with query.connect(root) as db:
         return query.select(db, sql).read_all().to_pylist()
-
-
-@pytest.fixture(scope="module")
-def cooking(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The shipped profile of no game, all but the report's figures."""
-    return played(tmp_path_factory.mktemp("cooking"), "cooking", ("report",))
 
 
 def texts(folder: Path) -> Iterator[tuple[str, str]]:
@@ -77,13 +54,13 @@ def texts(folder: Path) -> Iterator[tuple[str, str]]:
             yield path.name, path.read_text(encoding="utf-8")
 
 
-def test_data_in_every_table(cooking: Path) -> None:
-    with query.connect(cooking) as db:
-        for view in query.find_views(cooking):
+def test_data_in_every_table(cooking: Demo) -> None:
+    with query.connect(cooking.root) as db:
+        for view in query.find_views(cooking.root):
             (n,) = db.execute(f"SELECT count(*) FROM {view.full}").fetchone() or (0,)
             empty = re.search(r"failed|pending|tombstones|missing", view.full)
             assert n or empty, view.full
-    names = {view.full for view in query.find_views(cooking)}
+    names = {view.full for view in query.find_views(cooking.root)}
     assert {
         "clean.youtube_videos", "clean.youtube_transcripts", "clean.youtube_rejected",
         "clean.wiki_pages", "clean.wiki_elements", "clean.wiki_cells", "clean.wiki_images",
@@ -95,8 +72,8 @@ def test_data_in_every_table(cooking: Path) -> None:
     } <= names  # fmt: skip
 
 
-def test_no_word_of_another_domain_in_the_release(cooking: Path) -> None:
-    said = list(texts(cooking / "release"))
+def test_no_word_of_another_domain_in_the_release(cooking: Demo) -> None:
+    said = list(texts(cooking.root / "release"))
     assert len(said) > 100
     for where, text in said:
         assert not MINECRAFT.findall(text), where
@@ -105,20 +82,20 @@ def test_no_word_of_another_domain_in_the_release(cooking: Path) -> None:
     assert cards.count("Cooking") >= 4
 
 
-def test_the_report_of_what_was_shown_is_of_the_domain(cooking: Path) -> None:
+def test_the_report_of_what_was_shown_is_of_the_domain(cooking: Demo) -> None:
     """Everything between crawl and release as well, the sandbox's other label aside."""
     for table in ("youtube_videos", "youtube_transcripts", "wiki_elements", "reddit_comments"):
-        text = json.dumps(rows(cooking, f"SELECT * FROM clean.{table}"), default=str)
+        text = json.dumps(rows(cooking.root, f"SELECT * FROM clean.{table}"), default=str)
         assert not MINECRAFT.findall(text), table
 
 
 def test_thresholds_change_in_the_demos_root_without_another_word(
-    cooking: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cooking: Demo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No model is named, none is fetched, no text is scored anew."""
     monkeypatch.delenv("KB_TOXICITY_MODEL", raising=False)
     root, given = tmp_path / "demo", tmp_path / "profile"
-    shutil.copytree(cooking, root)
+    shutil.copytree(cooking.root, root)
     shutil.copytree(load_profile("cooking").resolve_file("."), given)
     path = given / "profile.toml"
     path.write_text(re.sub(r"(?m)^min_views = \S+", "min_views = 10_000", path.read_text()))
@@ -167,26 +144,28 @@ def check_verdicts(root: Path, profile: str) -> None:
     assert not wrong
 
 
-def test_planted_cases_end_where_they_belong(cooking: Path) -> None:
-    check_verdicts(cooking, "cooking")
+def test_planted_cases_end_where_they_belong(cooking: Demo) -> None:
+    check_verdicts(cooking.root, "cooking")
     for table, stages in {
         "wiki_rejected": {"words"},
         "reddit_rejected": {"removed", "nsfw", "score", "toxicity"},
     }.items():
-        found = {row["stage"] for row in rows(cooking, f"SELECT stage FROM clean.{table}")}
+        found = {row["stage"] for row in rows(cooking.root, f"SELECT stage FROM clean.{table}")}
         assert stages <= found, table
 
 
-def test_pairs_match_their_keywords(cooking: Path) -> None:
-    check_pairs(cooking, "cooking")
+def test_pairs_match_their_keywords(cooking: Demo) -> None:
+    check_pairs(cooking.root, "cooking")
 
 
 @pytest.mark.parametrize("name", ["astronomy", "valley"])
 def test_a_science_and_another_game(name: str, tmp_path: Path) -> None:
     path = str(written(name, tmp_path))
-    root = played(tmp_path, path, (*LITTLE, *REST))
+    root = played(tmp_path, path, (*LITTLE, *REST)).root
     check_verdicts(root, path)
     check_pairs(root, path)
+    length = rows(root, "SELECT max(clip_end_s - clip_start_s) AS s FROM release.pairs")[0]["s"]
+    assert (length <= 6.001) == (name == "astronomy")  # as its profile says
     for where, text in texts(root / "release"):
         assert not MINECRAFT.findall(text), where
         assert name == "valley" or not GAMES.findall(text), where
@@ -197,17 +176,18 @@ def test_a_source_that_the_profile_leaves_out_is_skipped(
 ) -> None:
     path = tmp_path / "talk.toml"
     path.write_text('name = "talk"\ntitle = "Small Talk"\n[reddit]\nsubreddit = "smalltalk"\n')
-    root = played(tmp_path, str(path), ("reddit import", "refresh reddit", "reddit reconstruct",
-                                        "report"))  # fmt: skip
+    root = played(tmp_path, str(path), ("reddit reconstruct", "report")).root
     said = capsys.readouterr().out
     assert said.count("left out: the profile has no [youtube]") == 5  # three steps, pairs, tasks
     assert said.count("left out: the profile has no [wiki]") == 3
     assert [path.name for path in (root / "release").iterdir()] == ["reddit"]
     assert rows(root, "SELECT * FROM release.reddit_posts")
+    for where, text in texts(root / "release"):
+        assert not MINECRAFT.findall(text), where
 
 
 def test_keywords_are_proposed_from_the_crawled_wiki(
-    cooking: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    cooking: Demo, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Titles, redirects and categories of what the demo crawled, and a list that passes."""
     path = tmp_path / "profile.toml"
@@ -217,8 +197,8 @@ def test_keywords_are_proposed_from_the_crawled_wiki(
     )
     mine = tmp_path / "more.tsv"
     mine.write_text("keyword\tkind\trule\tforms\nFolding\ttechnique\n")
-    titles = [row["title"] for row in rows(cooking, "SELECT title FROM clean.wiki_pages")]
-    words = ["profile", "keywords", "--data", str(cooking), "--profile", str(path)]
+    titles = [row["title"] for row in rows(cooking.root, "SELECT title FROM clean.wiki_pages")]
+    words = ["profile", "keywords", "--data", str(cooking.root), "--profile", str(path)]
     assert called(*words) == 0
     said = capsys.readouterr()
     proposed = [line.split("\t") for line in said.out.splitlines() if line[0] != "#"][1:]

@@ -7,7 +7,6 @@ import pytest
 from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from tests.conftest import needs
-from tests.engine.test_same_bytes_youtube import digests
 from tests.wiki.handmade_data import many
 from tests.youtube.job import Job
 
@@ -36,14 +35,14 @@ def test_each_text_is_scored_once(crawled):
     first = job.done("annotate", source)
     assert first["scored"] == first["texts"] > 20
     assert first["model"] == "lorecrawl_tiny"
-    scores = digests(job.root, "annotations")
-    assert {path.split("/")[1] for path in scores} == {source}
+    scores = job.digests("annotations")
+    assert {path.split("/")[0] for path in scores} == {source}
     again = job.done("annotate", source)
     assert (again["scored"], again["known"]) == (0, first["scored"])
     filtered = job.done(source, "filter")
     assert filtered["kept"] > 0
     assert "toxicity" not in filtered  # "not scored" otherwise
-    assert digests(job.root, "annotations") == scores
+    assert job.digests("annotations") == scores
     table, column = {
         "wiki": ("wiki_pages", "toxicity"),
         "reddit": ("reddit_posts", "toxicity_title"),

@@ -51,6 +51,8 @@ regions = { infobox = ".about" }
 subreddit = "astronomy"
 min_score = 50
 [pairs]
+min_clip_s = 4
+max_clip_s = 6
 keyword_files = ["keywords.tsv"]
 """
 FARM = """\

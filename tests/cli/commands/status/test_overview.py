@@ -83,6 +83,8 @@ def test_a_stopped_crawl_says_what_is_left_as_status_does(tmp_path: Path) -> Non
             assert left in text
             assert f"{limit} {ITEMS[source]} crawled but not filtered yet" in text
             assert f"next: kb {source} crawl\n" in text
+            elsewhere = job.kb("status", "--data", str(job.root)).stdout
+            assert f"next: kb {source} crawl --data {job.root}\n" in elsewhere
             rest = job.done(source, "crawl")
             assert rest["crawled_in_all"] == rest["crawled"] + int(limit)
             assert f"{rest['crawled_in_all']:,} in all" in Summary(rest).line()
