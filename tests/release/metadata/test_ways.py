@@ -165,3 +165,34 @@ def test_the_build_has_a_date_only_where_one_is_set(tmp_path: Path) -> None:
             text = (folder / name).read_text()
             assert (mark in text) == dated, name
             assert ("uilt 2026" in text or "| Built |" in text) == (dated and name.endswith(".md"))
+
+
+QUESTIONS = {
+    "funding": "Who funded the creation of the dataset?",
+    "collectors": "Who was involved in the data collection, and how were they compensated?",
+    "ethics_review": "Were any ethical review processes conducted?",
+    "impact": "Has an analysis of the potential impact on the people concerned been conducted?",
+    "sensitive_data": "Does it contain data that might be considered sensitive?",
+    "third_parties": "Will it be distributed to third parties?",
+    "third_party_rights": "Have third parties imposed restrictions on the data?",
+    "export_controls": "Do export controls or other regulatory restrictions apply?",
+    "erratum": "Is there an erratum?",
+    "contributing": "Can others extend, augment or contribute to the dataset?",
+    "uses_so_far": "Has the dataset been used for any tasks already?",
+}
+
+
+def test_the_authors_answers_are_in_the_datasheet(tmp_path: Path) -> None:
+    build(tmp_path / "root", sources=("reddit",))
+    profile = tmp_path / "mine.toml"
+    for answered in (False, True):
+        answers = {name: f"We say {number} <b>*" for number, name in enumerate(QUESTIONS)}
+        lines = [f"datasheet.{name} = {json.dumps(text)}" for name, text in answers.items()]
+        head = ['name = "mine"', 'title = "Mine"', "[release]"]
+        profile.write_text("\n".join(head + lines * answered) + "\n")
+        release(a_run(tmp_path / "root", profile))
+        sheet = (tmp_path / "root/release/reddit/DATASHEET.md").read_text()
+        for number, question in enumerate(QUESTIONS.values()):
+            said = f"We say {number} \\<b\\>\\*" if answered else "Not stated by the authors."
+            assert f"**{question}**\n\n{said}\n" in sheet
+        assert "**Is there a label or target associated with each instance?**\n\nNo." in sheet

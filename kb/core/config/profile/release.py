@@ -84,7 +84,7 @@ class Release(Section):
         description="version of the data: raise it for each published release",
     )
     creators: tuple[Creator, ...] = Field(
-        (Creator(name="Lorecrawl contributors"),), min_length=1, description="who made the data set"
+        (Creator(name="Authors not stated"),), min_length=1, description="who made the data set"
     )
     homepage: str | None = Field(
         None,
