@@ -75,7 +75,6 @@ def video2dataset(run: Run) -> Path:
 
 
 def _video(clips: list[dict[str, Any]]) -> dict[str, Any]:
-    """All clips of a video as one row."""
     return {
         "url": clips[0]["url"],
         "clips": [one["clips"][0] for one in clips],

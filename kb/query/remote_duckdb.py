@@ -61,7 +61,6 @@ class RemoteFiles(AbstractFileSystem):  # type: ignore[misc]  # fsspec has no ty
 
     @property
     def addresses(self) -> set[str]:
-        """Of all files that were added."""
         return {*self._files}
 
     def add(self, folder: RemoteFolder, name: str) -> str:
@@ -77,7 +76,6 @@ class RemoteFiles(AbstractFileSystem):  # type: ignore[misc]  # fsspec has no ty
         return file
 
     def glob(self, path: str, **_: Any) -> list[str]:
-        """The file of this name, if it was added."""
         return [path] if path in self._files else []
 
     def info(self, path: str, **_: Any) -> dict[str, Any]:
@@ -113,7 +111,6 @@ class _RemoteFile:
         return self.tell()
 
     def tell(self) -> int:
-        """This thread's position."""
         return int(getattr(self._mine, "position", 0))
 
     def close(self) -> None:

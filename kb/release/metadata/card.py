@@ -84,7 +84,6 @@ SIZES = (
 
 
 def size_category(rows: int) -> str:
-    """The one of SIZES."""
     return SIZES[min(max(len(str(rows)) - 3, 0), len(SIZES) - 1)]
 
 
@@ -112,7 +111,6 @@ def card(run: Run, facts: Facts, changed: Changes) -> str:
 
 
 def datasheet(run: Run, facts: Facts) -> str:
-    """The datasheet."""
     return render(
         "datasheet.md",
         **_in_markdown(run, facts),

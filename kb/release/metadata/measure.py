@@ -65,7 +65,6 @@ class TableFacts:
 
     @property
     def size(self) -> int:
-        """Bytes of all shards."""
         return sum(file.size for file in self.files)
 
 
@@ -112,12 +111,10 @@ class Facts:
 
     @property
     def rows(self) -> int:
-        """Rows of all tables."""
         return sum(table.rows for table in self.tables)
 
     @property
     def size(self) -> int:
-        """Bytes of all data files."""
         return sum(table.size for table in self.tables) + sum(file.size for file in self.others)
 
     @property

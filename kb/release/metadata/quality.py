@@ -112,7 +112,6 @@ def _speech_recognition(section: dict[str, Any]) -> str:
 
 
 def task_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> tuple[str, ...]:
-    """The sentences of released tasks. Raises DamagedData."""
     return tuple(judgements(read_measures(Layout(root).pairs), "task"))
 
 

@@ -45,7 +45,6 @@ _BIBTEX = {"\\": r"\textbackslash{}", **{sign: f"\\{sign}" for sign in "{}&%$#_"
 
 
 def day(moment: datetime) -> str:
-    """2026-11-20."""
     return moment.strftime("%Y-%m-%d")
 
 
@@ -109,7 +108,6 @@ def name(run: Run, facts: Facts) -> str:
 
 
 def dataset_name(profile: Profile, source: str) -> str:
-    """The same of any release folder."""
     return f"lorecrawl-{profile.name}-{source}"
 
 

@@ -165,7 +165,6 @@ class Upload:
 
 
 def _shown(state: str, record: dict[str, Any], uploaded: int = 0) -> dict[str, Any]:
-    """What the summary says of a deposit."""
     return {
         "state": state,
         "id": record["id"],
@@ -214,11 +213,9 @@ class Records:
         return state
 
     def get(self, key: str) -> dict[str, Any]:
-        """An entry; empty where there is none."""
         return dict(self.all().get(key, {}))
 
     def write(self, key: str, entry: dict[str, Any]) -> None:
-        """Replace an entry."""
         write_text(
             self.path, json.dumps(self.all() | {key: entry}, indent=1, sort_keys=True) + "\n"
         )

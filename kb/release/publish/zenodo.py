@@ -159,7 +159,6 @@ class _Watched:
 
 
 def md5(path: Path) -> str:
-    """The checksum that the service compares."""
     return digest(path, "md5")
 
 
@@ -228,7 +227,6 @@ class Forbidden(CredentialRefused):
 
 
 def stray(url: str) -> FatalError:
-    """The error for an address at another host."""
     return FatalError("the deposit service links to another host", hint="nothing was sent there")
 
 
