@@ -14,8 +14,8 @@ from kb.reddit.passages import passages
 from kb.reddit.plan import plan_refresh
 from kb.release.build import describe
 from kb.sandbox.reddit.subreddit import CASES
-from kb.sandbox.server import Sandbox
 from kb.store.lock import writer
+from tests.faults import Sandbox
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post, write
 from tests.reddit.work import LATER, Work

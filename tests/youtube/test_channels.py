@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from kb.core.errors import SettingError
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store.layout import Layout
 from kb.store.state import tombstones
 from kb.youtube import purge
 from kb.youtube.parse.channels import mark
 from tests.crash import harm
+from tests.faults import Sandbox
 from tests.reddit.work import texts
 from tests.youtube.job import Job
 from tests.youtube.ytdlp.folder import info, video_id, write_video

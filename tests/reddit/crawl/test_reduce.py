@@ -11,8 +11,8 @@ from kb.core.progress import Silent
 from kb.reddit.crawl.reduce import AGAIN
 from kb.reddit.parse import answers as parse
 from kb.sandbox.reddit.subreddit import CASES
-from kb.sandbox.server import Sandbox
 from kb.store.rawlog.rawlog import Envelope, Request, encode
+from tests.faults import Sandbox
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import listing, post
 from tests.reddit.work import Work

@@ -12,12 +12,13 @@ from kb.core import clock, signals
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
-from kb.sandbox.server import Sandbox, Server
+from kb.sandbox.server import Server
 from kb.sandbox.world import World
 from kb.sandbox.youtube import service
-from kb.sandbox.youtube.resources import refusal
+from kb.sandbox.youtube.service import refusal
 from kb.youtube.crawl.quota import PACIFIC
 from pipelines import youtube
+from tests.faults import Sandbox
 from tests.sandbox.domains import of_case
 from tests.youtube import walls
 from tests.youtube.crawl.test_fetch import CRAWL, check, finish, no_patience

@@ -8,10 +8,10 @@ from urllib.parse import parse_qs
 
 import pytest
 
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store.state.frontier import Frontier
 from kb.youtube.crawl.reduce import SEARCHES, UPLOADS, VIDEOS
+from tests.faults import Sandbox
 from tests.youtube.crawl.test_fetch import CRAWL, check, finish
 from tests.youtube.job import Job, plain_units
 

@@ -10,8 +10,8 @@ from hypothesis import example, given
 from hypothesis import strategies as some
 
 from kb.core.errors import SettingError
-from kb.sandbox.server import Sandbox
 from kb.youtube.crawl.ids import RULES, video_of
+from tests.faults import Sandbox
 from tests.youtube.crawl.test_fetch import CRAWL, check
 from tests.youtube.job import Job
 
