@@ -89,6 +89,7 @@ class YouTube(Source):
         "listed": RecordedWay(raw="playlist_items"),
         "api": RecordedWay("metadata_origin", "api", ages=True),
         "files": RecordedWay("metadata_origin", "file"),
+        "meant": RecordedWay("topic_evidence", "profile"),
         "watched": RecordedWay(raw="transcripts"),
         "subtitles": RecordedWay(raw="ytdlp_subtitles"),
         "own_transcripts": RecordedWay("transcript_origin", "own"),
