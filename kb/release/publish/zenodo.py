@@ -38,34 +38,37 @@ class Zenodo:
     def __init__(
         self, session: HttpSession, endpoint: str, token: str, *, wait: bool = False
     ) -> None:
-        self._service = DepositService(session, endpoint, token, wait=wait)
-        self.root, self._base = self._service.root, self._service.base
+        self._session, self._wait = session, wait
+        self.root = endpoint.rstrip("/").removesuffix("/api")
+        self._base = f"{self.root}/api/deposit/depositions"
+        self._token = token
+        self._headers = {"Authorization": f"Bearer {token}"}
 
     def create(self, metadata: dict[str, Any]) -> Any:
         """A new draft. Not sent twice: a draft whose answer was lost is found by `drafts`."""
-        return self._service.json(
+        return self._json(
             "POST", self._base, shape=DepositAnswer, json={"metadata": metadata}, once=True
         )
 
     def drafts(self) -> Any:
         """The newest unpublished deposits of the account."""
-        return self._service.json(
+        return self._json(
             "GET", self._base, shape=list[DepositAnswer], params={"status": "draft", "size": PAGE}
         )
 
     def get(self, number: int) -> Any:
         """A deposit. Raises Gone."""
-        return self._service.json("GET", f"{self._base}/{number}", shape=DepositAnswer)
+        return self._json("GET", f"{self._base}/{number}", shape=DepositAnswer)
 
     def files(self, number: int) -> dict[str, dict[str, Any]]:
         """Name → {"id", "checksum" (md5, hexadecimal), "filesize"} of what was uploaded."""
-        files = self._service.json("GET", f"{self._base}/{number}/files", shape=list[UploadedFile])
+        files = self._json("GET", f"{self._base}/{number}/files", shape=list[UploadedFile])
         return {one["filename"]: one for one in files}
 
     def remove(self, number: int, file: str) -> None:
         """Remove an uploaded file of a draft; one that is gone already is what was wanted."""
         with contextlib.suppress(Gone):
-            self._service.json("DELETE", f"{self._base}/{number}/files/{quote(file, safe='')}")
+            self._json("DELETE", f"{self._base}/{number}/files/{quote(file, safe='')}")
 
     def upload(self, bucket: str, path: Path, md5: str, sent: Callable[[int], None]) -> None:
         """Put a file into a draft's bucket, again when the service received other bytes.
@@ -77,7 +80,7 @@ class Zenodo:
 
         def put() -> None:
             with path.open("rb") as file:
-                answer = self._service.request(
+                answer = self._request(
                     "PUT",
                     f"{bucket}/{quote(path.name)}",
                     shape=Sent,
@@ -88,7 +91,7 @@ class Zenodo:
                 raise Damaged("damaged upload")
 
         try:
-            self._service.attempt(put)
+            self._attempt(put)
         except Unreachable as error:
             if not isinstance(error.__cause__, Damaged):
                 raise
@@ -102,7 +105,7 @@ class Zenodo:
         """Set the metadata. Raises FatalError when the service refuses it or
         takes another licence.
         """
-        answer = self._service.json(
+        answer = self._json(
             "PUT", f"{self._base}/{number}", shape=Described, json={"metadata": metadata}
         )
         taken = answer.get("metadata", {}).get("license")
@@ -118,7 +121,7 @@ class Zenodo:
         """Publish a draft: can't be undone. When the answer is lost, the deposit itself tells."""
         try:
             url = f"{self._base}/{number}/actions/publish"
-            return self._service.json("POST", url, shape=DepositAnswer, once=True)
+            return self._json("POST", url, shape=DepositAnswer, once=True)
         except (Unreachable, FatalError):
             now = self.get(number)
             if now.get("submitted"):
@@ -132,12 +135,122 @@ class Zenodo:
         """
         try:
             url = f"{self._base}/{number}/actions/newversion"
-            latest = latest_draft(self._service.json("POST", url, shape=DepositAnswer, once=True))
+            latest = latest_draft(self._json("POST", url, shape=DepositAnswer, once=True))
         except FatalError:
             latest = latest_draft(self.get(number))
             if not latest.startswith(self._base):
                 raise
-        return self._service.json("GET", latest, shape=DepositAnswer)
+        return self._json("GET", latest, shape=DepositAnswer)
+
+    def _json(self, method: str, url: str, *, once: bool = False, **what: Any) -> Any:
+        """The answer, of the `shape` that is given."""
+        return self._attempt(lambda: self._request(method, url, **what), once=once)
+
+    def _attempt(self, call: Callable[[], Any], *, once: bool = False) -> Any:
+        """`once`: what must not be done twice is tried again only when the service refused to
+        begin.
+        """
+
+        def guarded() -> Any:
+            try:
+                return call()
+            except Retryable as error:
+                if once and not error.throttled:
+                    raise Unreachable(
+                        f"the deposit service did not answer ({error.reason})", hint=_GO_ON
+                    ) from None
+                raise
+
+        return attempt(guarded, tries=TRIES, patience=math.inf, service="the deposit service")
+
+    def _request(
+        self,
+        method: str,
+        url: str,
+        *,
+        shape: Any = Any,
+        headers: dict[str, str] | None = None,
+        **what: Any,
+    ) -> Any:
+        """One request. Raises what its answer means."""
+        if not self._is_ours(url):
+            raise stray(url)
+        try:
+            # Redirects would carry the token to wherever they point.
+            answer = self._session.request(
+                method,
+                url,
+                headers={**self._headers, **(headers or {})},
+                allow_redirects=False,
+                **what,
+            )
+        except requests.RequestException as error:
+            raise failure(error, url) from None
+        # What it says may reach a terminal and a file: never our token.
+        content = answer.content.replace(self._token.encode(), redact.MARK.encode())
+        if answer.is_redirect or 300 <= answer.status_code < 400:
+            raise FatalError(
+                f"the deposit service redirects ({answer.status_code})",
+                hint="nothing was sent there; check KB_ZENODO_ENDPOINT",
+            )
+        text = message(content, str(answer.reason or "").replace(self._token, redact.MARK))
+        if answer.status_code == 401 or (answer.status_code == 403 and url == self._base):
+            raise CredentialRefused(
+                "the deposit service does not accept ZENODO_TOKEN", hint=_SCOPES
+            )
+        if answer.status_code == 403:
+            raise Forbidden(
+                f"the deposit service refused (403): {text}",
+                hint="check the draft there, then run the same command again",
+            )
+        if answer.status_code == 429:
+            raise self._limited(answer.headers)
+        refused = refusal(answer, url)
+        if refused is not None:
+            raise refused
+        if answer.status_code == 404 and url == self._base:
+            raise FatalError(
+                f"there is no deposit API at {self.root}", hint="check KB_ZENODO_ENDPOINT"
+            )
+        if answer.status_code in (404, 410):
+            raise Gone(
+                f"the deposit service answered {answer.status_code}: {text}",
+                hint="the deposit may have been deleted manually",
+            )
+        if not 200 <= answer.status_code < 300:
+            raise FatalError(
+                f"the deposit service refused ({answer.status_code}): {text}",
+                hint="correct that, then run the same command again",
+            )
+        try:
+            body = json.loads(content) if content else {}
+            msgspec.convert(body, shape)
+        except (ValueError, RecursionError):
+            raise Retryable("an invalid answer of the deposit API", unreachable=True) from None
+        return body
+
+    def _is_ours(self, url: str) -> bool:
+        """Whether an address that the service gave is one of its own."""
+        try:
+            return host_of(url) == host_of(self.root)
+        except ValueError:
+            return False  # no address at all
+
+    def _limited(self, headers: Any) -> Exception:
+        """A short limit is waited for; a long one ends the run with the time to come back."""
+        now = datetime.now(UTC)  # the service's own clock: KB_NOW does not move it
+        seconds = retry_after(headers.get("Retry-After"), headers.get("Date"))
+        if seconds is None:
+            reset = retry_after(headers.get("X-RateLimit-Reset"))  # seconds since 1970
+            seconds = None if reset is None else max(0.0, reset - now.timestamp())
+        if seconds is None or seconds <= LONGEST_WAIT or (self._wait and seconds <= LONGEST_LIMIT):
+            return Retryable("limited", after=seconds, throttled=True)
+        back = now + timedelta(seconds=min(seconds, LONGEST_LIMIT))
+        return QuotaSpent(
+            f"the deposit service's limit is spent until {clock.stamp(back)}",
+            hint="run the same command then",
+            reset_at=back,
+        )
 
 
 class _Watched:
@@ -228,127 +341,6 @@ class Forbidden(CredentialRefused):
 
 def stray(url: str) -> FatalError:
     return FatalError("the deposit service links to another host", hint="nothing was sent there")
-
-
-class DepositService:
-    """One account at one service. The token goes into the header only, and to that service only."""
-
-    def __init__(self, session: HttpSession, endpoint: str, token: str, *, wait: bool) -> None:
-        self._session, self._wait = session, wait
-        self.root = endpoint.rstrip("/").removesuffix("/api")
-        self.base = f"{self.root}/api/deposit/depositions"
-        self._token = token
-        self._headers = {"Authorization": f"Bearer {token}"}
-
-    def json(self, method: str, url: str, *, once: bool = False, **what: Any) -> Any:
-        """The answer, of the `shape` that is given."""
-        return self.attempt(lambda: self.request(method, url, **what), once=once)
-
-    def attempt(self, call: Callable[[], Any], *, once: bool = False) -> Any:
-        """`once`: what must not be done twice is tried again only when the service refused to
-        begin.
-        """
-
-        def guarded() -> Any:
-            try:
-                return call()
-            except Retryable as error:
-                if once and not error.throttled:
-                    raise Unreachable(
-                        f"the deposit service did not answer ({error.reason})", hint=_GO_ON
-                    ) from None
-                raise
-
-        return attempt(guarded, tries=TRIES, patience=math.inf, service="the deposit service")
-
-    def request(
-        self,
-        method: str,
-        url: str,
-        *,
-        shape: Any = Any,
-        headers: dict[str, str] | None = None,
-        **what: Any,
-    ) -> Any:
-        """One request. Raises what its answer means."""
-        if not self._is_ours(url):
-            raise stray(url)
-        try:
-            # Redirects would carry the token to wherever they point.
-            answer = self._session.request(
-                method,
-                url,
-                headers={**self._headers, **(headers or {})},
-                allow_redirects=False,
-                **what,
-            )
-        except requests.RequestException as error:
-            raise failure(error, url) from None
-        # What it says may reach a terminal and a file: never our token.
-        content = answer.content.replace(self._token.encode(), redact.MARK.encode())
-        if answer.is_redirect or 300 <= answer.status_code < 400:
-            raise FatalError(
-                f"the deposit service redirects ({answer.status_code})",
-                hint="nothing was sent there; check KB_ZENODO_ENDPOINT",
-            )
-        text = message(content, str(answer.reason or "").replace(self._token, redact.MARK))
-        if answer.status_code == 401 or (answer.status_code == 403 and url == self.base):
-            raise CredentialRefused(
-                "the deposit service does not accept ZENODO_TOKEN", hint=_SCOPES
-            )
-        if answer.status_code == 403:
-            raise Forbidden(
-                f"the deposit service refused (403): {text}",
-                hint="check the draft there, then run the same command again",
-            )
-        if answer.status_code == 429:
-            raise self._limited(answer.headers)
-        refused = refusal(answer, url)
-        if refused is not None:
-            raise refused
-        if answer.status_code == 404 and url == self.base:
-            raise FatalError(
-                f"there is no deposit API at {self.root}", hint="check KB_ZENODO_ENDPOINT"
-            )
-        if answer.status_code in (404, 410):
-            raise Gone(
-                f"the deposit service answered {answer.status_code}: {text}",
-                hint="the deposit may have been deleted manually",
-            )
-        if not 200 <= answer.status_code < 300:
-            raise FatalError(
-                f"the deposit service refused ({answer.status_code}): {text}",
-                hint="correct that, then run the same command again",
-            )
-        try:
-            body = json.loads(content) if content else {}
-            msgspec.convert(body, shape)
-        except (ValueError, RecursionError):
-            raise Retryable("an invalid answer of the deposit API", unreachable=True) from None
-        return body
-
-    def _is_ours(self, url: str) -> bool:
-        """Whether an address that the service gave is one of its own."""
-        try:
-            return host_of(url) == host_of(self.root)
-        except ValueError:
-            return False  # no address at all
-
-    def _limited(self, headers: Any) -> Exception:
-        """A short limit is waited for; a long one ends the run with the time to come back."""
-        now = datetime.now(UTC)  # the service's own clock: KB_NOW does not move it
-        seconds = retry_after(headers.get("Retry-After"), headers.get("Date"))
-        if seconds is None:
-            reset = retry_after(headers.get("X-RateLimit-Reset"))  # seconds since 1970
-            seconds = None if reset is None else max(0.0, reset - now.timestamp())
-        if seconds is None or seconds <= LONGEST_WAIT or (self._wait and seconds <= LONGEST_LIMIT):
-            return Retryable("limited", after=seconds, throttled=True)
-        back = now + timedelta(seconds=min(seconds, LONGEST_LIMIT))
-        return QuotaSpent(
-            f"the deposit service's limit is spent until {clock.stamp(back)}",
-            hint="run the same command then",
-            reset_at=back,
-        )
 
 
 def latest_draft(deposit: dict[str, Any]) -> str:

@@ -122,7 +122,7 @@ def test_videos(tmp_path: Path, raw: tuple[str, ...], own: int, said: set[str]) 
             DUMP | {"fetched_at": None},
             {
                 ARCHIVED,
-                "(`score_source` is dump); 240 rows don't say when they were retrieved (`fetched_at` is null).",
+                "; 240 rows don't say when they were retrieved (`fetched_at` is null).",
             },
         ),
         (
