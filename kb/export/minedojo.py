@@ -232,22 +232,18 @@ def folder_name(url: str, title: str) -> str:
     tails = (steps[-count:] for count in range(1, len(steps) + 1))
     exact = (tail for tail in tails if unquote("/".join(tail)).replace("_", " ") == words)
     steps = next(exact, steps[-max(1, len(named)) :])
-    return str(Path(*(_short(_plain(step)) for step in steps or "_")))
+    return str(Path(*(_plain(step) for step in steps or "_")))
 
 
 def _plain(step: str) -> str:
-    """A step that is a plain name: no file system's own characters, no dot at its start."""
-    quoted = quote(step, safe="%!$&'()+,;=@~")
-    return re.sub(r"^\.", "%2E", quoted)
-
-
-def _short(step: str) -> str:
-    raw = step.encode()
-    return (
-        step
-        if len(raw) <= 200
-        else f"{raw[:180].decode(errors='ignore')}~{hashlib.sha256(raw).hexdigest()[:12]}"
-    )
+    """A step that is a plain name: no file system's own characters, no dot at its start, and at
+    most 200 bytes.
+    """
+    name = re.sub(r"^\.", "%2E", quote(step, safe="%!$&'()+,;=@~"))
+    raw = name.encode()
+    if len(raw) <= 200:
+        return name
+    return f"{raw[:180].decode(errors='ignore')}~{hashlib.sha256(raw).hexdigest()[:12]}"
 
 
 def box(row: Row) -> list[float | int]:
@@ -302,7 +298,7 @@ def own_texts(elements: list[Row]) -> list[Row]:
     every = {row["element_id"]: row for row in elements}
     parents = {key: row["parent_id"] for key, row in every.items()}
     words = {
-        key: _words(row["text"])
+        key: "".join(row["text"].split())  # spaces differ by how lines break
         for key, row in every.items()
         if row["kind"] == "text" and row["visible"] and row["text"]
     }
@@ -314,11 +310,6 @@ def own_texts(elements: list[Row]) -> list[Row]:
             for above in ancestors(key, parents)
         )
     ]
-
-
-def _words(text: str) -> str:
-    """The text without its spaces, which differ by how lines break."""
-    return "".join(text.split())
 
 
 def _table(row: Row, cells: list[Row]) -> Row:

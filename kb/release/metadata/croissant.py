@@ -76,6 +76,13 @@ def croissant(run: Run, facts: Facts) -> str:
     """The whole document as text."""
     prose, section = about(run.profile, facts), run.profile.release
     published = section.published_at(facts.source)
+    files = [
+        *(file for table in facts.tables for file in _files(table)),
+        *map(_archive, facts.others),
+    ]
+    for file in files:
+        if published.files and "contentUrl" in file:  # absolute, as the profile says where
+            file["contentUrl"] = f"{published.files}/{file['name']}"
     document = {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
@@ -101,23 +108,10 @@ def croissant(run: Run, facts: Facts) -> str:
         },
         **lineage(run, facts),
         **_responsible(run, facts),
-        "distribution": [
-            _addressed(one, published.files)
-            for one in (
-                *(file for table in facts.tables for file in _files(table)),
-                *map(_archive, facts.others),
-            )
-        ],
+        "distribution": files,
         "recordSet": [_records(table) for table in facts.tables],
     }
     return json.dumps(document, ensure_ascii=False, indent=1) + "\n"
-
-
-def _addressed(file: dict[str, Any], place: str | None) -> dict[str, Any]:
-    """The file with an absolute `contentUrl` where the profile says what that will be."""
-    return (
-        file | {"contentUrl": f"{place}/{file['name']}"} if place and "contentUrl" in file else file
-    )
 
 
 def _creator(creator: Creator) -> dict[str, Any]:

@@ -32,9 +32,7 @@ def pair_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> 
             " what another one says (`duplicate_of`), by MinHash of runs of five words, 14 bands of"
             " 8 hashes."
         ),
-        *_recurring(figures["recurring_text"]),
-        _languages(figures["languages"]),
-        *_verbs(figures["verbs"]),
+        *_texts(figures["recurring_text"], figures["languages"], figures["verbs"]),
         _speech_recognition(heard) if heard else _NOT_MEASURED,
         _TEXTS_ALONE,
         *judgements(samples, "pair"),
@@ -55,26 +53,23 @@ def _times(words: dict[str, Any], error: dict[str, Any]) -> str:
     return sentence
 
 
-def _recurring(share: dict[str, Any]) -> Iterator[str]:
-    if share["n"]:
+def _texts(
+    recurring: dict[str, Any], languages: dict[str, dict[str, Any]], verbs: dict[str, Any]
+) -> Iterator[str]:
+    """What the texts of the pairs are like."""
+    if recurring["n"]:
         yield (
-            f"Recurring text: in {_pairs(share)} more than half of the words lie in runs of at"
+            f"Recurring text: in {_pairs(recurring)} more than half of the words lie in runs of at"
             " least eight words that at least three videos of the channel have; on average"
-            f" {share['mean_share']:.1%} of the words do (`recurring_share`)."
+            f" {recurring['mean_share']:.1%} of the words do (`recurring_share`)."
         )
-
-
-def _languages(languages: dict[str, dict[str, Any]]) -> str:
     (main, most), *others = languages.items()
     named = ", ".join(f"{code} {one['hits']:,}" for code, one in others[:_SHOWN])
     rest = f"; others: {named}" if named else ""
-    return f"Languages: {_pairs(most)} have texts in `{main}` (`language`){rest}."
-
-
-def _verbs(share: dict[str, Any]) -> Iterator[str]:
-    if share["n"]:
+    yield f"Languages: {_pairs(most)} have texts in `{main}` (`language`){rest}."
+    if verbs["n"]:
         yield (
-            f"Verbs: {_pairs(share)} have a verb of a word list at most five words from the"
+            f"Verbs: {_pairs(verbs)} have a verb of a word list at most five words from the"
             " keyword (`has_verb`), a rule of thumb."
         )
 
