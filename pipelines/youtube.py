@@ -12,7 +12,7 @@ from pathlib import Path
 from kb.annotate import toxicity
 from kb.annotate.word_count import word_count_of_lists
 from kb.core.config.profile import Profile
-from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts

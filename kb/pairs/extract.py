@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.config.profile.pairs import Pairs
+from kb.core.config.profile.products import Pairs
 from kb.core.errors import MissingExtra
 from kb.core.installation import install_extra, np
 from kb.pairs import seeded_random

@@ -12,10 +12,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-from kb.core.config.profile.base import FILL_IN
-from kb.core.config.profile.check_finding import ERROR, NOTE, WARNING, Finding
-from kb.core.config.profile.everyday_words import is_everyday
-from kb.core.config.profile.pairs import Pairs
+from kb.core.config.profile.base import ERROR, FILL_IN, NOTE, WARNING, Finding, is_everyday
+from kb.core.config.profile.products import Pairs
 from kb.core.errors import ProfileError
 from kb.pairs.matching import phrase
 

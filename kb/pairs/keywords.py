@@ -21,7 +21,7 @@ from typing import Any
 
 from kb.core.cached_property import cached_property
 from kb.core.config.profile import Profile
-from kb.core.config.profile.pairs import Pairs
+from kb.core.config.profile.products import Pairs
 from kb.core.errors import ProfileError
 from kb.core.installation import np
 from kb.pairs.keyword_list import COLUMNS, LONGEST, NEVER, Keyword, forms, read
