@@ -110,12 +110,15 @@ def matches(text: Text, tools: Finds, counts: PairCounts) -> Matches:
     )
     counts.tell(tools.keywords, "matches", keyword)
     certain, reach = tools.keywords.certain[keyword], tools.keywords.reach[keyword]
-    if certain.all():
+    meant = certain | (tools.keywords.topical[keyword] & text.known[every.video])
+    if meant.all():
         return every
+    # A word that counts by the topic alone helps no other: "what the hell" may stand beside it.
     near = seeded_random.supported(every.first, every.last, every.video, certain, reach) & (
         reach != NEVER
     )
-    counts.tell(tools.keywords, "ambiguous", keyword[~certain])
+    near |= meant
+    counts.tell(tools.keywords, "ambiguous", keyword[~meant])
     counts.tell(tools.keywords, "ambiguous_alone", keyword[~near])
     return every.take(near)
 

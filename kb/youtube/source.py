@@ -75,6 +75,7 @@ class YouTube(Source):
         "youtube.topic_keywords",
         "youtube.game_ids",
         "youtube.category_ids",
+        "youtube.imported_topic",
         "youtube.search_pages",
         "youtube.uploads",
         "youtube.min_views",

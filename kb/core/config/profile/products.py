@@ -24,7 +24,8 @@ class Pairs(Section):
     keyword_files: tuple[str, ...] = Field(
         (),
         description="keyword lists (.tsv) next to the profile, with the columns keyword, kind, rule"
-        " and forms; a rule is empty, `near` or `near:N` (counts within that many words of an"
+        " and forms; a rule is empty, `topic` (counts in videos that are known to be about the"
+        " topic, elsewhere like `near`), `near` or `near:N` (counts within that many words of an"
         " unmistakable keyword), `never` (makes no pair) or `always` (an everyday word that is"
         " meant)",
     )
