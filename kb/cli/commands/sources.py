@@ -134,7 +134,8 @@ def check(
     youtube_app,
     name="import",
     limit="Stop after N more files (exit code 3); the next run resumes.",
-    json="crawled, subtitles, playlists, files, known_files, left_out_by, null_columns",
+    json="crawled, subtitles, playlists, files, known_files, left_out_by, left_out_files,"
+    " null_columns",
     checks=True,
     examples=[
         "kb youtube import ~/Videos/minecraft          files that yt-dlp wrote there",

@@ -58,6 +58,7 @@ WORDS: dict[str, Word] = {
     "youtube import.files": Word("Files that were imported in this run."),
     "known_files": Word("Files that were imported before.", "{n} files imported before"),
     "left_out_by": Word("Files that were left out, by reason."),
+    "left_out_files": Word("The first files of each reason by name, with what is wrong with them."),
     "null_columns": Word("Columns that imported files leave null, with the number of videos."),
     "duplicates": Word(
         "Older or repeated answers; only the newest one is used.", "{n} older answers"

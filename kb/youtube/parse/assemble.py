@@ -34,7 +34,7 @@ from kb.store.tables.partition import RawKind
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.view_counting import view_rule
 from kb.youtube.ytdlp import info, tracks
-from kb.youtube.ytdlp.tracks import ENGLISH, TrackLanguage
+from kb.youtube.ytdlp.tracks import ENGLISH, TrackLanguage, language_of
 
 COMPLETE, ABSENT = "complete", "absent"
 MISMATCH, NEGATIVE, UNORDERED = "mismatch", "negative", "unordered"
@@ -305,10 +305,14 @@ def _tracks(transcripts: pa.Table, words: Callable[[Any], pa.Array[Any]]) -> pa.
     automatic = pc.fill_null(pc.equal(column(transcripts, "kind"), "asr"), False)
     one_each = lists(pa.repeat(pa.scalar(1), len(flat)), flat.field("text"))
     starts, verdict = checked(cues, automatic, words(one_each))
-    fields = [flat.field("start_s"), _lengths(cues, flat, original), flat.field("text"), starts]
+    begin, length = _stretched(cues, flat.field("start_s"), _lengths(cues, flat, original), starts)
+    fields = [begin, length, flat.field("text"), starts]
     names = ["start_s", "duration_s", "text", "word_start_s"]
     made = pa.StructArray.from_arrays(fields, names=names)
+    given = column(transcripts, "language")
+    languages = [one and language_of(one) for one in given.to_pylist()]
     own = {
+        "language": pa.array(languages, given.type),
         "cues": lists(pc.list_value_length(cues), made),
         "word_times": pc.if_else(automatic, verdict, pa.scalar(None, pa.string())),
     }
@@ -334,6 +338,35 @@ def _lengths(cues: pa.Array[Any], flat: Any, automatic: pa.Array[Any]) -> pa.Arr
         length.slice(0, len(length) - 1),
     )
     return pa.concat_arrays([before_last, length.slice(len(length) - 1)])
+
+
+def _stretched(
+    cues: pa.Array[Any], start: pa.Array[Any], length: pa.Array[Any], words: pa.Array[Any]
+) -> tuple[pa.Array[Any], pa.Array[Any]]:
+    """Start and length (s) of cues that hold all their words, the last one until the next cue
+    begins but at most a second.
+    """
+    times = pa.table({"cue": pc.list_parent_indices(words), "at": pc.list_flatten(words)})
+    times = times.group_by("cue").aggregate([("at", "min"), ("at", "max")])
+    place = pc.index_in(
+        pa.array(range(len(start)), pa.int64()), times["cue"].combine_chunks().cast(pa.int64())
+    )
+    first, last = (times[f"at_{side}"].combine_chunks().take(place) for side in ("min", "max"))
+    track = pc.list_parent_indices(cues)
+    same = pc.equal(track.slice(1), track.slice(0, max(len(track) - 1, 0)))
+    nothing = pa.scalar(None, start.type)
+    following = pa.concat_arrays(
+        [pc.if_else(same, start.slice(1), nothing), pa.nulls(min(len(start), 1), start.type)]
+    )
+    until = pc.add(last, 1)
+    is_later = pc.fill_null(pc.greater(following, last), False)
+    until = pc.if_else(is_later, pc.min_element_wise(until, following), until)
+    end = pc.add(start, length)
+    late = pc.fill_null(pc.greater_equal(last, end), False)
+    early = pc.fill_null(pc.less(first, start), False)
+    begin = pc.if_else(early, first, start)
+    stretched = pc.round(pc.subtract(pc.if_else(late, until, end), begin), 3)
+    return begin, pc.if_else(pc.or_(late, early), stretched, length)
 
 
 def _renamed(problems: pa.Array[Any]) -> pa.Array[Any]:
