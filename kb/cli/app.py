@@ -40,6 +40,14 @@ TREE = {
     "sandbox": "Serve invented YouTube, wiki and Reddit on this machine.",
     "demo": "Run the whole job on the sandbox in minutes: no key, no network.",
 }
+# What `kb --help`, `make help` and README are grouped by; other commands are among More.
+GROUPS = {
+    "Collect": tuple(SOURCES),
+    "Build": ("build", "annotate", "pairs", "tasks", "links", "index", "clips", "label"),
+    "Look": ("status", "query", "search", "explore", "report", "mcp"),
+    "Publish": ("release", "restore"),
+    "Maintain": ("update", "refresh", "purge", "verify", "merge", "doctor"),
+}
 CONTEXT: dict[str, Any] = {"help_option_names": ["--help", "-h"]}  # groups inherit it
 
 
@@ -167,8 +175,11 @@ class Tree(typer.core.TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """The list of `kb --help`, without importing what it lists."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(TREE.items()))
+        grouped = {name for names in GROUPS.values() for name in names}
+        more = tuple(name for name in TREE if name not in grouped)
+        for title, names in {**GROUPS, "More": more}.items():
+            with formatter.section(title):
+                formatter.write_dl([(name, TREE[name]) for name in names if name in TREE])
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
         """Where to start."""
