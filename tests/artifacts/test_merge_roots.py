@@ -48,6 +48,11 @@ def videos(job: Job) -> dict[str, dict[str, object]]:
     }
 
 
+def units(root: Path) -> int:
+    with closing(sqlite3.connect(Layout(root).state("youtube"))) as state:
+        return int(state.execute("SELECT sum(units) FROM ledger").fetchone()[0])
+
+
 def requests(root: Path) -> int:
     with closing(sqlite3.connect(Layout(root).state("youtube"))) as state:
         return int(state.execute("SELECT count(*) FROM ledger").fetchone()[0])
@@ -72,6 +77,27 @@ def test_parts_of_a_crawl_are_the_whole_one(
     asked = len(sandbox.ledger)
     assert merged.done("youtube", "crawl")["crawled"] == 0
     assert len(sandbox.ledger) == asked
+
+
+def test_searches_that_were_made_once_are_shared(
+    sandbox: Sandbox, parts: list[Job], tmp_path: Path
+) -> None:
+    """One machine finds the videos, and every part begins with what it found."""
+    alone, found = Job(sandbox, tmp_path / "alone"), Job(sandbox, tmp_path / "found")
+    alone.done("youtube", "crawl")
+    for phase in ("channels", "uploads"):
+        found.done("youtube", "crawl", "--only", phase)
+    machines = [Job(sandbox, tmp_path / f"part{number}") for number in (1, 2, 3)]
+    for number, job in enumerate(machines, 1):
+        assert job.done("merge", str(found.root))["requests"] == requests(found.root)
+        job.done("youtube", "crawl", "--part", f"{number}/3")
+    merged = Job(sandbox, tmp_path / "merged")
+    merged.done("merge", *(str(job.root) for job in (*machines, found)))
+    assert videos(merged) == videos(alone)
+    # Each part's last question about videos is not full; nothing else is asked twice.
+    assert units(merged.root) <= units(alone.root) + len(machines) - 1
+    ours = sum(requests(job.root) - requests(found.root) for job in machines)
+    assert requests(merged.root) == requests(found.root) + ours
 
 
 def test_a_merge_that_was_cut_short_goes_on(parts: list[Job], tmp_path: Path) -> None:
