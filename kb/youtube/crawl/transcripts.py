@@ -198,8 +198,6 @@ class Fetcher:
         response = self._session.get(f"{address}&{WORD_TIMES}")
         if not response.ok:
             return None
-        if self._is_empty:
-            raise ParseError("no element found")
         try:
             return subtitles.as_lists(subtitles.read("srv3", response.text).cues)
         except ValueError:
