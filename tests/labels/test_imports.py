@@ -17,7 +17,7 @@ from kb.labels.export import export
 from kb.labels.imports import agreement
 from kb.labels.questions import PAIRS
 from kb.query import connect, select
-from kb.release.metadata.pair_quality import pair_quality
+from kb.release.metadata.quality import pair_quality
 from kb.verify.root import verify
 from tests.inprocess import Here
 from tests.labels.answers import exported, items, judgement

@@ -186,8 +186,8 @@ def assemble(
     `words` counts the words of each list of texts; `language` chooses among imported tracks.
     Adds to the parsed columns: `link`, `imported` (whether a file tells of it), `width`, `height`
     (px; the largest stream's when known, else the embed frame's), `fps`, `view_rule`,
-    `age_restricted`, `game_label_id`, `game_label`, `transcript_outcome` (null: not asked),
-    `transcript_kind`, `word_count`.
+    `metadata_origin`, `age_restricted`, `game_label_id`, `game_label`, `transcript_outcome` (null:
+    not asked), `transcript_kind`, `word_count`.
     """
     videos = one_row_each(latest.get("videos"), latest.get("ytdlp_info"), latest.get("statistics"))
     outcomes = tracks.with_imported(
@@ -218,10 +218,11 @@ def unanswered(root: Path) -> Iterator[tuple[str, str]]:
 def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
     side = aligned(transcripts, "video_id", column(videos, "video_id"))
     outcome = column(side, "outcome")
+    from_file: Any = pa.scalar(False)
     if FROM_FILE in videos.column_names:
         # Nobody will read the label of a video that only a file tells of: keywords decide.
-        alone = pc.and_(column(videos, FROM_FILE), pc.is_null(outcome))
-        outcome = pc.if_else(alone, tracks.NOT_IMPORTED, outcome)
+        from_file = column(videos, FROM_FILE)
+        outcome = pc.if_else(pc.and_(from_file, pc.is_null(outcome)), tracks.NOT_IMPORTED, outcome)
         videos = videos.drop_columns([FROM_FILE])
     else:
         nowhere = pa.repeat(pa.scalar(False), videos.num_rows)
@@ -248,6 +249,7 @@ def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
         "word_count": pc.if_else(had, column(side, "word_count"), pa.scalar(None, pa.int64())),
         "problems": _renamed(column(videos, "problems")),
     }
+    own["metadata_origin"] = pc.if_else(from_file, "file", pa.array(["api"] * videos.num_rows))
     for name, values in own.items():
         videos = put(videos, name, values)
     return videos.append_column("view_rule", view_rule(videos))

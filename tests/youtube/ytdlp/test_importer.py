@@ -33,7 +33,7 @@ def test_a_root_of_files_alone_goes_through_every_stage(job: Job) -> None:
         assert (row["category_id"], row["topic_evidence"]) == (20, "keywords")
         assert (row["transcript_kind"], row["word_count"]) == ("asr", 16)
         assert (row["view_count"], row["license"]) == (54_321, None)
-        assert row["view_rule"] == "playback_start"
+        assert (row["view_rule"], row["metadata_origin"]) == ("playback_start", "file")
         assert f"{row['fetched_at']:%Y-%m-%d}" == "2026-09-21"
     assert tracks[0]["cues"] == tracks[1]["cues"] == tracks[2]["cues"]
     assert [cue["text"] for cue in tracks[0]["cues"]][:2] == [
@@ -43,6 +43,13 @@ def test_a_root_of_files_alone_goes_through_every_stage(job: Job) -> None:
     job.done("youtube", "export")
     likely = job.done("pairs")
     assert likely["pairs"] > 0
+    assert job.done("release")["folders"] == 2  # read 60 days ago, unscored, by nobody named
+    card = (job.root / "release/youtube/README.md").read_text()
+    assert "Toxicity: not scored" in card.partition("|  |  |")[0]
+    assert "described all 3 videos; their dates are 2026-09-21." in " ".join(card.split())
+    assert not any(
+        word in card for word in ("keyword search", "watch pages", "terms ask", "| Built")
+    )
     job.profile(("[youtube]\n", '[youtube]\nimported_topic = "known"\n'))
     job.done("youtube", "filter")
     assert {row["topic_evidence"] for row in job.rows(VIDEOS)} == {"profile"}
