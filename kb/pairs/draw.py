@@ -275,6 +275,8 @@ def with_ids(given: Path) -> Path:
 def checked(con: duckdb.DuckDBPyConnection, asked: str, where: str) -> str:
     """The SQL of `asking`. Raises UsageError for a condition that DuckDB does not understand."""
     try:
+        if len(con.extract_statements(asked)) != 1:
+            raise duckdb.ParserException("it is more than a condition")
         con.sql(asked)
     except duckdb.Error as error:
         raise UsageError(

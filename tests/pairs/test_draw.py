@@ -147,6 +147,7 @@ def test_channels_and_duplicates_stay_together(made: Run, tmp_path: Path) -> Non
         ("margin > 0", "--where names margin", "`kb pairs score --videos DIR`"),
         ("keyword = 'margin' AND nothing = 1", "can't be asked: Binder Error", "language = 'en'"),
         ("token_count >", "can't be asked: Parser Error", "language = 'en'"),
+        ("true); SELECT (true", "can't be asked: it is more than a condition", "language = 'en'"),
     ],
 )
 def test_a_condition_that_cannot_be_met_says_why(
