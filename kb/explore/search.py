@@ -48,7 +48,6 @@ class SearchPage:
 
     @property
     def suggested(self) -> str:
-        """The address of the same search for the suggestion."""
         return f"/search?{urlencode({**self.asked, 'words': self.suggestion})}"
 
 
