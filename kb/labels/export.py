@@ -46,7 +46,9 @@ def export(
     """
     place = table_catalog.outside(run.root, out)
     if place.exists() and not (place / CONFIG).is_file():
-        raise UsageError(f"--out {out} exists and is not such a project", hint="name a new folder")
+        raise UsageError(
+            f"--out {out} exists and is not a labelling project", hint="name a new folder"
+        )
     files = table_catalog.read(run.root).files(labeling.table)
     if not files:
         raise FatalError(

@@ -165,7 +165,7 @@ def draw(
     """
     place = table_catalog.outside(run.root, out)
     if not plan and place.exists() and not (place / PAIRS).is_file():
-        raise UsageError(f"--out {out} exists and is not such a draw", hint="name a new folder")
+        raise UsageError(f"--out {out} exists and is not a draw of pairs", hint="name a new folder")
     catalog = table_catalog.read(run.root)
     meant, every = asking(catalog, where=where), asking(catalog)
     with (
@@ -267,7 +267,7 @@ def with_ids(given: Path) -> Path:
     except (OSError, pa.ArrowInvalid):
         pass
     raise UsageError(
-        f"--pairs {given} is no Parquet file with pair_id",
+        f"--pairs {given} is not a Parquet file with a column pair_id",
         hint="give pairs.parquet of `kb pairs draw`",
     )
 
@@ -280,7 +280,7 @@ def checked(con: duckdb.DuckDBPyConnection, asked: str, where: str) -> str:
         con.sql(asked)
     except duckdb.Error as error:
         raise UsageError(
-            f"--where {where!r} can't be asked: {str(error).splitlines()[0]}",
+            f"--where {where!r} is not a valid condition: {str(error).splitlines()[0]}",
             hint="write a condition on the columns of pairs and quality, such as language = 'en'",
         ) from None
     return asked

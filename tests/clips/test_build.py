@@ -173,8 +173,8 @@ def test_what_is_wrong_is_said_before_anything_is_cut(run: Run, places, tmp_path
     for chosen, message in (
         (build.Chosen("no such thing"), "no pair has the keyword"),
         (build.Chosen(where="token_count > 999"), "no pair meets the condition"),
-        (build.Chosen(where="nothing = 1"), "can't be asked"),
-        (build.Chosen(pairs=tmp_path / "none.parquet"), "no Parquet file with pair_id"),
+        (build.Chosen(where="nothing = 1"), "is not a valid condition"),
+        (build.Chosen(pairs=tmp_path / "none.parquet"), "not a Parquet file with a column pair_id"),
     ):
         with pytest.raises(UsageError, match=message):
             build.build(run, [films], tmp_path / "out", OPTIONS, chosen)

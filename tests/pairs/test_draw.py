@@ -145,9 +145,17 @@ def test_channels_and_duplicates_stay_together(made: Run, tmp_path: Path) -> Non
     [
         ("visible = 'yes'", "--where names visible", "`kb label import FILE`"),
         ("margin > 0", "--where names margin", "`kb pairs score --videos DIR`"),
-        ("keyword = 'margin' AND nothing = 1", "can't be asked: Binder Error", "language = 'en'"),
-        ("token_count >", "can't be asked: Parser Error", "language = 'en'"),
-        ("true); SELECT (true", "can't be asked: it is more than a condition", "language = 'en'"),
+        (
+            "keyword = 'margin' AND nothing = 1",
+            "is not a valid condition: Binder Error",
+            "language = 'en'",
+        ),
+        ("token_count >", "is not a valid condition: Parser Error", "language = 'en'"),
+        (
+            "true); SELECT (true",
+            "is not a valid condition: it is more than a condition",
+            "language = 'en'",
+        ),
     ],
 )
 def test_a_condition_that_cannot_be_met_says_why(
