@@ -163,10 +163,7 @@ def _all(
         of_step = replace(run, workers=2) if step == "wiki crawl" and not run.asked else run
         try:
             command: Any = find_command(step.split())
-            if step == "release" and not run.profile.toxicity.on:
-                summary = Summary(left_out="a release needs toxicity scores")
-            else:
-                summary = Summary(command.function(of_step, **given.get(step, {})) or {})
+            summary = Summary(command.function(of_step, **given.get(step, {})) or {})
         except MissingExtra as error:  # the other steps work without it
             summary = Summary(left_out=f"{error}; {error.hint}")
         done[step] = dict(summary)
@@ -196,7 +193,7 @@ def _missing_section(run: Run, step: str) -> str | None:
 
 def _queries(queries: list[tuple[str, str, list[str]]], root: Path) -> None:
     from kb.query import connect, find_views, select
-    from kb.query.output import for_people
+    from kb.query.formats import for_people
 
     names = {view.full for view in find_views(root)}
     with contextlib.closing(connect(root)) as db:
