@@ -18,6 +18,7 @@ import contextlib
 import hashlib
 import os
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -41,6 +42,7 @@ from kb.store.tables.checksums import FileEntry
 from kb.store.tables.parquet import content_digest
 
 _SHARD = re.compile(r"(.+)-(\d{5})-of-(\d{5})(\.[a-z]+)")
+_ABSENT = 1_000  # of the names of shards that are not there
 _THREADS = 4  # files that are hashed at a time
 
 
@@ -217,13 +219,15 @@ def missing(root: Path, name: str) -> list[Path]:
 
 
 def siblings(names: Iterable[str]) -> set[str]:
-    """The names of all shards of the tables that these shards belong to."""
-    every = set()
-    for name in names:
-        if match := _SHARD.fullmatch(name):
-            stem, _, count, ending = match.groups()
-            every |= {f"{stem}-{number:05d}-of-{count}{ending}" for number in range(int(count))}
-    return every
+    """The names of all shards of the tables that these shards belong to; where many are not there,
+    the first thousand of them.
+    """
+    tables = Counter((m[1], m[3], m[4]) for name in names if (m := _SHARD.fullmatch(name)))
+    return {
+        f"{stem}-{number:05d}-of-{count}{ending}"
+        for (stem, count, ending), there in tables.items()
+        for number in range(min(int(count), there + _ABSENT))
+    } | {name for name in names if _SHARD.fullmatch(name)}
 
 
 def inputs(

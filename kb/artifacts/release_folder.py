@@ -20,11 +20,12 @@ import orjson
 import pyarrow as pa
 
 from kb.artifacts import manifest
+from kb.core.errors import DamagedData
 from kb.core.installation import PROFILE_FILE
 from kb.core.sources import PUBLISHED
 from kb.schema.tables import Table, released_tables, table, tables
 from kb.store.artifact_registry import SUMS
-from kb.store.damage import DOWNLOAD, opening
+from kb.store.damage import DOWNLOAD, opening, read_small
 from kb.store.state.tombstones import without_people
 from kb.store.tables import parquet
 from kb.store.tables.checksums import parsed
@@ -132,14 +133,14 @@ def read_tombstones(path: Path) -> pa.Table:
     """The tombstones of items in a file, as shared/tombstones declares them. Raises DamagedData."""
     if path.suffix == ".parquet":
         return without_people(parquet.read_table(path))
-    with opening(path):
-        return parse_tombstones(path.read_bytes(), path)
+    return parse_tombstones(read_small(path), path)
 
 
 def parse_tombstones(data: bytes, place: object) -> pa.Table:
     """The rows of tombstones.ndjson, which lies at `place`. Raises DamagedData."""
     schema = table("shared/tombstones").arrow(True)
-    with opening(place, ValueError, TypeError, KeyError, pa.ArrowException, hint=DOWNLOAD):
+    wrong = (ValueError, TypeError, KeyError, OverflowError, RecursionError, pa.ArrowException)
+    with opening(place, *wrong, hint=DOWNLOAD):
         rows = [orjson.loads(line) for line in data.splitlines()]
         for row in rows:
             row["removed_at"] = datetime.fromisoformat(row["removed_at"])
@@ -174,11 +175,11 @@ def sums(folder: Path) -> tuple[dict[str, str], int]:
     A file that can't be read as text counts as one invalid line.
     """
     path = folder / SUMS
-    if not path.is_file():
+    if not path.exists() and not path.is_symlink():
         return {}, 0
     try:
-        return parsed(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError):
+        return parsed(read_small(path).decode())
+    except (DamagedData, UnicodeDecodeError):
         return {}, 1
 
 

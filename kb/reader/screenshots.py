@@ -31,6 +31,8 @@ COLOURS = {
     "cell": "#56b4e9",
 }
 _LINE = 2  # CSS px
+_PIXELS = 400_000_000  # of a screenshot: 100,000 px of height, and twice the usual width
+_BYTES = 200_000_000  # of a screenshot's file
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -77,7 +79,8 @@ def box(row: dict[str, Any]) -> Box:
 def screenshot(home: Path | RemoteFolder, row: dict[str, Any]) -> Picture:
     """The screenshot of a page's row. Raises MissingExtra and DamagedData.
 
-    Pillow's limit on pixels is lifted only for an image of exactly the size in the page's row.
+    Pillow's limit on pixels is lifted only for an image of exactly the size in the page's row, and
+    of no more pixels than a page can have.
     """
     needs("PIL", install="pillow")
     from PIL import Image
@@ -86,8 +89,10 @@ def screenshot(home: Path | RemoteFolder, row: dict[str, Any]) -> Picture:
     scale = row["device_pixel_ratio"]
     wanted = [round(row["page_width"] * scale), round(row["page_height"] * scale)]
     size = _size(data)
-    if size is None or any(
-        abs(one - other) > 2 * scale for one, other in zip(size, wanted, strict=True)
+    if (
+        size is None
+        or size[0] * size[1] > _PIXELS
+        or any(abs(one - other) > 2 * scale for one, other in zip(size, wanted, strict=True))
     ):
         raise DamagedData(f"{where} is not a PNG of {wanted[0]} × {wanted[1]} px", hint=DOWNLOAD)
     limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
@@ -149,8 +154,8 @@ def _remote_member(folder: RemoteFolder, tar: str, member: str) -> bytes:
 
 
 def _verified(file: BinaryIO, entry: dict[str, Any], tar: str) -> bytes:
-    file.seek(int(entry["offset"]))
-    data = file.read(int(entry["size"]))
+    file.seek(entry["offset"])
+    data = file.read(entry["size"])
     if hashlib.sha256(data).hexdigest() != entry["sha256"]:
         member = entry["member"]
         raise DamagedData(f"{tar} is damaged: checksum mismatch of {member}", hint=DOWNLOAD)
@@ -160,11 +165,12 @@ def _verified(file: BinaryIO, entry: dict[str, Any], tar: str) -> bytes:
 def _searched(tar: Path, member: str) -> bytes:
     """A member found without an index, by reading the tar from its start."""
     try:
-        with tarfile.open(tar) as opened:
-            file = opened.extractfile(member)
+        with tarfile.open(tar, "r:") as opened:
+            found = opened.getmember(member)
+            file = opened.extractfile(found) if found.isreg() and found.size <= _BYTES else None
             if file is not None:
                 return file.read()
-    except (tarfile.TarError, KeyError, OSError) as error:
+    except (tarfile.TarError, KeyError, OSError, ValueError, RecursionError) as error:
         raise DamagedData(f"{tar} has no {member}: {error}", hint=DOWNLOAD) from None
     raise DamagedData(f"{tar} has no {member}", hint=DOWNLOAD)
 
@@ -191,8 +197,13 @@ def _entries(lines: Iterable[bytes], place: str) -> dict[tuple[str, str], dict[s
         try:
             entry = json.loads(line)
             members[entry["tar"], entry["member"]] = entry
-            int(entry["offset"]), int(entry["size"]), entry["sha256"]
-        except (ValueError, KeyError, TypeError):
+            valid = isinstance(entry["sha256"], str) and all(
+                type(entry[name]) is int and 0 <= entry[name] <= most
+                for name, most in (("offset", 1 << 62), ("size", _BYTES))
+            )
+            if not valid:
+                raise ValueError
+        except (ValueError, KeyError, TypeError, RecursionError):
             raise unreadable(place, f"line {number} is not an entry", DOWNLOAD) from None
     return members
 

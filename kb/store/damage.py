@@ -6,14 +6,18 @@ with opening(path, ValueError):         # what a library says of a broken file b
 """
 
 import contextlib
+import os
+import stat
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import BinaryIO
 
 from kb.core.errors import DamagedData
 from kb.store.artifact_registry import SUMS, artifact_of
 from kb.store.layout import Layout
 
 DOWNLOAD = "download it again, into the same folder"
+SMALL = 50_000_000  # bytes of a file that is read as a whole: checksums, tombstones, metadata
 
 
 def remedy(path: Path) -> str:
@@ -53,3 +57,27 @@ def opening(path: object, *kinds: type[Exception], hint: str = "") -> Iterator[N
         if not isinstance(error, (OSError, *kinds)):
             raise
         raise unreadable(path, error, hint) from error
+
+
+@contextlib.contextmanager
+def regular(path: Path, hint: str = "", *, links: bool = True) -> Iterator[BinaryIO]:
+    """A file to read. A pipe or a device is not waited for. Raises DamagedData where it is none, or
+    without `links` where it is a link.
+    """
+    flags = os.O_RDONLY | os.O_NONBLOCK | (0 if links else os.O_NOFOLLOW)
+    descriptor = os.open(path, flags)
+    with os.fdopen(descriptor, "rb") as file:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise unreadable(path, "it is no file but a pipe, a device or a folder", hint)
+        yield file
+
+
+def read_small(path: Path, hint: str = "") -> bytes:
+    """A file of a stranger's folder as a whole: no link, and at most SMALL bytes. Raises
+    DamagedData.
+    """
+    with opening(path, hint=hint), regular(path, hint, links=False) as file:
+        data = file.read(SMALL + 1)
+    if len(data) > SMALL:
+        raise unreadable(path, f"it has more than {SMALL:,} bytes", hint)
+    return data

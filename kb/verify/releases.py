@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from kb.artifacts import manifest, release_folder
+from kb.core.errors import DamagedData
 from kb.store.artifact_registry import SUMS
+from kb.store.damage import read_small
 from kb.store.tables import checksums
 from kb.verify.files import problem
 from kb.verify.findings import Findings
@@ -32,7 +34,7 @@ def folder(
     for name, file in there.items():
         if file == sums or name in _PLAIN:
             continue
-        if file.is_symlink() or file.is_dir():
+        if file.is_symlink() or not file.is_file():
             findings.foreign(
                 "release", file, "a release is flat, with files of its own", "move it away"
             )
@@ -74,7 +76,7 @@ def _tar(path: Path) -> str:
                     continue
                 if not _holds(tar, int(entry["offset"]), int(entry["size"]), entry["sha256"]):
                     return f"{entry['member']} in it is not what {release_folder.INDEX} says"
-            except (ValueError, KeyError, TypeError):
+            except (ValueError, KeyError, TypeError, OverflowError, RecursionError, OSError):
                 return f"{release_folder.INDEX} beside it can't be read"
     return ""
 
@@ -97,10 +99,10 @@ def _metadata(
     try:
         digests = {
             one["contentUrl"].rpartition("/")[2]: one["sha256"]
-            for one in json.loads(path.read_text(encoding="utf-8"))["distribution"]
+            for one in json.loads(read_small(path))["distribution"]
             if "sha256" in one
         }
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, DamagedData):
         digests = None
     if digests is None:
         findings.damaged("release", path, "is not valid metadata", advice(path))

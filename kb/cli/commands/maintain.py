@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,8 @@ from kb.core.summary import Summary
 if TYPE_CHECKING:
     from kb.verify.findings import Findings
 
+
+_SHOWN = 10  # findings of one kind in a folder
 
 refresh_app = group("Re-read data that the services' terms require to be fresh.")
 
@@ -237,8 +240,14 @@ def verify(
     run.progress.close()
     for line in terminal.table(list(report.table())):
         typer.echo(line)
+    alike = Counter[tuple[str, Path, str]]()
     for one in report.entries:
-        show(with_options(f"{one.state}: {one.path}: {one.what}; {one.advice}"))
+        alike[one.state, one.path.parent, one.what] += 1
+        if alike[one.state, one.path.parent, one.what] <= _SHOWN:
+            show(with_options(f"{one.state}: {one.path}: {one.what}; {one.advice}"))
+    for (state, folder, what), number in alike.items():
+        if number > _SHOWN:
+            show(f"{state}: {folder}: {number - _SHOWN:,} more files: {what}")
     for line in repaired:
         show(with_options(f"repair: {line}"))
     summary = Summary(command="verify", **report.summary(place), repaired=repaired)

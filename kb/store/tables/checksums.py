@@ -11,6 +11,7 @@ process. Files without a record are read as they are.
 import hashlib
 import os
 import re
+import stat
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -19,8 +20,9 @@ from typing import NamedTuple
 
 import msgspec
 
+from kb.core.errors import DamagedData
 from kb.store.artifact_registry import SUMS, artifact_of
-from kb.store.damage import unreadable
+from kb.store.damage import read_small, regular, unreadable
 
 MISMATCH = "checksum mismatch"
 _LINE = re.compile(r"([0-9a-f]{64})  ([^/]+)")
@@ -60,7 +62,7 @@ _verified: set[_Stamp] = set()  # files that this process has read in full
 def digest(path: Path, algorithm: str = "sha256", advance: Advance | None = None) -> str:
     """Hexadecimal digest of a file; `advance` is called with the number of bytes read."""
     computed = hashlib.new(algorithm)
-    with path.open("rb") as file:
+    with regular(path) as file:
         while chunk := file.read(_CHUNK):
             computed.update(chunk)
             if advance is not None:
@@ -141,6 +143,8 @@ def _entries(place: Path) -> dict[str, FileEntry]:
         about = place.stat()
     except OSError:
         return {}
+    if not stat.S_ISREG(about.st_mode):
+        return {}
     return _read_entries(place, about.st_ino, about.st_size, about.st_mtime_ns)
 
 
@@ -149,8 +153,8 @@ def _read_entries(place: Path, *_stamp: int) -> dict[str, FileEntry]:
     """The entries of a file of digests; cached, as it is asked for each of the files."""
     try:
         if place.name == SUMS:
-            lines = parsed(place.read_text(encoding="utf-8"))[0]
+            lines = parsed(read_small(place).decode())[0]
             return {name: FileEntry(sha256=value) for name, value in lines.items()}
         return msgspec.json.decode(place.read_bytes(), type=_Files).files
-    except (OSError, UnicodeDecodeError, msgspec.DecodeError):
+    except (OSError, DamagedData, UnicodeDecodeError, msgspec.DecodeError, RecursionError):
         return {}  # whoever reads the manifest itself says so
