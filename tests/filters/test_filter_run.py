@@ -3,7 +3,6 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -166,12 +165,12 @@ def test_few_bytes_start_no_worker_process_that_nobody_asked_for(
 ) -> None:
     started = []
 
-    class Pool(engine.ProcessPoolExecutor):
-        def __init__(self, workers: int, **options: Any) -> None:
+    class Pool(engine.Processes):
+        def __init__(self, workers: int) -> None:
             started.append(workers)
-            super().__init__(workers, **options)
+            super().__init__(workers)
 
-    monkeypatch.setattr(engine, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(engine, "Processes", Pool)
     monkeypatch.setattr(context, "_SMALL", small)
     run = dataclasses.replace(run_at(root, workers=2), asked=asked)
     assert run_clean(run, "youtube")["kept"] > 0

@@ -113,7 +113,8 @@ def import_files(run: Run, job: ImportJob, files: Sequence[Path]) -> Summary:
 def _import(run: Run, jobs: list[ImportJob]) -> None:
     """Import files side by side, or the lines of one file after the other where files are few.
 
-    With a limit everything is read in order, as it counts records of all files.
+    The workers of a cluster read whole files where they lie: lines that are sent to them cost more
+    than they save. With a limit everything is read in order, as it counts records of all files.
     """
     size = sum(Path(job.file).stat().st_size for job in jobs)
     workers = 1 if run.limit else run.processes(size)
@@ -126,7 +127,7 @@ def _import(run: Run, jobs: list[ImportJob]) -> None:
         jobs = [msgspec.structs.replace(job, lease=str(leased.absolute())) for job in jobs]
         if run.limit:
             results = _in_sequence(jobs)
-        elif len(jobs) < workers:
+        elif run.engine == "local" and len(jobs) < workers:
             results = _in_sequence(jobs, executor, executor.window)
         else:
             most = int(run.settings.kb_import_memory_gb * 1e9)

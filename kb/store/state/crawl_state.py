@@ -189,6 +189,27 @@ class State:
                 (outcome, int(sent), row),
             )
 
+    def add_ledger(self, other: "State", name: str) -> int:
+        """Add another state's ledger, each row once; how many were new. The cursor `name` keeps how
+        far it was read.
+        """
+        with self.transaction(), other._access():
+            (last,) = other._db.execute("SELECT coalesce(max(id), 0) FROM ledger").fetchone()
+            known = self.cursor(name, 0)
+            rows = other._db.execute(
+                "SELECT at, day, bucket, units, endpoint, outcome FROM ledger WHERE id > ?",
+                (known if known <= last else 0,),
+            )
+            before = self._db.total_changes
+            self._db.executemany(
+                "INSERT INTO ledger (at, day, bucket, units, endpoint, outcome)"
+                " VALUES (?, ?, ?, ?, ?, ?)",
+                rows,
+            )
+            new = self._db.total_changes - before
+            self.set_cursor(name, last)
+            return new
+
     def spent(self, bucket: str, day: str) -> int:
         """Units of a bucket spent on a day."""
         with self._access():
