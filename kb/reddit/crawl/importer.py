@@ -87,8 +87,17 @@ def import_files(run: Run, job: ImportJob, files: Sequence[Path]) -> Summary:
     before = cursors()
 
     def summary() -> Summary:
-        fresh = (now.things - old.things for now, old in zip(cursors(), before, strict=True))
-        return _summary(cursors(), sum(fresh))
+        now = cursors()
+        return Summary(
+            command="reddit import",
+            source="reddit",
+            counted="posts and comments",
+            crawled=sum(one.things for one in now) - sum(one.things for one in before),
+            lines=sum(one.lines for one in now),
+            bad_lines=sum(one.bad_lines for one in now),
+            truncated_files=sum(one.truncated for one in now),
+            requests=0,
+        )
 
     todo = []
     for cursor, one in zip(before, jobs.values(), strict=True):
@@ -192,16 +201,3 @@ def _side_by_side(
             yield waiting.popleft()[0].result()
     while waiting:
         yield waiting.popleft()[0].result()
-
-
-def _summary(cursors: list[DumpCursor], fresh: int) -> Summary:
-    return Summary(
-        command="reddit import",
-        source="reddit",
-        counted="posts and comments",
-        crawled=fresh,
-        lines=sum(cursor.lines for cursor in cursors),
-        bad_lines=sum(cursor.bad_lines for cursor in cursors),
-        truncated_files=sum(cursor.truncated for cursor in cursors),
-        requests=0,
-    )

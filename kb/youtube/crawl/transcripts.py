@@ -137,7 +137,11 @@ class Fetcher:
         ) as error:
             # An empty body of the timed text raises the parser's own error.
             if not (self._needs_token and isinstance(error, ParseError)):
-                raise Retryable(_reason(error)) from None
+                # Without the address, which holds the page's key.
+                code = str(getattr(error, "reason", "")).split(" ")[0]
+                raise Retryable(
+                    f"HTTP {code} from YouTube" if code.isdigit() else type(error).__name__
+                ) from None
             answer |= {"outcome": "po_token"}
         except (requests.RequestException, urllib3.exceptions.HTTPError) as error:
             # Of an address that leads nowhere the site's own answers are to blame, not the video.
@@ -194,8 +198,6 @@ class Fetcher:
         response = self._session.get(f"{address}&{WORD_TIMES}")
         if not response.ok:
             return None
-        if self._is_empty:
-            raise ParseError("no element found")
         try:
             return subtitles.as_lists(subtitles.read("srv3", response.text).cues)
         except ValueError:
@@ -299,9 +301,3 @@ class SiteDoor(Door):
         if self._root and url.startswith(f"{self._root}/"):
             return SITE + url.removeprefix(f"{self._root}/")
         return url
-
-
-def _reason(error: Exception) -> str:
-    """A short reason without the address, which holds the page's key."""
-    code = str(getattr(error, "reason", "")).split(" ")[0]
-    return f"HTTP {code} from YouTube" if code.isdigit() else type(error).__name__

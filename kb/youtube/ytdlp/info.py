@@ -166,7 +166,8 @@ def _collect(record: dict[str, Any], into: InfoContents) -> None:
     if kind in ("playlist", "multi_video"):
         given = record.get("entries")
         entries = [one for one in given if isinstance(one, dict)] if isinstance(given, list) else []
-        listed = [_kept(one, _entry_fields()) for one in entries if _is_id(one.get("id"))]
+        own = _fields("ytdlp_playlists", "entries[]")
+        listed = [_kept(one, own) for one in entries if _is_id(one.get("id"))]
         if isinstance(record.get("id"), str):
             into.playlists.append({**_kept(record, _fields("ytdlp_playlists")), "entries": listed})
         for one in entries:
@@ -209,14 +210,10 @@ def _kept(record: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
 
 
 @cache
-def _fields(kind: str) -> tuple[str, ...]:
-    return tuple(raw.raw(f"youtube/{kind}")["properties"])
-
-
-@cache
-def _entry_fields() -> tuple[str, ...]:
-    declared = raw.at("youtube/ytdlp_playlists", "entries[]") or {}
-    return tuple(declared["properties"])
+def _fields(kind: str, at: str = "") -> tuple[str, ...]:
+    name = f"youtube/{kind}"
+    declared = raw.at(name, at) if at else raw.raw(name)
+    return tuple((declared or {})["properties"])
 
 
 def read_at(record: dict[str, Any]) -> datetime | None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from kb.youtube.ytdlp.info import playlists
-from kb.youtube.ytdlp.tracks import ListedTracks, TrackKind, kind_of
+from kb.youtube.ytdlp.tracks import ListedTracks, TrackKind, TrackLanguage, kind_of, language_of
 from tests.youtube.crawl.test_fetch import CRAWL
 from tests.youtube.job import Job
 from tests.youtube.ytdlp.folder import FORMS, info, spoken, video_id, vtt, write_video
@@ -331,6 +331,25 @@ def test_the_first_playlist_by_id_counts_and_uploads_are_none(job: Job) -> None:
         (folder / f"{key}.info.json").write_text(json.dumps({**about, "entries": entries}))
     job.done("youtube", "import", str(folder))
     assert playlists(job.root) == {video_id(5): "PLsecond", video_id(6): "PLfirst"}
+
+
+@pytest.mark.parametrize(
+    ("name", "language"),
+    [
+        *(
+            (name, name)
+            for name in ("en", "en-GB", "zh-Hans", "es-419", "ca-valencia", "sr-Latn-RS")
+        ),
+        *((f"en-{name}", "en") for name in ("Qx_9zR4b-1k", "AbCdEfGhIjK", "a-b-c-d-e-f")),
+        ("pt-BR-eEY6OEpapPo", "pt-BR"),
+        *(("iw", "he"), ("iw-IL", "he-IL"), ("in", "id"), ("ji", "yi"), ("no", "nb"), ("nn", "nn")),
+    ],
+)
+def test_the_language_of_a_track(name: str, language: str) -> None:
+    assert language_of(name) == language
+    assert TrackLanguage(language).spoken(name)
+    assert TrackLanguage(name.partition("-")[0]).spoken(language)
+    assert not TrackLanguage("nl").spoken(name)
 
 
 @pytest.mark.parametrize(
