@@ -18,6 +18,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 
+import msgspec
+
 from kb.artifacts import domain_binding
 from kb.artifacts.table_catalog import existing, is_root
 from kb.core.context import Run
@@ -34,7 +36,8 @@ from kb.store.state.frontier import Frontier
 
 
 def merge(run: Run, others: Sequence[Path]) -> Summary:
-    """Bring these roots into the run's. Raises SettingError, OtherService and WriterLocked before
+    """Bring these roots into the run's; the purges of sources that are to be finished then have a
+    list (`Layout.purge`). Raises SettingError, OtherService and WriterLocked before
     anything is written; DiskFull.
     """
     roots = [existing(one).resolve() for one in others]
@@ -49,16 +52,21 @@ def merge(run: Run, others: Sequence[Path]) -> Summary:
     run.root.mkdir(parents=True, exist_ok=True)
     counts: Counter[str] = Counter()
     with domain_binding.writing(run, *SOURCES), full_disk_is_resumable(run.root):
-        for root in roots:
-            files = [path for source in SOURCES for path in _files(root, source)]
-            with run.progress.task(f"merge {root}", total=len(files), unit="files") as task:
-                for path in files:
-                    counts.update(_bring(path, root, run.root))
-                    task.advance(1, copied=counts["files"])
-            for source in SOURCES:
-                _note(root, run.root, source)
+        for source in SOURCES:
+            for root in roots:
                 tombstones.unite(run.root, source, root)
+            purged, before = _begin_purge(run.root, source), counts["files"]
+            for root in sorted(roots, key=lambda root: _has_others(root, source)):
+                files = list(_files(root, source))
+                name = f"merge {source} of {root}"
+                with run.progress.task(name, total=len(files), unit="files") as task:
+                    for path in files:
+                        counts.update(_bring(path, root, run.root))
+                        task.advance(1, copied=counts["files"])
+                _note(root, run.root, source)
                 counts["requests"] += _spent(root, run.root, source)
+            if purged and counts["files"] == before:  # nothing came that may hold it
+                Layout(run.root).purge(source).unlink()
         domain_binding.note_if_stored(run.root, run.profile)
     return Summary(
         command="merge",
@@ -69,6 +77,19 @@ def merge(run: Run, others: Sequence[Path]) -> Summary:
         requests=counts["requests"],
         path=str(run.root),
     )
+
+
+def _begin_purge(root: Path, source: str) -> bool:
+    """List what was purged on any machine as a purge that is not finished: what another machine
+    brings may hold it. False where there is nothing, or such a list already.
+    """
+    keys = tombstones.read(root, source).select(["key", "reason"]).to_pylist()
+    path = Layout(root).purge(source)
+    if not keys or path.exists():
+        return False
+    reasons = {row["key"]: row["reason"] for row in keys}
+    write_bytes(path, msgspec.json.encode(reasons, order="sorted"))
+    return True
 
 
 def _check(run: Run, roots: Sequence[Path]) -> None:
@@ -169,6 +190,15 @@ def _note(root: Path, home: Path, source: str) -> None:
         write_bytes(ours.key(source), theirs.key(source).read_bytes(), mode=0o600)
 
 
+def _has_others(root: Path, source: str) -> bool:
+    """Whether a root has merged others itself; those that it has come first."""
+    path = Layout(root).state(source)
+    if not path.is_file():
+        return False
+    with closing(Frontier(path, readonly=True)) as theirs:
+        return bool(theirs.merged())
+
+
 def _spent(root: Path, home: Path, source: str) -> int:
     """Add what the other machine has spent, each request once; how many were new."""
     path = Layout(root).state(source)
@@ -178,4 +208,4 @@ def _spent(root: Path, home: Path, source: str) -> int:
         closing(Frontier(path, readonly=True)) as theirs,
         closing(Frontier(Layout(home).state(source))) as ours,
     ):
-        return ours.add_ledger(theirs, f"merged {path}")
+        return ours.add_ledger(theirs, str(path))

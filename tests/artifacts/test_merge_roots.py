@@ -48,6 +48,11 @@ def videos(job: Job) -> dict[str, dict[str, object]]:
     }
 
 
+def units(root: Path) -> int:
+    with closing(sqlite3.connect(Layout(root).state("youtube"))) as state:
+        return int(state.execute("SELECT sum(units) FROM ledger").fetchone()[0])
+
+
 def requests(root: Path) -> int:
     with closing(sqlite3.connect(Layout(root).state("youtube"))) as state:
         return int(state.execute("SELECT count(*) FROM ledger").fetchone()[0])
@@ -74,6 +79,27 @@ def test_parts_of_a_crawl_are_the_whole_one(
     assert len(sandbox.ledger) == asked
 
 
+def test_searches_that_were_made_once_are_shared(
+    sandbox: Sandbox, parts: list[Job], tmp_path: Path
+) -> None:
+    """One machine finds the videos, and every part begins with what it found."""
+    alone, found = Job(sandbox, tmp_path / "alone"), Job(sandbox, tmp_path / "found")
+    alone.done("youtube", "crawl")
+    for phase in ("channels", "uploads"):
+        found.done("youtube", "crawl", "--only", phase)
+    machines = [Job(sandbox, tmp_path / f"part{number}") for number in (1, 2, 3)]
+    for number, job in enumerate(machines, 1):
+        assert job.done("merge", str(found.root))["requests"] == requests(found.root)
+        job.done("youtube", "crawl", "--part", f"{number}/3")
+    merged = Job(sandbox, tmp_path / "merged")
+    merged.done("merge", *(str(job.root) for job in (*machines, found)))
+    assert videos(merged) == videos(alone)
+    # Each part's last question about videos is not full; nothing else is asked twice.
+    assert units(merged.root) <= units(alone.root) + len(machines) - 1
+    ours = sum(requests(job.root) - requests(found.root) for job in machines)
+    assert requests(merged.root) == requests(found.root) + ours
+
+
 def test_a_merge_that_was_cut_short_goes_on(parts: list[Job], tmp_path: Path) -> None:
     merged = Job(parts[0].sandbox, tmp_path)
     roots = [str(job.root) for job in parts]
@@ -93,8 +119,39 @@ def test_what_one_machine_has_purged_stays_away(parts: list[Job], tmp_path: Path
     merged = Job(parts[0].sandbox, tmp_path / "home")
     tombstones.add(merged.root, "youtube", [("gone0000002", "named")])
     merged.done("merge", str(purged), str(parts[1].root))
-    assert tombstones.keys(merged.root, "youtube") == {"gone0000001", "gone0000002"}
+    assert tombstones.keys(merged.root, "youtube") >= {"gone0000001", "gone0000002"}
     assert tombstones.people(merged.root, "youtube") == {"channel"}
+
+
+def test_what_one_machine_has_purged_leaves_what_the_others_bring(
+    parts: list[Job], tmp_path: Path
+) -> None:
+    first = Job(parts[0].sandbox, tmp_path / "first")
+    shutil.copytree(parts[0].root, first.root)
+    first.done("youtube", "filter")
+    gone = next(
+        row["video_id"]
+        for path in (first.root / "clean/youtube/videos").glob("*.parquet")
+        for row in pq.read_table(path, columns=["video_id"]).to_pylist()
+    )
+    (tmp_path / "ids.txt").write_text(gone + "\n")
+    assert first.done("purge", "youtube", "--ids", str(tmp_path / "ids.txt"))["purged"] == 1
+    assert raw_with(parts[0].root, gone)
+    merged = Job(parts[0].sandbox, tmp_path / "merged")
+    merged.done("merge", str(first.root), str(parts[0].root), str(parts[1].root))
+    assert raw_with(merged.root, gone) == []
+    assert not Layout(merged.root).purge("youtube").exists()
+    tables = videos(merged)
+    assert len(tables["videos"]) > 1
+    assert all(gone not in rows for rows in tables.values())
+
+
+def raw_with(root: Path, text: str) -> list[str]:
+    return [
+        path.name
+        for path in rawlog.all_segments(root, "youtube")
+        if any(text.encode() in line for _, line in rawlog.Frames(path))
+    ]
 
 
 def test_roots_that_do_not_belong_together_are_refused(parts: list[Job], tmp_path: Path) -> None:

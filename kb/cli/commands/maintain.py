@@ -277,14 +277,19 @@ def merge(
 
     Each answer and file is there once, whatever was merged before; after an interruption the same
     command resumes. The next crawl takes the answers into its state, and `kb SOURCE filter` reads
-    them all as one. Roots of another profile, host or key of authors are refused. Do a purge on
-    every machine before: what one root has removed stays in the raw data of another.
+    them all as one. What was purged on one machine is purged from what the others bring. Roots of
+    another profile, host or key of authors are refused.
     """
     from kb.artifacts import domain_binding, merge_roots
+    from kb.store.layout import Layout
 
     run = options.make_run(needs="root")
     if options.profile is None and domain_binding.remembered(run.root) is None:
         bound = next(filter(None, map(domain_binding.remembered, roots)), None)
         named = (bound.file or bound.name) if bound else None
         run = replace(options, profile=named).make_run()
-    return merge_roots.merge(run, roots)
+    summary = merge_roots.merge(run, roots)
+    for source in SOURCES:
+        if Layout(run.root).purge(source).exists() and getattr(run.profile, source) is not None:
+            pipeline(run, "purge").purge(run, source, None)
+    return summary
