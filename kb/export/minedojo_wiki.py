@@ -208,6 +208,7 @@ def _words(text: str) -> str:
 
 
 def _table(row: Row, cells: list[Row]) -> Row:
+    cells = [cell for cell in cells if cell["x"] is not None]  # folded ones have no box
     parts = {
         True: [cell for cell in cells if cell["is_header"]],
         False: [cell for cell in cells if not cell["is_header"]],

@@ -105,15 +105,15 @@ def _parts(
 
 
 def page_text(elements: list[Row]) -> str:
-    """The visible text of a page in reading order, a block a line: texts and cells that no other
-    one of the same table contains, so that every word counts once.
+    """The text of a page in reading order, what is folded included, a block a line: texts and
+    cells that no other one of the same table contains, so that every word counts once.
     """
     parents = {element["id"]: element["parent"] for element in elements}
     kinds = {element["id"]: element["kind"] for element in elements}
     return "\n".join(
         element["text"]
         for element in elements
-        if element["visible"]
+        if (element["visible"] or element.get("folded"))
         and element["kind"] in ("text", "cell")
         and element["text"]
         and is_outermost(element["id"], parents, kinds)
@@ -152,7 +152,9 @@ def _made(name: str, page_id: int, entries: list[Row], **made: list[Any]) -> pa.
             values = made[column.name]
         elif field == "box":
             side = SIDES.index(column.name)
-            values = [entry["box"][side] for entry in entries]
+            values = [entry["box"] and entry["box"][side] for entry in entries]
+        elif field == "folded":  # in no extraction of earlier versions
+            values = [entry.get(field, False) for entry in entries]
         else:
             values = [entry[field] for entry in entries]
         arrays.append(pa.array(values, column.parsed.arrow()))

@@ -96,15 +96,7 @@ def test_fractions_and_notes_of_minecraft_wiki(pages, look):
         ("Tide", "3/4", "m"),
         ("Knots", "two lines", None),
     ]
-    assert "Tide[note 2]" in texts, "a text is as the page shows it"
-
-
-def test_facts_lose_what_has_no_width_and_keep_what_joins_letters():
-    given = {"subject": "\u200eA\u200b", "element": 1, "visible": True}
-    told = {**given, "field": "x\ufeff", "value": "می\u200cخواهم 5\u200c"}
-    (row,) = facts.facts(PAGE, [told], RULES)
-    names = ("subject", "field", "value")
-    assert [row[name] for name in names] == ["A", "x", "می\u200cخواهم 5"]
+    assert "Tide[note 2]" not in texts, "marks of footnotes are no text"
 
 
 def test_recipes_of_minecraft_wiki(pages, look):
