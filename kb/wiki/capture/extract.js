@@ -15,7 +15,7 @@ const INLINE = new Set(["A", "ABBR", "B", "BDI", "BR", "CITE", "CODE", "EM", "I"
 const elements = [], cells = [], facts = [], recipes = [];
 const styles = new Map(), clips = new Map(), placed = new Map(), strokes = new Map();
 const states = new Map(), offers = new Map(), bars = new Map();
-let truncated = false, entries = 0, without = null;
+let truncated = false, entries = 0, unread = 0, without = null, named = new Map();
 
 // What JSON and Arrow can't hold becomes U+FFFD. Characters without width are dropped; joiners stay between letters
 // that join, or in a picture of several.
@@ -178,6 +178,7 @@ function textOf(nodes, all, pre, blocks) {
     if (!all && stateOf(node) === "hidden") return;
     const tex = formulaOf(node);
     if (tex) { out += tex; return; }
+    if (named.has(node)) { out += `${/[\s(]$/.test(out) ? "" : " "}${named.get(node)}`; return; }
     if (node.tagName === "TABLE") { line(); return; }
     if (node.tagName === "BR") {
       out += "\n";
@@ -307,26 +308,134 @@ function framesOf(e) {
   });
 }
 
-// Rows of an infobox: a field and its value, several beside each other, or values below their fields.
+// The facts of an infobox: its own tables over their grids, lists of terms, pairs of a name and a value, names in bold.
+// A name that several groups of a box have is told with its group. Rows that can't be read are counted.
 function readFacts(box) {
-  const title = box.querySelector(rules.fact_subject), subject = title && textOf(title.childNodes, !shown(title), false) || null;
-  let above = [];
-  for (const row of box.querySelectorAll(rules.fact)) {
-    if (isChrome(row)) continue;
-    let fields = [...row.querySelectorAll(rules.fact_field)];
-    const values = [...row.querySelectorAll(rules.fact_value)];
-    if (!fields.length && !above.length && values.length === 2) fields = [values.shift()];
-    const heads = fields.length ? fields : above;
-    above = !values.length && fields.length > 1 ? fields : [];
-    if (values.length !== heads.length) continue;
-    values.forEach((value, number) => {
-      const head = heads[number], seen = shown(value), { visible } = place(value.getBoundingClientRect(), value.parentElement, seen);
-      const pictures = [...value.querySelectorAll("img")].filter((img) => !seen || shown(img)).map(nameOf).filter(Boolean);
-      if (!room()) return;
-      facts.push({ subject, field: textOf(head.childNodes, !shown(head), false),
-        value: textOf(value.childNodes, !seen, false) || pictures.join("\n"), visible, at: value });
+  const told = [], around = (e) => { const cell = e.parentElement?.closest("td, th"); return cell && cell !== box && box.contains(cell); };
+  const outer = (e) => { const table = e.closest("table"); return !table || !box.contains(table) || !around(table); };
+  const title = [...box.querySelectorAll(rules.fact_subject)].find(outer);
+  const subject = title && textOf(title.childNodes, !shown(title), false) || null;
+  const words = (e) => textOf(e.childNodes, !shown(e), false);
+  let group = null, last = null;
+  // `names` are elements or texts, `nodes` the value, a part of `at`.
+  const tell = (names, at, nodes = at.childNodes) => {
+    const field = names.map((name) => (name?.nodeType ? words(name) : name)).filter(Boolean);
+    const value = valueOf(at, nodes);
+    if (!field.length || !value) return false;
+    if (room()) told.push({ subject, field: field.join(" › "), group, value, visible: place(at.getBoundingClientRect(), at.parentElement, shown(at)).visible, at });
+    return true;
+  };
+  const missed = (e) => { if (words(e).trim()) unread++; };
+  // Names in bold at the beginning of a line, each with what follows it.
+  const readBold = (e) => {
+    let name = null, nodes = [], fresh = true, found = false;
+    const end = () => { if (name) found = tell([name], e, nodes) || found; name = null; nodes = []; };
+    for (const node of e.childNodes) {
+      const bold = node.nodeType === 1 && /^(B|STRONG)$/.test(node.tagName);
+      if (bold && fresh) { end(); name = node; } else if (name) nodes.push(node);
+      fresh = node.nodeName === "BR" || fresh && node.nodeType === 3 && !node.data.trim();
+    }
+    end();
+    return found;
+  };
+  const readTable = (table) => {
+    const places = grid(table), rows = [...table.rows], cover = rows.map(() => []);
+    for (const [cell, at] of places) for (let i = 0; i < at.rowspan; i++) for (let j = 0; j < at.colspan; j++) cover[at.row + i][at.column + j] = cell;
+    const width = Math.max(0, ...cover.map((row) => row.length));
+    const lines = rows.filter((row) => row.matches(rules.fact) && !isChrome(row));
+    const fields = new Set(lines.flatMap((row) => [...row.querySelectorAll(rules.fact_field)]));
+    const values = new Set(lines.flatMap((row) => [...row.querySelectorAll(rules.fact_value)]));
+    let heads = [], pending = null, before = "";
+    rows.forEach((row, r) => {
+      if (!lines.includes(row)) return;
+      const cells = [...new Set(cover[r])].filter((cell) => (fields.has(cell) || values.has(cell)) && !isChrome(cell));
+      const names = cells.filter((cell) => fields.has(cell)), others = cells.filter((cell) => !fields.has(cell));
+      const begins = (...given) => given.some((cell) => cell.nodeType && places.get(cell).row === r);
+      const head = (cell) => heads[places.get(cell).column];
+      if (!cells.length) return;
+      if (cells.length === 1 && places.get(cells[0]).colspan >= width) {
+        const [cell] = cells;
+        if (names.length) {
+          heads = [];
+          pending = title && (cell === title || cell.contains(title)) ? null : cell;
+          group = pending ? words(cell) || null : group;
+        } else {
+          const inner = cell.querySelectorAll("table");
+          if (pending && words(cell).trim()) tell([pending], cell);
+          else if (!readBold(cell) && inner.length === 1 && !words(cell).trim()) readTable(inner[0]);
+          else if (!pending && r && !cell.querySelector("img, b, strong")) missed(cell);
+          pending = null;
+        }
+        before = "";
+        return;
+      }
+      pending = null;
+      if (!others.length) { // heads of columns, in one row or more
+        if (before !== "heads") heads = [];
+        for (const cell of names) for (let j = 0; j < places.get(cell).colspan; j++) {
+          const at = places.get(cell).column + j, text = words(cell);
+          heads[at] = heads[at] && heads[at] !== text ? `${heads[at]} › ${text}` : text;
+        }
+        before = "heads";
+      } else if (!names.length) {
+        const first = others[0], lead = heads.some(Boolean) ? !head(first) && others.length > 1 && first : others.length === 2 && first;
+        for (const cell of others) if (cell !== lead && begins(cell)) { if (!lead && !head(cell) || !tell([lead, head(cell)], cell) && !words(lead || cell)) missed(cell); }
+        before = "values";
+      } else {
+        if (before === "values") heads = [];
+        let current = [], closed = false;
+        for (const cell of cells) {
+          if (fields.has(cell)) { current = closed ? [cell] : [...current, cell]; closed = false; }
+          else if (!current.length) missed(cell);
+          else { if (begins(cell, ...current)) tell([...current, head(cell)], cell); closed = true; }
+        }
+        before = "names";
+      }
     });
+  };
+  const readRow = (row) => {
+    const fields = [...row.querySelectorAll(rules.fact_field)], values = [...row.querySelectorAll(rules.fact_value)];
+    if (fields.length === values.length) values.forEach((value, number) => tell([fields[number]], value));
+    else if (fields.length === 1) values.forEach((value) => tell(fields, value));
+    else if (fields.length) missed(row);
+  };
+  const readList = (list) => {
+    let names = [];
+    for (const e of list.querySelectorAll("dt, dd")) {
+      if (e.tagName === "DT") names = names.closed || !names.length ? [e] : [...names, e];
+      else { names.forEach((name) => tell([name], e)); names.closed = true; }
+    }
+  };
+  const plain = (e) => e && e.childElementCount < 20 && !e.matches("table, dl, img, figure, h1, h2, h3, h4, h5, h6") && words(e).trim();
+  const isName = (e) => /(^|[-_\s])(label|name|key|term|field)([-_\s]|$)/i.test(e.getAttribute("class") || "") || /[:：]\s*$/.test(e.textContent)
+    || /^(B|STRONG)$/.test(e.tagName) || Number(style(e).fontWeight) >= 600;
+  for (const e of [box, ...box.querySelectorAll("*")]) {
+    if (last?.contains(e) || isChrome(e)) continue;
+    if (e.tagName === "TABLE") { last = e; readTable(e); }
+    else if (e !== box && e.matches(rules.fact)) { last = e; readRow(e); }
+    else if (e.tagName === "DL") { last = e; readList(e); }
+    else if (e !== title && e.matches(".pi-header, h2, h3, h4")) { last = e; group = words(e) || null; }
+    else if (readBold(e)) last = e;
+    else if (e !== title && e.tagName !== "A" && plain(e) && isName(e) && plain(e.nextElementSibling) && !isName(e.nextElementSibling)
+      && !/\S/.test(e.nextSibling?.nodeType === 3 ? e.nextSibling.data : "") && !e.previousElementSibling?.matches("a, b, strong")) {
+      for (let value = e.nextElementSibling; plain(value) && !isName(value); value = value.nextElementSibling) { tell([e], value); last = value; }
+      continue;
+    }
   }
+  const groups = new Map();
+  for (const { field, group: one } of told) groups.set(field, (groups.get(field) || new Set()).add(one));
+  for (const { group: one, ...fact } of told) facts.push(groups.get(fact.field).size > 1 && one ? { ...fact, field: `${one} › ${fact.field}` } : fact);
+}
+// A value's words with the names of pictures that stand between them, else the names of its pictures.
+function valueOf(at, nodes) {
+  const all = !shown(at), text = textOf(nodes, all, false);
+  const inside = [...nodes].flatMap((n) => (n.nodeType === 1 ? [...(n.matches("img") ? [n] : []), ...n.querySelectorAll("img")] : []));
+  const seen = inside.filter((img) => all || shown(img));
+  if (!text) return seen.map(nameOf).filter(Boolean).join("\n");
+  named = new Map(seen.map((img) => [img, sound(img.getAttribute("alt"))?.trim()]).filter(([, name]) => name && !/\.\w{3,4}$/.test(name) && !text.includes(name)));
+  const full = named.size ? textOf(nodes, all, false) : text;
+  named = new Map();
+  return full;
 }
 // Grids of slots: what lies in each, one after the other where it is shown in turn.
 function readRecipe(grid) {
@@ -470,6 +579,6 @@ for (const fact of facts) { fact.element = elementOfValue(fact.at); delete fact.
 for (const slot of recipes.flatMap((recipe) => recipe.slots)) { slot.element = elementOfSlot(slot.at); delete slot.at; }
 return {
   page: { width: pageWidth, height: pageHeight, viewport_width: innerWidth, device_pixel_ratio: devicePixelRatio,
-    url: location.href, title: sound(document.title), ...window.__kb.identity(), truncated },
+    url: location.href, title: sound(document.title), ...window.__kb.identity(), truncated, unread_facts: unread },
   elements, cells, facts, recipes,
 };

@@ -353,6 +353,7 @@ def _store(root: Path, item: Item, captured: Captured, shot: Path) -> dict[str, 
         "folder": str(folder.relative_to(root)),
         "settled": captured.settled,
         "elements": len(captured.extraction["elements"]),
+        "unread_facts": page["unread_facts"],
         "files": files,
     }
 
