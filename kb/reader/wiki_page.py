@@ -94,7 +94,7 @@ class Page:
             data.page("Creeper").boxes("table").draw()
 
         A text's box has the boxes of its lines, which are drawn instead of it. Kinds are text,
-        image, sprite, animation, table and cell; any other raises UsageError.
+        image, sprite, animation, table, cell, video and audio; any other raises UsageError.
         `hidden`: include elements that the page does not show; folded ones have no boxes.
         """
         if kind is not None and kind not in screenshots.COLOURS:

@@ -232,7 +232,7 @@ function captionOf(img) {
   if (img.closest(named) && !img.closest(named).querySelector(FRAME)) return null; // an icon within a caption
   for (let e = img.parentElement; e && e !== root; e = e.parentElement) {
     const captions = [...e.querySelectorAll(named)].filter((x) => !x.contains(img) && !x.parentElement.closest(named));
-    const others = [...e.querySelectorAll("img")].filter((x) => !captions.some((caption) => caption.contains(x)));
+    const others = [...e.querySelectorAll("img, video, audio")].filter((x) => !captions.some((caption) => caption.contains(x)));
     const own = captions.length === others.length ? captions[others.indexOf(img)] : null;
     if (own) return textOf([own], true, false) || null;
     if (captions.length || others.length > 1 && !e.closest(FRAME) || e.matches(".gallerybox, TR") || e === box) return null;
@@ -505,6 +505,14 @@ function walk(e, ctx, grids) {
     const what = { ...picture(e), caption: captionOf(e) };
     if (cycle) add("animation", e, here, { ...what, frames: cycle.map((f) => ({ ...what, ...f, text: null })) });
     else add(sprite ? "sprite" : "image", e, here, sprite ? { ...what, text: nameOf(e) } : what);
+    return;
+  }
+  if (tag === "VIDEO" || tag === "AUDIO") {
+    const address = e.currentSrc || e.src || e.querySelector("source[src]")?.src || null;
+    const parent = add(tag.toLowerCase(), e, here, { address });
+    if (e.poster) {
+      add("image", e, { ...here, parent }, { src: e.poster, poster: true, alt: nameOf(e), file: fileOf(e), natural: null, loaded: true, caption: captionOf(e) });
+    }
     return;
   }
   if (e.matches(rules.sprite) && !e.querySelector("img")) {

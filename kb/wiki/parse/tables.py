@@ -155,6 +155,8 @@ def _made(name: str, page_id: int, entries: list[Row], **made: list[Any]) -> pa.
             values = [entry["box"] and entry["box"][side] for entry in entries]
         elif field == "folded":  # in no extraction of earlier versions
             values = [entry.get(field, False) for entry in entries]
+        elif field == "address":
+            values = [entry.get(field) for entry in entries]
         else:
             values = [entry[field] for entry in entries]
         arrays.append(pa.array(values, column.parsed.arrow()))
@@ -175,14 +177,14 @@ def image_rows(page_id: int, seen: Row, files: Files) -> list[Row]:
         }
         if frames := element.get("frames"):
             for index, frame in enumerate(frames):
-                if row := _file_row(frame.get("src"), files):
+                if row := _file_row(frame, files):
                     duration = frame.get("duration")
                     row["alt_text"] = frame.get("alt") or base["alt_text"]
                     row["frame_index"] = index
                     row["frame_duration_ms"] = None if duration is None else round(duration)
                     rows.append({**base, **row})
             continue
-        row = _file_row(element.get("src"), files)
+        row = _file_row(element, files)
         if row is None:
             continue
         durations = row["frames"] or ()
@@ -206,10 +208,10 @@ def image_rows(page_id: int, seen: Row, files: Files) -> list[Row]:
     return rows
 
 
-def _file_row(src: str | None, files: Files) -> Row | None:
-    if not src or not src.startswith(("http:", "https:")):
+def _file_row(image: Row, files: Files) -> Row | None:
+    key = media_urls.file_key(image)
+    if key is None:
         return None
-    key = media_urls.original(src)
     stored = files.get(key, {})
     names = ("path", "sha256", "media_type", "width", "height", "license", "frames")
     return {"src": stored.get("url") or key, **{name: stored.get(name) for name in names}}
