@@ -12,9 +12,8 @@ from kb.artifacts import remote_release, table_catalog
 from kb.artifacts.table_catalog import Catalog, View
 from kb.core.errors import UsageError
 from kb.reader import clips, html, thread, wiki_page
-from kb.reader.error_hints import with_hints
 from kb.reader.open_tables import OpenTables
-from kb.reader.tables import QueryResult, Tables, TableView
+from kb.reader.tables import QueryResult, Tables, TableView, with_hints
 from kb.search.ranking import Only, day_given
 
 Place = str | os.PathLike[str]
@@ -37,9 +36,10 @@ def load(
     written or sent, and no key or profile is needed.
 
     A release may also be at any address that fsspec knows. Of its tables only what is asked for
-    is read; each page is verified by its checksum. Nothing is kept on this machine, unless an
-    address such as `blockcache::s3://…` says where (`storage_options={"blockcache":
-    {"cache_storage": "cache"}}`). `storage_options` are fsspec's.
+    is read. The pages of a table are verified by their checksums, but not for `sql` and what is
+    made by it. Nothing is kept on this machine, unless an address such as `blockcache::s3://…`
+    says where (`storage_options={"blockcache": {"cache_storage": "cache"}}`). `storage_options` are
+    fsspec's.
 
     Raises UsageError for a folder that does not exist, FatalError for one without tables or without
     permission to read it, DamagedData if a file is missing, MissingExtra without the package that
@@ -108,18 +108,27 @@ class Data:
         return thread.find(self._opened, post_id)
 
     @with_hints
-    def clips(self, keyword: str | None = None, /, where: str = "") -> clips.Clips:
+    def clips(
+        self,
+        keyword: str | None = None,
+        /,
+        where: str = "",
+        *,
+        pairs: str | os.PathLike[str] | None = None,
+    ) -> clips.Clips:
         """The clips of a keyword, or of all, with their videos' titles and figures, available
         texts, and what is known of their quality.
 
             data.clips("creeper").to_pandas()[["title", "url", "text"]]
             data.clips("creeper", "timing = 'word' AND duplicate_of IS NULL AND language = 'en'")
             data.clips("creeper").torch(videos="films")     # a PyTorch dataset; docs/train.md
+            data.clips(None, "split = 'train'", pairs="draw/pairs.parquet")  # of `kb pairs draw`
 
         `where` is a condition in DuckDB's SQL. `text` is null in a release alone. Raises UsageError
         with the nearest keywords.
         """
-        return clips.find(self._opened, keyword, where)
+        drawn = Path(pairs) if pairs is not None else None
+        return clips.find(self._opened, keyword, where, drawn)
 
     @with_hints
     def search(
