@@ -68,7 +68,7 @@ def test_a_demo_without_scores_is_released_and_says_so(
     sources = [f"{source} {step}" for source in ("wiki", "reddit") for step in STEPS]
     without = {*sources, "reddit import", "refresh reddit", "reddit reconstruct", "report"}
     done = play(Options(data=tmp_path, quiet=True), without, **DEMO)
-    assert done["release"]["folders"] == 4  # those of the videos
+    assert done["release"]["folders"] == 4
     card = (tmp_path / "demo/release/youtube/README.md").read_text()
     assert "Toxicity: not scored" in card
     assert "left_out" not in done["index"]
