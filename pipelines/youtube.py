@@ -65,7 +65,13 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
     section, limit = p.section(YouTubeSection), p.toxicity.threshold("youtube")
     return (
         THERE,
-        Topic(section.game_ids, section.category_ids, section.words, gate(p)),
+        Topic(
+            section.game_ids,
+            section.category_ids,
+            section.words,
+            gate(p),
+            imported_known=section.imported_topic == "known",
+        ),
         *gate(p),
         *none_above(limit, SCORES, "toxicity.thresholds.youtube"),
         *(transcript_required() if section.transcripts == "required" else ()),

@@ -16,6 +16,7 @@ from kb.core.config.profile.products import Pairs
 from kb.core.context import Run
 from kb.core.errors import LimitReached
 from kb.core.installation import np
+from kb.core.languages import one_name
 from kb.core.summary import Summary
 from kb.pairs import keywords as lists
 from kb.pairs import quality, transcripts
@@ -24,7 +25,7 @@ from kb.store.layout import Layout
 from kb.store.lock import writer
 from kb.store.tables.shard_writer import sorted_shards
 
-_LAYOUT = 5  # raised when the same input gives other rows
+_LAYOUT = 6  # raised when the same input gives other rows
 _ROWS = 4096  # transcripts of a part: some seconds of work
 _TOTALS = (
     "videos",
@@ -49,7 +50,7 @@ def build(run: Run) -> Summary:
         "section": section.model_dump(mode="json"),
         "seed": run.seed,
         "keywords": lists.plain(keywords),
-        "language": run.profile.youtube.language if run.profile.youtube else "",
+        "language": one_name(run.profile.youtube.language) if run.profile.youtube else "",
     }
     with writer(run.root, "pairs"):
         parted = PartedBuild(run, "pairs", manifest.inputs(run.root, "pairs"), plan)

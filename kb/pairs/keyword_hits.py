@@ -57,13 +57,9 @@ def keyword_lines(
     ):
         matched = hits[one.name].get("matches", 0)
         if (matched or rare) and kind in ("", one.kind):
-            rule = (
-                ""
-                if one.reach is None
-                else "never"
-                if one.reach == lists.NEVER
-                else f"near:{one.reach}"
-            )
+            rule = one.rule if one.rule in ("topic", "never") else ""
+            if one.reach is not None and not rule:
+                rule = f"near:{one.reach}"
             yield KeywordLine(
                 one.name,
                 one.kind,

@@ -60,8 +60,14 @@ def examine(path: Path, *, publishing: bool = True) -> Checked:
     from kb.pairs.keyword_list import check_lists
 
     checked = check_file(path, publishing=publishing)
-    section = checked.profile.pairs if checked.profile else None
-    listed = check_lists(path.parent, checked.lists, section)
+    profile = checked.profile
+    youtube = profile.youtube if profile else None
+    listed = check_lists(
+        path.parent,
+        checked.lists,
+        profile.pairs if profile else None,
+        topic_known=youtube is None or bool(youtube.game_ids) or youtube.imported_topic == "known",
+    )
     return checked._replace(findings=worst_first([*checked.findings, *listed]))
 
 

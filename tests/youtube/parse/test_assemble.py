@@ -103,10 +103,8 @@ def test_no_file_brings_back_what_the_service_has_removed() -> None:
     alone = {**video(FRIDAY, "t"), "video_id": "b"}
     rows = one_row_each(answers(gone), answers(video(FRIDAY, "t", 5), alone), None)
     assert rows is not None
-    assert [(row["missing"], row["from_file"]) for row in rows.to_pylist()] == [
-        (True, False),
-        (False, True),
-    ]
+    told = [(row["missing"], row["from_file"], row["imported"]) for row in rows.to_pylist()]
+    assert told == [(True, False, True), (False, True, True)]
     assert one_row_each(None, None, answers(video(FRIDAY, views=1))) is None
 
 
@@ -152,6 +150,17 @@ def test_a_cue_whose_times_do_not_fit_keeps_its_text(times: object, why: str) ->
     assert (first["text"], second["word_start_s"]) == (" said twice ", [2])
     assert first["word_start_s"] == (times if why == "complete" else None)
     assert row["word_times"] == why
+
+
+def test_a_cue_holds_its_words() -> None:
+    row = track(
+        "asr", [1, 2, "a b c", [0.5, 2.5, 4]], [4.25, 1, "d e", [4.5, 5.5]], [9, 1, "f g", [9, 9.5]]
+    )
+    assert [(cue["start_s"], cue["duration_s"]) for cue in row["cues"]] == [
+        (0.5, 3.75),
+        (4.25, 2.25),
+        (9, 1),
+    ]
 
 
 @pytest.mark.parametrize("kind", ["manual", "translated"])

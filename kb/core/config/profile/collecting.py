@@ -8,6 +8,11 @@ from pydantic import Field, ValidationInfo, field_validator
 from kb.core.config.addresses import root_of
 from kb.core.config.profile.base import Phrases, Section
 
+# What decided the topic of videos that are known to be about it: YouTube's label, or the profile,
+# which takes imported videos as meant. `keywords` only make it likely.
+BY_LABEL, BY_PROFILE, BY_KEYWORDS = "game_label", "profile", "keywords"
+TOPIC_KNOWN = (BY_LABEL, BY_PROFILE)
+
 
 class YouTubeSection(Section):
     """The YouTube part of a profile (MineDojo paper, data collection appendix: YouTube)."""
@@ -25,6 +30,11 @@ class YouTubeSection(Section):
     )
     category_ids: tuple[int, ...] = Field(
         min_length=1, description="YouTube categories of the topic (20 is Gaming)"
+    )
+    imported_topic: Literal["label", "known"] = Field(
+        "label",
+        description="whether videos of imported files are judged as others are, by label or"
+        " category and keywords, or are known to be about the topic",
     )
     search_pages: int = Field(
         10,
@@ -353,7 +363,10 @@ class RedditSection(Section):
     about = "Reddit: which posts are kept, what their links show"
 
     subreddit: str = Field(
-        pattern=r"^[A-Za-z0-9_]{2,21}$", description="name without r/", examples=["Minecraft"]
+        # reddit.com is the subreddit of everything that was posted in 2005
+        pattern=r"^([A-Za-z0-9_]{2,21}|[Rr]eddit\.com)$",
+        description="name without r/",
+        examples=["Minecraft"],
     )
     search: tuple[str, ...] = Field(
         (), description="search terms in the subreddit, besides its listings"

@@ -34,6 +34,7 @@ WARNINGS = [
     toml("[release]", 'include = ["water"]\n[release]', 12, 'everyday word "water"', "near"),
     row("Water\tthing\n", "'Water' is an everyday word and has no rule", "near"),
     row("Scree\tplace\t\tstone\n", "'stone' is an everyday word", "never"),
+    row("Scree\tplace\ttopic\n", "'Scree' count only near other keywords", "youtube.game_ids"),
     row("saxifrage\tplace\n", "'saxifrage' is already on line 2", "the first counts"),
     row("Scree\tplace\t\t!!\n", "the form '!!' has no word"),
     row("A1\tplant\nA2\tplant\nScree\tplnt\n", "the kind 'plnt' occurs only once", "'plant'"),
@@ -66,7 +67,9 @@ def test_a_placeholder_in_the_settings_is_seen_unless_all_is_local(
     for name in ("KB_WIKI_URL", "KB_REDDIT_ENDPOINT", "KB_YOUTUBE_WEB", "KB_YOUTUBE_ENDPOINT"):
         monkeypatch.delenv(name, raising=False)
     assert typed("profile", "check", str(path)) == 2
-    assert "KB_CONTACT is the placeholder you@example.com" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert f"{path}:\n" in shown
+    assert "KB_CONTACT is the placeholder you@example.com" in shown
 
 
 @pytest.mark.parametrize(
@@ -92,6 +95,16 @@ def test_an_everyday_word_that_is_meant_is_no_warning(
     written(tmp_path, row("Water\tthing\talways\tstone\n", "", ""))
     assert typed("profile", "check", "./profile.toml", "--json") == 0
     assert "everyday" not in capsys.readouterr().out
+
+
+def test_forms_that_overlap_are_shown(
+    typed: Typed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    written(tmp_path, row("Saxifrages\tplant\n", "", ""))
+    assert typed("profile", "check", "./profile.toml", "--json") == 0
+    (note,) = [one for one in summary_of(capsys)["findings"] if "overlap" in one["what"]]
+    assert note["level"] == "note"
+    assert "2 forms overlap: 'saxifrages' (Saxifrages, Saxifrage)" in note["what"]
 
 
 def test_there_are_thirty() -> None:
