@@ -122,9 +122,7 @@ def track(kind: str, *cues: list[object]) -> dict[str, object]:
     envelope = {"fetched_at": "2026-11-20T12:00:00Z", "request": request, "status": 200}
     line = json.dumps({**envelope, "response": answer}).encode()
     table = pa.concat_tables(parse.transcripts([line]))
-    (row,) = assemble({"transcripts": table}, words=word_count)[
-        "youtube/transcripts"
-    ].to_pylist()
+    (row,) = assemble({"transcripts": table}, words=word_count)["youtube/transcripts"].to_pylist()
     return row
 
 
