@@ -29,6 +29,8 @@ COLOURS = {
     "animation": "#e69f00",
     "table": "#009e73",
     "cell": "#56b4e9",
+    "video": "#000000",
+    "audio": "#000000",
 }
 _LINE = 2  # CSS px
 _PIXELS = 400_000_000  # of a screenshot: 100,000 px of height, and twice the usual width
