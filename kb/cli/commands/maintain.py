@@ -245,9 +245,9 @@ def verify(
         alike[one.state, one.path.parent, one.what] += 1
         if alike[one.state, one.path.parent, one.what] <= _SHOWN:
             show(with_options(f"{one.state}: {one.path}: {one.what}; {one.advice}"))
-    for (state, folder, what), number in alike.items():
+    for (state, where, what), number in alike.items():
         if number > _SHOWN:
-            show(f"{state}: {folder}: {number - _SHOWN:,} more files: {what}")
+            show(f"{state}: {where}: {number - _SHOWN:,} more files: {what}")
     for line in repaired:
         show(with_options(f"repair: {line}"))
     summary = Summary(command="verify", **report.summary(place), repaired=repaired)
