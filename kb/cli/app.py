@@ -15,6 +15,7 @@ from kb.core.sources import SOURCES
 # name -> one line for `kb --help`
 TREE = {
     **{name: source.help for name, source in SOURCES.items()},
+    "build": "Make everything that is out of date, in order.",
     "restore": "Restore the content of a downloaded release with your own keys.",
     "models": "Download the toxicity model.",
     "annotate": "Score text for toxicity.",
@@ -51,6 +52,8 @@ def _loaded(name: str) -> Any:  # noqa: PLR0915  a list of imports
             from kb.cli.commands.sources.wiki import app
         case "reddit":
             from kb.cli.commands.sources.reddit import app
+        case "build":
+            from kb.cli.commands.build import app
         case "restore":
             from kb.cli.commands.restore import app
         case "models":

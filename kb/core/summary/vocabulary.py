@@ -212,6 +212,8 @@ WORDS: dict[str, Word] = {
     "files": Word("Files.", "{n} files"),
     "tars": Word("Tar files with screenshots and images.", "{n} tars"),
     "folders": Word("Folders of a release.", "{n} folders"),
+    "made": Word("Artifacts that were made.", "{n} made", always=True),
+    "current": Word("Artifacts that were up to date.", "{n} up to date", always=True),
     "rows": Word("Rows of tables.", "{n} rows"),
     "scores": Word("Scores removed because no text needs them any more.", "{n} scores"),
     "purged": Word("Items removed for good.", "{n} removed for good", always=True),
