@@ -6,10 +6,13 @@ HERE := $(dir $(lastword $(MAKEFILE_LIST)))
 # `exec`, so that no shell stands between make and kb: it would end at SIGTERM and leave kb running.
 KB := exec "$(HERE).ci/kb"
 
+# Kinds of tests that take longest; pyproject.toml says what they are.
+SLOW := crash or dask or mediawiki or slow or wheel
+
 .DEFAULT_GOAL := help
 .PHONY: help setup demo youtube-crawl youtube-filter youtube-export wiki-crawl wiki-filter wiki-export \
 	reddit-crawl reddit-import reddit-filter reddit-export reddit-reconstruct restore \
-	models annotate pairs tasks clips label links release report explore index status test test-fast test-label chaos lint types bench lock reference
+	models annotate pairs tasks clips label links release report explore index status test test-all test-label chaos lint types bench lock reference
 
 # What is no target: said in one line, before anything is set up.
 .DEFAULT:
@@ -69,10 +72,10 @@ index: setup              ## one local index over everything that is clean, for 
 	@$(KB) index $(ARGS)
 status: setup             ## progress, quota, age of the data, what is left
 	@$(KB) status $(ARGS)
-test: setup               ## every test
+test: setup               ## the tests, in a few minutes: all but the slow kinds
+	@"$(HERE).ci/test" -m "not bench and not ($(SLOW))" $(ARGS)
+test-all: setup           ## every test
 	@"$(HERE).ci/test" $(ARGS)
-test-fast: setup          ## the tests that take less than four minutes together
-	@"$(HERE).ci/test" -m "not bench and not dask and not wheel and not crash and not mediawiki and not slow" $(ARGS)
 test-label: setup         ## labels through the real Label Studio, installed in an environment of its own (1 GB)
 	@"$(HERE).ci/test-label" $(ARGS)
 chaos: setup              ## kill every command before each file operation, damage every file: KB_CHAOS_KILLS, SEED, ONLY

@@ -22,11 +22,11 @@ from kb.filters.filter_run import run_clean
 from kb.filters.topic import released_stages
 from kb.pairs.restore import TextRestore
 from kb.reddit.dumps.files import Dumps, find_dumps
-from kb.reddit.restore.job import ThreadRestore
+from kb.reddit.restore.reconstruct import ThreadRestore
 from kb.release.folders import Folders, keep_profile, verify
 from kb.store import lock
 from kb.store.layout import Layout
-from kb.youtube.restore.job import VideoRestore
+from kb.youtube.restore import VideoRestore
 
 ROWS = ("videos", "transcripts", "posts", "comments", "pairs", "filled", "differing")
 

@@ -21,8 +21,8 @@ from kb.export import layouts
 from kb.filters.chain import Chain, Clean, Follow, SideFiles
 from kb.filters.predicates import AtLeast, Predicate, Present, RecordedReason, Waits, none_above
 from kb.wiki.parse import tables
+from kb.wiki.parse.decode import HELPERS, KINDS, assemble
 from kb.wiki.parse.facts import MarkupRules
-from kb.wiki.parse.join import HELPERS, KINDS, assemble
 
 NEEDED = ("page_id", "title", "url", "revision_id", "revision_timestamp")
 

@@ -24,7 +24,7 @@ pytest_plugins = ["tests.installed", "tests.inprocess"]
 SLOW = ("wheel", "dask", "crash", "mediawiki", "slow")  # marks; pyproject.toml says what they mean
 
 
-# Files that take longest, the longest first; their tests have the mark `slow`.
+# Files that take longest, the longest first.
 LONG = (
     "crash/test_chaos.py",
     "wiki/crawl/test_connector.py",
@@ -56,10 +56,9 @@ LONG = (
     "reddit/crawl/test_reduce.py",
     "annotate/test_backends.py",
     "sandbox/youtube/test_service.py",
-    "reddit/crawl/test_discover.py",
     "report/test_build.py",
     "youtube/crawl/test_client.py",
-    "reddit/test_status.py",
+    "reddit/test_source.py",
     "sandbox/test_world.py",
     "wiki/crawl/test_render.py",
     "engine/test_annotate.py",
@@ -76,7 +75,6 @@ LONG = (
     "links/test_build.py",
     "reddit/parse/test_anonymize.py",
     "release/test_build.py",
-    "reddit/crawl/test_fetch.py",
     "youtube/crawl/test_refresh.py",
 )
 
@@ -95,7 +93,7 @@ SMOKE = (
     "pairs/test_clip_tokens.py",
     "pairs/test_matching.py",
     "query/test_execute.py",
-    "reddit/dumps/test_containers.py",
+    "reddit/dumps/test_files.py",
     "schema/test_tables.py",
     "store/rawlog/test_rawlog.py",
     "store/state/test_sqlite.py",
@@ -111,8 +109,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     smoke = {ROOT / "tests" / name for name in SMOKE}
     long = {ROOT / "tests" / name: place for place, name in enumerate(LONG)}
     for item in items:
-        if item.path in long:
-            item.add_marker("slow")
         if item.path in smoke:
             item.add_marker("smoke")
     slow = {item.path for item in items if any(item.get_closest_marker(name) for name in SLOW)}

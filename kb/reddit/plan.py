@@ -101,7 +101,7 @@ def plan_rebuild(run: Run, ids: Ids, dumps: Sequence[Path] = ()) -> Summary:
 def _of_ids(
     run: Run, command: str, named: list[tuple[str, int]], trees: int = 0
 ) -> dict[str, object]:
-    """LatestState ids are asked for a hundred a request; a tree takes requests of its own."""
+    """Known ids are requested 100 at a time; a tree takes requests of its own."""
     assumed = [f"{BYTES_AN_ID} bytes an id"]
     phases = []
     for phase, items in named:

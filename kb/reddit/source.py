@@ -95,7 +95,7 @@ class Reddit(Source):
         return RedditConnector(run)
 
     def question(self, run: Run, cost: QuestionCost) -> OnlineAnswer:
-        from kb.reddit.crawl.online import question
+        from kb.reddit.crawl.client import question
 
         return question(run, cost)
 

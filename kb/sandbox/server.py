@@ -2,7 +2,6 @@
 
 with Sandbox(World()) as sandbox:
     os.environ |= sandbox.settings()
-    sandbox.faults.add("/youtube/v3/search", status=503)
     sandbox.servers["youtube"].stop()      # connections are refused
     sandbox.servers["youtube"].start()     # … and accepted again, on the same port
 """
@@ -11,19 +10,17 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Self
 
 from werkzeug.serving import WSGIRequestHandler, make_server
 
-from kb.sandbox import toxicity
-from kb.sandbox.faults import Faults, Ledger, Wsgi
+from kb.sandbox import toxicity, zenodo
 from kb.sandbox.hub import service as hub
 from kb.sandbox.reddit import service as reddit
 from kb.sandbox.wiki import service as wiki
 from kb.sandbox.world import World
 from kb.sandbox.youtube import service as youtube
-from kb.sandbox.zenodo import service as zenodo
 
 SERVICES: dict[str, Any] = {
     "youtube": youtube,
@@ -33,13 +30,14 @@ SERVICES: dict[str, Any] = {
     "hub": hub,
 }
 HOST = "127.0.0.1"
+Wsgi = Callable[[dict[str, Any], Callable[..., Any]], Iterable[bytes]]
 
 
 class _RequestHandler(WSGIRequestHandler):
-    """Logs no requests to stderr, as they are in the ledger."""
+    """Logs no requests to stderr."""
 
     def handle(self) -> None:
-        with contextlib.suppress(OSError):  # of connections that the fault plan broke
+        with contextlib.suppress(OSError):  # of connections that the client or a test broke
             super().handle()
 
     def log(self, type: str, message: str, *args: Any) -> None:
@@ -87,19 +85,25 @@ class Server:
 
 
 class Sandbox:
-    """The services over one world, with one fault plan and one ledger."""
+    """The services over one world; `requests` counts what they were asked."""
 
     def __init__(self, world: World | None = None, services: Sequence[str] = tuple(SERVICES)):
         self.world = world or World()
-        self.faults = Faults()
-        self.servers = {
-            name: Server(SERVICES[name].app(self.world, self.faults)) for name in services
+        self.requests = 0
+        self.applications: dict[str, Any] = {
+            name: SERVICES[name].app(self.world) for name in services
         }
+        self.servers = {name: Server(self.mounted(name)) for name in services}
 
-    @property
-    def ledger(self) -> Ledger:
-        """Every request so far."""
-        return self.faults.ledger
+    def mounted(self, name: str) -> Wsgi:
+        """The service as its server calls it."""
+
+        def serve(environ: dict[str, Any], start_response: Callable[..., Any]) -> Iterable[bytes]:
+            self.requests += 1
+            answer: Iterable[bytes] = self.applications[name](environ, start_response)
+            return answer
+
+        return serve
 
     def settings(self, *, model: bool = False) -> dict[str, str]:
         """The settings that point at the services; with `model` also at the tiny toxicity model,
@@ -119,8 +123,7 @@ class Sandbox:
         return self
 
     def stop(self) -> None:
-        """Release held requests and stop listening."""
-        self.faults.clear()
+        """Stop listening."""
         for server in self.servers.values():
             server.stop()
 

@@ -28,7 +28,8 @@ def document(tables: OpenTables, place: SourceLocation) -> AgentDocument:
         text = " ".join(transcript.texts[begin:end])
         second = int(transcript.starts[begin])
         at = SourceLocation("youtube", place.key, str(second))
-        parts.append(DocumentPart(at, f"{_clock(second)} transcript", f"{url}&t={second}s", text))
+        clock = f"{second // 3600}:{second // 60 % 60:02}:{second % 60:02}"
+        parts.append(DocumentPart(at, f"{clock} transcript", f"{url}&t={second}s", text))
     if not parts:
         parts.append(
             DocumentPart(SourceLocation("youtube", place.key), "no transcript available", url, "")
@@ -51,7 +52,3 @@ def _number(at: str) -> float:
         return float(at or -1)
     except ValueError:
         raise UsageError(f"invalid second {at[:40]!r}", hint="give a number, such as 61") from None
-
-
-def _clock(second: int) -> str:
-    return f"{second // 3600}:{second // 60 % 60:02}:{second % 60:02}"

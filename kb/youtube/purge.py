@@ -1,10 +1,20 @@
-"""What a purge has to know about YouTube: videos that vanished leave everything."""
+"""What a purge has to know about YouTube: videos that vanished leave everything, and for
+`--channels` all videos of channels that ask to be left out.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
 
 from kb.artifacts.measures import count_pairs, read_measures
 from kb.artifacts.purge import Purge, PurgeRules
+from kb.artifacts.purge_people import PeopleRules, Theirs, in_rows
+from kb.artifacts.purge_raw import over_segments
 from kb.artifacts.purge_rows import RowLocation, location_of, shared_locations
 from kb.store.layout import BELOW, Layout
-from kb.youtube import channels
+from kb.store.rawlog import rawlog
 from kb.youtube.crawl.ids import RULES as IDS
 from kb.youtube.crawl.reduce import (
     CHANNELS,
@@ -20,7 +30,65 @@ from kb.youtube.crawl.reduce import (
     VIDEOS,
 )
 from kb.youtube.crawl.refresh import newest
-from kb.youtube.parse.channels import CHANNEL
+from kb.youtube.parse.channels import CHANNEL, KINDS, LISTS, mark, theirs
+from kb.youtube.parse.channels import UPLOADS as UPLOADS_LIST
+
+CHANNEL_COLUMNS = (
+    location_of("youtube/videos", "video_id"),
+    RowLocation(str(BELOW.clean("youtube", "rejected")), "shared/rejected", "key"),
+    RowLocation(str(BELOW.restored("youtube", "videos")), "youtube/videos", "video_id"),
+)
+_ID = r"UC[A-Za-z0-9_-]{22}"
+_ADDRESS = re.compile(rf"(?i:(?:https?://)?(?:[\w-]+\.)*youtube\.com)?/channel/({_ID})(?:[/?#].*)?")
+
+
+def channel_id(entry: str) -> str | None:
+    """The channel that a line of a list names, None where it names none: what channel a handle is
+    of only YouTube knows.
+    """
+    if re.fullmatch(_ID, entry):
+        return entry
+    match = _ADDRESS.fullmatch(entry)
+    return match[1] if match else None
+
+
+def find_channels(purge: Purge, marks: frozenset[str]) -> Iterator[Theirs]:
+    """Videos of these channels and the channels' other names, by answers, state and tables.
+
+    Raises DamagedData.
+    """
+    paths = [path for kind in KINDS for path in rawlog.segments(purge.root, "youtube", kind)]
+    work = ((str(path), marks) for path in paths)
+    found = {pair for pairs in over_segments(purge.run, paths, _in_segment, work) for pair in pairs}
+    for kind in (CHANNELS, UPLOADS):
+        found |= {(key, "") for key, *_ in purge.frontier.items(kind) if mark(key) in marks}
+    for channel in sorted({channel for channel, _ in found}):
+        yield Theirs(mark(channel), channel, CHANNEL)
+        yield from (Theirs(mark(channel), prefix + channel[2:], UPLOADS_LIST) for prefix in LISTS)
+    yield from (Theirs(mark(channel), key) for channel, key in sorted(found) if key)
+    for location in CHANNEL_COLUMNS:
+        yield from in_rows(purge.root, location, "channel_id", marks, mark)
+
+
+def _in_segment(segment: str, marks: frozenset[str]) -> set[tuple[str, str]]:
+    """Channels and videos in the answers of a segment. Runs in a worker."""
+    path, found = Path(segment), set[tuple[str, str]]()
+    for _, line in rawlog.Frames(path, checked=True):
+        envelope = rawlog.decode(line)
+        pairs = theirs(path.parent.name, envelope.request.params, envelope.response)
+        found.update(pair for pair in pairs if mark(pair[0]) in marks)
+    return found
+
+
+PEOPLE = PeopleRules(
+    option="--channels",
+    noun="channels",
+    hint="write one a line: its id (UC and 22 characters) or an address with /channel/; the page of"
+    " a handle (@name) shows the id under About, Share channel",
+    parse=channel_id,
+    marks=lambda purge, channel: (mark(channel),),
+    find=find_channels,
+)
 
 
 def find(purge: Purge) -> dict[str, str]:
@@ -66,5 +134,5 @@ RULES = PurgeRules(
     find=find,
     forget=forget,
     repair=repair,
-    people=channels.RULES,
+    people=PEOPLE,
 )

@@ -97,7 +97,11 @@ class YouTube(Source):
     hint = "run `kb youtube crawl`, then `kb youtube filter`"
     sampled = {
         "youtube/videos": (
-            *("title", "view_count", "like_count", "duration_s", "transcript_kind"),
+            "title",
+            "view_count",
+            "like_count",
+            "duration_s",
+            "transcript_kind",
             "published_at",
         )
     }
@@ -123,7 +127,7 @@ class YouTube(Source):
         return YouTubeConnector(run)
 
     def question(self, run: Run, cost: QuestionCost) -> OnlineAnswer:
-        from kb.youtube.crawl.online import question
+        from kb.youtube.crawl.client import question
 
         return question(run, cost)
 

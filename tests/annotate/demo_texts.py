@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 
 from kb.sandbox.toxicity import DATA
-from kb.sandbox.wiki.recorded import DATA as WIKI
+from kb.sandbox.wiki.generated import DATA as WIKI
 from kb.sandbox.world import World
 
 WORDS = tomllib.loads((DATA / "words.toml").read_text(encoding="utf-8"))

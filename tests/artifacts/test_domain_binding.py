@@ -9,10 +9,10 @@ import pytest
 from kb.artifacts import domain_binding
 from kb.core.config.profile import load_profile
 from kb.core.errors import OtherService, ProfileError
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store import atomic, lock
 from kb.store.state.service_binding import remember
+from tests.faults import Sandbox
 from tests.store.state.test_service_binding import answered
 from tests.youtube.job import Job
 

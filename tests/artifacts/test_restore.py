@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from kb.artifacts.restore import RestoreFolder
-from kb.youtube.restore.job import TABLES
+from kb.youtube.restore import TABLES
 
 
 def test_the_table_that_decides_what_is_asked_for_is_replaced_last(tmp_path: Path) -> None:

@@ -26,8 +26,8 @@ import pytest
 import zstandard
 
 from kb.core import clock
-from kb.reddit.dumps.id_search import write_index
 from kb.reddit.dumps.import_file import ImportJob, import_file
+from kb.reddit.dumps.search import write_index
 from tests.reddit.dumped import blocks
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(1800)]

@@ -14,12 +14,11 @@ import psutil
 import pytest
 
 from kb.core.config.profile import load_profile
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.wiki.browser import chromium
-from kb.wiki.browser.browser import Browser, reach
-from kb.wiki.browser.pool import Pool
+from kb.wiki.browser.browser import Browser, Pool, reach
 from kb.wiki.capture import page, screenshot
+from tests.faults import Sandbox
 
 pytestmark = pytest.mark.bench
 

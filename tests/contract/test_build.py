@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from tests.faults import Sandbox
 from tests.youtube.job import Job
 
 STEPS = (

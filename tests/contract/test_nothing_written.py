@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from kb.sandbox.server import Sandbox
 from kb.store.rawlog import rawlog
+from tests.faults import Sandbox
 from tests.inprocess import Here
 from tests.reddit.conftest import small_world
 from tests.reddit.work import NOW, Work

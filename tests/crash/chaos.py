@@ -35,7 +35,7 @@ import zstandard
 
 from kb.core.errors import FatalError, KbError
 from kb.core.progress import Silent
-from kb.sandbox.zenodo.answers import Deposition
+from kb.sandbox.zenodo import Deposition
 from kb.store import leftovers
 from kb.verify.root import verify
 from tests.crash import damaged, harm, worlds
@@ -111,8 +111,8 @@ class Trial:
         self.root = place / "data"
         self.env = made.env | {"KB_DATA": str(self.root)} | case.env
         self._publishes = "publish" in case.words
-        service: Any = made.sandbox.servers["zenodo"].application
-        self._deposits: dict[int, Deposition] = service.deposits.by_id
+        service: Any = made.sandbox.applications["zenodo"]
+        self._deposits: dict[int, Deposition] = service.by_id
 
     def whole(self, base: str) -> tuple[Outcome, int]:
         """What an unharmed run leaves, and how many file operations it makes."""

@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 
 from kb.core import clock
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store import lock
 from tests import processes
 from tests.crash import harm
+from tests.faults import Sandbox
 from tests.youtube.job import Job, plain_units
 
 pytestmark = pytest.mark.crash

@@ -11,10 +11,10 @@ import pyarrow.parquet as pq
 
 from kb.core.errors import MissingExtra
 from kb.sandbox.reddit.service import dumps
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.wiki.browser import chromium
 from tests.crash import harm
+from tests.faults import Sandbox
 from tests.youtube.job import Job
 
 LATER = {"KB_NOW": "2027-01-20T12:00:00Z"}  # what was read in November is too old to be kept

@@ -8,9 +8,9 @@ import pytest
 
 from kb.net import retry
 from kb.sandbox.reddit.subreddit import Subreddit
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.sandbox.youtube.cases import Track
+from tests.faults import Sandbox
 from tests.reddit.work import NOW, Work
 from tests.youtube.job import Job
 

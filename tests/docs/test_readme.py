@@ -111,6 +111,7 @@ for path in map(pathlib.Path, sys.argv[1:]):
 """
 
 
+@pytest.mark.wheel
 def test_another_domain_is_set_up_as_it_is_written_there(tmp_path: Path, installed: Path) -> None:
     """Word for word, with an editor that fills in four lines."""
     (tmp_path / "editor.py").write_text(EDITOR)

@@ -4,9 +4,9 @@ and the filter finds it.
 
 import pytest
 
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from tests.conftest import needs
+from tests.faults import Sandbox
 from tests.wiki.handmade_data import many
 from tests.youtube.job import Job
 

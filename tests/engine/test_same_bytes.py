@@ -23,13 +23,13 @@ from kb.filters.filter_run import run_clean, texts
 from kb.pairs import build
 from kb.reddit.crawl.importer import import_dumps
 from kb.reddit.parse.anonymize import load_key
-from kb.sandbox.server import Sandbox
 from kb.sandbox.toxicity import tiny_checkpoint
 from kb.sandbox.world import World
 from kb.store.tables import partition
 from tests.annotate.demo_texts import WORDS
 from tests.annotate.least import LIMITS
 from tests.conftest import needs
+from tests.faults import Sandbox
 from tests.pairs.made import fill, tables
 from tests.wiki.handmade_data import MONDAY, many, page, put, refused, told
 from tests.youtube.job import NOW, Job

@@ -10,10 +10,10 @@ import pytest
 from kb.core import context, engine
 from kb.core.errors import DamagedData, FatalError
 from kb.filters.filter_run import run_clean
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store.rawlog import rawlog
 from kb.store.state.frontier import Frontier
+from tests.faults import Sandbox
 from tests.filters.made import (
     MONDAY,
     digests,

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from kb.net import retry
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from tests.faults import Sandbox
 from tests.inprocess import Here
 
 DEEP = "[" * 100_000 + "]" * 100_000

@@ -12,8 +12,8 @@ from kb.core.config.settings import load_settings
 from kb.core.errors import FatalError
 from kb.net import retry
 from kb.net.session import HttpSession, host_of, send
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from tests.faults import Sandbox
 from tests.inprocess import Here
 
 

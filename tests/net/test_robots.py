@@ -1,6 +1,6 @@
-"""Tests of `kb.net.robots`."""
+"""Tests of `kb.wiki.crawl.http_client`."""
 
-from kb.net.robots import Robots, robots_url
+from kb.wiki.crawl.http_client import Robots, robots_url
 
 RULES = (
     "User-agent: *\nDisallow: /private\nCrawl-delay: 5\n\nUser-agent: lorecrawl\nDisallow:"

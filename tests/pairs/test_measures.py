@@ -12,8 +12,8 @@ from kb.pairs import keywords
 from kb.pairs.matching import Matcher
 from kb.pairs.measures import compare, sampled
 from kb.pairs.transcript_batch import Text
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from tests.faults import Sandbox
 from tests.youtube.job import Job
 
 FOR_HOURS = {"Retry-After": "7200"}

@@ -18,8 +18,7 @@ from kb.pairs.repeated_text import hashed_words
 from kb.pairs.transcript_batch import Text
 from kb.sandbox.world import World
 from kb.sandbox.youtube import web
-from kb.sandbox.youtube.cases import Track
-from kb.sandbox.youtube.uploads import Video
+from kb.sandbox.youtube.cases import Track, Video
 from kb.schema import table
 from kb.youtube.ytdlp.subtitles import read
 from tests.conftest import needs

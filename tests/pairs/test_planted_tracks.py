@@ -16,8 +16,7 @@ from kb.pairs.measures import Compared, compare
 from kb.pairs.transcript_batch import Text
 from kb.sandbox.world import World
 from kb.sandbox.youtube import web
-from kb.sandbox.youtube.cases import Track
-from kb.sandbox.youtube.uploads import Video
+from kb.sandbox.youtube.cases import Track, Video
 from kb.youtube.ytdlp.subtitles import Cue, read
 
 SEEDS = range(20)

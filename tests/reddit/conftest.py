@@ -8,8 +8,8 @@ import pytest
 from kb.net import retry
 from kb.sandbox.reddit.service import dumps
 from kb.sandbox.reddit.subreddit import Subreddit
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from tests.faults import Sandbox
 from tests.reddit.work import NOW, Work
 
 

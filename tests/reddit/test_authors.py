@@ -10,10 +10,10 @@ import pytest
 
 from kb.core.config import pipeline
 from kb.core.errors import SettingError
-from kb.reddit import authors
-from kb.reddit.authors import name_of
+from kb.reddit import purge
 from kb.reddit.crawl.importer import import_dumps
 from kb.reddit.parse.anonymize import Scrubber, keyed, load_key
+from kb.reddit.purge import name_of
 from kb.reddit.restore.reconstruct import rebuild
 from kb.sandbox.reddit.subreddit import CASES
 from kb.store.layout import Layout
@@ -346,7 +346,7 @@ def test_a_list_of_names(tmp_path: Path, encoding: str, end: str) -> None:
         "[deleted]",
     ]
     file.write_bytes(end.join(lines).encode(encoding))
-    assert authors.RULES.read(file) == ((NAME, "Other_One"), (4, 6))
+    assert purge.RULES.read(file) == ((NAME, "Other_One"), (4, 6))
 
 
 @pytest.mark.parametrize("text", ["", "# nobody\n", "[deleted]\nsecret words\n", None])
@@ -357,7 +357,7 @@ def test_a_list_without_a_name_is_refused_and_not_repeated(
     if text is not None:
         file.write_text(text)
     with pytest.raises(SettingError) as error:
-        authors.RULES.read(file)
+        purge.RULES.read(file)
     assert error.value.exit_code == 2
     assert "secret" not in f"{error.value} {error.value.hint}"
 

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from kb.annotate.scores import CATEGORIES
-from kb.sandbox.server import Sandbox
 from tests.conftest import needs
+from tests.faults import Sandbox
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post, write
 from tests.reddit.work import NOW, Work, rows

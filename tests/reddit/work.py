@@ -19,8 +19,7 @@ from kb.reddit.crawl.connector import crawl
 from kb.reddit.crawl.importer import import_dumps
 from kb.reddit.crawl.refresh import refresh
 from kb.reddit.restore.reconstruct import rebuild
-from kb.sandbox.faults import LoggedRequest
-from kb.sandbox.server import Sandbox
+from tests.faults import LoggedRequest, Sandbox
 from tests.youtube.job import Job
 
 NOW = "2026-11-20T12:00:00Z"

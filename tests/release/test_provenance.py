@@ -16,7 +16,7 @@ from kb.core.errors import ProfileError
 from kb.pairs import keywords
 from kb.release.build import release
 from kb.release.publish.publish import publish
-from kb.sandbox.server import Sandbox
+from tests.faults import Sandbox
 from tests.release.conftest import a_run
 from tests.release.made import build
 from tests.release.signed import LINES, signed

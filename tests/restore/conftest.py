@@ -10,8 +10,8 @@ from kb.core.config import pipeline
 from kb.filters.filter_run import run_clean
 from kb.release.build import describe
 from kb.sandbox.reddit.subreddit import Subreddit
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from tests.faults import Sandbox
 from tests.reddit.work import NOW, Work
 
 

@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
+from kb.sandbox.youtube.cases import Video
 from kb.sandbox.youtube.catalogue import Catalogue
-from kb.sandbox.youtube.uploads import Video
 
 BREAD = """\
 name = "bread"

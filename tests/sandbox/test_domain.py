@@ -9,17 +9,18 @@ import requests
 
 from kb.core.config.profile import load_profile
 from kb.sandbox.domain import domain_of
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.sandbox.youtube.cases import CASES
+from tests.faults import Sandbox
 from tests.sandbox.answers import ask
 from tests.sandbox.domains import GAMES, MINECRAFT, PROFILES, of_case, written
+from tests.small_worlds import DEMO
 
 
 @pytest.fixture(scope="module", params=list(PROFILES))
 def world(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> World:
     path = written(request.param, tmp_path_factory.mktemp("domain"))
-    made = World(domain=domain_of(load_profile(path)))
+    made = World(domain=domain_of(load_profile(path)), **DEMO)
     made.name = request.param
     return made
 
@@ -101,7 +102,7 @@ def test_what_is_off_topic_names_no_topic(world: World) -> None:
 def test_a_profile_without_lists_or_sources_has_a_world_too(tmp_path: Path) -> None:
     path = tmp_path / "profile.toml"
     path.write_text('name = "bare"\ntitle = "Bare Things"\n')
-    world = World(domain=domain_of(load_profile(path)), n_channels=4, n_videos=60)
+    world = World(domain=domain_of(load_profile(path)), **DEMO)
     text = "\n".join(served(world))
     assert "Bare Things" in text
     assert not MINECRAFT.findall(text)

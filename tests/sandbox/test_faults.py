@@ -6,8 +6,8 @@ from collections.abc import Iterator
 import pytest
 import requests
 
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from tests.faults import Sandbox
 
 
 @pytest.fixture

@@ -3,8 +3,8 @@
 import pytest
 import requests
 
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from tests.faults import Sandbox
 
 
 def test_a_stopped_host_starts_again_on_its_port() -> None:

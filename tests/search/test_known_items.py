@@ -19,8 +19,7 @@ from kb.core.config import pipeline
 from kb.core.sources import SOURCES
 from kb.filters.filter_run import run_clean
 from kb.sandbox.reddit.subreddit import Subreddit
-from kb.sandbox.server import Sandbox
-from kb.sandbox.wiki.recorded import RecordedWiki
+from kb.sandbox.wiki.generated import RecordedWiki
 from kb.sandbox.world import World
 from kb.sandbox.youtube.captions import SpokenCue
 from kb.search.answers import search
@@ -28,6 +27,7 @@ from kb.search.build import index
 from kb.search.ranking import Only
 from kb.wiki.browser import chromium
 from tests.conftest import skip_or_fail
+from tests.faults import Sandbox
 from tests.reddit.work import NOW, Work, rows
 
 ANIMALS = (

@@ -10,9 +10,9 @@ import pytest
 import yaml
 
 from kb.pairs.transcript_batch import Text
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.tasks.build import TaskTimes, by_chapter, by_mentions, chapters
+from tests.faults import Sandbox
 from tests.youtube.job import Job
 
 SCHEMA = {"collection", "guidance", "prompt", "source"}

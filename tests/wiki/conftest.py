@@ -19,8 +19,7 @@ from kb.core.errors import MissingExtra
 from kb.net import retry
 from kb.net.rate import Pace
 from kb.wiki.browser import chromium
-from kb.wiki.browser.browser import Browser, reach
-from kb.wiki.browser.pool import Pool
+from kb.wiki.browser.browser import Browser, Pool, reach
 from kb.wiki.capture import page
 from tests.conftest import skip_or_fail
 

@@ -15,7 +15,7 @@ import pytest
 
 from kb.core.errors import Retryable
 from kb.wiki.browser import browser
-from kb.wiki.browser.pool import Pool
+from kb.wiki.browser.browser import Pool
 from kb.wiki.crawl import connector
 
 MOST = 4  # browsers that wait; those of a wiki that has ended among them

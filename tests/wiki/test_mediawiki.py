@@ -16,8 +16,7 @@ from kb.core.config.profile import load_profile
 from kb.filters.filter_run import run_clean
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
-from kb.wiki.browser.browser import Browser, reach
-from kb.wiki.browser.pool import Pool
+from kb.wiki.browser.browser import Browser, Pool, reach
 from kb.wiki.capture import page
 from kb.wiki.crawl.connector import crawl
 from tests.wiki import infobox_page as workshop

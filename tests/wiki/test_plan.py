@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from kb.wiki.plan import plan_crawl
+from kb.wiki.crawl.connector import plan_crawl
 
 
 def test_named_titles_are_asked_for_fifty_at_a_time(

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from tests.conftest import skip_or_fail
+from tests.faults import Sandbox
 from tests.youtube.job import Job
 
 

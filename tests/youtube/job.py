@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from kb.core.installation import folder
-from kb.sandbox.server import Sandbox
 from kb.store.rawlog import rawlog
 from tests import processes
 from tests.cli.conftest import clean_environment
+from tests.faults import Sandbox
 
 NOW = "2026-11-20T12:00:00Z"
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from kb.core.errors import SettingError
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store.layout import Layout
 from kb.store.state import tombstones
-from kb.youtube import channels
+from kb.youtube import purge
 from kb.youtube.parse.channels import mark
 from tests.crash import harm
+from tests.faults import Sandbox
 from tests.reddit.work import texts
 from tests.youtube.job import Job
 from tests.youtube.ytdlp.folder import info, video_id, write_video
@@ -226,7 +226,7 @@ def folder_of_one(job: Job) -> Path:
     ],
 )
 def test_every_form_of_a_channel(entry: str) -> None:
-    assert channels.channel_id(entry) == ID
+    assert purge.channel_id(entry) == ID
 
 
 @pytest.mark.parametrize(
@@ -245,12 +245,12 @@ def test_every_form_of_a_channel(entry: str) -> None:
     ],
 )
 def test_what_names_no_channel(entry: str) -> None:
-    assert channels.channel_id(entry) is None
+    assert purge.channel_id(entry) is None
 
 
 def test_a_list_of_handles_is_refused(tmp_path: Path) -> None:
     (tmp_path / "list").write_text("@handle\n")
     with pytest.raises(SettingError, match="line 1") as error:
-        channels.RULES.read(tmp_path / "list")
+        purge.RULES.read(tmp_path / "list")
     assert "(@name)" in error.value.hint
     assert "@handle" not in f"{error.value}{error.value.hint}"

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store.rawlog import damaged_answers, rawlog
+from tests.faults import Sandbox
 from tests.youtube.job import Job
 
 

@@ -9,9 +9,9 @@ import pytest
 
 from kb.artifacts import domain_binding
 from kb.core.config.profile import load_profile
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from tests.crash import harm
+from tests.faults import Sandbox
 from tests.youtube.job import Job
 
 

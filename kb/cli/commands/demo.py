@@ -94,7 +94,7 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
         plan = pipeline(run, "demo")
         given = {"reddit import": {"files": dumps(services.world.reddit, run.root / _DUMPS)}}
         steps = [step for step in plan.STEPS if step not in without]
-        return _all(steps, plan.QUERIES, words, run, services.ledger, given)
+        return _all(steps, plan.QUERIES, words, run, services, given)
 
 
 def _remove(root: Path) -> None:
@@ -135,7 +135,7 @@ def _all(
     queries: list[tuple[str, str, list[str]]],
     words: str,
     run: Run,
-    ledger: Any,
+    services: Any,
     given: dict[str, dict[str, Any]],
 ) -> Summary:
     """Run every step, with the arguments `given` to some, then the queries, then search for
@@ -167,7 +167,7 @@ def _all(
     page = Layout(run.root).page
     print(f"\nTables, figures and releases are in {run.root}; open {page}")
     demo_mark.write(run.root, finished=True)
-    about = {"steps": len(done), "requests": len(ledger), "root": str(run.root)}
+    about = {"steps": len(done), "requests": services.requests, "root": str(run.root)}
     return Summary({"command": "demo", **about, **done})
 
 

@@ -17,7 +17,6 @@ from kb.core.errors import Interrupted, LimitReached, Stopped
 from kb.core.summary import Summary
 from kb.crawl.session import open_session
 from kb.reddit.crawl.connector import Dumps
-from kb.reddit.dumps.containers import memory
 from kb.reddit.dumps.cursor import (
     KIND,
     DumpCursor,
@@ -27,7 +26,7 @@ from kb.reddit.dumps.cursor import (
     lease,
     load_cursor,
 )
-from kb.reddit.dumps.files import find_dumps
+from kb.reddit.dumps.files import find_dumps, memory
 from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.reddit.parse.anonymize import load_key
 from kb.store.rawlog import damaged_answers, rawlog
@@ -37,7 +36,7 @@ def import_dumps(
     run: Run, files: Sequence[Path], since: datetime | None = None, until: datetime | None = None
 ) -> Summary:
     """Import monthly dumps (RS_* posts, RC_* comments), files of one subreddit, or folders of
-    dumps, in any container of kb.reddit.dumps.containers. Sends nothing.
+    dumps, in any container of kb.reddit.dumps.files. Sends nothing.
 
     `since` and `until` bound the dates of posts and comments. Files that were imported before with
     the same span are skipped unless `--again`. Raises SettingError (exit 2) for a file that can't

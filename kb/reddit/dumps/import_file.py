@@ -1,23 +1,23 @@
 """One dump → raw segments, from where the last import of it stopped.
 
-An envelope has the form of a Listing with 100 things, so that the reader of live answers reads it.
-The cursor is saved whenever a segment is complete, and when the run is asked to stop.
+Workers turn chunks of the dump into the wanted records, anonymized and as JSON. An envelope has the
+form of a Listing with 100 things, so that the reader of live answers reads it. The cursor is saved
+whenever a segment is complete, and when the run is asked to stop.
 """
 
 import hashlib
 import os
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from concurrent.futures import Executor, Future
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
 from kb.core.engine import Inline
-from kb.reddit.dumps.chunks import Chunk, chunks
-from kb.reddit.dumps.containers import CHUNK, ReadProgress
 from kb.reddit.dumps.cursor import (
     KIND,
     DumpCursor,
@@ -27,11 +27,129 @@ from kb.reddit.dumps.cursor import (
     publish_segment,
     save_cursor,
 )
-from kb.reddit.dumps.extract import ExtractedChunk, ExtractedRecord, RecordRules, extract
+from kb.reddit.dumps.files import CHUNK, Chunk, ReadProgress, chunks
+from kb.reddit.dumps.search import ById, IdIndex, SubredditSearch
+from kb.reddit.parse.anonymize import Scrubber, load_key
+from kb.reddit.parse.answer_tree import PURGED
+from kb.reddit.parse.removal import LATEST, retrieved
+from kb.reddit.parse.remove_ids import without
+from kb.schema.decode import holdable
 from kb.store.full_disk import full_disk_is_resumable
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import SEGMENT_BYTES, SUFFIX, Envelope, Request
 from kb.store.state import tombstones
+
+
+class RecordRules(msgspec.Struct, frozen=True):
+    """Which records are wanted, and the root whose key and tombstones count; plain values.
+
+    `ids` is a folder of kb.reddit.dumps.search: these records instead of the subreddit's, or,
+    with a subreddit, these of it. `tombstones` is when their file was modified, so that no process
+    uses an older one.
+    """
+
+    root: str
+    subreddit: str
+    since: float
+    until: float
+    tombstones: int
+    ids: str = ""
+
+
+class ExtractedRecord(NamedTuple):
+    """A post or comment: the offset behind its line, its JSON, and when the archive read it last
+    (Unix time).
+    """
+
+    end: int
+    line: bytes
+    retrieved: int | None
+
+
+class ExtractedChunk(NamedTuple):
+    """What a chunk holds: the offset behind it, its lines, damaged ones and where the first is."""
+
+    offset: int
+    lines: int
+    bad_lines: int
+    first_bad: int | None
+    records: list[ExtractedRecord]
+
+
+def extract(chunks: list[Chunk], rules: RecordRules, limit: int = 0) -> list[ExtractedChunk]:
+    """The wanted records of consecutive chunks. Runs in a worker.
+
+    With a `limit` nothing behind that many records counts as read.
+    """
+    search = SubredditSearch(rules.subreddit)
+    if rules.ids:
+        search = ById(_id_index(rules.ids), rules.subreddit)
+    extracted = []
+    for chunk in chunks:
+        one = _extract_chunk(search, chunk, rules)
+        if limit and len(one.records) >= limit:
+            size = one.records[limit - 1].end - chunk.offset
+            part = Chunk(chunk.offset, chunk.data[chunk.begin : chunk.begin + size], 0, size)
+            extracted.append(_extract_chunk(search, part, rules))
+            break
+        limit -= len(one.records) if limit else 0
+        extracted.append(one)
+    return extracted
+
+
+def _extract_chunk(search: SubredditSearch, chunk: Chunk, rules: RecordRules) -> ExtractedChunk:
+    scrubber, purged = _tools(rules.root, rules.tombstones, rules.ids)
+    records: list[ExtractedRecord] = []
+
+    def take(end: int, record: dict[str, Any]) -> None:
+        if not _in_span(record, rules):
+            return
+        kind = "t3" if "title" in record else "t1"
+        data = scrubber.scrub(record)
+        things = [{"kind": kind, "data": data}]
+        if purged or scrubber.people:  # most data roots leave nothing out
+            things = without(things, purged)
+        if not things and rules.ids and data.get("author") == PURGED:
+            # Whoever asks for it by its id is told why it does not come.
+            known = {name: data.get(name) for name in ("id", "link_id", "author")}
+            things = [{"kind": kind, "data": known}]
+        for thing in things:
+            records.append(ExtractedRecord(end, _encode(thing), retrieved(thing["data"])))
+
+    matches = search(chunk, take)
+    offset = chunk.offset + chunk.end - chunk.begin
+    return ExtractedChunk(offset, matches.lines, matches.bad_lines, matches.first_bad, records)
+
+
+@cache
+def _tools(root: str, stamp: int, ids: str) -> tuple[Scrubber, Collection[str]]:
+    """The anonymizer and the purged names; made once in each worker."""
+    purged = tombstones.keys(Path(root), "reddit")
+    scrubber = Scrubber(load_key(Path(root)), tombstones.people(Path(root), "reddit"))
+    return scrubber, purged | _id_index(ids).purged if ids else purged
+
+
+@cache
+def _id_index(folder: str) -> IdIndex:
+    """Read once in each worker."""
+    return IdIndex(Path(folder))
+
+
+def _encode(thing: dict[str, Any]) -> bytes:
+    try:
+        return msgspec.json.encode(thing)
+    except UnicodeEncodeError:  # lone surrogates, which real titles hold
+        return msgspec.json.encode(holdable(thing))
+
+
+def _in_span(record: dict[str, Any], rules: RecordRules) -> bool:
+    """Whether a record is of the span. The filter judges records whose date can't be read."""
+    try:
+        at = float(record.get("created_utc"))  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        at = -1.0
+    return not 0 <= at < LATEST or rules.since <= at < rules.until
+
 
 THINGS = 100  # records of an envelope
 BLOCK = 4 << 20  # decompressed bytes that a worker gets at once
@@ -41,7 +159,7 @@ class ImportJob(msgspec.Struct):
     """What a worker needs; plain values. Without a lease nobody can stop it before the end of the
     file.
 
-    `ids` is a folder of kb.reddit.dumps.id_search: these records instead of the subreddit's, or,
+    `ids` is a folder of kb.reddit.dumps.search: these records instead of the subreddit's, or,
     with a subreddit, these of it. `home` is the data root whose key and tombstones count, where
     `root` is a work folder.
     """

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from kb.core.errors import DamagedData
-from kb.reddit.parse.people import PURGED
+from kb.reddit.parse.answer_tree import PURGED
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog

@@ -2,10 +2,18 @@
 
 Forms (recorded in tests): a Listing (listings, search, info); two Listings (a post's page: the
 post, then nested comments); `json.data.things` (morechildren, flat); dumps are written as Listings.
+
+A person's name reaches an answer as a keyed hash (anonymize). In place of the hash of someone who
+asked to be left out stands PURGED, from the moment an answer is scrubbed, or when a purge takes
+them out of older ones. What is theirs is told by it, and where others' records only mention them it
+stays.
 """
 
 from collections.abc import Container, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
+
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import Envelope
 
 POST, COMMENT = "t3", "t1"
 
@@ -117,3 +125,33 @@ def depths(parents: Iterable[tuple[str, str | None]]) -> dict[str, int | None]:
             base = None if base is None else base + 1
             known[name] = base
     return known
+
+
+PURGED = "[purged]"
+
+
+def theirs(answer: Any) -> set[str]:
+    """Full names of what such people posted or commented, and of their posts that others' comments
+    and crossposts show. PURGED is among them for a record that has no id.
+    """
+    names = set()
+    for kind, data in things(answer):
+        if data.get("author") == PURGED:
+            key = data.get("id")
+            names.add(f"{kind}_{key}" if isinstance(key, str) and key else PURGED)
+        link, parents = data.get("link_id"), data.get("crosspost_parent_list")
+        if data.get("link_author") == PURGED and isinstance(link, str):
+            names.add(link)
+        for parent in parents if isinstance(parents, list) else ():
+            if isinstance(parent, dict) and parent.get("author") == PURGED:
+                names.add(f"{POST}_{parent.get('id')}")
+    return names
+
+
+def without_hashes(envelope: Envelope, people: Iterable[str]) -> Envelope:
+    """The envelope with PURGED in place of these hashes; the same object when it has none."""
+    line = rawlog.encode(envelope)
+    found = [one.encode() for one in people if one.encode() in line]
+    for one in found:
+        line = line.replace(one, PURGED.encode())
+    return rawlog.decode(line) if found else envelope

@@ -1,30 +1,128 @@
 """One post or comment, live or from a dump of any year → a row as a plain dictionary.
 
-HTML entities of a dump's record are resolved once for the whole record. A value that can't be read
-is null, and the list `problems` of its row says why: (column, reason, value).
+HTML entities of a dump's record are resolved once for the whole record. What a post is, its content
+says and not one unreliable hint (`post_hint` lacks on many). A value that can't be read is null,
+and the list `problems` of its row says why: (column, reason, value).
 """
 
 import hashlib
 import html
 import json
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from html.entities import html5
 from typing import Any
+from urllib.parse import urlsplit
 
 from kb.core.config.profile.reddit import Links
 from kb.reddit.parse import answer_tree
-from kb.reddit.parse.people import PURGED
-from kb.reddit.parse.post_types import (
-    is_crosspost,
-    link_classifier,
-    poll_options,
-    post_type,
-)
+from kb.reddit.parse.answer_tree import PURGED
 from kb.reddit.parse.removal import LATEST, flag, removal, retrieved
+
+Post = Mapping[str, Any]
+_SUBDOMAINS = ("www.", "m.", "old.", "new.", "i.")
+_KINDS = {"image": "image", "video": "video", "general": "link"}
+
+
+def link_classifier(links: Links) -> Callable[[str], str]:
+    """A function from an address to "image", "video" or "general", by the profile's table.
+
+    Endings of the path decide first (imgur's `.gifv` is a video, its `.gif` an image), then hosts.
+    """
+    image_hosts, video_hosts = frozenset(links.image_hosts), frozenset(links.video_hosts)
+    image_endings, video_endings = frozenset(links.image_endings), frozenset(links.video_endings)
+
+    def classify(address: str) -> str:
+        try:
+            parts = urlsplit(address)
+            host = (parts.hostname or "").lower()
+        except ValueError:
+            return "general"
+        names = {host, *(host.removeprefix(sub) for sub in _SUBDOMAINS)}
+        ending = (
+            parts.path.rpartition("/")[2].rpartition(".")[2].lower() if "." in parts.path else ""
+        )
+        if ending in video_endings or names & video_hosts:
+            return "video"
+        if ending in image_endings or names & image_hosts:
+            return "image"
+        for name in names:
+            # "/" alone stands for any page but the front page
+            if any(
+                parts.path.startswith(start) and parts.path != "/"
+                for start in links.video_paths.get(name, ())
+            ):
+                return "video"
+        return "general"
+
+    return classify
+
+
+def origin(post: Post) -> Post:
+    """The post that a crosspost shows: its parent where the answer holds it, else itself."""
+    parents = post.get("crosspost_parent_list")
+    return (
+        parents[0]
+        if isinstance(parents, list) and parents and isinstance(parents[0], dict)
+        else post
+    )
+
+
+def is_crosspost(post: Post) -> bool:
+    """Whether the post repeats another one."""
+    return bool(post.get("crosspost_parent") or post.get("crosspost_parent_list"))
+
+
+def post_type(post: Post, classify: Callable[[str], str]) -> tuple[str, str | None, str | None]:
+    """(type, link_kind, source_url) of a post of any year.
+
+    Types: gallery, poll, text, image, video, link. `link_kind` (image, video, general) is for
+    posts that link, null for text, polls and galleries. A post whose content is gone (`url` is
+    its own page, or absent) counts as text.
+    """
+    true = origin(post)
+    url = true.get("url_overridden_by_dest") or true.get("url")
+    url = url if isinstance(url, str) and url else None
+    if true.get("is_gallery") or true.get("gallery_data"):
+        return "gallery", None, url
+    if true.get("poll_data"):
+        return "poll", None, None
+    page = true.get("permalink")
+    is_own_page = isinstance(page, str) and len(page) > 1 and url is not None and url.endswith(page)
+    if true.get("is_self") or url is None or is_own_page:
+        return "text", None, None
+    if "reddit.com/gallery/" in url or url.startswith("/gallery/"):
+        return "gallery", None, url
+    parent = post.get("crosspost_parent")
+    parents_page = f"/comments/{str(parent).removeprefix('t3_')}/"
+    if true is post and parent and parents_page in f"{url}/":
+        # Of a crosspost whose parent isn't told: the address of a text is its page.
+        return "text", None, None
+    kind = "video" if true.get("is_video") else classify(url)
+    return _KINDS[kind], kind, url
+
+
+def poll_options(post: Post) -> list[str] | None:
+    """Texts of a poll's options, in order; None when the post is no poll."""
+    poll = origin(post).get("poll_data")
+    if not isinstance(poll, dict):
+        return None
+    options = poll.get("options")
+    return (
+        [
+            str(text)
+            for option in options
+            if isinstance(option, dict) and (text := option.get("text")) not in (None, "")
+        ]
+        if isinstance(options, list)
+        else []
+    )
+
 
 _TEXTS = ("title", "selftext", "body")  # what tells whether a record was escaped
 _ADDRESSES = ("url", "url_overridden_by_dest")
+_DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
+_LARGEST_ID = 36**13  # as for ids in lists
 _NUMBER = re.compile(r"#(?:[0-9]+|[xX][0-9a-fA-F]+)")
 _OF_REDDIT = ("&amp;", "&lt;", "&gt;")
 
@@ -78,9 +176,10 @@ def resolve(record: dict[str, Any]) -> dict[str, Any]:
     poll = record.get("poll_data")
     if isinstance(poll, dict) and isinstance(poll.get("options"), list):
         options = [
-            {**option, "text": html.unescape(str(option.get("text", "")))}
+            {**option, "text": html.unescape(text)} if isinstance(text, str) else option
             for option in poll["options"]
             if isinstance(option, dict)
+            for text in [option.get("text")]
         ]
         changed["poll_data"] = {**poll, "options": options}
     return {**record, **changed} if changed else record
@@ -120,11 +219,15 @@ class RecordReader:
             data = resolve(data)
         row = _identified(answer_tree.COMMENT, data)
         row["post_id"] = answer_tree.bare(data.get("link_id"))
-        parent = data.get("parent_id")
+        parent = data.get("parent_id", "")
         if isinstance(parent, str) and parent.startswith(("t1_", "t3_")):
             row["parent_id"] = parent
-        else:  # some years of dumps give a number, or leave it out
-            _problem(row, "parent_id", parent)
+        elif parent is None and row["post_id"]:  # dumps of 2024 and later: null is the post
+            row["parent_id"] = f"{answer_tree.POST}_{row['post_id']}"
+        elif (key := _base36(parent)) is not None:  # and a number is a comment
+            row["parent_id"] = f"{answer_tree.COMMENT}_{key}"
+        else:
+            _problem(row, "parent_id", parent or None)
         row["text"] = _text(row, data, "body", required=True)
         return _with_common(row, data)
 
@@ -183,6 +286,19 @@ def _integer(row: Row, data: dict[str, Any], name: str) -> int | None:
             pass
     _problem(row, name, value)
     return None
+
+
+def _base36(value: Any) -> str | None:
+    """The bare id that a whole number stands for; None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    if not 0 < value < _LARGEST_ID or value != int(value):
+        return None
+    number, key = int(value), ""
+    while number:
+        number, digit = divmod(number, 36)
+        key = _DIGITS[digit] + key
+    return key
 
 
 def _flag(row: Row, data: dict[str, Any], name: str) -> bool | None:

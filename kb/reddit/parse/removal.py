@@ -18,17 +18,21 @@ import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from kb.reddit.parse.people import PURGED
+from kb.reddit.parse.answer_tree import PURGED
 
 LATEST = 253402300800  # seconds of Unix time: the year 10000
 _BY_ITS_AUTHOR = frozenset({"deleted", "author", "deleted by user"})
 # One pair of brackets around it all. What follows the verb is known, as people also write of
 # removals in brackets; behind it may stand a reason, with links.
 _PLACEHOLDER = re.compile(
-    r"""\s* \[ \s* (?P<verb> removed | deleted )
-    (?: \s+ by \s+ (?:(?: the | a | its ) \s+)?
-            (?P<actor> user | author | reddit | (?: auto)? mod(?: erator)? s? | admin s?
-                     | anti.evil \s+ op(?: eration)? s )
+    r"""\s* \[ \s* (?:(?: comment | post | submission | content ) \s+ )?
+    (?P<verb> removed | deleted )
+    (?: \s+ by \s+ (?:(?: the | a | an | its ) \s+)?
+            (?P<actor> user | author
+                     | reddit (?: ['’]s )?
+                       (?: \s+ (?: admin s? | legal | safety | filter s? | team ))*
+                     | (?:(?: subreddit | r/\w+ ) \s+ )? (?: auto)? mod(?: erator)? s?
+                     | admin s? | (?: spam \s+ )? filter s? | anti.evil \s+ op(?: eration)? s )
             (?: \s+ (?: on \s+ account \s+ of | in \s+ response \s+ to | for | due \s+ to )
                 \b (?: [^\[\]] | \[ [^\[\]]* \] )* )?
       | \s+ (?: in \s+ response \s+ to \b | on \s+ account \s+ of \b
@@ -37,6 +41,7 @@ _PLACEHOLDER = re.compile(
     )? \s* [.]? \s* \] \s*""",
     re.VERBOSE | re.IGNORECASE,
 )
+_INVISIBLE = re.compile("[\u200b-\u200d\u2060\ufeff\\\\]")  # and the backslash of Markdown
 _NO_LETTERS = re.compile(r"[^a-z]+")
 _WORDS = {"true": True, "1": True, "false": False, "0": False}
 
@@ -138,7 +143,9 @@ def _in_place_of(text: Any) -> str | None:
     """The reason where a text is the site's or an archive's own, in any spelling; None where
     people may have written it.
     """
-    match = _PLACEHOLDER.fullmatch(text) if isinstance(text, str) and len(text) < 300 else None
+    if not isinstance(text, str) or len(text) > 300:
+        return None
+    match = _PLACEHOLDER.fullmatch(_INVISIBLE.sub("", text).strip(" \n*_~"))
     if match is None:
         return None
     who = (match["actor"] or match["verb"]).casefold()

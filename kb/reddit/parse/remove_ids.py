@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from kb.reddit.parse import answer_tree
-from kb.reddit.parse.people import PURGED, theirs
+from kb.reddit.parse.answer_tree import PURGED, theirs
 from kb.schema import raw
 from kb.schema.answer_keys import asked
 from kb.store.rawlog.rawlog import Envelope, Request

@@ -11,6 +11,8 @@ was in flight; then kb.artifacts.restore adds them to the tables of earlier runs
                                                     dumps; and when the source said so
     out/.done.json                                  which lists of ids were answered
     out/.work-<digest>                              raw answers of an unfinished run
+
+It is also the job of `kb restore` for released folders of Reddit.
 """
 
 import hashlib
@@ -18,39 +20,120 @@ import math
 import shutil
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
+import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from kb.artifacts.restore import FAILED, MISSING, WORK
+from kb.artifacts.restore import FAILED, MISSING, WORK, WantedContent
 from kb.core.config.profile import DEFAULT, load_profile
 from kb.core.config.profile.reddit import RedditSection
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError
 from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPart, PlanPhase
 from kb.crawl import job
+from kb.crawl.connector import Answer, Phase
+from kb.crawl.loop import Loop
+from kb.crawl.session import CrawlSession
 from kb.net import redact
+from kb.reddit.crawl.connector import INFO, MORE, THREAD, TREE, RedditConnector
 from kb.reddit.crawl.errors import require
 from kb.reddit.crawl.ids import Ids, WantedThings, asked_for, released, subreddit_of
 from kb.reddit.crawl.importer import import_files
+from kb.reddit.crawl.reduce import PAYLOADS
 from kb.reddit.dumps.cursor import cursor_name, recover_segments
 from kb.reddit.dumps.files import find_dumps
-from kb.reddit.dumps.id_search import write_index
 from kb.reddit.dumps.import_file import ImportJob
+from kb.reddit.dumps.search import write_index
 from kb.reddit.parse.anonymize import load_key
+from kb.reddit.plan import plan_rebuild
 from kb.reddit.restore import tables
-from kb.reddit.restore.source import KnownIds, unanswered
+from kb.reddit.source import Reddit
 from kb.store import leftovers
 from kb.store.atomic import write_bytes
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
 from kb.store.state import tombstones
-from kb.store.tables import parquet
+from kb.store.state.frontier import Frontier, Item
+from kb.store.tables import parquet, reading
+
+_WHY = {"404": "missing", "410": "missing", "purged": "purged"}
+
+
+class KnownIds(RedditConnector):
+    """What is wanted: names, and posts whose whole trees are read. `answered` counts names."""
+
+    phases = (replace(INFO, name="reddit reconstruct"), MORE, THREAD, TREE)
+
+    def __init__(self, run: Run, wanted: WantedThings) -> None:
+        super().__init__(run)
+        self.wanted, self.answered = wanted, 0
+
+    def identity(self) -> dict[str, str]:
+        """The host; ids are of any subreddit."""
+        return {"host": super().identity()["host"]}
+
+    def settle(self) -> None:
+        """Answers go into a work folder, which has no dumps."""
+
+    def discover(self, frontier: Frontier) -> None:
+        """What is wanted, once."""
+        if frontier.cursor("seeded"):
+            return
+        with frontier.transaction():
+            frontier.add("info", self.wanted.names)
+            frontier.add("tree", self.wanted.trees)
+            frontier.set_cursor("seeded", True)
+
+    def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
+        """As in a crawl."""
+        for answer in super().fetch(phase, items):
+            yield answer
+            self.answered += len(items) if phase.kind == "info" else 0
+
+    def facts(self, phase: Phase) -> dict[str, object]:
+        """What stands beside a progress bar."""
+        return {"requests": self.opened.requests()[0]}
+
+    def summary(self, session: CrawlSession, loop: Loop) -> Summary:
+        """Figures of this run and what is left."""
+        frontier = session.frontier
+        counts = {phase.kind: frontier.counts(phase.kind) for phase in self.phases}
+        left = Reddit.left_by(counts)
+        return Summary(
+            command="reddit reconstruct",
+            source="reddit",
+            counted="posts and comments",
+            crawled=self.answered + loop.answered["tree"],
+            failed=sum(count.get("error", 0) for count in counts.values()),
+            pending=frontier.waiting("info", "tree"),
+            requests=session.requests()[0],
+            left=sum(left.values()),
+            left_by=left,
+        )
+
+
+def unanswered(state: Path) -> dict[str, str]:
+    """What has no answer with content for a reason that is not in the answers: full name →
+    reason.
+    """
+    reasons: dict[str, str] = {}
+    with reading.state(state, PAYLOADS) as frontier:
+        for kind, prefix in (("info", ""), ("tree", "t3_"), ("more", "t1_")):
+            for key, *_ in frontier.items(kind, "error"):
+                reasons[f"{prefix}{key}"] = "failed"
+        for kind, prefix in (("info", ""), ("tree", "t3_")):
+            for key, _, reason, _ in frontier.items(kind, "skipped"):
+                reasons[f"{prefix}{key}"] = _WHY.get(reason or "", "forbidden")
+    return reasons
+
 
 LOCK = ".lock"  # in a folder of tables outside of the data root: one run at a time adds to them
 _SINCE = "writes"  # in a work folder: how often the tables had been written when it began
@@ -307,3 +390,54 @@ def _run(profile: str | None, settings: dict[str, Any]) -> Run:
         profile=load_profile(loaded.kb_profile or DEFAULT),
         root=loaded.kb_data.expanduser().absolute(),
     )
+
+
+@dataclass(frozen=True)
+class ThreadRestore:
+    """Restores posts and comments into restored/reddit; `dumps` are read instead of Reddit."""
+
+    run: Run
+    content: WantedContent
+    dumps: Sequence[Path]
+
+    @property
+    def wanted(self) -> bool:
+        """Whether a folder of Reddit was chosen."""
+        return bool(self.content.of("reddit"))
+
+    def check(self, needed: tuple[str, ...]) -> tuple[str, ...]:
+        """As `RestoreJob.check`. Raises ProfileError without [reddit], MissingCredential."""
+        if self.wanted:
+            self.run.profile.section(RedditSection)
+            if not self.dumps:
+                require(self.run, *needed, without=WITHOUT_KEY)
+        return needed
+
+    def plan(self) -> PlanPart:
+        """As `RestoreJob.plan`. Raises SettingError."""
+        if not self.wanted:
+            return PlanPart()
+        key = f"Reddit, {self.run.settings.named('reddit_client_id')}"
+        summary = plan_rebuild(self.run, self._folders(), self.dumps)
+        phases = [PlanPhase(**one) for one in summary["phases"]]
+        whom = "dumps, no key" if self.dumps else key
+        return PlanPart([one.of(whom) for one in phases], [str(summary["assumed"])])
+
+    def restore(self) -> Summary:
+        """As `RestoreJob.restore`. Raises as `rebuild`."""
+        out, removed = Layout(self.run.root).restored("reddit"), self.content.removed("reddit")
+        return rebuild(self.run, self._folders(), out, dumps=self.dumps, removed=removed)
+
+    def missing(self) -> pa.Table | None:
+        """As `RestoreJob.missing`; the prefix of a full name tells posts from comments."""
+        path = Layout(self.run.root).restored("reddit") / MISSING
+        if not path.is_file():
+            return None
+        rows = parquet.read_table(path, columns=["key", "reason"])
+        keys, reasons = (rows[name].cast(pa.string()) for name in ("key", "reason"))
+        parts = pc.if_else(pc.starts_with(keys, "t3_"), "post", "comment")
+        sources = pa.repeat("reddit", rows.num_rows)
+        return pa.table({"source": sources, "part": parts, "key": keys, "reason": reasons})
+
+    def _folders(self) -> list[Path]:
+        return [one.path for one in self.content.of("reddit")]

@@ -7,6 +7,8 @@ uploads through LFS, as it does where `hf_xet` is not installed.
 Source: https://huggingface.co/docs/hub/api, and the requests of the client itself.
 """
 
+from __future__ import annotations
+
 import base64
 import hashlib
 import json
@@ -19,28 +21,25 @@ from werkzeug.exceptions import HTTPException
 from werkzeug.routing import Map, Rule
 from werkzeug.wrappers import Request, Response
 
-from kb.sandbox.faults import Faults
-from kb.sandbox.hub.answers import (
+from kb.sandbox.hub.repository import (
+    MAIN,
     NAME,
+    STAMP,
     Account,
+    Commit,
     HubError,
+    Repository,
+    StoredFile,
     as_json,
     bytes_of,
     entry,
+    git_blob,
     info,
+    is_lfs,
     json_body,
+    lfs_object,
     refs,
     tree,
-)
-from kb.sandbox.hub.repository import (
-    MAIN,
-    STAMP,
-    Commit,
-    Repository,
-    StoredFile,
-    git_blob,
-    is_lfs,
-    lfs_object,
 )
 from kb.sandbox.world import World
 
@@ -59,12 +58,9 @@ def settings(url: str) -> dict[str, str]:
     return {"HF_ENDPOINT": url, "HF_TOKEN": TOKEN, "HF_HUB_DISABLE_XET": "1"}
 
 
-def app(world: World, faults: Faults) -> Any:
-    """The WSGI application; its `hub` holds what was uploaded."""
-    service = HubService()
-    wrapped: Any = faults.wrap("hub", service)
-    wrapped.hub = service
-    return wrapped
+def app(world: World) -> HubService:
+    """The WSGI application, which holds what was uploaded."""
+    return HubService()
 
 
 class HubService:

@@ -16,7 +16,6 @@ from typing import Any
 import zstandard
 from werkzeug.wrappers import Request, Response
 
-from kb.sandbox.faults import Faults
 from kb.sandbox.invented_ids import ELSEWHERE, OTHER_SUBREDDIT, PEOPLE
 from kb.sandbox.reddit.subreddit import START, Subreddit
 from kb.sandbox.world import World
@@ -31,14 +30,14 @@ def settings(url: str) -> dict[str, str]:
     return {"REDDIT_CLIENT_ID": CLIENT, "REDDIT_CLIENT_SECRET": SECRET, "KB_REDDIT_ENDPOINT": url}
 
 
-def app(world: World, faults: Faults) -> Any:
+def app(world: World) -> Any:
     """The WSGI application."""
     service = RedditService(world.reddit)
 
     def serve(environ: dict[str, Any], start_response: Any) -> Any:
         return service.answer(Request(environ))(environ, start_response)
 
-    return faults.wrap("reddit", serve)
+    return serve
 
 
 class RedditService:

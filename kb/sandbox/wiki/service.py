@@ -1,6 +1,6 @@
 """The sandbox's wiki: pages, pictures, and the part of `api.php` that a crawl asks.
 
-The pages are recorded ones (kb/sandbox/wiki/recorded.py) and ones generated for a domain
+The pages are recorded ones (kb/sandbox/wiki/generated.py) and ones generated for a domain
 (kb/sandbox/wiki/generated.py). `world.wiki_state` selects the state that is served: "first", or
 "later", after some edits, a deletion, a move and a new page.
 """
@@ -12,9 +12,7 @@ from typing import Any
 from werkzeug.utils import redirect
 from werkzeug.wrappers import Request, Response
 
-from kb.sandbox.faults import Faults
-from kb.sandbox.wiki.generated import PAGES, GeneratedWiki
-from kb.sandbox.wiki.recorded import HOST, RecordedWiki
+from kb.sandbox.wiki.generated import HOST, PAGES, GeneratedWiki, RecordedWiki
 from kb.sandbox.world import World
 
 
@@ -23,7 +21,7 @@ def settings(url: str) -> dict[str, str]:
     return {"KB_WIKI_URL": url}
 
 
-def app(world: World, faults: Faults) -> Any:
+def app(world: World) -> Any:
     """The WSGI application."""
     if world.domain.recorded_wiki and not world.n_named:
         site = RecordedWiki()
@@ -48,7 +46,7 @@ def app(world: World, faults: Faults) -> Any:
             return Response("not found", 404, mimetype="text/plain")
         return Response(data, mimetype=mimetypes.guess_type(path)[0] or "application/octet-stream")
 
-    return faults.wrap("wiki", serve)
+    return serve
 
 
 def _page(site: RecordedWiki, title: str, later: bool, root: str, revision: str) -> Response:

@@ -12,11 +12,9 @@ from kb.sandbox.domain import Domain
 from kb.sandbox.invented_ids import channel_id, video_id
 from kb.sandbox.speech import Sentence
 from kb.sandbox.youtube import captions
-from kb.sandbox.youtube.captions import SpokenCue
-from kb.sandbox.youtube.cases import Track
-from kb.sandbox.youtube.hearing import Mishearing
+from kb.sandbox.youtube.captions import Mishearing, SpokenCue
+from kb.sandbox.youtube.cases import Channel, Track, Video
 from kb.sandbox.youtube.planted import Planted, shifted, truth_of
-from kb.sandbox.youtube.uploads import Channel, Video
 
 PAGE = 50
 _TASKS, _IDLE = 0.25, 0.08  # of ordinary titles: that name a task, or its verb alone

@@ -24,7 +24,7 @@ from kb.pairs.matching import WALL, Matcher
 from kb.sandbox.domain import Domain
 from kb.sandbox.world import World
 from kb.sandbox.youtube.captions import spoken_words
-from kb.sandbox.youtube.uploads import Video
+from kb.sandbox.youtube.cases import Video
 from kb.store.atomic import writing
 
 if TYPE_CHECKING:

@@ -23,9 +23,8 @@ from typing import Any
 
 from kb.core import clock
 from kb.sandbox.speech import MUSIC, Sentence, Speech, grammar, letters
-from kb.sandbox.youtube.captions import SpokenCue, SpokenWord
-from kb.sandbox.youtube.hearing import Mishearing, Rates, misheard
-from kb.sandbox.youtube.uploads import Channel, Video
+from kb.sandbox.youtube.captions import Mishearing, Rates, SpokenCue, SpokenWord, misheard
+from kb.sandbox.youtube.cases import Channel, Video
 
 INTRO, SPONSOR = "intro", "sponsor"
 LANGUAGES = ("de", "es", "fr")

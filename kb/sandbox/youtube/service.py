@@ -6,15 +6,18 @@ fails for its key or for a spent bucket costs nothing; every other one costs a u
 
 import base64
 import binascii
+import hashlib
+import html
 import json
 import threading
+from functools import partial
 from typing import Any
 
 from werkzeug.wrappers import Request, Response
 
-from kb.sandbox.faults import Faults
+from kb.sandbox.json_templates import written
 from kb.sandbox.world import World
-from kb.sandbox.youtube import resources as answers
+from kb.sandbox.youtube.cases import Channel, Video
 from kb.sandbox.youtube.web import YouTubeWeb
 
 KEY = "sandbox-youtube-key-that-opens-nothing"
@@ -32,7 +35,7 @@ def settings(url: str) -> dict[str, str]:
     return {"YOUTUBE_API_KEY": KEY, "KB_YOUTUBE_ENDPOINT": url, "KB_YOUTUBE_WEB": url}
 
 
-def app(world: World, faults: Faults) -> Any:
+def app(world: World) -> Any:
     """The WSGI application."""
     api, web = DataApi(world), YouTubeWeb(world)
 
@@ -43,14 +46,14 @@ def app(world: World, faults: Faults) -> Any:
         )
         return response(environ, start_response)
 
-    return faults.wrap("youtube", serve)
+    return serve
 
 
 class ApiRefusal(Exception):
     """An error answer."""
 
     def __init__(self, name: str, value: object = "") -> None:
-        self.answer = answers.refusal(name, value)
+        self.answer = refusal(name, value)
 
 
 class DataApi:
@@ -111,9 +114,9 @@ class DataApi:
             else []
         )
         page, tokens, size = _paged(request, hits[:MOST_HITS])
-        body = answers.page(
+        body = list_response(
             "search",
-            [_only(answers.search_hit(one), parts | {"id"}) for one in page],
+            [_only(search_hit(one), parts | {"id"}) for one in page],
             max(len(hits), 1_000_000 * bool(hits)),
             size,
             **tokens,
@@ -131,21 +134,19 @@ class DataApi:
         items = []
         for position, video in page:
             key = base64.b64encode(f"{playlist}.{position}".encode()).decode()
-            items.append(
-                _item("playlistItem", key, answers.entry_parts(video, playlist, position), parts)
-            )
-        return answers.page("playlistItem", items, len(entries), size, **tokens)
+            items.append(_item("playlistItem", key, entry_parts(video, playlist, position), parts))
+        return list_response("playlistItem", items, len(entries), size, **tokens)
 
     def _videos(self, request: Request, parts: set[str]) -> dict[str, Any]:
         frame = (request.args.get("maxWidth", type=int), request.args.get("maxHeight", type=int))
         videos = self._requested_videos(request)
-        items = [_item("video", one.id, answers.video_parts(one, *frame), parts) for one in videos]
-        return answers.page("video", items, len(videos), len(videos))
+        items = [_item("video", one.id, video_parts(one, *frame), parts) for one in videos]
+        return list_response("video", items, len(videos), len(videos))
 
     def _videos_batchGetStats(self, request: Request, parts: set[str]) -> dict[str, Any]:
         items = []
         for one in self._requested_videos(request):
-            full = answers.video_parts(one, None, None)
+            full = video_parts(one, None, None)
             shown = {
                 "snippet": {"publishTime": one.published_at},
                 "contentDetails": {"duration": full["contentDetails"].get("duration")},
@@ -158,7 +159,7 @@ class DataApi:
             items.append(_item("videoStats", one.id, shown, parts))
         return {
             "kind": "youtube#batchGetStatsResponse",
-            "etag": answers.etag("stats", len(items)),
+            "etag": etag("stats", len(items)),
             "items": items,
         }
 
@@ -211,7 +212,7 @@ def _paged(request: Request, all_items: list[Any]) -> tuple[list[Any], dict[str,
 
 
 def _item(kind: str, key: str, by_part: dict[str, Any], parts: set[str]) -> dict[str, Any]:
-    head = {"kind": f"youtube#{kind}", "etag": answers.etag(kind, key), "id": key}
+    head = {"kind": f"youtube#{kind}", "etag": etag(kind, key), "id": key}
     return head | {name: value for name, value in by_part.items() if name in parts}
 
 
@@ -219,3 +220,103 @@ def _only(hit: dict[str, Any], parts: set[str]) -> dict[str, Any]:
     return {
         name: value for name, value in hit.items() if name not in ("snippet", "id") or name in parts
     }
+
+
+_resource = partial(written, "youtube/resources.json")
+
+
+def etag(*parts: object) -> str:
+    """A made-up etag, the same for the same parts."""
+    return hashlib.sha256(
+        "\x1f".join(map(str, parts)).encode("utf-8", "surrogatepass")
+    ).hexdigest()[:27]
+
+
+def list_response(
+    kind: str, items: list[Any], total: int, size: int, **tokens: str
+) -> dict[str, Any]:
+    """A list answer around `items`; `tokens` are nextPageToken and prevPageToken."""
+    values = {
+        "kind": kind,
+        "etag": etag(kind, total, *tokens.values()),
+        "next": tokens.get("nextPageToken"),
+        "previous": tokens.get("prevPageToken"),
+        "total": total,
+        "size": size,
+        "items": items,
+    }
+    return dict(_resource("page", values))
+
+
+def search_hit(channel: Channel) -> dict[str, Any]:
+    """A search result of type channel; titles are HTML-escaped here and nowhere else."""
+    values = {
+        "etag": etag("hit", channel.id),
+        "id": channel.id,
+        "published_at": channel.published_at,
+        "title": html.escape(channel.title),
+        "description": html.escape(channel.description[:160]),
+    }
+    return dict(_resource("search_hit", values))
+
+
+def entry_parts(video: Video, playlist: str, position: int) -> dict[str, Any]:
+    """A playlist item by part. What is no longer public says so and has lost all else."""
+    values = {**_of(video), "playlist": playlist, "position": position}
+    return dict(_resource("entry" if video.in_api else "entry_private", values))
+
+
+def video_parts(video: Video, max_width: int | None, max_height: int | None) -> dict[str, Any]:
+    """A video by part; hidden counts are absent."""
+    values = {
+        **_of(video),
+        "tags": video.tags or None,
+        "category_id": video.category_id,
+        "live": video.live,
+        "language": video.tracks[0].language if video.tracks else "en",
+        "duration": video.iso_duration,
+        "definition": "hd" if min(video.width, video.height) >= 720 else "sd",
+        "caption": str(any(track.kind != "asr" for track in video.tracks)).lower(),
+        "licensed": video.number % 3 == 0,
+        "rating": {"ytRating": video.rating} if video.rating else {},
+        "license": video.license,
+        "view_count": video.view_count,
+        "like_count": video.like_count,
+        "comment_count": video.comment_count,
+        "embed_width": None,
+        "embed_height": None,
+    }
+    if video.sized and (max_width or max_height):
+        # The largest frame of the video's own shape that fits.
+        scale = min((max_width or 10**9) / video.width, (max_height or 10**9) / video.height)
+        values["embed_width"] = str(round(video.width * scale))
+        values["embed_height"] = str(round(video.height * scale))
+    return dict(_resource("video", values))
+
+
+def _of(video: Video) -> dict[str, Any]:
+    return {
+        "id": video.id,
+        "title": video.title,
+        "description": video.description,
+        "published_at": video.published_at,
+        "channel_id": video.channel.id,
+        "channel_title": video.channel.title,
+        "thumbnails": _thumbnails(video),
+    }
+
+
+def _thumbnails(video: Video) -> dict[str, Any]:
+    thumbnails = dict(_resource("thumbnails", {"id": video.id}))
+    if video.number % 4 == 0:
+        del thumbnails["maxres"]  # not every video has one
+    return thumbnails
+
+
+Answer = tuple[int, dict[str, Any]]
+
+
+def refusal(name: str, value: object = "") -> Answer:
+    """A recorded error answer by its name in errors.json, with `value` in its text."""
+    answer = written("youtube/errors.json", name, {"value": str(value)})
+    return answer["status"], answer["response"]

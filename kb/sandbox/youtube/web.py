@@ -17,8 +17,7 @@ from werkzeug.wrappers import Request, Response
 from kb.sandbox.json_templates import written
 from kb.sandbox.world import World
 from kb.sandbox.youtube.captions import SpokenCue
-from kb.sandbox.youtube.cases import Track
-from kb.sandbox.youtube.uploads import Video
+from kb.sandbox.youtube.cases import Track, Video
 
 SITE = "https://www.youtube.com"
 NAMES = {

@@ -8,6 +8,7 @@ pages    each new revision in the browser     raw kind renders, raw/wiki/pages/
 files    the original images                raw kinds imageinfo, files, raw/wiki/images/
 """
 
+import math
 import threading
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -18,22 +19,26 @@ from urllib.parse import urlsplit
 
 from requests import PreparedRequest
 
+from kb.core.config.addresses import is_loopback
 from kb.core.config.profile.wiki import WikiSection
 from kb.core.context import Run
 from kb.core.summary import Summary
+from kb.core.summary.plan import PlanPhase, plan, to_read
 from kb.crawl.connector import Answer, Connector, Opened, Phase
 from kb.crawl.id_list import IdList
 from kb.crawl.job import work
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
 from kb.net.session import Note
+from kb.store.layout import Layout
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier, Item
+from kb.store.tables import reading
 from kb.wiki.browser import browser, chromium
-from kb.wiki.browser.pool import Pool
+from kb.wiki.browser.browser import Pool
 from kb.wiki.capture import page
-from kb.wiki.crawl import discover, fetch, reduce, render
+from kb.wiki.crawl import discover, fetch, reduce
 from kb.wiki.crawl.client import BATCH, WikiApi, find_endpoint
 from kb.wiki.crawl.http_client import WikiHosts
 from kb.wiki.crawl.ids import read_titles
@@ -148,7 +153,7 @@ class WikiConnector(Connector):
             pool = self._browsers()
             item, frontier = items[0], self.opened.frontier
             others = partial(discover.comparison_urls, frontier, item.key, f"{self.url}/")
-            shown = render.render_page(self._web, self.section, pool, item, others)
+            shown = fetch.render_page(self._web, self.section, pool, item, others)
             if shown.get("revision_id", item.payload.revision_id) != item.payload.revision_id:
                 yield api.revision(shown["revision_id"])  # one that the wiki had not listed yet
             status = 200 if shown["outcome"] == "captured" else 0
@@ -215,7 +220,7 @@ class WikiConnector(Connector):
         """The browsers, started with the first page."""
         with self._lock:
             if self._pool is None:
-                render.remove_scratch(self._run.root)
+                fetch.remove_scratch(self._run.root)
                 self._pool = Pool(self._browser, self.section.page_seconds + LAST_SECONDS)
             return self._pool
 
@@ -274,3 +279,51 @@ class WikiConnector(Connector):
             left=sum(left.values()),
             left_by=left,
         )
+
+
+# For estimates, where this data root has nothing to measure yet.
+PAGES = 7_000
+IMAGES_A_PAGE = 3
+MB_A_PAGE = 0.7
+SECONDS_A_PAGE = 3  # that a browser takes
+
+
+def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
+    """Titles, pages and image files that are left, by what this data root shows or assumed."""
+    section = run.profile.section(WikiSection)
+    kinds: dict[str, dict[str, int]] = {}
+    listed = False
+    path = Layout(run.root).state("wiki")
+    if path.is_file():
+        with reading.state(path) as frontier:
+            kinds = frontier.kinds()
+            listed = bool((frontier.cursor("round") or {}).get("done"))
+    assumed = [f"{SECONDS_A_PAGE} s a page in each of {run.workers} browsers"]
+    asked = to_read(kinds, "info")
+    if titles:
+        asked = len(read_titles(titles, section.namespaces, run.progress.say).keys)
+    if not titles and not listed and not kinds.get("info"):
+        asked = PAGES
+        assumed.append(f"{PAGES:,} pages, as the wiki's list was not read yet")
+    pages = asked + to_read(kinds, "pages")
+    done = kinds.get("pages", {}).get("done", 0)
+    known_files = sum(kinds.get("files", {}).values())
+    each = known_files / done if done else IMAGES_A_PAGE
+    size = MB_A_PAGE / 1e3
+    if done:
+        raw = Layout(run.root).raw("wiki").rglob("*")
+        size = sum(path.stat().st_size for path in raw if path.is_file()) / done / 1e9
+    if pages and not done:
+        assumed += [f"{IMAGES_A_PAGE} image files and {MB_A_PAGE} MB a page"]
+    files = to_read(kinds, "files") + round(pages * each)
+    pause = 0.0 if is_loopback(run.settings.kb_wiki_url or section.url) else section.seconds_between
+    if pause:
+        assumed.append(f"{pause:g} s between requests, unless robots.txt asks for more")
+    calls = math.ceil(asked / BATCH)
+    seconds = max(pause, SECONDS_A_PAGE / run.workers)
+    phases = [
+        PlanPhase("titles", asked, requests=calls, hours=calls * pause / 3600),
+        PlanPhase("pages", pages, requests=pages, hours=pages * seconds / 3600, gb=pages * size),
+        PlanPhase("image files", files, requests=files, hours=files * pause / 3600),
+    ]
+    return Summary(plan("wiki crawl", "wiki", phases, assumed if pages or files else []))

@@ -1,25 +1,38 @@
-"""Fetches each kind of item from the wiki, as answers to be recorded."""
+"""Fetches each kind of item from the wiki, as answers to be recorded. A page is captured in at most
+`max_tries` tries.
+"""
 
-from collections.abc import Iterable, Iterator
+import hashlib
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from kb.core import signals
+import msgspec
+
+from kb.core import clock, signals
 from kb.core.config.profile.wiki import WikiSection
-from kb.core.errors import ItemFinal, Retryable
+from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.crawl.connector import Answer
+from kb.net import retry
+from kb.store.atomic import replacing_folder
+from kb.store.full_disk import full_disk_is_resumable
 from kb.store.layout import BELOW, Layout
-from kb.store.rawlog import rawlog
+from kb.store.rawlog import rawlog, sidefiles
 from kb.store.state.frontier import Frontier, Item
 from kb.wiki import media_urls
+from kb.wiki.browser.browser import Pool
 from kb.wiki.capture import media_type
+from kb.wiki.capture.page import Captured, capture, check_page
+from kb.wiki.capture.screenshot import pixel_box
 from kb.wiki.crawl import discover
 from kb.wiki.crawl.client import BATCH, WikiApi
 from kb.wiki.crawl.http_client import WikiHosts
-from kb.wiki.errors import NotAnImage
+from kb.wiki.errors import BrowserError, Challenge, NotAnImage, PageRefused, TransientStatus
 from kb.wiki.parse import answers
 
 LONGEST = 5000  # bytes of titles in one URL; servers refuse longer ones
@@ -174,3 +187,190 @@ def fetch_original(
     if challenge:
         return {**answer, "outcome": "failed", "reason": challenge}
     return {**answer, "outcome": "final", "reason": reason, "value": value}
+
+
+SCRATCH = ".shot-"
+_ENCODER = msgspec.json.Encoder()
+
+
+def render_page(
+    web: WikiHosts,
+    section: WikiSection,
+    pool: Pool,
+    item: Item,
+    others: Callable[[], Iterable[str]],
+) -> dict[str, Any]:
+    """All tries of one page; returns the answer to record. `others` are URLs of pages to compare
+    with when this one is answered by a challenge. Raises Retryable, Stopped, MissingExtra.
+    """
+    url = web.rebase_loopback(item.payload.url)
+    answer: dict[str, Any] = {
+        "page_id": int(item.key),
+        "title": item.payload.title,
+        "url": url,
+        "wanted_revision": item.payload.revision_id,
+    }
+    if not web.allowed(url):
+        return {**answer, "outcome": "robots", "reason": "disallowed", "value": None}
+    root = web.run.root
+    with (
+        full_disk_is_resumable(root),
+        tempfile.TemporaryDirectory(prefix=SCRATCH, dir=pages_folder(root)) as scratch,
+    ):
+        shot = Path(scratch) / "screenshot.png"
+        for number in range(1, section.max_tries + 1):
+            last = number == section.max_tries
+            try:
+                show = partial(
+                    capture,
+                    url=url,
+                    shot=shot,
+                    rules=section.rules,
+                    max_height=section.max_page_height,
+                    page_id=int(item.key),
+                    strict=not last,
+                    turn=web.turn,
+                )
+                captured = pool.use(show, first=web.pace.wait)
+                stored = _store(root, item, captured, shot)
+                return {**answer, "tries": number, **stored}
+            except ItemFinal as error:
+                return {**answer, **_final(web, error), "tries": number}
+            except Retryable as error:
+                reason, _, value = error.reason.partition(": ")
+                web.rest(error.after)
+                if error.unreachable or isinstance(error, BrowserError):
+                    final = _request_plainly(web, url, error)
+                    if final is not None:
+                        return {**answer, **_final(web, final), "tries": number}
+                elif not last:
+                    clock.sleep(0.1 * number)
+                elif isinstance(error, Challenge):
+                    _compare_with_others(web, pool, others())
+    failed = {"outcome": "failed", "reason": reason, "value": value or None}
+    return {**answer, **failed, "tries": section.max_tries}
+
+
+def _final(web: WikiHosts, error: ItemFinal) -> dict[str, Any]:
+    """The outcome of an error that no retry can change. Raises Blocked.
+
+    Errors about one request rather than about the page are retried by the next run.
+    """
+    if isinstance(error, PageRefused):
+        # One page may be refused for its own sake; a refused front page means us.
+        try:
+            web.attempt(lambda: web.get(f"{web.root}/", {}), service="the wiki")
+        except ItemFinal as refused:
+            raise Blocked(
+                f"the wiki blocks requests ({refused.reason})",
+                hint="wait and run the same command again",
+            ) from None
+    outcome = "failed" if isinstance(error, (PageRefused, TransientStatus)) else "final"
+    return {"outcome": outcome, "reason": error.reason, "value": error.value}
+
+
+def _compare_with_others(web: WikiHosts, pool: Pool, others: Iterable[str]) -> None:
+    """Load other pages until one is shown: a challenge for one page may concern that page, but
+    challenges for all pages concern us. Uses the browser, as challenges treat plain clients
+    differently. Raises Blocked.
+    """
+    challenged = False
+    for url in others:
+        show = partial(check_page, url=web.rebase_loopback(url))
+        try:
+            pool.use(show, first=web.pace.wait)
+        except (Challenge, PageRefused):
+            challenged = True
+        except (ItemFinal, Retryable):
+            continue  # it says nothing about challenges
+        else:
+            return
+    if challenged:
+        raise retry.blocked("the wiki answers with a challenge instead of its pages")
+
+
+def _request_plainly(web: WikiHosts, url: str, error: Retryable) -> ItemFinal | None:
+    """Find out by a plain request what the browser hides: 4xx without a body, an unreachable wiki.
+
+    Waits for a Retry-After that the browser received. Returns the error if no retry can change it.
+    Raises Retryable, Blocked.
+    """
+    announced = [error] if error.after is not None else []
+
+    def ask() -> None:
+        if announced:
+            raise announced.pop()
+        web.get(url, {})
+
+    try:
+        web.attempt(ask)
+    except ItemFinal as final:
+        return final
+    return None
+
+
+def pages_folder(root: Path) -> Path:
+    """The folder of captured pages; created if missing."""
+    folder = Layout(root).captures
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def remove_scratch(root: Path) -> None:
+    """Remove incomplete captures of killed runs."""
+    for left in pages_folder(root).glob(f"{SCRATCH}*"):
+        shutil.rmtree(left, ignore_errors=True)
+
+
+def _store(root: Path, item: Item, captured: Captured, shot: Path) -> dict[str, Any]:
+    """Write the page's files in one step; returns their part of the answer."""
+    page = captured.extraction["page"]
+    revision = int(page["revision_id"])
+    folder = pages_folder(root) / str(int(item.key)) / str(revision)
+    images = Layout(root).images
+    sprites = {}
+    for element, data in sorted(captured.sprites.items()):
+        name = hashlib.sha256(data).hexdigest()
+        sprites[str(element)] = name
+        left, top, right, bottom = pixel_box(captured.extraction["elements"][element]["box"])
+        captured.extraction["elements"][element]["crop"] = [right - left, bottom - top]
+        sidefiles.write_named(images / f"{name}.png", data)
+    files = wanted_files(captured.extraction)
+    # Several sessions may show one page again: a folder is replaced as a whole or not at all.
+    pack = rawlog.compressor()
+    with replacing_folder(folder) as fresh:
+        shutil.move(shot, fresh / "screenshot.png")
+        (fresh / "page.html.zst").write_bytes(
+            pack.compress(captured.html.encode("utf-8", "replace"))
+        )
+        (fresh / "extraction.json.zst").write_bytes(
+            pack.compress(_ENCODER.encode({**captured.extraction, "sprites": sprites}))
+        )
+        sidefiles.write_sums(fresh)
+    return {
+        "outcome": "captured",
+        "revision_id": revision,
+        "folder": str(folder.relative_to(root)),
+        "settled": captured.settled,
+        "elements": len(captured.extraction["elements"]),
+        "files": files,
+    }
+
+
+def wanted_files(extraction: dict[str, Any]) -> list[dict[str, Any]]:
+    """The original image files of a page, each once, in order: key (URL), title, source."""
+    files: dict[str, dict[str, Any]] = {}
+    page = media_urls.original(extraction["page"]["url"])
+    for element in extraction["elements"]:
+        for image in element.get("frames") or [element]:
+            src = image.get("src")
+            if src and src.startswith(("http:", "https:")):
+                key = media_urls.original(src)
+                # An address that is the page's own, as of src="#", is no image.
+                if key != page and key not in files:
+                    files[key] = {
+                        "key": key,
+                        "title": media_urls.file_title(src, image.get("file")),
+                        "src": src,
+                    }
+    return list(files.values())

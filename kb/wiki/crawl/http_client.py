@@ -1,7 +1,10 @@
 """Requests from the wiki's hosts over plain HTTP: API, robots.txt and image files."""
 
+from __future__ import annotations
+
 import hashlib
 import math
+import re
 import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -9,6 +12,7 @@ from typing import Any, TypeVar
 from urllib.parse import urlsplit, urlunsplit
 
 import requests
+from protego import Protego
 
 from kb.core import clock
 from kb.core.config.addresses import is_loopback
@@ -16,7 +20,6 @@ from kb.core.context import Run
 from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.net import retry
 from kb.net.rate import Pace
-from kb.net.robots import Robots, robots_url
 from kb.net.session import (
     PRODUCT,
     HttpSession,
@@ -30,6 +33,48 @@ from kb.net.session import (
 )
 from kb.store.rawlog import sidefiles
 from kb.wiki.errors import NotAnImage, of_status
+
+_GROUP = re.compile(r"^(\s*user-agent\s*:\s*)([a-z_*-]+).*$", re.IGNORECASE | re.MULTILINE)
+
+
+class Robots:
+    """What a host's robots.txt allows one agent.
+
+    `agent` may be a whole User-Agent: groups are found by its product token alone ("lorecrawl"), as
+    what stands behind it (a contact's address) is no name of ours.
+    """
+
+    def __init__(self, text: str, agent: str) -> None:
+        self._agent = re.split(r"[/\s]", agent, maxsplit=1)[0].lower()
+        self._rules = Protego.parse(_GROUP.sub(r"\1\2", text))
+        # Whether a group is written for us by name.
+        self.named = any(group[1].lower() == self._agent for group in _GROUP.findall(text))
+
+    @classmethod
+    def of_answer(cls, status: int, text: str, agent: str) -> Robots:
+        """By the answer for /robots.txt: 4xx allows everything,
+        5xx forbids everything (RFC 9309, 2.3.1).
+        """
+        if 200 <= status < 300:
+            return cls(text, agent)
+        return cls("User-agent: *\nDisallow: /" if status >= 500 else "", agent)
+
+    def allows(self, url: str) -> bool:
+        """Whether the agent may ask for `url`."""
+        return bool(self._rules.can_fetch(url, self._agent))
+
+    @property
+    def crawl_delay(self) -> float | None:
+        """Seconds between two requests, when the host asks for that."""
+        delay = self._rules.crawl_delay(self._agent)
+        return None if delay is None else float(delay)
+
+
+def robots_url(url: str) -> str:
+    """Where the rules for `url` are."""
+    parts = urlsplit(url)
+    return f"{parts.scheme}://{parts.netloc}/robots.txt"
+
 
 Result = TypeVar("Result")
 TRIES = 6

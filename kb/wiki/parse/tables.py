@@ -56,7 +56,7 @@ def read_pages(
 ) -> dict[str, Any]:
     """Pages with sizes, `text` and `word_count`; with `follows` also the tables of PARTS.
 
-    `rows` is the result of kb.wiki.parse.join. A page that was not captured gets nulls.
+    `rows` is the result of kb.wiki.parse.decode. A page that was not captured gets nulls.
     `rules` tell names and units of facts and recipes. Raises DamagedData.
     """
     pages = rows["wiki/pages"]

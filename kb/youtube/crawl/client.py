@@ -1,4 +1,5 @@
-"""The Data API through Google's client: calls, their quota units, and what its errors mean.
+"""The Data API through Google's client: calls, their quota units, and what its errors mean; and the
+one question of `kb profile check --online`.
 
 Errors: https://developers.google.com/youtube/v3/docs/errors, decided by codes and reasons, never by
 wording.
@@ -6,8 +7,10 @@ wording.
 
 import json
 import math
+import tempfile
 from collections.abc import Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import httplib2
@@ -15,12 +18,15 @@ import requests
 from googleapiclient.discovery import build
 from googleapiclient.errors import HttpError
 
+from kb.core.config import value_errors
+from kb.core.config.profile.check_finding import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
 from kb.core.config.profile.youtube import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import CredentialRefused, ItemFinal, KbError, Retryable
 from kb.crawl.connector import Opened
 from kb.net.retry import PATIENCE_S, attempt, blocked, retry_after
 from kb.net.session import HttpSession, failure, host_of, never_sent, user_agent
+from kb.store.state.frontier import Frontier
 from kb.youtube.crawl import quota
 
 GOOGLE = "https://youtube.googleapis.com"
@@ -230,3 +236,30 @@ def meaning(status: int, body: Any, bucket: str, after: float | None = None) -> 
 def _parts(error: dict[str, Any], name: str) -> list[dict[str, Any]]:
     parts = error.get(name)
     return [part for part in parts if isinstance(part, dict)] if isinstance(parts, list) else []
+
+
+def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
+    """One channel search: 1 of the search bucket's units."""
+    section = run.profile.section(YouTubeSection)
+    words = section.keywords[0]
+    with tempfile.TemporaryDirectory() as place:
+        ledger = Frontier(Path(place) / "ledger.sqlite")
+        try:
+            once = section.model_copy(update={"max_tries": 1})
+            api = YouTubeApi(run, once, Opened(run=run, frontier=ledger), service="api")
+            cost.requests = cost.units = 1
+            answer = api.search(q=words, type="channel", part="snippet", maxResults=5)
+            api.close()
+        finally:
+            ledger.close()
+    titles = [_title(one) for one in answer.get("items", [])]
+    searched = f"a search for {value_errors.shown(words)}"
+    if not titles:
+        fix = "search for words that channels of the domain use in their names"
+        return OnlineAnswer(ERROR, "youtube.keywords", f"{searched} finds no channel", fix, WRONG)
+    shown = ", ".join(titles[:3])
+    return OnlineAnswer(NOTE, "youtube.keywords", f"{searched} finds channels such as {shown}")
+
+
+def _title(item: dict[str, Any]) -> str:
+    return value_errors.shown(str(item.get("snippet", {}).get("title", "")))

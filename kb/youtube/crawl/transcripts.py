@@ -29,6 +29,8 @@ from kb.youtube.ytdlp import subtitles
 
 SITE = "https://www.youtube.com/"
 REDIRECTS = 5  # in a row
+# names of requests in the ledger
+_ENDPOINTS = {"/watch": "watch", "/youtubei/v1/player": "player", "/api/timedtext": "timedtext"}
 WORD_TIMES = "fmt=srv3"  # what the site adds to a track's address, and the library takes away
 
 
@@ -259,7 +261,9 @@ class SiteDoor(Door):
     """
 
     def __init__(self, root: str | None, before: Callable[[str], None]) -> None:
-        super().__init__(ledger=lambda request: before(_endpoint(request)))
+        super().__init__(
+            ledger=lambda request: before(_ENDPOINTS.get(urlsplit(request.url or "").path, "web"))
+        )
         self._root = root
 
     def check(self, url: str) -> None:
@@ -282,14 +286,6 @@ class SiteDoor(Door):
         if self._root and url.startswith(f"{self._root}/"):
             return SITE + url.removeprefix(f"{self._root}/")
         return url
-
-
-_ENDPOINTS = {"/watch": "watch", "/youtubei/v1/player": "player", "/api/timedtext": "timedtext"}
-
-
-def _endpoint(request: requests.PreparedRequest) -> str:
-    """The ledger's name of a request."""
-    return _ENDPOINTS.get(urlsplit(request.url or "").path, "web")
 
 
 def _reason(error: Exception) -> str:

@@ -1,4 +1,19 @@
-"""Newest answers about videos and transcripts → the rows that the stages judge."""
+"""Newest answers about videos and transcripts → the rows that the stages judge.
+
+First all answers about a video are joined into one row:
+
+    videos        videos.list: everything that the Data API has
+    statistics    videos.batchGetStats: the counts, read again
+    ytdlp_info    an imported file of yt-dlp
+
+A value is the newest answer's, or where that has none the other's: an import replaces nothing
+by null. The counts and `counted_at` are of one answer, the newest that has views; `fetched_at` says
+how old all the rest is. Only videos.list says that a video is missing: no file brings back what the
+service has removed.
+
+Word times of automatic tracks are checked: one start for each word of a cue, in order. A cue whose
+starts do not fit loses them and keeps its text; the column `word_times` says why.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +32,132 @@ from kb.store.tables.columns import aligned, column, lists, put
 from kb.store.tables.latest import newest
 from kb.store.tables.partition import RawKind
 from kb.youtube.parse import answers as parse
-from kb.youtube.parse.join import FROM_FILE, one_row_each
 from kb.youtube.parse.view_counting import view_rule
-from kb.youtube.parse.word_times import checked
 from kb.youtube.ytdlp import info, tracks
 from kb.youtube.ytdlp.tracks import ENGLISH, TrackLanguage
+
+COMPLETE, ABSENT = "complete", "absent"
+MISMATCH, NEGATIVE, UNORDERED = "mismatch", "negative", "unordered"
+
+
+def checked(
+    cues: pa.Array[Any], automatic: pa.Array[Any], words: pa.Array[Any]
+) -> tuple[pa.Array[Any], pa.Array[Any]]:
+    """The starts of the words of each cue (list of float64; null where the cue has none that can
+    be used), and `word_times` of each track.
+
+    `cues`: lists of structs with `word_start_s`; `automatic`: which tracks may have word times;
+    `words` (int64): the number of words of each cue, all tracks together.
+    """
+    flat = pc.list_flatten(cues)
+    track = pc.list_parent_indices(cues)
+    starts = flat.field("word_start_s")
+    starts = pc.if_else(automatic.take(track), starts, pa.scalar(None, starts.type))
+    cue, start = pc.list_parent_indices(starts), pc.list_flatten(starts)
+    reason = pa.nulls(len(flat), pa.string())
+    falling = pc.and_(
+        pc.equal(cue.slice(1), cue.slice(0, max(len(cue) - 1, 0))),
+        pc.less(start.slice(1), start.slice(0, max(len(start) - 1, 0))),
+    )
+    unordered = cue.slice(1).filter(falling)
+    usable = pc.and_kleene(pc.is_finite(start), pc.greater_equal(start, 0))
+    negative = cue.filter(pc.invert(pc.fill_null(usable, False)))
+    rows = pa.array(range(len(flat)), pa.int64())
+    reason = pc.if_else(pc.is_in(rows, value_set=unordered), UNORDERED, reason)
+    reason = pc.if_else(pc.is_in(rows, value_set=negative), NEGATIVE, reason)
+    fits = pc.equal(pc.list_value_length(starts).cast(pa.int64()), words)
+    reason = pc.if_else(pc.fill_null(fits, True), reason, MISMATCH)
+    starts = pc.if_else(pc.is_null(reason), starts, pa.scalar(None, starts.type))
+    has_words = pc.and_(pc.is_null(starts), pc.greater(words, 0))
+    return starts, _of_tracks(len(cues), track, reason, has_words)
+
+
+def _of_tracks(
+    tracks: int, track: pa.Array[Any], reason: pa.Array[Any], without: pa.Array[Any]
+) -> pa.Array[Any]:
+    """Why the first cue of each track with words and without word times has none."""
+    hit = pc.indices_nonzero(without)
+    first = pc.index_in(pa.array(range(tracks), pa.int64()), value_set=track.take(hit))
+    why = pc.fill_null(reason.take(hit), ABSENT).take(first)
+    return pc.fill_null(why, COMPLETE)
+
+
+FROM_FILE = "from_file"  # true for a video that only an imported file tells of
+COUNTED = ("view_count", "like_count", "comment_count")
+_OF_ONE = (*COUNTED, "counted_at")
+
+
+def one_row_each(
+    videos: pa.Table | None, files: pa.Table | None, statistics: pa.Table | None
+) -> pa.Table | None:
+    """The rows of `videos` and `files` (newest of each `video_id`) joined, by `video_id`.
+
+    Both have the columns of `answers.videos`, `files` also those that only a file has. Statistics
+    of other videos are left out. None where there is no video at all.
+    """
+    if files is None:
+        rows = videos
+    elif videos is None:
+        rows = files.append_column(FROM_FILE, pa.repeat(pa.scalar(True), files.num_rows))
+    else:
+        rows = _api_and_file(videos, files)
+    if rows is None:
+        return None
+    return _stamped(rows) if statistics is None else with_statistics(rows, statistics)
+
+
+def with_statistics(rows: pa.Table, statistics: pa.Table) -> pa.Table:
+    """The rows with the counts of `statistics` where these are newer and have views."""
+    rows = _stamped(rows)
+    if not statistics.num_rows:
+        return rows
+    fresh = aligned(_stamped(statistics), "video_id", column(rows, "video_id"))
+    newer = _newer(fresh, rows)
+    for name in _OF_ONE:
+        rows = put(rows, name, pc.if_else(newer, column(fresh, name), column(rows, name)))
+    return rows
+
+
+def _api_and_file(videos: pa.Table, files: pa.Table) -> pa.Table:
+    keys = pc.unique(pa.concat_arrays([column(videos, "video_id"), column(files, "video_id")]))
+    keys = keys.take(pc.sort_indices(keys))
+    api, file = (aligned(_stamped(one), "video_id", keys) for one in (videos, files))
+    newest_first = pc.or_(pc.is_null(column(api, "fetched_at")), _is_after(file, api, "fetched_at"))
+    made: dict[str, Any] = {}
+    for name in dict.fromkeys([*api.column_names, *file.column_names]):
+        if name not in api.column_names or name not in file.column_names:
+            made[name] = column(api if name in api.column_names else file, name)
+            continue
+        a, f = column(api, name), column(file, name)
+        made[name] = pc.coalesce(pc.if_else(newest_first, f, a), pc.if_else(newest_first, a, f))
+    missing = pc.fill_null(column(api, "missing"), False)
+    rows = pa.table({**made, "video_id": keys, "missing": missing})
+    rows = rows.append_column(FROM_FILE, pc.is_null(column(api, "fetched_at")))
+    counted = pc.or_(_newer(file, api), pc.is_null(column(api, "view_count")))
+    has_views = pc.or_(*(pc.is_valid(column(side, "view_count")) for side in (file, api)))
+    for name in _OF_ONE:
+        either = pc.if_else(counted, column(file, name), column(api, name))
+        rows = put(rows, name, pc.if_else(has_views, either, column(rows, name)))
+    return rows
+
+
+def _newer(one: pa.Table, other: pa.Table) -> pa.Array[Any]:
+    """Where `one` has views, and is the newer or the other has none."""
+    views = pc.is_valid(column(one, "view_count"))
+    alone = pc.is_null(column(other, "view_count"))
+    return pc.and_(views, pc.or_(alone, _is_after(one, other, "counted_at")))
+
+
+def _is_after(one: pa.Table, other: pa.Table, when: str) -> pa.Array[Any]:
+    return pc.fill_null(pc.greater(column(one, when), column(other, when)), False)
+
+
+def _stamped(rows: pa.Table) -> pa.Table:
+    """The rows with `counted_at`: an answer's counts are as old as the answer."""
+    if "counted_at" in rows.column_names:
+        return rows
+    return rows.append_column("counted_at", column(rows, "fetched_at"))
+
 
 VIDEOS = "videos"  # kind in the frontier
 HELPERS = ("missing", "game_label_id", "game_label", "transcript_outcome")

@@ -1,8 +1,7 @@
 """Folders that yt-dlp filled, in place of requests.
 
 importer    folders → raw answers
-files       what a file of such a folder is, by its name
-info        *.info.json: what is kept of it, and its rows
+info        names of files; what is kept of an info.json, and its rows
 subtitles   .vtt, .srv3 and .json3 → cues
 tracks      which track of a video is its transcript, and of what kind it is
 """

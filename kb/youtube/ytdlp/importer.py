@@ -27,7 +27,7 @@ from kb.store.state import tombstones
 from kb.youtube.crawl.connector import YouTubeConnector
 from kb.youtube.crawl.reduce import RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES
 from kb.youtube.parse.channels import ChannelFilter
-from kb.youtube.ytdlp import files, info, subtitles
+from kb.youtube.ytdlp import info, subtitles
 
 AT_ONCE = 256  # answers that are written and synced together
 AT_ONCE_BYTES = 8 << 20
@@ -97,7 +97,7 @@ class _Import:
         """Take in every file. Raises what ends the run, with all that was read written."""
         with self._run.progress.task("import", unit="files") as task:
             try:
-                for entry in files.walk(folders):
+                for entry in info.walk(folders):
                     signals.stop.check()
                     self._take(entry)
                     self._flush(at_least=AT_ONCE)
@@ -112,9 +112,9 @@ class _Import:
 
     def _take(self, entry: os.DirEntry[str]) -> None:
         name = entry.name
-        named = files.subtitles(name)
-        if named is None and not name.endswith(files.INFO):
-            if (reason := files.reason(name)) is not None:
+        named = info.subtitle_name(name)
+        if named is None and not name.endswith(info.INFO):
+            if (reason := info.left_out_as(name)) is not None:
                 self.left_out[reason] += 1
             return
         try:
@@ -174,7 +174,7 @@ class _Import:
     def _subtitles(
         self,
         entry: os.DirEntry[str],
-        named: files.SubtitleName,
+        named: info.SubtitleName,
         data: bytes,
         params: dict[str, Any],
         changed: datetime,
@@ -300,7 +300,7 @@ def _envelope(at: datetime, params: dict[str, Any], response: Any) -> Envelope:
 def _video_beside(path: Path, stem: str) -> dict[str, Any] | None:
     """The video in the info.json of the same name; None where there is none."""
     try:
-        parsed = info.read(path.with_name(f"{stem}{files.INFO}").read_bytes())
+        parsed = info.read(path.with_name(f"{stem}{info.INFO}").read_bytes())
     except (OSError, ValueError):
         return None
     return parsed.videos[0] if len(parsed.videos) == 1 else None

@@ -1,11 +1,17 @@
-"""A yt-dlp info.json: what is kept of it, and the rows that it makes.
+"""Files of a yt-dlp folder: what each is, by its name; of an info.json what is kept of it, and the
+rows that it makes.
 
-It is full of signed addresses and holds the visitor's own; only the fields that
+yt-dlp names files by a template that users change. Its default is `TITLE [ID].EXT`; `ID.EXT` is the
+most frequent other one. Subtitle files have their language before the suffix.
+
+An info.json is full of signed addresses and holds the visitor's own; only the fields that
 schemas/raw/youtube/ytdlp_info.json declares are kept, as they are in the file.
 """
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from functools import cache
@@ -21,7 +27,75 @@ from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog
 from kb.youtube.crawl import player
-from kb.youtube.ytdlp.files import VIDEO_ID
+
+INFO = ".info.json"
+UNFINISHED, OTHER_FILES, OTHER_SUBTITLES = "unfinished_downloads", "other_files", "other_subtitles"
+VIDEO_ID = re.compile(r"[A-Za-z0-9_-]{11}")
+
+_SUBTITLES = re.compile(
+    r"(?P<stem>.+)\.(?P<language>[A-Za-z]{2,3}(?:-[A-Za-z0-9]+)*)\.(?P<format>vtt|srv3|json3)"
+)
+_IN_BRACKETS = re.compile(r"\[([A-Za-z0-9_-]{11})\]$")
+_UNFINISHED = re.compile(r"\.(?:part|ytdl|part-Frag\d+|temp|temp\.[a-z0-9]+)$")
+_MEDIA = re.compile(
+    r".+\.(?:3gp|aac|avi|flac|flv|gif|jpe?g|m4[av]|mhtml|mk[av]|mov|mp[34]|og[gv]|opus|png|ts|wav"
+    r"|web[amp])",
+    re.IGNORECASE,
+)
+_TEXT_TRACKS = re.compile(r".+\.(?:ass|lrc|sbv|srt|srv[123]|ttml|vtt|json3)", re.IGNORECASE)
+
+
+class SubtitleName(NamedTuple):
+    """What the name of a subtitle file says; `video_id` is None where the name has none."""
+
+    stem: str
+    video_id: str | None
+    language: str
+    format: str
+
+
+def subtitle_name(name: str) -> SubtitleName | None:
+    """`TITLE [ID].en.vtt` in its parts; None for any other name."""
+    match = _SUBTITLES.fullmatch(name)
+    if match is None:
+        return None
+    stem = match["stem"]
+    in_brackets = _IN_BRACKETS.search(stem)
+    if in_brackets is not None:
+        video_id: str | None = in_brackets[1]
+    else:
+        video_id = stem if VIDEO_ID.fullmatch(stem) else None
+    return SubtitleName(stem, video_id, match["language"], match["format"])
+
+
+def left_out_as(name: str) -> str | None:
+    """Why a file that is neither info nor subtitle_name is left out; None for media files, which
+    belong there.
+    """
+    if _UNFINISHED.search(name):
+        return UNFINISHED
+    if _MEDIA.fullmatch(name):
+        return None
+    return OTHER_SUBTITLES if _TEXT_TRACKS.fullmatch(name) else OTHER_FILES
+
+
+def walk(folders: Iterable[Path]) -> Iterator[os.DirEntry[str]]:
+    """Every file below the folders, as the disk lists them: no folder is held in memory.
+
+    Links to folders are not followed. A folder that can't be read is passed over.
+    """
+    waiting = [str(folder) for folder in folders]
+    while waiting:
+        try:
+            with os.scandir(waiting.pop()) as entries:
+                for entry in entries:
+                    if entry.is_dir(follow_symlinks=False):
+                        waiting.append(entry.path)
+                    elif entry.is_file():
+                        yield entry
+        except (PermissionError, FileNotFoundError):
+            continue
+
 
 ROWS = 8_192
 LIVE_CHAT = "live_chat"  # yt-dlp lists it among the subtitles
@@ -80,7 +154,8 @@ def read(data: bytes) -> InfoContents:
 
 def _collect(record: dict[str, Any], into: InfoContents) -> None:
     kind = record.get("_type") or "video"
-    if not _of_youtube(record):
+    site = record.get("extractor_key") or record.get("ie_key") or record.get("extractor")
+    if site is not None and not str(site).lower().startswith("youtube"):
         return
     if kind in ("playlist", "multi_video"):
         entries = [one for one in record.get("entries") or () if isinstance(one, dict)]
@@ -91,11 +166,6 @@ def _collect(record: dict[str, Any], into: InfoContents) -> None:
             _collect(one, into)
     elif kind == "video" and _is_id(record.get("id")) and "title" in record:
         into.videos.append(_video(record))
-
-
-def _of_youtube(record: dict[str, Any]) -> bool:
-    site = record.get("extractor_key") or record.get("ie_key") or record.get("extractor")
-    return site is None or str(site).lower().startswith("youtube")
 
 
 def _is_id(value: Any) -> bool:
@@ -155,13 +225,8 @@ def rows(lines: Iterable[bytes], most: int = ROWS) -> Iterator[pa.Table]:
     Null is what a file can't tell. Besides: `stream_width`, `stream_height` (px), `stream_fps`,
     `lists_tracks`, `manual_tracks`, `automatic_tracks`.
     """
-    for got, _ in _reader().tables(lines, most):
+    for got, _ in ColumnReader(table("youtube/videos"), "ytdlp_info").tables(lines, most):
         yield _as_videos(got.filter(pc.is_valid(got["video_id"])))
-
-
-@cache
-def _reader() -> ColumnReader:
-    return ColumnReader(table("youtube/videos"), "ytdlp_info")
 
 
 def _as_videos(got: pa.Table) -> pa.Table:

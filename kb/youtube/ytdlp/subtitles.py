@@ -170,7 +170,14 @@ def _vtt(text: str) -> tuple[list[_Line], bool]:
     if not cues and "-->" in text:
         raise ValueError("no timing can be read")
     timed = any(row.timed for cue in cues for row in cue.rows)
-    if timed or _repeats(cues):
+    repeats = any(
+        cue.rows
+        and before.rows
+        and cue.end - cue.start <= _REPETITION_MS
+        and [row.text for row in cue.rows] == [before.rows[-1].text]
+        for before, cue in pairwise(cues)
+    )
+    if timed or repeats:
         return _without_repetition(cues), timed
     return [_Line(cue.start, cue.end, _in_one(cue.rows)) for cue in cues], False
 
@@ -207,18 +214,6 @@ def _plain(text: str) -> str:
 def _ms(groups: tuple[str | None, ...]) -> int:
     hours, minutes, seconds, rest = (int(group or 0) for group in groups)
     return ((hours * 60 + minutes) * 60 + seconds) * 1000 + rest
-
-
-def _repeats(cues: list[_Shown]) -> bool:
-    """Whether any cue of 10 ms holds only what the one before it ends with."""
-    return any(
-        cue.rows and before.rows and _is_repetition(cue, before.rows[-1].text)
-        for before, cue in pairwise(cues)
-    )
-
-
-def _is_repetition(cue: _Shown, last: str) -> bool:
-    return cue.end - cue.start <= _REPETITION_MS and [row.text for row in cue.rows] == [last]
 
 
 def _without_repetition(cues: list[_Shown]) -> list[_Line]:

@@ -3,7 +3,7 @@
 import shutil
 from pathlib import Path
 
-from kb.sandbox.server import Sandbox
+from tests.faults import Sandbox
 from tests.inprocess import Here
 from tests.release.conftest import (
     SECRETS,

@@ -7,10 +7,10 @@ import pytest
 from kb.annotate.toxicity import ToxicityScorer
 from kb.filters.filter_run import run_clean, texts
 from kb.release.metadata.measure import models
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from tests.annotate.made import make_checkpoint
 from tests.conftest import needs
+from tests.faults import Sandbox
 from tests.youtube.job import Job
 
 needs("torch", "detoxify")

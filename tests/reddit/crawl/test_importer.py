@@ -17,7 +17,7 @@ from kb.core.progress import LineProgress
 from kb.filters.filter_run import run_clean
 from kb.reddit.crawl.importer import _side_by_side, import_dumps
 from kb.reddit.dumps.import_file import ImportJob
-from kb.reddit.dumps.subreddit_search import CHECKED
+from kb.reddit.dumps.search import CHECKED
 from kb.reddit.parse.anonymize import load_key
 from tests.reddit.dumped import archived, imported, imported_rows, post, run_in, write
 from tests.reddit.work import rows as read_rows

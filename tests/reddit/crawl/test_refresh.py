@@ -6,7 +6,7 @@ import pytest
 
 from kb.core.errors import LimitReached, Unreachable
 from kb.sandbox.reddit.service import dumps
-from kb.sandbox.server import Sandbox
+from tests.faults import Sandbox
 from tests.reddit.conftest import small_world
 from tests.reddit.work import LATER, Work
 

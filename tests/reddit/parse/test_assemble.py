@@ -11,7 +11,7 @@ import pytest
 from kb.core.config import pipeline
 from kb.sandbox.invented_ids import ELSEWHERE
 from kb.sandbox.reddit.subreddit import CASES
-from kb.sandbox.server import Sandbox
+from tests.faults import Sandbox
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post, write
 from tests.reddit.work import Work, texts

@@ -12,11 +12,11 @@ from kb.core.errors import DamagedData
 from kb.reddit.parse.latest_state import latest_state
 from kb.reddit.purge import RULES
 from kb.sandbox.reddit.service import dumps
-from kb.sandbox.server import Sandbox
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import read
 from kb.store.state import tombstones
 from kb.store.tables import partition
+from tests.faults import Sandbox
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post, write
 from tests.reddit.work import Work

@@ -1,5 +1,6 @@
-"""Real answers of 2016 to 2026 through the parsing of live ones, with their values."""
+"""Records of any year become rows: values, types of posts, HTML entities."""
 
+import html
 import json
 from collections import Counter
 from collections.abc import Callable
@@ -7,8 +8,23 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData
+from kb.reddit.parse import answers as parse
+from kb.reddit.parse.records import (
+    is_crosspost,
+    link_classifier,
+    poll_options,
+    post_type,
+    resolve,
+    unescaped,
+    was_never_escaped,
+)
+from kb.store.rawlog import rawlog
+from kb.store.rawlog.rawlog import Envelope, Request
 from tests.reddit.cassettes import Row, read, read_rows
 
 THINGS = {  # what is in each cassette: state and kind → how many different ones
@@ -209,3 +225,223 @@ def test_a_raw_line_of_another_writer_may_hold_what_arrow_cannot(tmp_path: Path)
     assert (found["title"], found["text"]) == ("half \ufffd a face", "nul \ufffd")
     with pytest.raises(DamagedData):
         read_rows("info", line.replace(b"half", b"h\xe4lf"))
+
+
+CLASSIFY = link_classifier(load_profile("minecraft").section("reddit").links)
+
+
+@pytest.mark.parametrize(
+    ("address", "kind"),
+    [
+        ("https://i.redd.it/abc.png", "image"),
+        ("https://i.redd.it/abc", "image"),
+        ("https://imgur.com/abc", "image"),
+        ("https://imgur.com/a/abc", "image"),
+        ("https://m.imgur.com/gallery/abc", "image"),
+        ("https://i.imgur.com/abc.gif", "image"),
+        ("https://preview.redd.it/abc.jpg?width=640&auto=webp", "image"),
+        ("https://example.org/wiki/Creeper.JPG", "image"),
+        ("https://i.imgur.com/abc.gifv", "video"),
+        ("https://v.redd.it/abc", "video"),
+        ("https://streamable.com/abc", "video"),
+        ("https://gfycat.com/Abc", "video"),
+        ("https://www.youtube.com/watch?v=abc", "video"),
+        ("https://youtu.be/abc", "video"),
+        ("https://m.youtube.com/shorts/abc", "video"),
+        ("https://music.youtube.com/watch?v=abc", "video"),
+        ("https://www.youtube-nocookie.com/embed/abc", "video"),
+        ("https://youtube.com/clip/Ugkabc", "video"),
+        ("https://example.org/film.mp4", "video"),
+        ("https://www.youtube.com/@somebody", "general"),
+        ("https://www.youtube.com/", "general"),
+        ("https://youtu.be/", "general"),
+        ("https://notimgur.com/abc", "general"),
+        ("https://imgur.com.example.org/abc", "general"),
+        ("https://example.org/a.b/c", "general"),
+        ("https://example.org", "general"),
+        ("http://[broken", "general"),
+        ("", "general"),
+        ("/r/Minecraft/wiki", "general"),
+    ],
+)
+def test_addresses(address: str, kind: str) -> None:
+    assert CLASSIFY(address) == kind
+
+
+SELF = {
+    "is_self": True,
+    "permalink": "/r/M/comments/a/t/",
+    "url": "https://www.reddit.com/r/M/comments/a/t/",
+}
+FILM = {"is_self": False, "is_video": True, "url": "https://v.redd.it/x"}
+
+
+@pytest.mark.parametrize(
+    ("post", "expected"),
+    [
+        (SELF, ("text", None, None)),
+        ({**SELF, "is_self": None}, ("text", None, None)),
+        ({"is_self": False, "url": None}, ("text", None, None)),
+        ({**SELF, "poll_data": {"options": [{"text": "a"}]}}, ("poll", None, None)),
+        (
+            {"is_gallery": True, "url": "https://www.reddit.com/gallery/a"},
+            ("gallery", None, "https://www.reddit.com/gallery/a"),
+        ),
+        (
+            {"url": "https://www.reddit.com/gallery/a"},
+            ("gallery", None, "https://www.reddit.com/gallery/a"),
+        ),
+        (FILM, ("video", "video", "https://v.redd.it/x")),
+        (
+            {"url": "https://i.redd.it/a.png", "post_hint": "link"},
+            ("image", "image", "https://i.redd.it/a.png"),
+        ),
+        (
+            {"url": "https://a.org/x", "url_overridden_by_dest": "https://i.redd.it/a.png"},
+            ("image", "image", "https://i.redd.it/a.png"),
+        ),
+        ({"url": "https://notes.example/a"}, ("link", "general", "https://notes.example/a")),
+        (
+            {"url": "https://v.redd.it/y", "crosspost_parent_list": [FILM]},
+            ("video", "video", "https://v.redd.it/x"),
+        ),
+        ({"url": "/r/M/comments/a/t/", "crosspost_parent_list": [SELF]}, ("text", None, None)),
+        (
+            {"url": "https://a.org/x", "crosspost_parent_list": []},
+            ("link", "general", "https://a.org/x"),
+        ),
+        (
+            {"url": "https://a.org/x", "crosspost_parent": "t3_gone"},
+            ("link", "general", "https://a.org/x"),
+        ),
+        (
+            {"url": "/gallery/gone", "crosspost_parent": "t3_gone"},
+            ("gallery", None, "/gallery/gone"),
+        ),
+        ({"url": "/r/M/comments/gone/t/", "crosspost_parent": "t3_gone"}, ("text", None, None)),
+        (
+            {"url": "https://www.reddit.com/r/M/comments/b/t/"},
+            ("link", "general", "https://www.reddit.com/r/M/comments/b/t/"),
+        ),
+    ],
+)
+def test_types(post: dict[str, Any], expected: tuple[str, str | None, str | None]) -> None:
+    assert post_type(post, CLASSIFY) == expected
+
+
+def test_crossposts_and_polls() -> None:
+    assert is_crosspost({"crosspost_parent": "t3_a"})
+    assert not is_crosspost({"crosspost_parent_list": []})
+    assert poll_options({"poll_data": {"options": [{"text": "oak"}, {"text": "spruce"}, 3]}}) == [
+        "oak",
+        "spruce",
+    ]
+    assert poll_options({"crosspost_parent_list": [{"poll_data": {"options": []}}]}) == []
+    assert poll_options(SELF) is None
+
+
+LINKS = load_profile("minecraft").section("reddit").links
+
+written = st.lists(
+    st.sampled_from(["&", "<", ">", ";", "amp;", "&lt;", "&nbsp;", "#39;", "#x2F;", "notit;", "a "])
+    | st.text(max_size=3)
+).map("".join)
+
+
+@given(written)
+def test_what_reddit_escapes_comes_back_as_it_was_written(text: str) -> None:
+    assert unescaped(html.escape(text, quote=False)) == text
+
+
+@given(written)
+def test_a_text_that_was_never_escaped_stays(text: str) -> None:
+    assert unescaped(text) in (text, html.unescape(text))
+    if was_never_escaped([text]):
+        assert unescaped(text) == text
+    else:
+        assert not {"<", ">"} & set(text)
+        assert html.unescape(text) == unescaped(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "bare"),
+    [
+        ("Tom & Jerry", True),
+        ("AT&T;", True),
+        ("a=1&copy=2", True),
+        ("&notit;", True),
+        ("ends in &", True),
+        ("&#;", True),
+        ("&#12x;", True),
+        ("&amp;&lt;&gt;", False),
+        ("&quot;&#39;&#x27;&nbsp;", False),
+    ],
+)
+def test_a_bare_ampersand_begins_no_entity(text: str, *, bare: bool) -> None:
+    assert was_never_escaped([text]) is bare
+
+
+@pytest.mark.parametrize("sign", ["a < b", "a > b", "a & b"])
+@pytest.mark.parametrize("where", ["title", "selftext"])
+def test_one_text_tells_for_the_whole_record(sign: str, where: str) -> None:
+    record = {
+        "title": "how to write &lt;b&gt;",
+        "selftext": "&amp;nbsp;",
+        "url": "https://example.org/?a=1&amp;b=2",
+        "poll_data": {"options": [{"text": "R&amp;D"}]},
+    }
+    literal = record | {where: sign}
+    assert resolve(literal) is literal
+    assert resolve(record) == {
+        "title": "how to write <b>",
+        "selftext": "&nbsp;",
+        "url": "https://example.org/?a=1&b=2",
+        "poll_data": {"options": [{"text": "R&D"}]},
+    }
+
+
+def test_an_address_is_no_text_and_tells_nothing() -> None:
+    record = {"title": "R&amp;D", "url": "https://example.org/?a=1&copy=2&lt;=3"}
+    assert resolve(record) == {**record, "title": "R&D"}
+
+
+def test_entities_of_comments_in_dumps_are_resolved() -> None:
+    usual = {"parent_id": "t3_p", "link_id": "t3_p", "created_utc": 5, "score": 1, "author": "x"}
+    bodies = {"c1": "a &lt; b", "c2": "a < b &lt;", "c3": "Q&amp;A", "c4": "Q&A &amp; more"}
+    things = [{"kind": "t1", "data": {**usual, "id": k, "body": v}} for k, v in bodies.items()]
+    (table,) = parse.rows([line(things)], "dumps", LINKS)
+    assert table["text"].to_pylist() == ["a < b", "a < b &lt;", "Q&A", "Q&A &amp; more"]
+
+
+@pytest.mark.parametrize(
+    ("given", "parent"),
+    [
+        ({"parent_id": None}, "t3_p"),
+        ({"parent_id": 44445998962}, "t1_kf200aa"),
+        ({"parent_id": 44445998962.0}, "t1_kf200aa"),
+        ({"parent_id": 35}, "t1_z"),
+        *(({"parent_id": odd}, None) for odd in (4.5, -1, 0, True, "", "kf200aa", [1])),
+        ({"parent_id": None, "link_id": None}, None),
+        ({}, None),
+    ],
+)
+def test_a_parent_of_null_is_the_post_and_a_number_is_a_comment(
+    given: dict[str, Any], parent: str | None
+) -> None:
+    usual = {"id": "c", "link_id": "t3_p", "body": "b", "created_utc": 5, "score": 1, "author": "x"}
+    (table,) = parse.rows([line([{"kind": "t1", "data": {**usual, **given}}])], "dumps", LINKS)
+    assert table["parent_id"].to_pylist() == [parent]
+    problems = [one["column"] for one in table["problems"].to_pylist()[0]]
+    assert ("parent_id" in problems) == (parent is None)
+
+
+def test_an_option_without_words_is_no_option() -> None:
+    options = [{"text": None}, {"text": "oak &amp; ash"}, {"text": ""}, {}, {"text": 5}]
+    data = {"id": "p", "title": "t", "poll_data": {"options": options}}
+    (table,) = parse.rows([line([{"kind": "t3", "data": data}])], "dumps", LINKS)
+    assert table["poll_options"].to_pylist() == [["oak & ash", "5"]]
+
+
+def line(things: list[Any]) -> bytes:
+    listing = {"kind": "Listing", "data": {"children": things, "after": None}}
+    return rawlog.encode(Envelope(None, Request("dump/RS.zst", {"offset": 1}), 200, listing))

@@ -56,7 +56,14 @@ PLACEHOLDERS = {
         "[ Removed by Reddit in response to a legal request. ]",
         "[ removed by reddit in response to a copyright notice ]",
         "[ Removed by Reddit on account of violating the [content policy](/help/contentpolicy). ]",
-        "[removed too quickly to be archived]",
+        *(
+            "[removed too quickly to be archived]",
+            "\\[removed\\]",
+            "**[removed]**",
+            "[removed]\u200b",
+        ),
+        *("[removed by the subreddit moderators]", "[ Removed by Reddit admins ]"),
+        *("[Comment removed by moderator]", "[ Post removed by moderator ]"),
     ),
     None: (
         *("removed", "deleted", "[removed", "removed]", "[]", "", "[removed] and [deleted]"),

@@ -16,9 +16,9 @@ import pytest
 import kb.reddit
 from kb.core.errors import LimitReached, SettingError, Unreachable, WriterLocked
 from kb.sandbox.invented_ids import PEOPLE
-from kb.sandbox.server import Sandbox
 from kb.schema import table
 from tests import processes
+from tests.faults import Sandbox
 from tests.reddit.conftest import small_world
 from tests.reddit.work import Work, rows, texts
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from kb.sandbox.server import Sandbox
+from tests.faults import Sandbox
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ from typing import Any
 
 from kb.sandbox.hub.repository import Repository
 from kb.sandbox.hub.service import HubService
-from kb.sandbox.server import Sandbox
 from tests.cli.conftest import clean_environment
+from tests.faults import Sandbox
 from tests.inprocess import Done
 from tests.release.signed import signed
 
@@ -20,7 +20,7 @@ NOW = {"KB_NOW": "2026-11-10T00:00:00Z"}
 
 
 def store(service: Sandbox) -> HubService:
-    return service.servers["hub"].application.hub
+    return service.applications["hub"]
 
 
 def held(service: Sandbox, name: str = REPO) -> Repository:

@@ -5,13 +5,13 @@ from typing import Any
 
 from kb.core.summary import Summary
 from kb.release.publish.publish import publish
-from kb.sandbox.server import Sandbox
-from kb.sandbox.zenodo.service import TOKEN, Deposits
+from kb.sandbox.zenodo import TOKEN, Deposits
+from tests.faults import Sandbox
 from tests.release.conftest import a_run
 
 
 def store(service: Sandbox) -> Deposits:
-    return service.servers["zenodo"].application.deposits
+    return service.applications["zenodo"]
 
 
 def send(

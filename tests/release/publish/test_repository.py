@@ -12,7 +12,7 @@ import pytest
 
 from kb.sandbox.hub.repository import git_blob
 from kb.sandbox.hub.service import STRANGER, TOKEN
-from kb.sandbox.server import Sandbox
+from tests.faults import Sandbox
 from tests.inprocess import Done
 from tests.release.publish.hub_sending import (
     REPO,

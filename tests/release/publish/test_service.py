@@ -17,8 +17,8 @@ from kb.core.errors import (
     Unreachable,
     UsageError,
 )
-from kb.sandbox.server import Sandbox
-from kb.sandbox.zenodo.service import TOKEN
+from kb.sandbox.zenodo import TOKEN
+from tests.faults import Sandbox
 from tests.inprocess import Here
 from tests.release.publish.sending import send
 from tests.release.signed import signed

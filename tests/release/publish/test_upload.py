@@ -16,10 +16,10 @@ from kb.core.errors import (
 )
 from kb.release.build import release
 from kb.release.publish.publish import plan, publish
-from kb.sandbox.server import Sandbox
-from kb.sandbox.zenodo.service import TOKEN
+from kb.sandbox.zenodo import TOKEN
 from tests import processes
 from tests.conftest import ROOT
+from tests.faults import Sandbox
 from tests.release.conftest import a_run
 from tests.release.made import build
 from tests.release.publish.sending import puts, send, store

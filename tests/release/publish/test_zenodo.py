@@ -7,8 +7,8 @@ import pytest
 from kb.core.errors import (
     Interrupted,
 )
-from kb.sandbox.server import Sandbox
-from kb.sandbox.zenodo.service import TOKEN
+from kb.sandbox.zenodo import TOKEN
+from tests.faults import Sandbox
 
 
 def test_an_upload_ends_in_the_midst_of_a_file(tmp_path: Path, service: Sandbox) -> None:

@@ -22,7 +22,7 @@ from huggingface_hub.errors import (
 )
 
 from kb.sandbox.hub.service import READER, STRANGER, TOKEN
-from kb.sandbox.server import Sandbox
+from tests.faults import Sandbox
 
 REPO, KIND = "sandbox-lab/things", "dataset"
 LARGE = bytes(range(256)) * 100
@@ -59,7 +59,7 @@ def filled(sandbox: Sandbox, *, private: bool = False) -> str:
 
 @pytest.mark.parametrize("part", [10_000, 2**20])
 def test_an_object_arrives_whole_in_one_request_or_in_parts(sandbox: Sandbox, part: int) -> None:
-    sandbox.servers["hub"].application.hub.part = part
+    sandbox.applications["hub"].part = part
     filled(sandbox)
     tree = api(sandbox).list_repo_tree(REPO, repo_type=KIND, recursive=True)
     found = {one.path: one for one in tree if isinstance(one, RepoFile)}
@@ -84,7 +84,7 @@ def test_ranges_are_read_alone(sandbox: Sandbox) -> None:
 
 
 def test_a_long_tree_comes_in_pages(sandbox: Sandbox, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("kb.sandbox.hub.answers.TREE_PAGE", 2)
+    monkeypatch.setattr("kb.sandbox.hub.repository.TREE_PAGE", 2)
     filled(sandbox)
     tree = api(sandbox).list_repo_tree(REPO, repo_type=KIND, recursive=True)
     assert sorted(one.path for one in tree) == [

@@ -8,8 +8,8 @@ import requests
 
 from kb.sandbox.reddit.service import CLIENT, SECRET
 from kb.sandbox.reddit.subreddit import Subreddit
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from tests.faults import Sandbox
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ import requests
 
 from kb.core.config.profile import load_profile
 from kb.sandbox.domain import domain_of
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from tests.faults import Sandbox
 from tests.sandbox.answers import ask
 from tests.sandbox.domains import written
 

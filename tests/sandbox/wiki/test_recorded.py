@@ -2,7 +2,7 @@
 
 import pytest
 
-from kb.sandbox.wiki.recorded import RecordedWiki
+from kb.sandbox.wiki.generated import RecordedWiki
 
 
 def test_the_later_state_has_an_edit_a_deletion_a_move_and_a_new_page() -> None:

@@ -2,8 +2,8 @@
 
 import requests
 
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
+from tests.faults import Sandbox
 from tests.sandbox.answers import ask
 
 

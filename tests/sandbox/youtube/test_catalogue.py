@@ -2,7 +2,7 @@
 
 import itertools
 
-from kb.sandbox.server import Sandbox
+from tests.faults import Sandbox
 from tests.sandbox.domains import of_case
 
 

@@ -15,8 +15,8 @@ from kb.core.errors import MissingExtra
 from kb.sandbox.domain import domain_of
 from kb.sandbox.world import World
 from kb.sandbox.youtube.captions import spoken_words
+from kb.sandbox.youtube.cases import Video
 from kb.sandbox.youtube.films import AROUND_S, HEIGHT, WIDTH, Mentions, look_of, write_films
-from kb.sandbox.youtube.uploads import Video
 from tests.conftest import needs
 
 needs("av")

@@ -5,9 +5,8 @@ from collections import Counter
 from kb.core import clock
 from kb.sandbox.speech import Noun
 from kb.sandbox.world import World
-from kb.sandbox.youtube.captions import SpokenWord
+from kb.sandbox.youtube.captions import Rates, SpokenWord, misheard
 from kb.sandbox.youtube.cases import Track
-from kb.sandbox.youtube.hearing import Rates, misheard
 
 NOUNS = [Noun("Iron Sword"), Noun("Iron"), Noun("Kiln")]
 

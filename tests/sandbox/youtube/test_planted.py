@@ -7,9 +7,8 @@ import pytest
 from kb.core import clock
 from kb.sandbox.speech import Sentence
 from kb.sandbox.world import World
-from kb.sandbox.youtube.cases import Track
+from kb.sandbox.youtube.cases import Track, Video
 from kb.sandbox.youtube.planted import FARTHEST, replaced, reworded
-from kb.sandbox.youtube.uploads import Video
 
 TALK = [
     Sentence(0.5, 4.0, "hello everyone and welcome back, today it's all about the kiln"),

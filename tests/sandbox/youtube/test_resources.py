@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from kb.sandbox.server import Sandbox
-from kb.sandbox.youtube import resources as errors
+from kb.sandbox.youtube.service import refusal
+from tests.faults import Sandbox
 from tests.sandbox.answers import form, lacking
 from tests.sandbox.domains import of_case
 
@@ -75,7 +75,7 @@ def test_answers_have_the_recorded_form(
     ],
 )
 def test_errors_have_the_recorded_form(recorded: Path, file: str, make: str) -> None:
-    code, made = errors.refusal(make)
+    code, made = refusal(make)
     real = json.loads((recorded / "youtube" / file).read_text(encoding="utf-8"))
     assert code == real["error"]["code"]
     assert lacking(form(real), form(made)) == []

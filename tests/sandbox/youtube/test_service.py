@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from googleapiclient.errors import HttpError
 
-from kb.sandbox.server import Sandbox
+from tests.faults import Sandbox
 from tests.sandbox.conftest import make_client
 from tests.sandbox.domains import of_case
 

@@ -12,9 +12,9 @@ import requests
 import youtube_transcript_api as api
 from youtube_transcript_api import YouTubeTranscriptApi
 
-from kb.sandbox.server import Sandbox
 from kb.sandbox.youtube import web
 from kb.sandbox.youtube.captions import SpokenCue
+from tests.faults import Sandbox
 from tests.sandbox.answers import form, lacking
 from tests.sandbox.domains import of_case
 from tests.youtube import walls

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from kb.sandbox.zenodo.answers import ZenodoError, checked_metadata
+from kb.sandbox.zenodo import ZenodoError, checked_metadata
 from tests.sandbox.answers import GOOD
 
 

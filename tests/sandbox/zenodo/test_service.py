@@ -4,8 +4,8 @@ import hashlib
 
 import requests
 
-from kb.sandbox.server import Sandbox
-from kb.sandbox.zenodo.service import TOKEN
+from kb.sandbox.zenodo import TOKEN
+from tests.faults import Sandbox
 from tests.sandbox.answers import GOOD
 
 

@@ -7,11 +7,11 @@ import pytest
 from kb.artifacts import domain_binding
 from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData, OtherService
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request, Segment
 from kb.store.state.service_binding import remember
+from tests.faults import Sandbox
 from tests.youtube.job import Job
 
 

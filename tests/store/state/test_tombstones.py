@@ -9,10 +9,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from kb.core.errors import DamagedData
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store.layout import Layout
 from kb.store.state import tombstones
+from tests.faults import Sandbox
 from tests.youtube.job import Job
 
 

@@ -10,9 +10,8 @@ import psutil
 import pytest
 
 from kb.core.errors import MissingExtra, Retryable
-from kb.wiki.browser.browser import Browser
+from kb.wiki.browser.browser import Browser, Pool
 from kb.wiki.browser.chromium import STARTS, DriverProcess, Programs
-from kb.wiki.browser.pool import Pool
 
 
 @pytest.fixture
@@ -69,7 +68,7 @@ ALONE = """
 import sys, threading
 from kb.wiki.browser import chromium
 from kb.wiki.browser.browser import Browser
-from kb.wiki.browser.pool import Pool
+from kb.wiki.browser.browser import Pool
 
 pool = Pool(lambda: Browser(chromium.find(), hosts=[], origins=[],
     user_agent="lorecrawl/test (+test@example.org)", viewport=(400, 300), page_seconds=60), 60)

@@ -29,7 +29,6 @@ from kb.core.errors import (
 from kb.core.progress import Silent
 from kb.export import minedojo_wiki, wiki_tar
 from kb.filters.filter_run import run_clean
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
@@ -39,6 +38,7 @@ from kb.wiki.browser import chromium
 from kb.wiki.browser.browser import Browser
 from kb.wiki.crawl.connector import LAST_SECONDS, crawl
 from tests import processes
+from tests.faults import Sandbox
 from tests.wiki.browser.test_chromium import ended
 
 NOW = "2026-11-20T12:00:00Z"

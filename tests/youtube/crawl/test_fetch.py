@@ -9,9 +9,8 @@ from typing import Any
 
 import pytest
 
-from kb.sandbox.server import Sandbox
-from kb.sandbox.youtube.resources import refusal
-from kb.sandbox.youtube.service import KEY
+from kb.sandbox.youtube.service import KEY, refusal
+from tests.faults import Sandbox
 from tests.sandbox.domains import of_case
 from tests.youtube import walls
 from tests.youtube.job import Job, plain_units

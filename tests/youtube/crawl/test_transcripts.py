@@ -1,16 +1,21 @@
-"""Automatic captions in the form that has word times, and captions that ask for a PO token."""
+"""Transcripts of the web site, with the facts of the player."""
 
 import json
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from kb.sandbox.youtube import web
 from kb.sandbox.youtube.cases import Track
+from kb.schema import raw
+from kb.youtube.crawl.player import facts
 from tests.sandbox.domains import of_case
 from tests.youtube.crawl.test_fetch import CRAWL, finish
 from tests.youtube.job import Job
+from tests.youtube.parse.test_recorded import load
 
 TOMORROW = "2026-11-21T00:30:00Z"  # the day of UTC counts
 EMPTY = {"status": 200, "body": ""}
@@ -158,3 +163,27 @@ def test_without_that_form_the_plain_one_is_read(
     rows = job.rows("SELECT word_times, cues FROM clean.youtube_transcripts")
     assert [row["word_times"] for row in rows] == ["absent"]
     assert all(cue["word_start_s"] is None for cue in rows[0]["cues"])
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "youtube.innertube.json",
+        "youtube_age_restricted.innertube.json",
+        "youtube_video_unavailable.innertube.json",
+        "youtube_transcripts_disabled2.innertube.json",
+    ],
+)
+def test_a_player_s_answer_leaves_no_address_and_nothing_undeclared(
+    name: str, recorded: Path
+) -> None:
+    answer = load(recorded / "youtube" / "transcripts" / name)
+    kept = facts(answer, "")
+    private = r"https?:|//|visitor|2001:db8|INNERTUBE|signature|trackingParams|expire"
+    assert not re.search(private, json.dumps(kept), re.IGNORECASE)
+    assert not raw.unknown_keys("youtube/transcripts", {"player": kept})
+    assert kept["playability"] == answer["playabilityStatus"]["status"]
+    if name == "youtube.innertube.json":
+        assert (kept["width"], kept["height"], kept["fps"]) == (3840, 2160, 24)
+        assert [track["kind"] for track in kept["tracks"]].count("asr") == 1
+        assert len(kept["tracks"]) == 9

@@ -13,11 +13,11 @@ from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import LimitReached, MissingCredential
-from kb.sandbox.server import Sandbox
 from kb.sandbox.world import World
-from kb.sandbox.youtube.uploads import Video
+from kb.sandbox.youtube.cases import Video
 from kb.schema.decode import holdable
 from kb.youtube.crawl import video_list_check as room
+from tests.faults import Sandbox
 from tests.youtube.job import Job
 
 

@@ -1,4 +1,4 @@
-"""Folders of yt-dlp in place of a crawl: what is taken in, what is counted, what comes of it."""
+"""Folders of yt-dlp are imported."""
 
 import json
 import shutil
@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+from kb.youtube.ytdlp.info import playlists
+from kb.youtube.ytdlp.tracks import ListedTracks, TrackKind, kind_of
 from tests.youtube.crawl.test_fetch import CRAWL
 from tests.youtube.job import Job
 from tests.youtube.ytdlp.folder import FORMS, info, spoken, video_id, vtt, write_video
@@ -206,3 +208,73 @@ def test_a_video_without_any_english_track_is_rejected_as_one(job: Job) -> None:
     assert [row["key"] for row in job.rows("SELECT key FROM clean.youtube_pending")] == [
         video_id(2)
     ]
+
+
+def test_the_order_and_names_of_a_folder_do_not_matter(job: Job) -> None:
+    folder = job.place / "videos"
+    keys = [write_video(folder, number, ()) for number in range(4)]
+    track = vtt(spoken("we build a farm", "in minecraft today"), automatic=True)
+    (folder / f"{keys[0]}.en.vtt").write_text(track)
+    (folder / f"Title 1 [{keys[1]}].en-orig.vtt").write_text(track)
+    (folder / f"Title 2 [{keys[2]}].info.json").rename(folder / "Any name.info.json")
+    (folder / "Any name.en-US.vtt").write_text(track)
+    (folder / f"Title 3 [{keys[3]}].de.vtt").write_text(track)  # no English one
+    assert job.done("youtube", "import", str(folder))["subtitles"] == 4
+    filtered = job.done("youtube", "filter")
+    assert {row["video_id"] for row in job.rows(VIDEOS)} == set(keys[:3])
+    assert (filtered["kept"], filtered["pending"]) == (3, 1)
+
+
+def test_raw_keeps_subtitles_verbatim_and_no_address_of_an_info_json(job: Job) -> None:
+    folder = job.place / "videos"
+    key = write_video(folder, 1, tuple(FORMS))
+    job.done("youtube", "import", str(folder))
+    for answer in job.raw("ytdlp_subtitles"):
+        name = f"Title 1 [{key}].en.{answer['response']['format']}"
+        assert answer["response"]["text"] == (folder / name).read_text()
+        assert answer["request"]["params"]["file"] == name
+    (one,) = job.raw("ytdlp_info")
+    text = json.dumps(one)
+    for secret in ("SECRET", "203.0.113.7", "signed.example", "VISITOR", str(job.place)):
+        assert secret not in text
+    kept = one["response"]
+    assert kept["automatic_tracks"] == ["en-orig", "en", "de"]
+    assert kept["chapters"] == [{"start_time": 0.0, "title": "Intro", "end_time": 20.0}]
+
+
+def test_the_first_playlist_by_id_counts_and_uploads_are_none(job: Job) -> None:
+    folder = job.place / "lists"
+    folder.mkdir()
+    for key, numbers in (("UCuploads", (5, 6, 7)), ("PLsecond", (5, 6)), ("PLfirst", (6,))):
+        entries = [info(video_id(number)) for number in numbers]
+        about = {"_type": "playlist", "id": key, "title": key, "extractor_key": "YoutubeTab"}
+        (folder / f"{key}.info.json").write_text(json.dumps({**about, "entries": entries}))
+    job.done("youtube", "import", str(folder))
+    assert playlists(job.root) == {video_id(5): "PLsecond", video_id(6): "PLfirst"}
+
+
+@pytest.mark.parametrize(
+    ("name", "timed", "manual", "automatic", "kind"),
+    [
+        ("en-orig", True, "", "en-orig en", ("asr", "en", "asr")),
+        ("en", True, "", "en-orig en de", ("asr", "en", "asr")),
+        ("en", False, "en", "", ("manual", "en", "manual")),
+        ("en", False, "en", "en-orig en", ("manual", "en", "manual")),
+        ("en", True, "en", "en-orig en", ("asr", "en", "asr")),
+        ("en-GB", False, "en-GB", "en-orig en", ("manual", "en-GB", "manual")),
+        ("en", False, "", "de-orig de en", ("translated", "de", "asr")),
+        ("en", True, "", "de-orig de en", ("translated", "de", "asr")),
+        ("en-de", False, "de", "en-de fr-de", ("translated", "de", "manual")),
+        ("en", True, None, None, ("asr", "en", "asr")),
+        ("en", False, None, None, ("manual", "en", "manual")),
+        ("en-US", False, None, None, ("manual", "en-US", "manual")),
+        ("en-de", False, None, None, ("translated", "de", "manual")),
+    ],
+)
+def test_what_a_track_is(
+    name: str, timed: bool, manual: str | None, automatic: str | None, kind: tuple[str, str, str]
+) -> None:
+    listed = None
+    if manual is not None and automatic is not None:
+        listed = ListedTracks(frozenset(manual.split()), frozenset(automatic.split()))
+    assert kind_of(name, timed, listed) == TrackKind(*kind)

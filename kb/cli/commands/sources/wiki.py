@@ -53,7 +53,7 @@ def crawl(
     API's folder to all crawlers; a rule that names `lorecrawl` is obeyed there too.
     """
     if plan:
-        from kb.wiki.plan import plan_crawl
+        from kb.wiki.crawl.connector import plan_crawl
 
         return plan_crawl(run, titles)
     summary: Summary = pipeline(run, "wiki").crawl(run, titles)

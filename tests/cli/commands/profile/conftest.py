@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import pytest
 
 from kb.cli import main
-from kb.sandbox.server import Sandbox
 from tests.cli.conftest import clean_environment
+from tests.faults import Sandbox
 from tests.reddit.conftest import small_world
 
 GOOD = """\

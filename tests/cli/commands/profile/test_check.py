@@ -5,7 +5,6 @@ from typing import Any
 
 import pytest
 
-from kb.sandbox.server import Sandbox
 from tests.cli.commands.profile.conftest import (
     ERRORS,
     GOOD,
@@ -16,6 +15,7 @@ from tests.cli.commands.profile.conftest import (
     toml,
     written,
 )
+from tests.faults import Sandbox
 
 WARNINGS = [
     toml('["rock garden"]', '["spring"]', 4, 'the everyday word "spring"', "topic_keywords"),

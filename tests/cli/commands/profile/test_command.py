@@ -5,7 +5,6 @@ from typing import Any
 
 import pytest
 
-from kb.sandbox.server import Sandbox
 from tests.cli.commands.profile.conftest import (
     ERRORS,
     GOOD,
@@ -15,6 +14,7 @@ from tests.cli.commands.profile.conftest import (
     summary_of,
     written,
 )
+from tests.faults import Sandbox
 
 
 def place_of(finding: dict[str, Any]) -> str:

@@ -15,9 +15,9 @@ from kb.core.config.profile.check_finding import ERROR
 from kb.core.config.profile.new import KEYWORDS, profile_text
 from kb.core.installation import folder
 from kb.pairs.keywords import NEVER, Keyword, read
-from kb.sandbox.server import Sandbox
 from tests.cli.conftest import Kb, clean_environment
 from tests.core.config.profile.filled import filled
+from tests.faults import Sandbox
 
 ROOT = Path(__file__).resolve().parents[4]
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from kb.sandbox.server import Sandbox
 from tests.cli.commands.profile.conftest import GOOD, Typed, summary_of, written
+from tests.faults import Sandbox
 
 
 def test_online_asks_each_service_once_and_says_what_it_cost(

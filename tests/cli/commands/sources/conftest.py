@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from kb.sandbox.server import Sandbox
+from tests.faults import Sandbox
 from tests.reddit.conftest import small_world
 from tests.youtube.job import Job
 

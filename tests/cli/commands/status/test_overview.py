@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Any
 
 from kb.core.summary import Summary, vocabulary
-from kb.sandbox.server import Sandbox
 from kb.store.lock import writer
 from kb.store.state.frontier import Frontier
 from tests.cli.commands.status.conftest import fill, status
+from tests.faults import Sandbox
 from tests.small_worlds import ITEMS, small_world
 from tests.youtube.job import Job
 

@@ -1,8 +1,7 @@
-"""What of a thread was not read, or was left out, is told by the rows, the summaries, `kb status`
-and the card.
-"""
+"""What other rooms learn from the source: status, plan, passages."""
 
 import shutil
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +9,17 @@ import duckdb
 import pyarrow.parquet as pq
 import pytest
 
+from kb.core.config.profile import load_profile
+from kb.reddit.passages import passages
+from kb.reddit.plan import plan_refresh
 from kb.release.build import describe
 from kb.sandbox.reddit.subreddit import CASES
-from kb.sandbox.server import Sandbox
+from kb.store.lock import writer
+from tests.faults import Sandbox
 from tests.reddit.conftest import small_world
 from tests.reddit.raw import comment, listing, post, write
-from tests.reddit.work import Work
+from tests.reddit.work import LATER, Work
+from tests.search.made import write as write_table
 
 
 @pytest.fixture
@@ -196,3 +200,34 @@ def test_threads_of_a_real_size_can_be_walked_knowingly(whole: Work) -> None:
     assert wrong == [(0,)]
     cut = sum(not row["parent_in_release"] for row in whole.table("clean", "reddit", "comments"))
     assert cut, "the sandbox deletes and removes some"
+
+
+def test_a_plan_waits_for_no_writer(tiny: Work, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("KB_NOW", LATER)
+    files = {path: path.stat().st_mtime_ns for path in tiny.root.rglob("*") if path.is_file()}
+    with writer(tiny.root, "reddit"):
+        planned = plan_refresh(tiny.run())
+    del files[tiny.root / "state" / "reddit.lock"]
+    assert planned["phases"][0]["items"] > 100
+    assert {path: path.stat().st_mtime_ns for path in files} == files
+
+
+NOON = datetime(2023, 1, 1, 12, tzinfo=UTC)
+
+
+def test_a_post_without_a_body_is_a_passage_and_its_comments_follow(tmp_path: Path) -> None:
+    posts = [
+        {"post_id": key, "type": "text", "title": f"Title {key}", "created_utc": NOON}
+        for key in ("a", "b")
+    ]
+    comment = {"comment_id": "c", "post_id": "a", "parent_id": "t3_a", "created_utc": NOON}
+    write_table(tmp_path, "reddit/posts", posts)
+    write_table(tmp_path, "reddit/comments", [{**comment, "body": "feed\nthe wolf"}])
+    made = list(passages(load_profile("minecraft"), tmp_path))
+    assert [(one.key, one.thing, one.title, one.text) for one in made] == [
+        ("t3_a", "a", "Title a", ""),
+        ("t1_c", "a", "Title a", "feed\nthe wolf"),
+        ("t3_b", "b", "Title b", ""),
+    ]
+    assert made[1].url.endswith("/comments/a/_/c/")
+    assert made[1].date == "2023-01-01"

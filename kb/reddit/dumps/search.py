@@ -1,19 +1,27 @@
-"""One subreddit's records in chunks of a dump.
+"""Records in chunks of a dump: of one subreddit, or by their ids.
 
 A whole chunk is searched before anything is parsed. Only lines with a hit are parsed as JSON and
 checked; of the others only the first and last characters are checked.
+
+Ids are opaque: membership of a set decides, never their order. Where all ids are of one subreddit,
+its lines are found as an import finds them and the id decides; else every line is parsed.
 """
 
 import io
-from collections.abc import Callable, Iterable
-from functools import cache, lru_cache
+from bisect import bisect_left
+from collections.abc import Callable, Collection, Iterable
+from itertools import chain
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import pyarrow as pa
 import pyarrow.compute as pc
 from ahocorasick_rs import BytesAhoCorasick
 
-from kb.reddit.dumps.chunks import Chunk, read_object
+from kb.reddit.dumps.files import Chunk, read_object
+from kb.reddit.parse import answer_tree
+from kb.schema.decode import in_batches
+from kb.store.atomic import replacing_folder, write_bytes
 
 CHECKED = 1 << 20  # decompressed bytes at the beginning in which every line is parsed
 
@@ -32,9 +40,6 @@ do not fit the processor's cache, which costs as much as parsing them.
 """
 
 
-Finder = Callable[[bytes | memoryview], list[tuple[int, int, int]]]
-
-
 class SubredditSearch:
     """Finds the records of one subreddit in chunks of a dump, however its name is written.
 
@@ -45,7 +50,9 @@ class SubredditSearch:
     def __init__(self, subreddit: str) -> None:
         self._name = subreddit.lower()
         self._quoted = f'"{self._name}"'.encode()
-        self._folded = finder(bytes(byte | _CASE for byte in self._quoted))
+        # A search for one pattern is vectorized: several times faster than bytes.find.
+        pattern = bytes(byte | _CASE for byte in self._quoted)
+        self._folded = BytesAhoCorasick([pattern]).find_matches_as_indexes
 
     def __call__(self, chunk: Chunk, take: Take) -> ChunkMatches:
         """What a chunk holds; its records are given to `take`, in order."""
@@ -63,20 +70,19 @@ class SubredditSearch:
             record = read_object(data[first:stop])
             hits.add(first)
             if record is None:
-                bad.append(first)
+                if data[first:stop].strip():
+                    bad.append(first)
             elif self._takes(record):
                 taken += 1
                 take(offset + stop - begin, record)
         every = offset < CHECKED or 2 * taken >= lines
         if len(hits) < lines and (every or well_formed < lines):
             at = begin
-            for line in _lines(chunk):
-                if (
-                    at not in hits
-                    and (every or not _is_object_like(line))
-                    and line.strip()
-                    and read_object(line) is None
-                ):
+            # bytes.splitlines would also split at a carriage return
+            for line in io.BytesIO(data[begin:end]).readlines():
+                text = line.strip()
+                suspect = every or not (text.startswith(b"{") and text.endswith(b"}"))
+                if text and suspect and at not in hits and read_object(line) is None:
                     bad.append(at)
                 at += len(line)
         return ChunkMatches(lines, len(bad), offset + min(bad) - begin if bad else None)
@@ -101,14 +107,9 @@ class SubredditSearch:
             place = lower.find(self._quoted, place + 1)
 
 
-@lru_cache(maxsize=64)
-def finder(text: bytes) -> Finder:
-    """A search for one pattern, which is vectorized: several times faster than bytes.find."""
-    return BytesAhoCorasick([text]).find_matches_as_indexes
-
-
 _FEW = 16 << 10  # bytes that a plain search finishes faster than the vectorized one starts
 _CASE = 0x20  # the bit that distinguishes lower from upper case
+_CASES: Any = pa.scalar(int.from_bytes([_CASE] * 8), pa.uint64())
 
 
 def _folded(data: bytes) -> memoryview:
@@ -119,14 +120,9 @@ def _folded(data: bytes) -> memoryview:
     """
     eights = len(data) // 8
     plain = pa.Array.from_buffers(pa.uint64(), eights, [None, pa.py_buffer(data)])
-    return memoryview(pc.call_function("bit_wise_or", [plain, _cases()]).buffers()[1]).cast("B")[
+    return memoryview(pc.call_function("bit_wise_or", [plain, _CASES]).buffers()[1]).cast("B")[
         : eights * 8
     ]
-
-
-@cache
-def _cases() -> Any:
-    return pa.scalar(int.from_bytes([_CASE] * 8), pa.uint64())
 
 
 def _counted(chunk: Chunk) -> tuple[int, int]:
@@ -145,13 +141,66 @@ def _counted(chunk: Chunk) -> tuple[int, int]:
     return len(well_formed), well_formed.count(True)
 
 
-def _lines(chunk: Chunk) -> list[bytes]:
-    """The lines of a chunk with their ends (bytes.splitlines would also split at a carriage
-    return).
+TREE = "tree_"  # before the bare id of a post that is wanted with all comments
+_WANTED, _GONE = "wanted.arrow", "gone"
+
+
+def write_index(
+    names: Iterable[str], trees: Iterable[str], folder: Path, purged: Collection[str] = ()
+) -> None:
+    """Write full names, and bare ids of posts wanted with all comments, for `ById`.
+
+    Names in `purged` are not wanted.
     """
-    return io.BytesIO(chunk.data[chunk.begin : chunk.end]).readlines()
+    wanted = (name for name in chain(names, map(TREE.__add__, trees)) if name not in purged)
+    parts = [pa.array(part, pa.string()) for part in in_batches(wanted, 1 << 16)]
+    column = pc.unique(pa.chunked_array(parts, pa.string()))
+    rows = pa.table({"name": column.take(pc.sort_indices(column))})
+    with replacing_folder(folder) as fresh:
+        with pa.ipc.new_file(str(fresh / _WANTED), rows.schema) as file:
+            file.write_table(rows)
+        write_bytes(fresh / _GONE, "".join(f"{name}\n" for name in sorted(purged)).encode())
 
 
-def _is_object_like(line: bytes) -> bool:
-    line = line.strip()
-    return line.startswith(b"{") and line.endswith(b"}")
+class IdIndex:
+    """What `write_index` wrote into `folder`; processes share the memory of its sorted names."""
+
+    def __init__(self, folder: Path) -> None:
+        with pa.ipc.open_file(pa.memory_map(str(folder / _WANTED))) as file:
+            self._names: Any = file.read_all()["name"].combine_chunks()
+        self.purged = frozenset((folder / _GONE).read_text().splitlines())
+
+    def __contains__(self, name: str) -> bool:
+        at = bisect_left(self._names, name, key=lambda value: value.as_py())
+        return at < len(self._names) and bool(self._names[at].as_py() == name)
+
+
+class ById(SubredditSearch):
+    """Finds posts and comments by id in chunks of a dump, and the comments of some posts.
+
+    With a `subreddit` only its lines are searched, as for an import; without one every line is
+    parsed.
+    """
+
+    def __init__(self, kept: IdIndex, subreddit: str = "") -> None:
+        super().__init__(subreddit)
+        self._kept = kept
+
+    def _positions(self, data: bytes, begin: int, end: int) -> Iterable[int]:
+        if self._name:
+            yield from super()._positions(data, begin, end)
+            return
+        while begin < end:
+            yield begin
+            begin = data.find(b"\n", begin) + 1
+
+    def _takes(self, record: dict[str, Any]) -> bool:
+        if self._name and not super()._takes(record):
+            return False
+        key = record.get("id")
+        if not isinstance(key, str):
+            return False
+        if "title" in record:
+            return f"t3_{key}" in self._kept or f"{TREE}{key}" in self._kept
+        post = answer_tree.bare(record.get("link_id"))
+        return f"t1_{key}" in self._kept or f"{TREE}{post}" in self._kept

@@ -1,11 +1,9 @@
-"""Planned faults of the sandbox's services, and the ledger of the requests that they received.
+"""The sandbox with planned faults, and the ledger of the requests that its services received.
 
-    faults = Faults()
-    faults.add("/youtube/v3/videos", status=503, times=2)          # the next two
-    faults.add("/youtube/v3/videos", after=3, reset=True)          # the fourth: connection reset
-    fault = faults.add("/watch", hold=True); fault.arrived.wait(); fault.release()
-
-A service is mounted as `faults.wrap("wiki", application)`.
+with Sandbox(World()) as sandbox:
+    sandbox.faults.add("/youtube/v3/videos", status=503, times=2)  # the next two
+    sandbox.faults.add("/youtube/v3/videos", after=3, reset=True)  # the fourth: connection reset
+    fault = sandbox.faults.add("/watch", hold=True); fault.arrived.wait(); fault.release()
 """
 
 import json
@@ -20,7 +18,9 @@ from time import time
 from typing import Any
 from urllib.parse import parse_qsl, urlencode
 
-Wsgi = Callable[[dict[str, Any], Callable[..., Any]], Iterable[bytes]]
+from kb.sandbox import server
+from kb.sandbox.server import Wsgi
+
 _SECRET = {"key", "access_token", "client_secret", "password", "refresh_token", "code"}
 
 
@@ -240,3 +240,24 @@ def _cut(
     kept = [pair for pair in headers if pair[0].lower() != "content-length"]
     start(status, [*kept, ("Content-Length", str(length))])
     return [data]
+
+
+class Sandbox(server.Sandbox):
+    """The services behind one fault plan, with every request in the ledger."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        self.faults = Faults()
+        super().__init__(*args, **options)
+
+    def mounted(self, name: str) -> Wsgi:
+        return self.faults.wrap(name, self.applications[name])
+
+    @property
+    def ledger(self) -> Ledger:
+        """Every request so far."""
+        return self.faults.ledger
+
+    def stop(self) -> None:
+        """Release held requests and stop listening."""
+        self.faults.clear()
+        super().stop()

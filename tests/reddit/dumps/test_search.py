@@ -1,14 +1,15 @@
-"""Records of one subreddit are found however its name is written."""
+"""Records of dumps are found by their subreddit or their ids."""
 
 import json
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
 from kb.reddit.crawl.importer import import_dumps
-from kb.reddit.dumps.chunks import Chunk
-from kb.reddit.dumps.subreddit_search import CHECKED, SubredditSearch
+from kb.reddit.dumps.files import Chunk
+from kb.reddit.dumps.search import CHECKED, ById, IdIndex, SubredditSearch, write_index
 from tests.reddit.dumped import imported, post, run_in, write
 
 
@@ -76,3 +77,29 @@ def test_search_finds_what_reading_every_line_finds(lines, start):
     assert found.first_bad == (
         start + sum(len(line) + 1 for line in lines[: bad[0]]) if bad else None
     )
+
+
+def test_ids_of_any_length_and_kind(tmp_path: Path) -> None:
+    write_index(
+        ["t3_a", "t1_abcdefg", "t1_abcdefgh", "t3_abcdefghijk"], ["tree1"], tmp_path / "ids"
+    )
+    search = ById(IdIndex(tmp_path / "ids"))
+    lines = [
+        {"id": "a", "title": ""},
+        {"id": "a", "body": ""},  # a comment of that id was not asked for
+        {"id": "abcdefg", "body": ""},
+        {"id": "abcdefgh", "body": ""},
+        {"id": "abcdefghi", "body": ""},
+        {"id": "abcdefghijk", "title": ""},
+        {"id": "x", "media": {"id": "a"}, "title": ""},
+        {"body": "", "link_id": "t3_tree1", "id": "reply"},
+        {"id": "tree1", "title": "", "body": '"id":"a"'},
+        {"id": 7, "title": ""},
+    ]
+    for separators in ((",", ":"), None):
+        data = b"".join(json.dumps(one, separators=separators).encode() + b"\n" for one in lines)
+        taken: list[object] = []
+        chunk = Chunk(1 << 30, data, 0, len(data))
+        found = search(chunk, lambda _, record, taken=taken: taken.append(record["id"]))
+        assert taken == [*("a", "abcdefg", "abcdefgh", "abcdefghijk", "reply", "tree1")]
+        assert (found.lines, found.bad_lines) == (len(lines), 0)
