@@ -15,10 +15,10 @@ import os
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from kb import __version__
 from kb.artifacts import index, manifest
 from kb.artifacts.manifest import Manifest
 from kb.artifacts.table_catalog import Catalog
@@ -189,7 +189,7 @@ def _release_settings(run: Run) -> dict[str, Any]:
     texts_ = run.profile.path.read_bytes() if run.profile.path.is_file() else b""
     values = _values(run.profile, ("",))
     made_with = {
-        "lorecrawl": __version__,
+        "lorecrawl": version("lorecrawl"),
         "lock file": (lock_digest() or "")[:12],
         "SOURCE_DATE_EPOCH": os.environ.get("SOURCE_DATE_EPOCH"),
     }
@@ -307,8 +307,8 @@ def plan(run: Run, names: Iterable[str]) -> Reasons:
 
 
 def stale(run: Run, *names: str) -> Reasons:
-    """What is out of date of these artifacts and of all that they are made of; nothing in a
-    download, and where nothing can be made again.
+    """What is out of date of these artifacts and of all that they are made of, as far as it was
+    made here; nothing in a download, and where nothing can be made again.
     """
     if Catalog(run.root.absolute()).is_download:
         return {}
@@ -317,7 +317,8 @@ def stale(run: Run, *names: str) -> Reasons:
     for name in reversed(every):
         if name in wanted and name != RELEASE:
             wanted |= set(ARTIFACTS[name].inputs)
-    return plan(run, [name for name in every if name in wanted])
+    there = [one for one in every if one in wanted and manifest.read(run.root, one) is not None]
+    return plan(run, there)
 
 
 def lines(found: Reasons) -> list[str]:

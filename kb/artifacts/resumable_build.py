@@ -69,7 +69,7 @@ class PartedBuild:
         left of its parts. Raises DamagedData where a file of it is missing.
         """
         known = self.known()
-        if known is None or known.figures.get("parts") != self.folder.name:
+        if known is None or known.figures.get("made_in") != self.folder.name:
             return False
         if not known.figures.get("complete", True):
             return False
@@ -129,7 +129,7 @@ class PartedBuild:
             self.root, self._name, inputs=self._inputs, settings=self._settings
         ) as build:
             yield build
-            build.figures = {"complete": complete, "parts": self.folder.name, **build.figures}
+            build.figures = {"complete": complete, "made_in": self.folder.name, **build.figures}
         if complete:
             shutil.rmtree(self.folder)
 
@@ -155,5 +155,5 @@ def clear_finished(root: Path, name: str) -> None:
     """
     known = manifest.read(root, name)
     if known is not None and known.figures.get("complete"):
-        parts = Layout(root).state_folder(name) / str(known.figures.get("parts"))
+        parts = Layout(root).state_folder(name) / str(known.figures.get("made_in"))
         shutil.rmtree(parts, ignore_errors=True)

@@ -48,3 +48,110 @@ def test_empty_is_a_size(job: Job) -> None:
         done = job.kb(*step.split())
         assert done.returncode == 0, f"kb {step}: {done.stderr}"
     job.done("verify")  # exit 0: an empty list is whole
+
+
+def edit(job: Job, name: str, *changes: tuple[str, str]) -> None:
+    path = job.place / "profile" / name
+    text = path.read_text(encoding="utf-8")
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    path.write_text(text, encoding="utf-8")
+
+
+def files(root: Path, *folders: str) -> dict[str, tuple[int, int, bytes]]:
+    """Inode, time of change and content of each file of the folders."""
+    found = {}
+    for folder in folders:
+        for path in sorted((root / folder).rglob("*")):
+            if path.is_file():
+                it = path.stat()
+                found[str(path.relative_to(root))] = it.st_ino, it.st_mtime_ns, path.read_bytes()
+    return found
+
+
+MADE = (
+    "clean",
+    "pairs",
+    "tasks",
+    "links",
+    "index",
+    "report",
+    "release",
+    "export",
+    "state/manifests",
+)
+
+
+def planned(job: Job, *names: str) -> dict[str, list[str]]:
+    return {one["artifact"]: one["reasons"] for one in job.done("build", *names, "--plan")["steps"]}
+
+
+def test_a_second_run_writes_nothing_and_a_change_is_named(job: Job) -> None:
+    done = job.done("build")
+    assert done["failed"] == 0 and done["made"] == len(done["steps"]) == 14
+    assert {one["outcome"] for one in done["steps"]} == {"made"}
+    before = files(job.root, *MADE)
+    again = job.done("build")
+    assert (again["made"], again["current"], again["steps"]) == (0, 14, [])
+    assert files(job.root, *MADE) == before
+    assert "nothing is left to do" in job.kb("status").stdout
+
+    edit(job, "profile.toml", ("min_views = 100", "min_views = 100_000"))
+    plan = planned(job)
+    assert plan["clean/youtube"] == ["youtube.min_views 100 → 100000"]
+    assert plan["release/pairs"] == ["pairs"]
+    assert not {"clean/reddit", "release/reddit", "index/reddit"} & plan.keys()
+    assert [one["reasons"] for one in job.done("status")["stale"]] == list(plan.values())
+    refused = job.kb("release")
+    assert refused.returncode == 1
+    assert "youtube.min_views 100 → 100000" in refused.stderr and "kb build" in refused.stderr
+    assert files(job.root, *MADE) == before
+    job.done("youtube", "filter")
+    assert job.kb("release").returncode == 1  # pairs of videos that were dropped
+    job.done("build")
+    job.done("release")
+    assert planned(job) == {}
+
+
+def test_keywords_are_named_by_lines_and_what_turns_out_the_same_is_left(job: Job) -> None:
+    job.done("build")
+    edit(job, "keywords.tsv", ("keyword\t", "# a remark\nkeyword\t"))
+    assert list(planned(job)) == []  # a remark says nothing
+    text = (job.place / "profile" / "keywords.tsv").read_text(encoding="utf-8")
+    added = "".join(f"Zzqx{word}\tthing\t\t\n" for word in ("one", "two", "three"))
+    (job.place / "profile" / "keywords.tsv").write_text(text + added, encoding="utf-8")
+    plan = planned(job)
+    assert plan["pairs"] == ["keywords.tsv, 3 lines"]
+    assert "clean/youtube" not in plan
+    before = files(job.root, "release/pairs")
+    steps = {one["artifact"]: one["outcome"] for one in job.done("build", "pairs")["steps"]}
+    assert steps == {"pairs": "made", "release/pairs": "unchanged"}  # nobody says these words
+    assert files(job.root, "release/pairs") == before
+
+
+def test_formats_are_made_when_they_are_named(job: Job) -> None:
+    job.done("build", "text")
+    assert (job.root / "export/text/youtube.jsonl").is_file()
+    assert not (job.root / "pairs").exists()
+    before = files(job.root, "export")
+    assert job.done("build", "text")["made"] == 0
+    assert files(job.root, "export") == before
+    assert not any(name.startswith("export/") for name in planned(job))
+    refused = job.kb("build", "nothing")
+    assert refused.returncode == 2 and "'nothing'" in refused.stderr
+
+
+def test_after_a_failure_everything_else_is_still_made(job: Job) -> None:
+    """Of YouTube nothing is kept, which is a size; damaged raw data of Reddit are a failure."""
+    edit(job, "profile.toml", ("min_views = 100", "min_views = 500_000_000"))
+    (segment, *_) = sorted((job.root / "raw/reddit/posts").glob("*.zst"))
+    data = segment.read_bytes()
+    segment.write_bytes(data[: len(data) // 2])
+    done = job.done("build", code=1)
+    outcomes = {one["artifact"]: one["outcome"].partition(":")[0] for one in done["steps"]}
+    assert outcomes["clean/youtube"] == outcomes["clean/reddit"] == "failed"
+    assert outcomes["pairs"] == outcomes["release/pairs"] == "made"
+    assert outcomes["release/reddit"] == outcomes["links"] == "left out"
+    segment.write_bytes(data)
+    assert job.done("build")["failed"] == 0

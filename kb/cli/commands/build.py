@@ -115,9 +115,9 @@ def _make(run: Run, size: int, found: dict[str, list[str]], steps: list[dict[str
         return summary
     name, first = failures[0]
     more = f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""
-    error = FatalError(f"{name}{more} failed: {first}", hint=first.hint)
-    error.summary = summary
-    raise error
+    ended = FatalError(f"{name}{more} failed: {first}", hint=first.hint)
+    ended.summary = summary
+    raise ended
 
 
 def _make_one(run: Run, name: str) -> None:

@@ -153,7 +153,7 @@ def _waiting(root: Path, source: str) -> dict[str, int]:
     """Pending rows of the last filter, by reason."""
     counts: Counter[str] = Counter()
     for path in parquet_files(Layout(root).clean(source) / "pending"):
-        counts.update(parquet.read_table(path, columns=["reason"])["reason"].to_pylist())
+        counts.update(map(str, parquet.read_table(path, columns=["reason"])["reason"].to_pylist()))
     return dict(sorted(counts.items()))
 
 
