@@ -89,4 +89,4 @@ bench: setup              ## the benchmarks, as ratios side by side in one run
 lock: setup               ## resolve .ci/requirements.lock again (for developers)
 	@"$(HERE).ci/lock"
 reference: setup          ## write the reference pages again (for developers)
-	@cd "$(HERE)" && .venv/bin/python -m kb.cli.reference
+	@cd "$(HERE)" && .venv/bin/python -m tests.docs.reference

@@ -18,7 +18,7 @@ from pathlib import Path
 from kb.annotate.word_count import word_count_of_lists
 from kb.artifacts import domain_binding
 from kb.artifacts.measures import check_pairs, write_measure
-from kb.core.config.profile.pairs import Pairs
+from kb.core.config.profile.products import Pairs
 from kb.core.context import Run
 from kb.core.errors import LimitReached
 from kb.core.summary import Summary

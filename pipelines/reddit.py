@@ -10,7 +10,7 @@ from functools import partial
 
 from kb.annotate import toxicity
 from kb.core.config.profile import Profile
-from kb.core.config.profile.reddit import RedditSection
+from kb.core.config.profile.collecting import RedditSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts

@@ -12,7 +12,7 @@ from dataclasses import replace
 from kb.artifacts.restore import RestoreJob, choose, write_missing
 from kb.core.config.pipeline import load, locate
 from kb.core.config.profile import Profile
-from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary import plan as planned

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from kb.annotate import toxicity
 from kb.core.config.profile import Profile
-from kb.core.config.profile.wiki import WikiSection
+from kb.core.config.profile.collecting import WikiSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts

@@ -12,7 +12,7 @@ from pathlib import Path
 from kb.annotate import toxicity
 from kb.annotate.word_count import word_count_of_lists
 from kb.core.config.profile import Profile
-from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.export import layouts
@@ -65,7 +65,13 @@ def stages(p: Profile) -> tuple[Predicate, ...]:
     section, limit = p.section(YouTubeSection), p.toxicity.threshold("youtube")
     return (
         THERE,
-        Topic(section.game_ids, section.category_ids, section.words, gate(p)),
+        Topic(
+            section.game_ids,
+            section.category_ids,
+            section.words,
+            gate(p),
+            imported_known=section.imported_topic == "known",
+        ),
         *gate(p),
         *none_above(limit, SCORES, "toxicity.thresholds.youtube"),
         *(transcript_required() if section.transcripts == "required" else ()),

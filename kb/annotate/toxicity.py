@@ -152,9 +152,9 @@ class ToxicityScorer:
         # cores.
         if not local and job.device != "cuda" and job.precision != "bf16":
             prepare(job.checkpoint)  # once here, not by every worker at the same time
-        with make_executor(
-            self.run.engine, 1 if local else self.run.workers, self.run.scheduler
-        ) as executor:
+        run, most = self.run, self.run.workers if self.run.asked else None
+        count = 1 if local else run.workers
+        with make_executor(run.engine, count, run.scheduler, run.root, most) as executor:
             waiting: list[list[str]] = []
 
             def tasks() -> Iterable[tuple[Any, ...]]:
@@ -164,7 +164,7 @@ class ToxicityScorer:
 
             scored = exact = 0
             for result in map_in_order(
-                executor, score_chunk, tasks(), 1 if local else 2 * self.run.workers + 2
+                executor, score_chunk, tasks(), 1 if local else executor.window + 2
             ):
                 hashes = waiting.pop(0)
                 self.scores.write(hashes, result["scores"], result["precisions"], result["classes"])

@@ -143,8 +143,8 @@ def over_segments(
     large = sum(path.stat().st_size for path in paths) > _PARALLEL
     workers = run.workers if large and not in_order else 1
     engine = run.engine if workers > 1 else "local"
-    with make_executor(engine, workers, run.scheduler) as executor:
-        yield from map_in_order(executor, function, tasks, window=2 * workers)
+    with make_executor(engine, workers, run.scheduler, run.root) as executor:
+        yield from map_in_order(executor, function, tasks, window=executor.window)
 
 
 def check_readable(root: Path, source: str, threads: int) -> None:

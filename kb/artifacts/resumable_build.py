@@ -22,7 +22,7 @@ from kb.artifacts import freshness, manifest
 from kb.artifacts.manifest import Build, Manifest
 from kb.artifacts.table_catalog import Catalog
 from kb.core.context import Run
-from kb.core.engine import make_executor, map_in_order
+from kb.core.engine import executor_of, map_in_order
 from kb.schema import table
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.atomic import write_text
@@ -102,10 +102,10 @@ class PartedBuild:
         size = sum(path.stat().st_size for path in inputs) if todo else 0
         with (
             run.progress.task(self._name, total=sum(one.size for one in todo), unit=unit) as task,
-            make_executor(run.engine, run.processes(size), run.scheduler) as executor,
+            executor_of(run, size) as executor,
         ):
             tasks = ((str(self.folder), one.name, *one.arguments) for one in todo)
-            made = map_in_order(executor, make_part, tasks, window=2 * run.workers)
+            made = map_in_order(executor, make_part, tasks, window=executor.window)
             for part, more in zip(todo, made, strict=True):
                 counts = {name: counts.get(name, 0) + number for name, number in more.items()}
                 task.advance(part.size, **counts)

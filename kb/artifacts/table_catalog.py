@@ -253,16 +253,13 @@ def nearest(path: Path) -> Path | None:
         siblings = {one.name: one for one in _folders(path.parent)}
         like = [siblings[name] for name in difflib.get_close_matches(path.name, siblings, 3)]
         tries = [*_two_levels(like), *_two_levels(siblings.values()), *tries]
-    return next((one for one in tries if _holds_data(one)), None)
+    held = (one for one in tries if Layout(one).state_folder().is_dir() or Catalog(one).views)
+    return next(held, None)
 
 
 def _two_levels(folders: Iterable[Path]) -> list[Path]:
     some = list(folders)
     return [*some, *(inner for one in some for inner in _folders(one))]
-
-
-def _holds_data(path: Path) -> bool:
-    return Layout(path).state_folder().is_dir() or bool(Catalog(path).views)
 
 
 def is_root(path: Path) -> bool:

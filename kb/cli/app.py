@@ -9,7 +9,7 @@ import typer.core
 
 from kb import __version__
 from kb.cli.framework import messages
-from kb.cli.framework.usage_errors import refuse_unknown
+from kb.cli.framework.exit_codes import refuse_unknown
 from kb.core.sources import SOURCES
 
 # name -> one line for `kb --help`
@@ -47,39 +47,39 @@ def _loaded(name: str) -> Any:  # noqa: PLR0915  a list of imports
     """The click command of a name in TREE. Imports its module."""
     match name:
         case "youtube":
-            from kb.cli.commands.sources.youtube import app
+            from kb.cli.commands.sources import youtube_app as app
         case "wiki":
-            from kb.cli.commands.sources.wiki import app
+            from kb.cli.commands.sources import wiki_app as app
         case "reddit":
-            from kb.cli.commands.sources.reddit import app
+            from kb.cli.commands.sources import reddit_app as app
         case "build":
             from kb.cli.commands.build import app
         case "restore":
-            from kb.cli.commands.restore import app
+            from kb.cli.commands.publish import restore_app as app
         case "models":
-            from kb.cli.commands.toxicity import models_app as app
+            from kb.cli.commands.derived import models_app as app
         case "annotate":
-            from kb.cli.commands.toxicity import annotate_app as app
+            from kb.cli.commands.derived import annotate_app as app
         case "pairs":
             from kb.cli.commands.pairs import app
         case "tasks":
-            from kb.cli.commands.tasks import app
+            from kb.cli.commands.derived import tasks_app as app
         case "clips":
             from kb.cli.commands.clips import app
         case "label":
             from kb.cli.commands.label import app
         case "links":
-            from kb.cli.commands.links import app
+            from kb.cli.commands.derived import links_app as app
         case "release":
-            from kb.cli.commands.release import app
+            from kb.cli.commands.publish import release_app as app
         case "report":
-            from kb.cli.commands.report import app
+            from kb.cli.commands.derived import report_app as app
         case "status":
             from kb.cli.commands.status.command import app
         case "verify":
-            from kb.cli.commands.verify import app
+            from kb.cli.commands.maintain import verify_app as app
         case "profile":
-            from kb.cli.commands.profile.command import app
+            from kb.cli.commands.profile import app
         case "index":
             from kb.cli.commands.search import index_app as app
         case "search":
@@ -89,15 +89,15 @@ def _loaded(name: str) -> Any:  # noqa: PLR0915  a list of imports
         case "query":
             from kb.cli.commands.query import app
         case "explore":
-            from kb.cli.commands.explore import app
+            from kb.cli.commands.search import explore_app as app
         case "refresh":
-            from kb.cli.commands.sources.refresh import app
+            from kb.cli.commands.maintain import refresh_app as app
         case "purge":
-            from kb.cli.commands.sources.purge import app
+            from kb.cli.commands.maintain import purge_app as app
         case "sandbox":
-            from kb.cli.commands.sandbox import app
+            from kb.cli.commands.demo import sandbox_app as app
         case "demo":
-            from kb.cli.commands.demo import app
+            from kb.cli.commands.demo import demo_app as app
         case _:
             from kb.cli.framework.source_commands import app_of
 

@@ -98,7 +98,7 @@ def build(
         run.progress.task("clips", total=len(shards), unit="shards") as task,
         make_executor("local", min(run.workers, max(1, len(shards)))) as executor,
     ):
-        for report in map_in_order(executor, cut_shard, todo, window=2 * run.workers):
+        for report in map_in_order(executor, cut_shard, todo, window=executor.window):
             reports.append(report)
             task.advance(1, clips=len(report.clips))
     left_out = [one for report in reports for one in report.left_out]

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from kb.core.progress import Progress, Silent
+from kb.core.progress import Progress
 
 if TYPE_CHECKING:  # commands name the Run in their signatures; `kb --help` loads no pydantic
     from pathlib import Path
@@ -43,7 +43,7 @@ class Run:
     engine: str = "local"
     scheduler: str | None = None
     pipeline: str | None = None
-    progress: Progress = field(default_factory=Silent)
+    progress: Progress = field(default_factory=Progress)
 
     def processes(self, size: int) -> int:
         """How many worker processes are worth starting for `size` bytes of files; a cluster's are

@@ -1,6 +1,7 @@
 """The executor of `--engine dask`: tasks go to the workers of a Dask cluster.
 
-Every worker needs the same Lorecrawl and sees the data root under the same path (a shared folder).
+Every worker needs this Lorecrawl, these packages and this Python, and sees the data root under the
+same path (a shared folder): each one is asked before it gets a task, also one that joins late.
 A task that was on a worker that died is run again on another one: tasks write whole files or none.
 Every wait goes in short slices: a signal, a lost scheduler and a cluster without workers end it.
 Source: https://distributed.dask.org/en/stable/client.html, …/resilience.html
@@ -9,28 +10,40 @@ Source: https://distributed.dask.org/en/stable/client.html, …/resilience.html
 import asyncio
 import concurrent.futures
 import contextlib
+import importlib.metadata
 import importlib.util
 import logging
 import os
+import platform
 import re
+import secrets
 import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
+from pathlib import Path
 from typing import Any
 
 from kb import __version__
 from kb.core import clock, signals
 from kb.core.arrow_without_pandas import without_pandas
-from kb.core.errors import FatalError, KbError, MissingExtra, SettingError, Unreachable
-from kb.core.installation import install_extra
+from kb.core.errors import FatalError, MissingExtra, SettingError, Unreachable
+from kb.core.installation import code_digest, install_extra
 
 CONNECT_S, WORKERS_S = 15.0, 120.0  # a queue may take its time to start the first worker
 SLICE_S, LOOK_S = 0.2, 3.0  # between looks for a signal; between questions after the workers
+ANSWER_S = 10.0  # for a worker's answer to what it has
 HAND_S = 10.0  # how long the task in hand may take to end after a signal
+_TRIES = 3  # of a task whose workers have all gone
 _log = logging.getLogger("kb.dask")
 _ADDRESS = re.compile(r"(tcp|tls|ws|wss|ucx|inproc)://.+|[\w.\-]+:\d+")
 # What a worker must know of this process to give the same bytes.
 _SHARED = ("KB_NOW", "SOURCE_DATE_EPOCH")
+_ROOT = "data root"
+# What makes bytes. A package that this process lacks may be missing elsewhere too.
+_PACKAGES = (
+    *("ahocorasick-rs", "duckdb", "lingua-language-detector", "msgspec", "numpy", "onnxruntime"),
+    *("orjson", "pillow", "pyarrow", "rensa", "tokenizers", "torch", "transformers", "zstandard"),
+)
 
 
 def check(scheduler: str | None) -> None:
@@ -41,22 +54,38 @@ def check(scheduler: str | None) -> None:
         raise SettingError(
             f"--scheduler is {scheduler!r}", hint="write it like tcp://10.0.0.1:8786"
         )
+    if scheduler and scheduler.startswith("tls://"):
+        import dask
+        import distributed  # noqa: F401  its settings
+
+        if not dask.config.get("distributed.comm.tls.ca-file", None):
+            raise SettingError(
+                f"--scheduler is {scheduler}, and no certificates are set",
+                hint="set DASK_DISTRIBUTED__COMM__TLS__CA_FILE, …__TLS__CLIENT__CERT and"
+                " …__TLS__CLIENT__KEY; see docs/many-machines.md",
+            )
 
 
 @contextlib.contextmanager
-def dask_executor(scheduler: str | None, workers: int = 1) -> Iterator[Executor]:
+def dask_executor(
+    scheduler: str | None, workers: int = 1, root: Path | None = None, most: int | None = None
+) -> Iterator["Pool"]:
     """An executor on the cluster at `scheduler`, or on one of `workers` processes that ends with
-    the block.
+    the block. At most `most` tasks are on their way at once.
 
-    Raises MissingExtra, SettingError (no such kind of address), Unreachable (no scheduler, or no
-    worker in time), Interrupted, FatalError (workers without this Lorecrawl, or ones that keep
+    Raises MissingExtra, SettingError (no such kind of address, or a worker that is not fit),
+    Unreachable (no scheduler, or no worker in time), Interrupted, FatalError (workers that keep
     dying).
     """
     check(scheduler)
     import dask
     from distributed import Client, LocalCluster
 
-    _hush()
+    # What Dask logs about lost connections is said by this project's errors; its loggers have
+    # levels of their own.
+    known = [name for name in logging.root.manager.loggerDict if name.startswith("distributed.")]
+    for name in ("distributed", *known):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
         stack.enter_context(
             dask.config.set({"distributed.comm.timeouts.connect": f"{CONNECT_S:.0f}s"})
@@ -84,32 +113,58 @@ def dask_executor(scheduler: str | None, workers: int = 1) -> Iterator[Executor]
         except (OSError, TimeoutError) as error:
             raise _unreachable(f"no Dask scheduler at {where} ({type(error).__name__})") from None
         stack.callback(_close, client)
-        pool = _Pool(_Cluster(client, where))
-        _same_lorecrawl(pool)
+        pool = Pool(Cluster(client, where, root), most)
         try:
             yield pool
         finally:
             pool.shutdown(cancel_futures=True)
 
 
-class _Cluster:
-    """A cluster whose scheduler may go away and that may lose its workers, or have none yet."""
+class Cluster:
+    """The workers of a scheduler that may go away, lose workers, or have none yet.
 
-    def __init__(self, client: Any, where: str) -> None:
-        self.client, self._where = client, where
+    `fit` are the threads of those that were asked and are as this process, by address; `unfit` says
+    of others how they differ. Raises as `dask_executor`.
+    """
+
+    def __init__(self, client: Any, where: str, root: Path | None = None) -> None:
+        self.client, self._where, self._root = client, where, root
+        self.fit: dict[str, int] = {}
+        self.unfit: dict[str, str] = {}
         self._asked = clock.monotonic()
         self._alone: float | None = None  # since when it has no worker
-        while not self.workers():
+        self.look()
+        while not self.fit and not self.unfit:
             signals.stop.check()
             self.check()
             signals.stop.wait(SLICE_S)
+            self.look()
+        if self.unfit:
+            address, why = next(iter(self.unfit.items()))
+            others = f" (and {len(self.unfit) - 1} more)" if len(self.unfit) > 1 else ""
+            raise SettingError(
+                f"the Dask worker {address} {why}{others}",
+                hint="every machine needs this Lorecrawl, these packages and the same data root"
+                " under the same path; start workers again after an upgrade",
+            )
 
-    def workers(self) -> int:
-        """How many workers the scheduler has now; 0 also when it doesn't answer."""
+    def look(self) -> set[str]:
+        """Ask the scheduler for its workers, and new ones what they have; the addresses of those
+        that are there, none when it doesn't answer.
+        """
         try:
-            return len(self.client.sync(self.client.scheduler.ncores, callback_timeout=LOOK_S))
+            there = self.client.sync(self.client.scheduler.ncores, callback_timeout=LOOK_S)
         except (OSError, TimeoutError, asyncio.CancelledError):
-            return 0
+            return set()
+        for gone in self.fit.keys() - there:
+            del self.fit[gone]
+        new = [address for address in there if address not in {**self.fit, **self.unfit}]
+        for address, why in self._differences(new) if new else ():
+            if why:
+                self.unfit[address] = why
+            else:
+                self.fit[address] = there[address]
+        return set(there)
 
     def check(self) -> None:
         """Raise Unreachable when the scheduler is lost, or no worker was there for `WORKERS_S`."""
@@ -118,8 +173,12 @@ class _Cluster:
         now = clock.monotonic()
         if now - self._asked < LOOK_S:
             return
-        self._asked = now
-        if self.workers():
+        self._asked, known = now, set(self.unfit)
+        self.look()
+        for address in self.unfit.keys() - known if self.fit else ():
+            why = self.unfit[address]
+            _log.warning("the Dask worker %s gets no work: it %s", address, why)
+        if self.fit:
             self._alone = None
         elif self._alone is None:
             self._alone = now
@@ -134,34 +193,96 @@ class _Cluster:
             hint="start it again; the same command resumes",
         )
 
+    def _differences(self, addresses: list[str]) -> Iterator[tuple[str, str]]:
+        """How each of these workers differs from this process, "" for one that does not."""
+        token = None
+        if self._root is not None:
+            token = self._root / "state" / f".dask-{secrets.token_hex(8)}.tmp"
+            token.parent.mkdir(parents=True, exist_ok=True)
+            token.write_text(token.name, encoding="utf-8")
+        try:
+            ours = description(str(token or ""))
+            theirs = self.client.sync(_ask, self.client, addresses, str(token or ""))
+        finally:
+            if token is not None:
+                token.unlink(missing_ok=True)
+        for address, answer in zip(addresses, theirs, strict=True):
+            if isinstance(answer, TimeoutError):
+                yield address, f"does not answer within {ANSWER_S:.0f} s"
+            elif not isinstance(answer, dict):
+                yield address, f"can't run this Lorecrawl ({type(answer).__name__}: {answer})"
+            else:
+                differing = [name for name in ours if answer.get(name) != ours[name]]
+                if _ROOT in differing:
+                    yield address, f"does not see the {_ROOT} {self._root}"
+                else:
+                    has = (f"{one} {answer.get(one, 'none')}, not {ours[one]}" for one in differing)
+                    yield address, f"has {'; '.join(has)}" if differing else ""
 
-class _Pool(Executor):
-    """`concurrent.futures` in front of a Dask client."""
 
-    def __init__(self, cluster: _Cluster) -> None:
-        self._inner, self._cluster = cluster.client.get_executor(pure=False), cluster
+async def _ask(client: Any, addresses: list[str], token: str) -> list[Any]:
+    """What each worker says of itself, or the error instead."""
+
+    async def one(address: str) -> Any:
+        asked = client._run(
+            description, token, workers=[address], wait=True, nanny=False, on_error="return"
+        )
+        return (await asyncio.wait_for(asked, ANSWER_S))[address]
+
+    return await asyncio.gather(*map(one, addresses), return_exceptions=True)
+
+
+def description(token: str) -> dict[str, str]:
+    """What must be equal on all machines of a run; runs on a worker. `token` is a file that the
+    client has just written into the data root.
+    """
+    versions: dict[str, str] = {}
+    for name in _PACKAGES:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            versions[name] = importlib.metadata.version(name)
+    if token:
+        with contextlib.suppress(OSError):
+            versions[_ROOT] = Path(token).read_text(encoding="utf-8")
+    python = ".".join(platform.python_version_tuple()[:2])
+    return {"Lorecrawl": f"{__version__} ({code_digest()[:12]})", "Python": python, **versions}
+
+
+class Pool(Executor):
+    """`concurrent.futures` in front of a Dask client. `window`: how many tasks keep it busy."""
+
+    def __init__(self, cluster: Cluster, most: int | None = None) -> None:
+        self._cluster, self._most = cluster, most
         self._environment = {name: os.environ.get(name) for name in _SHARED}
+
+    @property
+    def window(self) -> int:
+        """Two tasks a slot of the cluster, unless fewer slots were asked for."""
+        slots = sum(self._cluster.fit.values())
+        return self._most if self._most and self._most < slots else 2 * slots
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """A future of the call on some worker. Raises Unreachable when the scheduler is gone."""
         if self._cluster.client.status != "running":
             raise self._cluster.lost()
-        return _Future(
-            self._inner.submit(_call, self._environment, fn, args, kwargs), self._cluster
-        )
+        return _Future(self._cluster, (self._environment, fn, args, kwargs))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Forget what is still running; the cluster stays."""
-        if self._cluster.client.status == "running":
-            self._inner.shutdown(wait=wait and not cancel_futures)
+        """The cluster stays; what is still running is forgotten with the client."""
 
 
 class _Future(Future[Any]):
     """A future whose errors are those of this project."""
 
-    def __init__(self, inner: Future[Any], cluster: _Cluster) -> None:
+    def __init__(self, cluster: Cluster, call: tuple[Any, ...]) -> None:
         super().__init__()
-        self._inner, self._cluster = inner, cluster
+        self._cluster, self._task, self._tries = cluster, call, 0
+        self._send()
+
+    def _send(self) -> None:
+        """Hand the call to the fit workers, which may be others than before."""
+        self._workers = set(self._cluster.fit)
+        pool = self._cluster.client.get_executor(pure=False, workers=list(self._workers))
+        self._inner, self._tries = pool.submit(_call, *self._task), self._tries + 1
 
     def result(self, timeout: float | None = None) -> Any:
         """The task's result.
@@ -175,10 +296,7 @@ class _Future(Future[Any]):
         try:
             return self._wait(timeout)
         except KilledWorker as error:
-            raise FatalError(
-                "several Dask workers died on the same task",
-                hint="they may need more memory; see their logs",
-            ) from error
+            raise _deadly() from error
         # What a task itself raises is not one of these.
         except (concurrent.futures.CancelledError, asyncio.CancelledError, CommClosedError):
             raise self._cluster.lost() from None
@@ -195,9 +313,14 @@ class _Future(Future[Any]):
             if timeout is not None and now - start >= timeout:
                 raise concurrent.futures.TimeoutError
             self._cluster.check()
+            if self._cluster.fit and not self._workers & self._cluster.fit.keys():
+                if self._tries >= _TRIES:
+                    raise _deadly()
+                self._inner.cancel()
+                self._send()
             if signals.stop.requested():
                 stopped = now if stopped is None else stopped
-                if now - stopped >= HAND_S or not self._cluster.workers():
+                if now - stopped >= HAND_S or not self._cluster.look():
                     signals.stop.check()
 
     def cancel(self) -> bool:
@@ -209,15 +332,11 @@ class _Future(Future[Any]):
         return self._inner.done()
 
 
-def _hush() -> None:
-    """What Dask logs about lost connections is said by this project's errors;
-    its loggers have levels of their own.
-    """
-    for name in (
-        "distributed",
-        *(name for name in logging.root.manager.loggerDict if name.startswith("distributed.")),
-    ):
-        logging.getLogger(name).setLevel(logging.CRITICAL)
+def _deadly() -> FatalError:
+    return FatalError(
+        "several Dask workers died on the same task",
+        hint="they may need more memory; see their logs",
+    )
 
 
 def _close(client: Any) -> None:
@@ -236,36 +355,17 @@ def _call(
     args: tuple[Any, ...],
     kwargs: dict[str, Any],
 ) -> Any:
-    """Runs on a worker."""
+    """Runs on a worker. An error names the machine in a note."""
     for name, value in environment.items():
         if value is None:
             os.environ.pop(name, None)
         else:
             os.environ[name] = value
     without_pandas()
-    return fn(*args, **kwargs)
-
-
-def _version() -> str:
-    return __version__
-
-
-def _same_lorecrawl(pool: Executor) -> None:
     try:
-        theirs = pool.submit(_version).result(WORKERS_S)
-    except KbError:
+        return fn(*args, **kwargs)
+    except Exception as error:
+        from distributed import get_worker
+
+        error.add_note(f"on the Dask worker {get_worker().address}")
         raise
-    except concurrent.futures.TimeoutError:
-        raise _unreachable("the Dask workers take no task") from None
-    except (
-        Exception
-    ) as error:  # whatever a worker without this package says when it unpickles the call
-        raise FatalError(
-            f"the Dask workers can't run Lorecrawl ({type(error).__name__}: {error})",
-            hint="install the same version on every machine of the cluster",
-        ) from error
-    if theirs != __version__:
-        raise FatalError(
-            f"the Dask workers have Lorecrawl {theirs}, this is {__version__}",
-            hint="install the same version on every machine of the cluster",
-        )

@@ -19,16 +19,20 @@ from concurrent.futures import (
     ProcessPoolExecutor,
     ThreadPoolExecutor,
 )
+from pathlib import Path
 from typing import Any
 
 from kb.core import signals, startup
 from kb.core.arrow_without_pandas import without_pandas
-from kb.core.dask_engine import dask_executor
+from kb.core.context import Run
+from kb.core.dask_engine import Pool, dask_executor
 from kb.core.errors import FatalError, SettingError
 
 
 class Inline(Executor):
     """Runs each task at once in this process: one worker, no pool to start."""
+
+    window = 2
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """A finished future with the result or the exception of the call."""
@@ -40,23 +44,46 @@ class Inline(Executor):
         return future
 
 
+class Processes(ProcessPoolExecutor):
+    """Worker processes of this machine. `window`: how many tasks keep them busy."""
+
+    def __init__(self, workers: int) -> None:
+        # spawn: DuckDB, Arrow and torch keep threads that a forked child would inherit broken.
+        context = multiprocessing.get_context("spawn")
+        super().__init__(workers, mp_context=context, initializer=_begin_worker)
+        self.window = 2 * workers
+
+
+Workers = Inline | Processes | Pool
+
+
+@contextlib.contextmanager
+def executor_of(run: Run, size: int) -> Iterator[Workers]:
+    """The executor of a command for tasks that read `size` bytes of files."""
+    most = run.workers if run.asked else None
+    with make_executor(run.engine, run.processes(size), run.scheduler, run.root, most) as executor:
+        yield executor
+
+
 @contextlib.contextmanager
 def make_executor(
-    engine: str = "local", workers: int = 1, scheduler: str | None = None
-) -> Iterator[Executor]:
+    engine: str = "local",
+    workers: int = 1,
+    scheduler: str | None = None,
+    root: Path | None = None,
+    most: int | None = None,
+) -> Iterator[Workers]:
     """The executor of `--engine`: "local" (this process or a pool) or "dask".
 
-    For "dask" the tasks go to the cluster at `scheduler`, or to one of `workers` processes on this
-    machine.
+    For "dask" the tasks go to the cluster at `scheduler`, whose workers must see the data root, at
+    most `most` at once; or to one of `workers` processes on this machine.
     """
     without_pandas()  # `Inline` is a worker too
     if engine == "local":
         if workers <= 1:
             yield Inline()
             return
-        # spawn: DuckDB, Arrow and torch keep threads that a forked child would inherit broken.
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker) as pool:
+        with Processes(workers) as pool:
             try:
                 yield pool
             except BrokenExecutor as error:
@@ -69,8 +96,8 @@ def make_executor(
                 raise
         return
     if engine == "dask":
-        with dask_executor(scheduler, workers) as pool:
-            yield pool
+        with dask_executor(scheduler, workers, root, most) as cluster:
+            yield cluster
         return
     raise SettingError(f"--engine is {engine!r}", hint="allowed: local, dask")
 

@@ -36,6 +36,25 @@ def lock_digest() -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest() if path is not None else ""
 
 
+@cache  # of the code that this process runs, whatever is installed meanwhile
+def code_digest() -> str:
+    """SHA-256 of the installed code with its schemas and pipelines, the same for a checkout."""
+    package = Path(__file__).resolve().parent.parent
+    roots = {"kb": package, "schemas": folder("schemas"), "pipelines": folder("pipelines")}
+    files = {
+        f"{name}/{path.relative_to(root).as_posix()}": path
+        for name, root in roots.items()
+        for path in root.rglob("*")
+        if path.is_file() and path.suffix not in (".pyc", ".md", ".lock")
+    }
+    for name in _CHECKOUT:  # of a wheel, where they are inside of the package
+        files = {key: path for key, path in files.items() if not key.startswith(f"kb/{name}/")}
+    digest = hashlib.sha256()
+    for key in sorted(files):
+        digest.update(f"{key}\0{hashlib.sha256(files[key].read_bytes()).hexdigest()}\n".encode())
+    return digest.hexdigest()
+
+
 @cache
 def software_address() -> str | None:
     """Where the software is published; None where its package does not say (`[project.urls]`).

@@ -17,76 +17,32 @@ from kb.core import clock, terminal
 
 RECOUNT_S = 0.5  # how often `waiting` is asked: it may read a large state
 SETTLED_S = 5.0  # before that, and that long after the total grew, the time left would be a guess
+RATE_S = 1.0  # before that a rate says how fast a machine counts
 
 
 class Task:
-    """One bar, which shows nothing: `advance` counts items and names figures to show beside it.
+    """What is done of how much, how fast, and the stage's newest figures.
 
-    As a context manager it knows whether an error ended it.
-    """
-
-    def advance(self, n: int = 1, **facts: object) -> None:
-        """Count `n` more items and keep the newest figures."""
-
-    def expect(self, more: int) -> None:
-        """So many are still to come, where that is found out on the way."""
-
-    def close(self, *, stopped: bool = False) -> None:
-        """No more will come. What never had a total is whole now, unless it was `stopped`."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        self.close(stopped=kind is not None)
-
-
-class Progress:
-    """Where tasks are shown; this one shows nothing."""
-
-    def task(
-        self,
-        name: str,
-        total: int | None = None,
-        unit: str = "",
-        *,
-        waiting: Callable[[], int] | None = None,
-    ) -> Task:
-        """A new task. With `waiting`, `total` is the most that this run will do."""
-        return self._task(name, total, unit, waiting)
-
-    def say(self, text: str) -> None:
-        """One line."""
-
-    def close(self) -> None:
-        """Give the terminal back."""
-
-    def _task(
-        self, name: str, total: int | None, unit: str, waiting: Callable[[], int] | None
-    ) -> Task:
-        return Task()
-
-
-class Silent(Progress):
-    """`--quiet`, and the default in Python code."""
-
-
-class Counted(Task):
-    """What every shown task keeps: how much of what is done, how fast, and the stage's figures.
-
-    May be called from several threads. `_show` is what a display adds.
+    May be called from several threads. As a context manager it knows whether an error ended it.
+    `show` is called with the task when something has changed; without it, nothing is shown.
     """
 
     def __init__(
-        self, name: str, total: int | None, unit: str, waiting: Callable[[], int] | None
+        self,
+        name: str = "",
+        total: int | None = None,
+        unit: str = "",
+        waiting: Callable[[], int] | None = None,
+        show: Callable[["Task"], None] | None = None,
     ) -> None:
         self.name, self.unit = name, unit
         self.done, self.total, self.ended = 0, total, False
-        self._waiting, self._most = waiting, total
+        self._waiting, self._show, self._most = waiting if show else None, show, total
         self._facts: dict[str, object] = {}
         self._lock = threading.RLock()
-        self._start = self._counted = self._grown = clock.monotonic()
+        self.start = self._counted = self._grown = clock.monotonic()
         self._recount()
+        self._changed()
 
     def advance(self, n: int = 1, **facts: object) -> None:
         """Count `n` more items and keep the newest figures."""
@@ -96,8 +52,7 @@ class Counted(Task):
             stale = clock.monotonic() - self._counted >= RECOUNT_S or self.done > (self.total or 0)
         if stale:
             self._recount()
-        with self._lock:
-            self._show()
+        self._changed()
 
     def expect(self, more: int) -> None:
         """So many are still to come, as is known by now."""
@@ -114,98 +69,106 @@ class Counted(Task):
         if self.ended:
             return
         self._recount()
-        with self._lock:
-            self.ended = True
-            if self.total is None and not stopped:
-                self.total = self.done
-            self._end()
+        self.ended = True
+        if self.total is None and not stopped:
+            self.total = self.done
+        self._changed()
 
-    def figures(self) -> str:
-        """How much of what is done: "42/60", "42/?" while nobody knows."""
-        return f"{self.done:,}/{'?' if self.total is None else f'{self.total:,}'}"
+    def __enter__(self) -> Self:
+        return self
 
-    def rate(self) -> str:
-        """Items a second or minute since the start, "" before the first."""
-        if not self.done:
-            return ""
-        speed = self.done / max(clock.monotonic() - self._start, 1e-3)
-        return f"{speed:,.1f}/s" if speed >= 1 else f"{speed * 60:,.1f}/min"
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        self.close(stopped=kind is not None)
 
-    def time_left(self) -> str:
-        """How long the rest takes; "" when all is done, or pace and total mean nothing yet."""
-        now = clock.monotonic()
-        if self.ended or not self.total or not 0 < self.done < self.total:
-            return ""
-        if now - self._start < SETTLED_S or now - self._grown < SETTLED_S:
-            return ""
-        return f"{_span((now - self._start) / self.done * (self.total - self.done))} left"
+    def figures(self) -> list[str]:
+        """In words: "42/60 videos" ("42/?" while nobody knows), a rate, the time left."""
+        elapsed = clock.monotonic() - self.start
+        total = "?" if self.total is None else f"{self.total:,}"
+        words = [f"{self.done:,}/{total} {self.unit}".rstrip()]
+        if self.done and elapsed >= RATE_S:
+            speed = self.done / elapsed
+            words.append(f"{speed:,.1f}/s" if speed >= 1 else f"{speed * 60:,.1f}/min")
+        since = min(elapsed, clock.monotonic() - self._grown)
+        if not self.ended and 0 < self.done < (self.total or 0) and since >= SETTLED_S:
+            words.append(f"{_span(elapsed / self.done * ((self.total or 0) - self.done))} left")
+        return words
 
     def facts(self) -> list[str]:
         """The stage's figures in words: a number before its noun, "4 failed"; "quota 21/10,000"."""
+        words = {name.replace("_", " "): value for name, value in self._facts.items()}
         return [
-            f"{value:,} {name.replace('_', ' ')}"
-            if isinstance(value, (int, float))
-            else f"{name.replace('_', ' ')} {value}"
-            for name, value in self._facts.items()
+            f"{value:,} {name}" if isinstance(value, (int, float)) else f"{name} {value}"
+            for name, value in words.items()
         ]
 
     def _recount(self) -> None:
         """Ask what waits, outside of our lock: the answer may need another one's."""
-        if self._waiting is None:
-            return
-        self._counted = clock.monotonic()
-        self.expect(self._waiting())
+        if self._waiting is not None:
+            self._counted = clock.monotonic()
+            self.expect(self._waiting())
 
-    def _show(self) -> None:
-        """Something has changed."""
-
-    def _end(self) -> None:
-        """Nothing will change any more."""
+    def _changed(self) -> None:
+        if self._show is not None:
+            with self._lock:
+                self._show(self)
 
 
-class PlainTask(Counted):
-    """A line at most every `every` seconds, and one at the end."""
+class Progress:
+    """Where tasks are shown; this one shows nothing: `--quiet`, and the default in Python code."""
 
-    def __init__(
+    show: Callable[[Task], None] | None = None
+
+    def task(
         self,
         name: str,
-        total: int | None,
-        unit: str,
-        waiting: Callable[[], int] | None,
-        stream: TextIO,
-        every: float,
-    ) -> None:
-        super().__init__(name, total, unit, waiting)
-        self._stream, self._every, self._last = stream, every, self._start
+        total: int | None = None,
+        unit: str = "",
+        *,
+        waiting: Callable[[], int] | None = None,
+    ) -> Task:
+        """A new task. With `waiting`, `total` is the most that this run will do."""
+        return Task(name, total, unit, waiting, self.show)
 
-    def _show(self) -> None:
-        if clock.monotonic() - self._last >= self._every:
-            self._print()
+    def say(self, text: str) -> None:
+        """Show one line."""
 
-    def _end(self) -> None:
-        self._print()
+    def close(self) -> None:
+        """Give the terminal back."""
 
-    def _print(self) -> None:
-        self._last = clock.monotonic()
-        count = f"{self.name}: {self.figures()}" + (f" {self.unit}" if self.unit else "")
-        parts = [count, self.rate(), self.time_left(), *self.facts()]
-        print(terminal.one_line(", ".join(filter(None, parts))), file=self._stream, flush=True)
+
+Silent = Progress  # by its purpose
 
 
 class LineProgress(Progress):
-    """Lines on a stream that is no terminal."""
+    """Lines on a stream that is no terminal: for a task one at most every `every` seconds, and one
+    at the end. `complete` puts the last hand to a line of `say`.
+    """
 
-    def __init__(self, stream: TextIO | None = None, every: float = 10.0) -> None:
-        self._stream, self._every = stream or sys.stderr, every
+    def __init__(
+        self,
+        stream: TextIO | None = None,
+        every: float = 10.0,
+        complete: Callable[[str], str] = str,
+    ) -> None:
+        self._stream, self._every, self._complete = stream or sys.stderr, every, complete
+        self._printed: dict[Task, float] = {}
 
     def say(self, text: str) -> None:
-        """One line."""
-        print(terminal.one_line(text), file=self._stream, flush=True)
+        """Print one line."""
+        print(terminal.one_line(self._complete(text)), file=self._stream, flush=True)
 
-    def _task(
-        self, name: str, total: int | None, unit: str, waiting: Callable[[], int] | None
-    ) -> Task:
-        return PlainTask(name, total, unit, waiting, self._stream, self._every)
+    def show(self, task: Task) -> None:
+        """Print a task's figures when it is time to."""
+        now = clock.monotonic()
+        if task.ended:
+            self._printed.pop(task, None)
+        elif now - self._printed.get(task, task.start) < self._every:
+            return
+        else:
+            self._printed[task] = now
+        first, *rest = (*task.figures(), *task.facts())
+        line = ", ".join([f"{task.name}: {first}", *rest])
+        print(terminal.one_line(line), file=self._stream, flush=True)
 
 
 def _span(seconds: float) -> str:

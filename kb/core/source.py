@@ -20,8 +20,7 @@ from kb.core.publication import Publication
 if TYPE_CHECKING:
     from kb.artifacts.purge import PurgeRules
     from kb.core.config.profile import Profile
-    from kb.core.config.profile.base import Section
-    from kb.core.config.profile.check_finding import OnlineAnswer, QuestionCost
+    from kb.core.config.profile.base import OnlineAnswer, QuestionCost, Section
     from kb.core.context import Run
     from kb.crawl.connector import Connector
     from kb.links.texts import TextPart

@@ -6,6 +6,8 @@ a terminal, a log line or an error as it is; files keep the data exactly.
 """
 
 from collections.abc import Sequence
+from json import dumps
+from typing import Any
 
 _DIRECTION = "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
 _BREAKS = "\u2028\u2029"
@@ -60,3 +62,10 @@ def size(n: int, digits: int = 1) -> str:
         if n >= step:
             return f"{n / step:.{digits}f} {unit}"
     return f"{n} B"
+
+
+def shown(value: Any, most: int = 60) -> str:
+    """A value as in TOML or JSON, cut where it is long."""
+    as_is = not isinstance(value, (str, bool, list, tuple))
+    text = str(value) if as_is else dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= most else text[: most - 1] + "…"

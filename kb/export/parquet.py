@@ -90,7 +90,7 @@ def export(
             for declared in plain
         )
         # One sort a table is bound by the disk: on one machine a pool would gain nothing.
-        with make_executor(run.engine, 1, run.scheduler) as executor:
+        with make_executor(run.engine, 1, run.scheduler, run.root) as executor:
             for declared, rows in zip(
                 plain,
                 map_in_order(executor, write_shards, tasks, window=len(released)),

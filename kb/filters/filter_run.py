@@ -5,8 +5,8 @@ pending.
     texts    a task per bucket: texts that reach the toxicity stage, scored if they have no score
     judge    a task per bucket: newest rows joined, judged by stages in order, written
 
-The steps of a task are in kb.filters.tasks. Workers get paths and names only, and load the pipeline
-by its path. clean/<source> is replaced in one step after the counts were checked.
+The steps of a task are in kb.filters.tasks. Workers get paths and names only, and of a
+user's own pipeline its text. clean/<source> is replaced in one step after the counts were checked.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import pyarrow.compute as pc
 from kb.artifacts import domain_binding, freshness, index, manifest
 from kb.core.config import pipeline
 from kb.core.context import Run
-from kb.core.engine import make_executor, map_in_order
+from kb.core.engine import Workers, executor_of, map_in_order
 from kb.core.errors import CountMismatch, DamagedData, FatalError, NothingKept
 from kb.core.summary import Summary, Tally, vocabulary
 from kb.filters.chain import VERDICTS, Clean
@@ -77,15 +77,15 @@ def run_clean(run: Run, source: str) -> Summary:
             ) as build:
                 fresh, counts = build.folder, Counter[str]()
                 job = decoded.job._replace(out=str(fresh))
-                tasks = ((job, number) for number in range(job.buckets))
                 with run.progress.task(f"filter {source}", total=job.buckets, unit="parts") as task:
                     for done in map_in_order(
-                        decoded.executor, filter_bucket, tasks, window=2 * run.workers
+                        decoded.executor, filter_bucket, decoded.tasks(job), decoded.executor.window
                     ):
                         counts.update(done)
                         task.advance(1, kept=counts["kept"], rejected=counts["rejected"])
+                _check_rows(spec, decoded, counts)
                 counts.update(_add_what_no_bucket_has(job, spec))
-                summary = _summary(spec, fresh, decoded.counts, counts, key)
+                summary = _summary(spec, fresh, decoded.unknown, counts, key)
                 summary |= spec.about(run.root) if spec.about is not None else {}
                 summary |= spec.figures(fresh) if spec.figures is not None else {}
                 write_text(fresh / "summary.json", json.dumps(summary, indent=1) + "\n")
@@ -130,7 +130,7 @@ def check_kept(run: Run, source: str, summary: Summary) -> None:
 
 def _job(run: Run, source: str) -> FilterJob:
     return FilterJob(
-        pipeline=str(pipeline.locate(source, run.pipeline)),
+        pipeline=pipeline.packed(source, run.pipeline),
         profile=run.profile.model_dump_json(),
         profile_path=str(run.profile.path),
         source=source,
@@ -140,11 +140,23 @@ def _job(run: Run, source: str) -> FilterJob:
 
 
 class _Decoded(NamedTuple):
-    """Raw answers as partitioned rows; `counts` of rows, and of unknown keys as "?<path>"."""
+    """Raw answers as partitioned rows: how many of which kind are in which bucket; unknown keys."""
 
     job: FilterJob
-    executor: Any
-    counts: Counter[str]
+    executor: Workers
+    rows: dict[str, Counter[int]]
+    unknown: Counter[str]
+
+    def tasks(self, job: FilterJob) -> Iterator[tuple[FilterJob, int, dict[str, int]]]:
+        """A task for each bucket, with the rows of each kind that it should find there."""
+        whole = {kind: rows[0] for kind, rows in self.rows.items() if not self.bucketed(kind)}
+        for number in range(job.buckets):
+            own = {kind: rows[number] for kind, rows in self.rows.items() if self.bucketed(kind)}
+            yield job, number, {**own, **whole}
+
+    def bucketed(self, kind: str) -> bool:
+        """Whether its rows are spread; others are read by every bucket."""
+        return bool(spec_of(self.job).kinds[kind].bucket)
 
 
 @contextmanager
@@ -159,8 +171,8 @@ def _decoded(run: Run, job: FilterJob) -> Iterator[_Decoded]:
     work.mkdir(parents=True)
     job = job._replace(work=str(work), buckets=partition.how_many(size))
     try:
-        with make_executor(run.engine, run.processes(size), run.scheduler) as executor:
-            yield _Decoded(job, executor, _decode(run, job, segments, executor))
+        with executor_of(run, size) as executor:
+            yield _Decoded(job, executor, *_decode(run, job, segments, executor))
     finally:
         shutil.rmtree(work, ignore_errors=True)
 
@@ -174,26 +186,34 @@ def _segments(root: Path, spec: Clean) -> list[tuple[str, Path]]:
             f"nothing to filter: {Layout(root).raw(spec.source)} is empty",
             hint=f"run `kb {spec.source} crawl` first",
         )
+    if len(marks := Layout(root).key_marks(spec.source)) > 1:
+        raise FatalError(
+            f"the authors in {marks[0].parent} were hashed with {len(marks)} keys:"
+            f" {', '.join(path.name for path in marks)}",
+            hint=f"collect again on all machines but one, with a copy of its"
+            f" {Layout(root).key(spec.source)}",
+        )
     return segments
 
 
 def _decode(
-    run: Run, job: FilterJob, segments: list[tuple[str, Path]], executor: Any
-) -> Counter[str]:
-    total: Counter[str] = Counter()
+    run: Run, job: FilterJob, segments: list[tuple[str, Path]], executor: Workers
+) -> tuple[dict[str, Counter[int]], Counter[str]]:
+    rows: dict[str, Counter[int]] = {kind: Counter() for kind, _ in segments}
+    unknown: Counter[str] = Counter()
     tasks = ((job, kind, str(path), place) for place, (kind, path) in enumerate(segments))
     damaged: list[tuple[Path, int]] = []  # segment, and the first byte that can't be read
     try:
         with run.progress.task(
             f"decode {job.source}", total=len(segments), unit="raw files"
         ) as task:
-            decoding = map_in_order(executor, decode_segment, tasks, window=2 * run.workers)
-            for (_, path), done in zip(segments, decoding, strict=True):
-                total["rows"] += done["rows"]
-                total.update({f"?{path}": count for path, count in done["unknown"].items()})
+            decoding = map_in_order(executor, decode_segment, tasks, window=executor.window)
+            for (kind, path), done in zip(segments, decoding, strict=True):
+                rows[kind].update(done["rows"])
+                unknown.update(done["unknown"])
                 if done["damaged"] is not None:
                     damaged.append((path, done["damaged"]))
-                task.advance(1, rows=total["rows"])
+                task.advance(1, rows=sum(each.total() for each in rows.values()))
         if damaged:
             first, at = damaged[0]
             more = f" (and {len(damaged) - 1:,} more files)" if len(damaged) > 1 else ""
@@ -206,12 +226,13 @@ def _decode(
         with closing(Frontier(Layout(run.root).state(job.source))) as frontier:
             damaged_answers.note(run.root, job.source, frontier, error, hint)
         raise
-    return total
+    return rows, unknown
 
 
 def _texts(run: Run, decoded: _Decoded) -> Iterator[pa.Array[Any]]:
-    tasks = ((decoded.job, number) for number in range(decoded.job.buckets))
-    for path in map_in_order(decoded.executor, collect_texts, tasks, window=2 * run.workers):
+    tasks = decoded.tasks(decoded.job)
+    executor = decoded.executor
+    for path in map_in_order(executor, collect_texts, tasks, window=executor.window):
         with pa.ipc.open_file(path) as file:
             for number in range(file.num_record_batches):
                 yield file.get_batch(number).column(0)
@@ -275,8 +296,19 @@ def _end_pending(folder: Path, reasons: tuple[str, ...], lost: dict[str, str]) -
     return count
 
 
+def _check_rows(spec: Clean, decoded: _Decoded, counts: Counter[str]) -> None:
+    """Raise CountMismatch unless the buckets read what was decoded, and judged what they joined."""
+    rows = sum(each.total() for kind, each in decoded.rows.items() if decoded.bucketed(kind))
+    if rows != counts["read"] or counts["joined"] != counts["crawled"]:
+        raise CountMismatch(
+            f"{spec.source}: {rows:,} rows were decoded and {counts['read']:,} read again;"
+            f" {counts['joined']:,} were joined and {counts['crawled']:,} judged",
+            hint="this is a bug in Lorecrawl; no output was replaced",
+        )
+
+
 def _summary(
-    spec: Clean, folder: Path, decoded: Counter[str], counts: Counter[str], key: str
+    spec: Clean, folder: Path, unknown: Counter[str], counts: Counter[str], key: str
 ) -> Summary:
     """The numbers of the written files, by table. Raises CountMismatch when the workers' differ."""
     tables = {table(chain.table).short: chain.prefix for chain in spec.chains}
@@ -309,9 +341,7 @@ def _summary(
         name: kept[name]
         for name in sorted(kept, key=lambda name: vocabulary.place(table(name).short))
     }
-    summary["unknown_keys"] = {
-        path[1:]: count for path, count in sorted(decoded.items()) if path.startswith("?")
-    }
+    summary["unknown_keys"] = dict(sorted(unknown.items()))
     if key:  # of the models whose scores are there, the one whose scores decided; releases name it
         summary["model"], _, summary["revision"] = key.rpartition("@")
     else:

@@ -9,12 +9,13 @@
 
 `collect_texts` does `latest`, `join` and a part of `judge_chain` before, to find the texts that
 need a toxicity score. A task is a `FilterJob` and the name of a segment or the number of a bucket;
-the pipeline is loaded by its path. No function holds more than a bucket.
+the pipeline is made of its name or text. No function holds more than a bucket.
 """
 
 import json
 from collections import Counter
-from functools import cache, partial
+from collections.abc import Mapping
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,9 +35,9 @@ from kb.store.tables.shard_writer import write_table
 
 
 class FilterJob(NamedTuple):
-    """What a worker needs to know, as plain strings and numbers."""
+    """What a worker needs to know, as plain strings and numbers. `pipeline` is packed."""
 
-    pipeline: str
+    pipeline: tuple[str, str]
     profile: str
     profile_path: str
     source: str
@@ -48,12 +49,12 @@ class FilterJob(NamedTuple):
     scores: str = ""
 
 
-@cache
-def _pipeline_spec(path: str, profile: str, profile_path: str, source: str) -> Clean:
+@lru_cache(maxsize=8)
+def _pipeline_spec(packed: tuple[str, str], profile: str, profile_path: str, source: str) -> Clean:
     made = Profile.model_validate({**json.loads(profile), "path": profile_path})
-    spec = pipeline.load(path).clean(made)
+    spec = pipeline.unpack(*packed).clean(made)
     if not isinstance(spec, Clean) or spec.source != source:
-        raise FatalError(f"{path}: clean(p) must return the Clean of {source}")
+        raise FatalError(f"{packed[0]}: clean(p) must return the Clean of {source}")
     return spec
 
 
@@ -75,14 +76,17 @@ def decode_segment(job: FilterJob, kind: str, segment: str, number: int) -> dict
         )
 
 
-def collect_texts(job: FilterJob, number: int) -> str:
-    """Write the texts of a bucket that reach their toxicity stage to a file; return its path."""
+def collect_texts(job: FilterJob, number: int, decoded: Mapping[str, int]) -> str:
+    """Write the texts of a bucket that reach their toxicity stage to a file; return its path.
+
+    `decoded`: by kind the rows that were written to the bucket.
+    """
     spec = spec_of(job)
     path = str(Path(job.work, f"texts-{number:06d}.arrow"))
     schema = pa.schema([("text", pa.string())])
     with full_disk_is_resumable(Path(job.work)), pa.ipc.new_file(path, schema) as file:
         with partition.without_collecting():
-            rows, _ = join(job, spec, number, follows=False)
+            rows, _ = join(job, spec, number, decoded, follows=False)
         kept: dict[str, pa.Table] = {}
         for chain in (each for each in spec.chains if each.table in rows):
             until = SCORED if chain.scores else ""
@@ -94,15 +98,16 @@ def collect_texts(job: FilterJob, number: int) -> str:
     return path
 
 
-def filter_bucket(job: FilterJob, number: int) -> dict[str, int]:
+def filter_bucket(job: FilterJob, number: int, decoded: Mapping[str, int]) -> dict[str, int]:
     """Join, judge and write one bucket; return counts for the summary."""
     spec = spec_of(job)
     with partition.without_collecting():
-        rows, counts = join(job, spec, number, follows=True)
+        rows, counts = join(job, spec, number, decoded, follows=True)
     judged: list[tuple[Chain, Judged]] = []
     kept: dict[str, pa.Table] = {}
     for chain in (each for each in spec.chains if each.table in rows):
         score = partial(add_scores, job, spec, chain)
+        counts["joined"] += rows[chain.table].num_rows
         judged.append((chain, judge_chain(rows[chain.table], chain, score, kept)))
         kept[chain.table] = judged[-1][1].kept
     for follow in spec.follow:
@@ -129,8 +134,10 @@ def filter_bucket(job: FilterJob, number: int) -> dict[str, int]:
     return dict(counts)
 
 
-def latest(job: FilterJob, spec: Clean, number: int) -> tuple[dict[str, pa.Table], Counter[str]]:
-    """The newest rows of a bucket by kind, and how many older ones it had.
+def latest(
+    job: FilterJob, spec: Clean, number: int, decoded: Mapping[str, int]
+) -> tuple[dict[str, pa.Table], Counter[str]]:
+    """The newest rows of a bucket by kind, and how many rows it had and how many older ones.
 
     Kinds without a bucket are read by every bucket, as far as its other rows name theirs.
     """
@@ -144,22 +151,27 @@ def latest(job: FilterJob, spec: Clean, number: int) -> tuple[dict[str, pa.Table
                 continue
             wanted = pc.unique(pc.list_flatten(namer.column(about.named_by[1])))
         part, older = partition.newest_of(
-            Path(job.work, kind, str(number) if about.bucket else "0"), about, wanted
+            Path(job.work, kind, str(number) if about.bucket else "0"),
+            about,
+            decoded.get(kind, 0),
+            wanted,
         )
-        counts["duplicates"] += older if about.bucket else 0
+        if about.bucket:
+            counts["read"] += decoded.get(kind, 0)
+            counts["duplicates"] += older
         if part is not None:
             newest[kind] = part
     return newest, counts
 
 
 def join(
-    job: FilterJob, spec: Clean, number: int, *, follows: bool
+    job: FilterJob, spec: Clean, number: int, decoded: Mapping[str, int], *, follows: bool
 ) -> tuple[dict[str, pa.Table], Counter[str]]:
     """The rows of a bucket by table, without purged ones, and its counts.
 
     Without `follows` the tables that follow others may be empty.
     """
-    newest, counts = latest(job, spec, number)
+    newest, counts = latest(job, spec, number, decoded)
     if not newest:
         return {}, counts
     rows = spec.assemble(newest)

@@ -16,7 +16,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.profile.collecting import BY_KEYWORDS, BY_LABEL, BY_PROFILE, YouTubeSection
+from kb.core.installation import np
 from kb.filters.predicates import (
     Judgement,
     NotTrue,
@@ -42,17 +43,19 @@ def whole_words(phrases: Sequence[str]) -> str:
 
 @dataclass(frozen=True)
 class Topic(Predicate):
-    """Rows of the topic, with what showed it in `topic_evidence` (game_label or keywords).
+    """Rows of the topic, with what showed it in `topic_evidence` (game_label, profile or keywords).
 
     `gate` are the stages that a video passes before its label is read: as long as the label of
     such a video was not read, its topic is pending (`label`), or failed where reading it failed.
-    `game_ids` empty: labels decide nothing.
+    `game_ids` empty: labels decide nothing. `imported_known`: a video of an imported file is on
+    topic unless a label says otherwise.
     """
 
     game_ids: tuple[str, ...]
     category_ids: tuple[int, ...]
     keywords: tuple[str, ...]
     gate: tuple[Predicate, ...] = field(default=())
+    imported_known: bool = False
     stage: str = "topic"
 
     @property
@@ -65,17 +68,21 @@ class Topic(Predicate):
             "game_label_id",
             "game_label",
             "transcript_outcome",
+            *(("imported",) if self.imported_known else ()),
         }
         return frozenset(own).union(*(predicate.reads for predicate in self.gate))
 
     def fill(self, rows: pa.Table) -> pa.Table:
         """The rows with `topic_evidence`; null for those that are off topic."""
         named, ours, categorised = self._labels(rows)
-        ours = pc.and_(named, ours)
-        candidate = pc.and_(pc.invert(named), categorised)
+        ours, meant = pc.and_(named, ours), self._meant(rows, named)
+        candidate = pc.and_(pc.invert(pc.or_(named, meant)), categorised)
         hit = reduce(pc.or_, self._places(rows, candidate).values())
-        evidence = pc.if_else(
-            ours, "game_label", pc.if_else(hit, "keywords", pa.scalar(None, pa.string()))
+        evidence = pc.case_when(
+            pc.make_struct(ours, meant, hit),
+            pa.scalar(BY_LABEL),
+            pa.scalar(BY_PROFILE),
+            pa.scalar(BY_KEYWORDS),
         )
         return rows.append_column("topic_evidence", evidence)
 
@@ -87,7 +94,8 @@ class Topic(Predicate):
         failed = pc.fill_null(pc.equal(outcome, "failed"), False)
         named, _, categorised = self._labels(rows)
         waiting = pc.and_(
-            pc.or_(pc.is_null(outcome), failed), pc.and_(categorised, pc.invert(named))
+            pc.or_(pc.is_null(outcome), failed),
+            pc.and_(categorised, pc.invert(pc.or_(named, self._meant(rows, named)))),
         )
         waiting = (
             pc.and_(waiting, rows_passing(self.gate, rows))
@@ -167,6 +175,12 @@ class Topic(Predicate):
             pc.is_in(label, games),
             pc.is_in(column(rows, "category_id"), categories),
         )
+
+    def _meant(self, rows: pa.Table, named: Any) -> Any:
+        """Which rows the profile takes as meant: imported, and without a label."""
+        if not self.imported_known:
+            return pa.array(np.zeros(rows.num_rows, bool))
+        return pc.and_(pc.fill_null(column(rows, "imported"), False), pc.invert(named))
 
     def _places(self, rows: pa.Table, candidate: pa.Array[Any]) -> dict[str, pa.Array[Any]]:
         """Text → the candidates where a keyword stands in it and in none before it."""

@@ -23,6 +23,7 @@ from kb.schema.nested_elements import is_outermost
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
 
+_EVIDENCE = "topic_evidence"  # a column of videos
 _ROWS = 8192  # rows that are read at once
 _BYTES = 8 << 20  # of texts that are looked through at once
 
@@ -55,13 +56,14 @@ def in_columns(
     path: Path, key: str, parts: Mapping[str, tuple[str, ...]], prefix: str = ""
 ) -> Iterator[TextPart]:
     """Parts that are columns, by name; a release lacks some of them. `prefix` precedes the key."""
-    names = [key, *(name for columns in parts.values() for name in columns)]
+    names = [key, _EVIDENCE, *(name for columns in parts.values() for name in columns)]
     for rows in _batches(path, names):
+        known = transcripts.topic_known(rows) if _EVIDENCE in rows.column_names else None
         keys = pc.binary_join_element_wise(prefix, rows[key].cast(pa.string()), "")
         for part, columns in parts.items():
             present = tuple(rows[name] for name in columns if name in rows.column_names)
             if present:
-                yield from _texts(part, keys, present)
+                yield from _texts(part, keys, present, known)
 
 
 def in_elements(path: Path) -> Iterator[TextPart]:
@@ -100,7 +102,10 @@ def _batches(path: Path, columns: list[str]) -> Iterator[pa.Table]:
 
 
 def _texts(
-    part: str, keys: pa.ChunkedArray[Any], columns: tuple[pa.ChunkedArray[Any], ...]
+    part: str,
+    keys: pa.ChunkedArray[Any],
+    columns: tuple[pa.ChunkedArray[Any], ...],
+    known: np.ndarray | None,
 ) -> Iterator[TextPart]:
     """One text a key, out of columns of texts and of lists of texts."""
     texts, things = [], []
@@ -114,9 +119,8 @@ def _texts(
         things.append(thing)
     thing = np.concatenate(things)
     order = np.argsort(thing, kind="stable")
-    yield from in_pieces(
-        part, _one(keys), thing[order], pa.concat_arrays(texts).take(pa.array(order))
-    )
+    taken = pa.concat_arrays(texts).take(pa.array(order))
+    yield from in_pieces(part, _one(keys), thing[order], taken, known)
 
 
 def _one(column: pa.ChunkedArray[Any]) -> pa.Array[Any]:
@@ -124,10 +128,14 @@ def _one(column: pa.ChunkedArray[Any]) -> pa.Array[Any]:
 
 
 def in_pieces(
-    part: str, keys: pa.Array[Any], thing: np.ndarray, texts: pa.Array[Any]
+    part: str,
+    keys: pa.Array[Any],
+    thing: np.ndarray,
+    texts: pa.Array[Any],
+    known: np.ndarray | None = None,
 ) -> Iterator[TextPart]:
     """Texts of `keys`, each out of the `texts` whose `thing` is its number, in rising order; as
-    many at once as make some megabytes.
+    many at once as make some megabytes. `known`: of which keys the topic is known.
     """
     texts = pc.fill_null(texts, "")
     ends = np.cumsum(np.asarray(pc.binary_length(texts)).astype(np.int64))
@@ -140,13 +148,15 @@ def in_pieces(
             after = low if low > begin else int(np.searchsorted(thing, thing[after], "right"))
         numbers = np.unique(thing[begin:after])
         counts = np.bincount(np.searchsorted(numbers, thing[begin:after]), minlength=len(numbers))
-        yield TextPart(
-            part, _joined(keys.take(pa.array(numbers)), counts, texts.slice(begin, after - begin))
-        )
+        mine = known[numbers] if known is not None else None
+        some = texts.slice(begin, after - begin)
+        yield TextPart(part, _joined(keys.take(pa.array(numbers)), counts, some, mine))
         begin = after
 
 
-def _joined(keys: pa.Array[Any], counts: np.ndarray, texts: pa.Array[Any]) -> Text:
+def _joined(
+    keys: pa.Array[Any], counts: np.ndarray, texts: pa.Array[Any], known: np.ndarray | None
+) -> Text:
     """Texts as transcripts without times."""
     kind = table("youtube/transcripts").arrow().field("cues").type
     nought = pa.array(np.zeros(len(texts)))
@@ -159,4 +169,4 @@ def _joined(keys: pa.Array[Any], counts: np.ndarray, texts: pa.Array[Any]) -> Te
         "kind": pa.array(["manual"] * len(keys), pa.string()),
         "cues": pa.ListArray.from_arrays(offsets, cells).cast(kind),
     }
-    return Text(pa.table(rows), parted=True)
+    return Text(pa.table(rows), known=known, parted=True)

@@ -12,7 +12,7 @@ from typing import Any
 
 from kb.artifacts import freshness, manifest, measures
 from kb.artifacts.resumable_build import Part, PartedBuild, read_plan, write_part
-from kb.core.config.profile.pairs import Pairs
+from kb.core.config.profile.products import Pairs
 from kb.core.context import Run
 from kb.core.errors import LimitReached
 from kb.core.installation import np

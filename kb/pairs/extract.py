@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.config.profile.pairs import Pairs
+from kb.core.config.profile.products import Pairs
 from kb.core.errors import MissingExtra
 from kb.core.installation import install_extra, np
 from kb.pairs import seeded_random
@@ -110,12 +110,15 @@ def matches(text: Text, tools: Finds, counts: PairCounts) -> Matches:
     )
     counts.tell(tools.keywords, "matches", keyword)
     certain, reach = tools.keywords.certain[keyword], tools.keywords.reach[keyword]
-    if certain.all():
+    meant = certain | (tools.keywords.topical[keyword] & text.known[every.video])
+    if meant.all():
         return every
+    # A word that counts by the topic alone helps no other: "what the hell" may stand beside it.
     near = seeded_random.supported(every.first, every.last, every.video, certain, reach) & (
         reach != NEVER
     )
-    counts.tell(tools.keywords, "ambiguous", keyword[~certain])
+    near |= meant
+    counts.tell(tools.keywords, "ambiguous", keyword[~meant])
     counts.tell(tools.keywords, "ambiguous_alone", keyword[~near])
     return every.take(near)
 

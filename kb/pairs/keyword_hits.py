@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import NamedTuple, cast
 
 from kb.core import signals
-from kb.core.config.profile.pairs import Pairs
+from kb.core.config.profile.products import Pairs
 from kb.core.context import Run
 from kb.core.installation import np
 from kb.pairs import keywords as lists
@@ -57,13 +57,9 @@ def keyword_lines(
     ):
         matched = hits[one.name].get("matches", 0)
         if (matched or rare) and kind in ("", one.kind):
-            rule = (
-                ""
-                if one.reach is None
-                else "never"
-                if one.reach == lists.NEVER
-                else f"near:{one.reach}"
-            )
+            rule = one.rule if one.rule in ("topic", "never") else ""
+            if one.reach is not None and not rule:
+                rule = f"near:{one.reach}"
             yield KeywordLine(
                 one.name,
                 one.kind,

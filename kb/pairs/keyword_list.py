@@ -12,16 +12,15 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-from kb.core.config.profile.base import FILL_IN
-from kb.core.config.profile.check_finding import ERROR, NOTE, WARNING, Finding
-from kb.core.config.profile.everyday_words import is_everyday
-from kb.core.config.profile.pairs import Pairs
+from kb.core.config.profile.base import ERROR, FILL_IN, NOTE, WARNING, Finding, is_everyday
+from kb.core.config.profile.products import Pairs
 from kb.core.errors import ProfileError
 from kb.pairs.matching import phrase
 
 COLUMNS = ("keyword", "kind", "rule", "forms")
-RULES = ("near", "near:WORDS", "never", "always")
+RULES = ("near", "near:WORDS", "topic", "never", "always")
 NEVER = -1
+_NAMED = 10  # keywords or forms that a finding names
 LONGEST = 64  # characters of a phrase, so that it always fits in a text
 
 _SAME = {
@@ -61,6 +60,11 @@ _ODD = {
     "hoof": "hooves",
     "cactus": "cacti",
 }
+# Words that end like "man" and "men" and mean no man.
+_NO_MEN = {
+    *("human", "german", "roman", "norman", "shaman", "talisman", "ottoman", "caiman"),
+    *("specimen", "regimen", "abdomen", "acumen", "bitumen", "stamen", "ramen"),
+}
 _SINGULAR = {plural: singular for singular, plural in _ODD.items()}
 
 
@@ -69,7 +73,8 @@ class Keyword:
     """`reach`: words around it in which it needs an unmistakable keyword.
 
     None: it needs none; NEVER: it makes no pair. `more`: forms of its own. `rule`: as written;
-    "always" does what an empty one does, and says that an everyday word is meant.
+    "always" does what an empty one does, and says that an everyday word is meant. With "topic" it
+    needs no other in a video whose topic is known.
     """
 
     name: str
@@ -176,21 +181,26 @@ def _reach(rule: str, near_words: int) -> int | str | None:
         return None
     if rule == "never":
         return NEVER
-    if name == "near" and not colon:
+    if rule == "topic" or (name == "near" and not colon):
         return near_words
     if name == "near" and number.isascii() and number.isdigit() and int(number) > 0:
         return int(number)
     if name == "near":
         return "near: is followed by a number of words, such as near:30"
-    close = difflib.get_close_matches(name.lower(), ("near", "never", "always"), n=1, cutoff=0.5)
+    known = ("topic", "near", "never", "always")
+    close = difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.5)
     return f"did you mean {close[0]}?" if close else "forms stand in the fourth column"
 
 
 Placed = tuple[str, Row]  # a row and its file's name
 
 
-def check_lists(folder: Path, names: Sequence[str], section: Pairs | None) -> list[Finding]:
-    """Findings of all lists together. `section` is None where [pairs] itself has errors."""
+def check_lists(
+    folder: Path, names: Sequence[str], section: Pairs | None, *, topic_known: bool = True
+) -> list[Finding]:
+    """Findings of all lists together. `section` is None where [pairs] itself has errors;
+    `topic_known`: whether the topic of a video can be known, by a label or by an import.
+    """
     near_words = section.near_words if section else Pairs.model_fields["near_words"].default
     every: list[Placed] = []
     findings: list[Finding] = []
@@ -207,7 +217,8 @@ def check_lists(folder: Path, names: Sequence[str], section: Pairs | None) -> li
     findings += _everyday(every)
     findings += _excluded(every, section)
     if not broken:
-        findings += _helpless(every, section)
+        findings += _overlapping(every)
+        findings += _unsupported(every, section, topic_known=topic_known)
     return findings
 
 
@@ -281,24 +292,71 @@ def _excluded(every: list[Placed], section: Pairs | None) -> Iterator[Finding]:
                 yield _at(WARNING, place, what, f"take it out here, or {text!r} there")
 
 
-def _helpless(every: list[Placed], section: Pairs | None) -> Iterator[Finding]:
-    """Rules that wait for a keyword which the lists don't have."""
-    if not every or (section and section.include):
-        return
-    if all(row.keyword.reach is not None for _, row in every):
-        what = "every keyword has a rule, so none can make a pair"
-        fix = (
-            "near needs keywords without a rule nearby: leave the rule empty for unmistakable words"
+def _overlapping(every: list[Placed]) -> Iterator[Finding]:
+    """Forms that follow by rule from two keywords, or are another keyword's name or form."""
+    owner: dict[str, Placed] = {}
+    for place in every:
+        for form in (place[1].keyword.name, *place[1].keyword.more):
+            owner.setdefault(phrase(form), place)
+    shared: dict[str, tuple[Placed, Placed]] = {}
+    for place in every:
+        for form in sorted(forms(phrase(place[1].keyword.name))):
+            first = owner.setdefault(form, place)
+            if first[1].keyword.name != place[1].keyword.name:
+                shared.setdefault(form, (first, place))
+    if shared:
+        listed = [
+            f"{form!r} ({first[1].keyword.name}, {other[1].keyword.name})"
+            for form, (first, other) in list(shared.items())[:_NAMED]
+        ]
+        more = ", …" if len(shared) > _NAMED else ""
+        count = "1 form overlaps" if len(shared) == 1 else f"{len(shared):,} forms overlap"
+        what = f"{count}: {', '.join(listed)}{more}"
+        yield _at(
+            NOTE,
+            next(iter(shared.values()))[1],
+            what,
+            "a form counts for the keyword that is named first in brackets",
         )
-        yield _at(ERROR, every[0], what, fix)
+
+
+def _unsupported(
+    every: list[Placed], section: Pairs | None, *, topic_known: bool
+) -> Iterator[Finding]:
+    """Rules that wait for a keyword, or a label, that is never there."""
+    if not every:
+        return
+    topical = [place for place in every if place[1].keyword.rule == "topic"]
+    if topical and not topic_known:
+        what = f"{_listed(topical)} count only near other keywords: no video's topic is known"
+        fix = 'set youtube.game_ids, or youtube.imported_topic = "known" for your own files'
+        yield _at(WARNING, topical[0], what, fix)
+    if (section and section.include) or any(row.keyword.reach is None for _, row in every):
+        return
+    fix = "near needs keywords without a rule nearby: leave the rule empty for unmistakable words"
+    if not topical or not topic_known:
+        yield _at(ERROR, every[0], "every keyword has a rule, so none can make a pair", fix)
+    elif near := [place for place in every if place[1].keyword.rule.startswith("near")]:
+        yield _at(WARNING, near[0], f"no keyword supports {_listed(near)}", fix)
+
+
+def _listed(places: list[Placed]) -> str:
+    """The first names, and how many more there are."""
+    names = ", ".join(repr(row.keyword.name) for _, row in places[:_NAMED])
+    more = len(places) - _NAMED
+    return f"{names} and {more:,} more" if more > 0 else names
 
 
 def plural(word: str) -> str:
-    """ "berry" → "berries", "torch" → "torches", "wolf" → "wolves"; plurals and mass nouns stay."""
+    """ "berry" → "berries", "torch" → "torches", "wolf" → "wolves", "snowman" → "snowmen"; plurals
+    and mass nouns stay.
+    """
     if word in _SAME or word in _SINGULAR or not (word[-1:].isalpha() and word[:1].isascii()):
         return word
     if word in _ODD:
         return _ODD[word]
+    if word.endswith("man") and len(word) > 3 and word not in _NO_MEN:
+        return word[:-2] + "en"
     if word.endswith(("s", "x", "z", "ch", "sh")):
         return word if word.endswith("s") and singular(word) != word else word + "es"
     if word.endswith("y") and word[-2:-1] not in "aeiou":
@@ -312,6 +370,8 @@ def singular(word: str) -> str:
     """
     if word in _SINGULAR:
         return _SINGULAR[word]
+    if word.endswith("men") and len(word) > 4 and word not in _NO_MEN:
+        return word[:-2] + "an"
     if (
         word in _SAME
         or not word.endswith("s")

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from kb.core.config.profile.everyday_words import is_everyday
+from kb.core.config.profile.base import is_everyday
 from kb.pairs.keyword_list import COLUMNS, LONGEST, forms
 from kb.pairs.matching import phrase
 

@@ -5,6 +5,8 @@ with # are comments. Plural and joined forms follow by rule (kb.pairs.keyword_li
 `forms` adds others, separated by commas. A rule says what an everyday word ("bed", "chest")
 needs to count:
 
+    topic      a video whose topic is known (by its game's label, or an imported video that the
+               profile takes as meant); elsewhere the same as near
     near       an unmistakable keyword within the profile's `near_words`
     near:30    the same within 30 words
     never      nothing helps: the word is counted, and makes no pair
@@ -21,10 +23,10 @@ from typing import Any
 
 from kb.core.cached_property import cached_property
 from kb.core.config.profile import Profile
-from kb.core.config.profile.pairs import Pairs
+from kb.core.config.profile.products import Pairs
 from kb.core.errors import ProfileError
 from kb.core.installation import np
-from kb.pairs.keyword_list import COLUMNS, LONGEST, NEVER, Keyword, forms, read
+from kb.pairs.keyword_list import COLUMNS, LONGEST, NEVER, Keyword, forms, numbers, read
 from kb.pairs.matching import phrase
 
 __all__ = [
@@ -59,6 +61,11 @@ class Keywords:
         return np.asarray([keyword.reach is None for keyword in self.every], bool)
 
     @cached_property
+    def topical(self) -> np.ndarray:
+        """Which keywords need no other in a video whose topic is known."""
+        return np.asarray([keyword.rule == "topic" for keyword in self.every], bool)
+
+    @cached_property
     def reach(self) -> np.ndarray:
         """Words within which the others need a certain one; NEVER for those that no other helps."""
         return np.asarray([keyword.reach or 0 for keyword in self.every], np.int64)
@@ -72,7 +79,7 @@ class Keywords:
 def plain(keywords: Keywords) -> dict[str, Any]:
     """Keywords as JSON has them, for plans that workers read."""
     return {
-        "every": [[one.name, one.kind, one.reach] for one in keywords.every],
+        "every": [[one.name, one.kind, one.reach, one.rule == "topic"] for one in keywords.every],
         "phrases": keywords.phrases,
         "of": keywords.of,
     }
@@ -80,7 +87,10 @@ def plain(keywords: Keywords) -> dict[str, Any]:
 
 def of_plain(data: dict[str, Any]) -> Keywords:
     """The keywords that `plain` wrote."""
-    every = tuple(Keyword(name, kind, reach) for name, kind, reach in data["every"])
+    every = tuple(
+        Keyword(name, kind, reach, rule="topic" if topical else "")
+        for name, kind, reach, topical in data["every"]
+    )
     return Keywords(every, tuple(data["phrases"]), tuple(data["of"]))
 
 
@@ -121,6 +131,10 @@ def make(
     for index, derived in enumerate(_forms(tuple(names))):
         for form in derived:
             owner.setdefault(form, index)
+    for index, name in enumerate(names):
+        for extra in every[name].more:
+            for form in sorted(numbers(phrase(extra))):
+                owner.setdefault(form, index)
     owner.pop("", None)
     owner.update(dict.fromkeys(banned, EXCLUDED))
     if not names:

@@ -69,9 +69,7 @@ def of_batch(text: Text, batch: PairBatch, language: str) -> BatchQuality:
             "pair_id": batch.rows["pair_id"],
             "video_id": batch.rows["video_id"],
             "match_start_s": batch.rows["match_start_s"],
-            "has_channel": pa.array([one is not None for one in text.channels]).take(
-                pa.array(batch.video)
-            ),
+            "channel_id": pa.array(text.channels, pa.string()).take(pa.array(batch.video)),
             "runs": repeated_text.around(keys, *within),
             "language": codes,
             "language_confidence": confidence,
@@ -133,15 +131,17 @@ def finish(parts: Sequence[Path], out: Path) -> None:
         sorted_shards((), out, _TABLE, released=False)
         return
     recurs = repeated_text.recurring([Path(f"{one}.keys.npy") for one in named])
-    duplicates = _duplicates(named)
+    duplicates, sizes = _duplicates(named), _channel_sizes(named)
     made_of_parts: list[Path] = []
     for one in named:
         rows = _read(Path(f"{one}.pairs.arrow"))
-        share = pa.array(np.round(repeated_text.shares(_one(rows["runs"]), recurs), 4))
+        of_channel = sizes["videos"].take(pc.index_in(rows["channel_id"], sizes["channel_id"]))
+        videos = np.asarray(pc.fill_null(of_channel, 0))
+        share = pa.array(np.round(repeated_text.shares(_one(rows["runs"]), recurs, videos), 4))
         at = pc.index_in(rows["pair_id"], value_set=_one(duplicates["pair_id"]))
         copies = duplicates.take(at)
         own = {
-            "recurring_share": pc.if_else(rows["has_channel"], share, None),
+            "recurring_share": pc.if_else(pc.is_valid(rows["channel_id"]), share, None),
             "duplicate_of": copies["duplicate_of"],
             "duplicate_video_id": copies["duplicate_video_id"],
             "cluster_size": pc.fill_null(copies["cluster_size"], 1),
@@ -150,11 +150,21 @@ def finish(parts: Sequence[Path], out: Path) -> None:
         made_of_parts.append(Path(f"{one}.parquet"))
         write_table(
             made_of_parts[-1],
-            made.drop_columns(["runs", "has_channel", "match_start_s"]),
+            made.drop_columns(["runs", "channel_id", "match_start_s"]),
             _TABLE,
             sync=False,
         )
     sorted_shards(made_of_parts, out, _TABLE, released=False)
+
+
+def _channel_sizes(parts: Sequence[Path]) -> pa.Table:
+    """How many videos with pairs each channel has: `channel_id`, `videos`."""
+    each = [
+        _read(Path(f"{one}.pairs.arrow")).group_by(["channel_id", "video_id"]).aggregate([])
+        for one in parts
+    ]
+    counted = pa.concat_tables(each).group_by("channel_id").aggregate([("video_id", "count")])
+    return counted.rename_columns({"video_id_count": "videos"}).combine_chunks()
 
 
 def _duplicates(parts: Sequence[Path]) -> pa.Table:

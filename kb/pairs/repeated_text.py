@@ -3,14 +3,15 @@
 A word is a run of letters and digits in lower case, so that a manual and an automatic track of one
 talk have the same words. Its hash covers its first and last eight bytes and its length.
 
-Duplicates are found by MinHash of runs of five words near keywords. Fourteen bands of eight hashes,
-as datatrove has them: of two transcripts with four fifths of their runs in common 92 of 100 are
-found, with nine tenths all, with a half 5 of 100 (Leskovec, Rajaraman, Ullman: Mining of Massive
-Datasets, section 3.4).
+Duplicates are found by MinHash of runs of five words near keywords: 28 bands of four hashes propose
+them, and all 112 hashes decide, as they tell which share of their runs two transcripts have in
+common. Of transcripts whose words differ by 4 %, which have two thirds in common, 99 of 100 are
+found, at 8 % 80 of 100 (Leskovec, Rajaraman, Ullman: Mining of Massive Datasets, section 3.4). 16
+bits are kept of each hash (Li, König: b-Bit Minwise Hashing, 2010), so that a band is one number.
 
-Intros, outros and texts of sponsors recur: a run of eight words that at least three videos of the
-channel have near a keyword. Runs are counted as 64-bit keys of channel and words, in pieces of all
-keys, so that memory is bounded by a piece.
+Intros, outros and texts of sponsors recur: a run of six words that at least three videos of the
+channel have near a keyword, and one in twenty of them. Runs are counted as 64-bit keys of channel
+and words, in pieces of all keys, so that memory is bounded by a piece.
 """
 
 from __future__ import annotations
@@ -38,10 +39,12 @@ _FIRST, _LAST, _LENGTH, _STEP = (
     0xD6E8FEB86659FD93,
 )
 
-RUN, BANDS, ROWS = 5, 14, 8
+RUN, BANDS, ROWS = 5, 28, 4
+ALIKE = 0.33  # share of runs in common from which two transcripts are duplicates
 LEAST = 20  # runs of a transcript; shorter ones say too little to be compared
 _SEED = 1  # of the hash functions; another one gives other bands
-RECURRING_RUN, VIDEOS = 8, 3
+RECURRING_RUN, VIDEOS = 6, 3
+ONE_IN = 20  # videos of a channel of which one must have the run
 _PIECES = 64
 
 
@@ -143,7 +146,9 @@ def runs(words: HashedWords, size: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 class VideoBands(NamedTuple):
-    """`video`: numbers of the videos that are long enough; `bands`: uint64 [videos, 14]."""
+    """`video`: numbers of the videos that are long enough; `bands`: uint64 [videos, 28], each four
+    hashes of 16 bits.
+    """
 
     video: np.ndarray
     bands: np.ndarray
@@ -162,28 +167,29 @@ def bands_of(words: HashedWords, videos: int) -> VideoBands:
     if not len(long):
         return VideoBands(long, np.zeros((0, BANDS), np.uint64))
     made = RMinHash.digest_matrix_from_flat_token_hashes(hashes, offsets, BANDS * ROWS, _SEED)
-    rows = np.array(made.to_rows(), np.uint64).reshape(len(long), BANDS, ROWS)
-    total = np.broadcast_to(np.arange(BANDS, dtype=np.uint64), (len(long), BANDS)).copy()
     with np.errstate(over="ignore"):
-        for place in range(ROWS):
-            total = mixed(total) + rows[:, :, place]
-    return VideoBands(long, mixed(total))
+        # Mixed, because the smallest of many hashes has few bits.
+        kept = mixed(np.array(made.to_rows(), np.uint64)).astype("<u2")
+    return VideoBands(long, kept.view("<u8"))
 
 
 def firsts(bands: np.ndarray) -> np.ndarray:
     """For each video the number of the first one of its cluster (itself where it is alone).
 
-    `bands` (uint64 [videos, 14]): two videos with the same value in a band say nearly the same,
-    and so do those that a third one connects.
+    `bands` (uint64 [videos, 28]): two videos say nearly the same if they have a band in common and
+    a third of all hashes, and so do those that a third video connects.
     """
     first = np.arange(len(bands))
     if len(bands) < 2:
         return first
     edges = []
+    hashes = np.ascontiguousarray(bands).astype("<u8").view("<u2")
     for band in bands.T:
         order = np.argsort(band, kind="stable")
         same = np.flatnonzero(band[order][1:] == band[order][:-1])
-        edges.append(np.stack((order[same], order[same + 1])))
+        low, high = order[same], order[same + 1]
+        alike = (hashes[low] == hashes[high]).mean(axis=1) >= ALIKE
+        edges.append(np.stack((low[alike], high[alike])))
     low, high = np.concatenate(edges, axis=1)
     while True:
         least = np.minimum(first[low], first[high])
@@ -197,7 +203,7 @@ def firsts(bands: np.ndarray) -> np.ndarray:
 
 
 def keys_of(words: HashedWords, channels: Sequence[str | None]) -> np.ndarray:
-    """A key for each run of eight words of a batch (uint64, one for each word that seven others
+    """A key for each run of six words of a batch (uint64, one for each word that five others
     follow); 0 for a run that crosses into the next video, or whose video has no channel.
 
     `channels`: of each video of the batch.
@@ -226,30 +232,42 @@ def once_a_video(keys: np.ndarray, video: np.ndarray) -> np.ndarray:
     return keys[new & (keys != 0)]
 
 
-def recurring(files: Sequence[Path]) -> np.ndarray:
-    """The keys that at least three videos have, sorted. `files`: sorted arrays of keys (.npy), each
-    key once for each video of the file that has it.
+class Recurring(NamedTuple):
+    """Runs that at least three videos of a channel have: their sorted keys (uint64), and how many
+    videos have each.
+    """
+
+    keys: np.ndarray
+    videos: np.ndarray
+
+
+def recurring(files: Sequence[Path]) -> Recurring:
+    """The keys that at least three videos have. `files`: sorted arrays of keys (.npy), each key
+    once for each video of the file that has it.
     """
     arrays = [np.load(path, mmap_mode="r") for path in files]
     bounds = np.arange(_PIECES + 1, dtype=np.float64) * 2.0**64 / _PIECES
     limits = [np.searchsorted(one, bounds[1:-1].astype(np.uint64)) for one in arrays]
-    found = []
+    found = [np.zeros(0, np.uint64)]
+    counts = [np.zeros(0, np.int64)]
     for piece in range(_PIECES):
-        parts = []
+        parts = [np.zeros(0, np.uint64)]
         for one, at in zip(arrays, limits, strict=True):
             low = at[piece - 1] if piece else 0
             high = at[piece] if piece < _PIECES - 1 else len(one)
             parts.append(one[low:high])
-        keys = np.concatenate(parts) if parts else np.zeros(0, np.uint64)
+        keys = np.concatenate(parts)
         keys.sort(kind="stable")  # merges what is sorted already
-        # In sorted keys one that stands two places further on is there three times.
-        again = keys[: len(keys) - VIDEOS + 1][keys[: len(keys) - VIDEOS + 1] == keys[VIDEOS - 1 :]]
-        found.append(again[np.diff(again, prepend=np.uint64(0)) != 0])  # no key is 0
-    return np.concatenate(found)
+        starts = np.flatnonzero(np.diff(keys, prepend=np.uint64(0)) != 0)  # no key is 0
+        videos = np.diff(starts, append=len(keys))
+        often = videos >= VIDEOS
+        found.append(keys[starts[often]])
+        counts.append(videos[often])
+    return Recurring(np.concatenate(found), np.concatenate(counts))
 
 
 def around(keys: np.ndarray, first: np.ndarray, after: np.ndarray) -> pa.Array[Any]:
-    """The keys of the runs that reach into each text, a list of `words + 7` each (0 where there is
+    """The keys of the runs that reach into each text, a list of `words + 5` each (0 where there is
     none). `first`, `after`: the first word of each text and the one after its last.
     """
     sizes = after - first + RECURRING_RUN - 1
@@ -262,21 +280,25 @@ def around(keys: np.ndarray, first: np.ndarray, after: np.ndarray) -> pa.Array[A
     return cast("pa.Array[Any]", made)
 
 
-def shares(keys: pa.Array[Any], recurs: np.ndarray) -> np.ndarray:
+def shares(keys: pa.Array[Any], recurs: Recurring, videos: np.ndarray) -> np.ndarray:
     """The share of each text's words that lie in a recurring run (0 to 1; 0 for no words).
 
-    `keys`: lists as `around` makes them; `recurs`: as `recurring` does.
+    `keys`: lists as `around` makes them; `videos`: how many the channel of each text has.
     """
     values = np.asarray(pc.list_flatten(keys))
     sizes = np.asarray(pc.list_value_length(keys))
-    if not len(recurs) or not len(values):
+    if not len(recurs.keys) or not len(values):
         return np.zeros(len(sizes))
-    total = np.concatenate(([0], np.cumsum(is_among(values, recurs)), np.full(RECURRING_RUN, -1)))
+    text = np.repeat(np.arange(len(sizes)), sizes)
+    hits = np.flatnonzero(is_among(values, recurs.keys))
+    having = recurs.videos[np.searchsorted(recurs.keys, values[hits])]
+    recur = np.zeros(len(values), bool)
+    recur[hits[having * ONE_IN >= videos[text[hits]]]] = True
+    total = np.concatenate(([0], np.cumsum(recur), np.full(RECURRING_RUN, -1)))
     total[total < 0] = total[len(values)]
     in_run = total[RECURRING_RUN : RECURRING_RUN + len(values)] > total[: len(values)]
     offsets = np.concatenate(([0], np.cumsum(sizes)))
     words = np.maximum(sizes - RECURRING_RUN + 1, 0)
-    text = np.repeat(np.arange(len(sizes)), sizes)
     own = np.arange(len(values)) - offsets[text] < words[text]
-    hits = np.bincount(text[own & in_run], minlength=len(sizes))
-    return hits / np.maximum(words, 1)
+    shared = np.bincount(text[own & in_run], minlength=len(sizes))
+    return shared / np.maximum(words, 1)

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from kb.artifacts import domain_binding, manifest
 from kb.artifacts.restore import WantedContent
 from kb.core import signals
-from kb.core.config.profile.pairs import Pairs
+from kb.core.config.profile.products import Pairs
 from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.summary import Summary

@@ -51,17 +51,20 @@ class Text:
         lengths: pa.Array[Any] | None = None,
         channels: pa.ChunkedArray[Any] | None = None,
         *,
+        known: np.ndarray | None = None,
         parted: bool = False,
     ) -> None:
         """`transcripts` has the columns of youtube/transcripts; `lengths` the videos' seconds and
-        `channels` the ids of their channels, null when unknown. `parted`: these are no captions but
-        texts, and no phrase reaches from one into the next.
+        `channels` the ids of their channels, null when unknown. `known`: of which videos the topic
+        is known (bool; by default of none). `parted`: these are no captions but texts, and no
+        phrase reaches from one into the next.
         """
         transcripts = transcripts.combine_chunks()
         self.ids, self.kinds = _column(transcripts, "video_id"), _column(transcripts, "kind")
         self.channels: list[str | None] = (
             cast("list[str | None]", channels.to_pylist()) if channels else [None] * len(self.ids)
         )
+        self.known = np.zeros(len(self.ids), bool) if known is None else known
         cues = _column(transcripts, "cues")
         videos = len(cues)
         counts = np.asarray(pc.fill_null(pc.list_value_length(cues), 0)).astype(np.int64)

@@ -12,7 +12,9 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from kb.artifacts import manifest
+from kb.core.config.profile.collecting import TOPIC_KNOWN
 from kb.core.errors import FatalError
+from kb.core.installation import np
 from kb.core.sources import made_of
 from kb.pairs.transcript_batch import Text
 from kb.store.layout import parquet_files
@@ -23,6 +25,7 @@ from kb.store.tables.reading import reading
 (VIDEOS,) = made_of("pairs")  # the source of the videos
 _ROWS = 128  # transcripts in memory at once: some 2 MB of text, which the cache half holds
 _COLUMNS = ["video_id", "kind", "cues"]
+_OF_VIDEOS = ("video_id", "channel_id", "topic_evidence")
 _CUES = 2_000_000  # cues in memory at once, whatever the number of transcripts
 
 
@@ -55,7 +58,7 @@ def texts(path: Path, first: int = 0, after: int | None = None) -> Iterator[Text
     """Transcripts `first` up to `after` of a file, in batches, with lengths and channels of their
     videos.
     """
-    videos = _Videos(path)
+    of_file = _Videos(path)
     with reading([path]), parquet.open_file(path, pre_buffer=False, buffer_size=1 << 20) as file:
         after = file.metadata.num_rows if after is None else after
         at, groups = 0, []
@@ -79,10 +82,20 @@ def texts(path: Path, first: int = 0, after: int | None = None) -> Iterator[Text
             place += batch.num_rows
             if low < high:
                 for piece in _pieces(pa.Table.from_batches([batch.slice(low, high - low)])):
-                    of = videos.of(piece.column("video_id"))
-                    yield Text(piece, of["duration_s"].combine_chunks(), of["channel_id"])
+                    of = of_file.of(piece.column("video_id"))
+                    lengths, known = of["duration_s"].combine_chunks(), topic_known(of)
+                    yield Text(piece, lengths, of["channel_id"], known=known)
             if place >= after:
                 return
+
+
+def topic_known(videos: pa.Table) -> np.ndarray:
+    """Which rows of youtube/videos are known to be about the topic (bool). Keywords alone only make
+    it likely.
+    """
+    evidence = videos["topic_evidence"].cast(pa.string())
+    known = pc.is_in(evidence, value_set=pa.array(TOPIC_KNOWN, pa.string()))
+    return np.asarray(known.to_numpy(), bool)
 
 
 def of_videos(root: Path, ids: pa.Array[Any]) -> pa.Table:
@@ -98,6 +111,18 @@ def of_videos(root: Path, ids: pa.Array[Any]) -> pa.Table:
     return pa.concat_tables(found, promote_options="permissive")
 
 
+def videos(files: list[Path]) -> pa.Table:
+    """`video_id`, `channel_id`, `topic_evidence` and `duration_s` of the files of youtube/videos.
+    Raises DamagedData.
+    """
+    texts: dict[str, pa.DataType] = dict.fromkeys(_OF_VIDEOS, pa.string())
+    kinds = pa.schema({**texts, "duration_s": pa.float64()})
+    with reading(files):
+        read = [parquet.read_table(file, columns=kinds.names) for file in files]
+    tables = [one.select(kinds.names).cast(kinds) for one in read]
+    return pa.concat_tables([kinds.empty_table(), *tables]).combine_chunks()
+
+
 def _pieces(rows: pa.Table) -> Iterator[pa.Table]:
     """A table cut where it holds too many cues for one go (very long streams)."""
     cues = pc.sum(pc.list_value_length(rows.column("cues"))).as_py() or 0
@@ -110,7 +135,7 @@ def _pieces(rows: pa.Table) -> Iterator[pa.Table]:
 
 
 class _Videos:
-    """Lengths (s) and channels of videos by id.
+    """Lengths (s), channels and topics of videos by id.
 
     The videos of a file of transcripts are mostly in the file of the same name.
     """
@@ -122,20 +147,11 @@ class _Videos:
         self._all = False
 
     def of(self, ids: pa.ChunkedArray[Any]) -> pa.Table:
-        """`duration_s` and `channel_id` in the order of `ids`; null where no video says one."""
+        """Rows as `videos` has them, in the order of `ids`; null where no video has one."""
         if self._known is None:
-            self._known = _read([self._same] if self._same.exists() else [])
+            self._known = videos([self._same] if self._same.exists() else [])
         where = pc.index_in(ids, self._known["video_id"])
         if where.null_count and not self._all:
-            self._known, self._all = _read(parquet_files(self._folder)), True
+            self._known, self._all = videos(parquet_files(self._folder)), True
             where = pc.index_in(ids, self._known["video_id"])
         return self._known.take(where)
-
-
-def _read(files: list[Path]) -> pa.Table:
-    names: dict[str, pa.DataType] = {"video_id": pa.string(), "channel_id": pa.string()}
-    kinds = pa.schema({**names, "duration_s": pa.float64()})
-    with reading(files):
-        tables = [parquet.read_table(file, columns=kinds.names) for file in files]
-    made = pa.concat_tables([kinds.empty_table(), *tables], promote_options="permissive")
-    return made.combine_chunks()

@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from kb.artifacts.table_catalog import SCHEMAS, View, empty, view_name
 from kb.core.errors import DamagedData, FatalError, KbError, UsageError
-from kb.core.progress import Progress, Silent
+from kb.core.progress import Progress
 from kb.core.sources import PUBLISHED, SOURCES, exported_by
 from kb.query import statements
 from kb.query.remote_duckdb import reading_views
@@ -142,7 +142,7 @@ def select(
         views = list(find_views(root.absolute())) if root else []
     try:
         statements.check(con, sql)
-        _check(statements.views_read(sql, views), progress or Silent())
+        _check(statements.views_read(sql, views), progress or Progress())
         with reading_views(views):
             relation = con.sql(sql)
             cast = statements.casts(relation, text=text)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from kb.artifacts.purge import PurgeRules
     from kb.artifacts.release_folder import ReleaseFolder
     from kb.core.config.profile import Profile
-    from kb.core.config.profile.check_finding import OnlineAnswer, QuestionCost
+    from kb.core.config.profile.base import OnlineAnswer, QuestionCost
     from kb.core.context import Run
     from kb.crawl.connector import Connector
     from kb.export.layouts import Writer

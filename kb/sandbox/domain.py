@@ -120,7 +120,7 @@ def _spoken(listed: Sequence[Keyword], names: Sequence[str]) -> list[Keyword]:
     # What is in no sentence of ours: a brace would be read as a slot.
     fit = [one for one in listed if not re.search(r"[{}]", one.name)]
     certain = [one for one in fit if one.reach is None]
-    everyday = [one for one in fit if one.reach not in (None, NEVER)]
+    everyday = [one for one in fit if one.reach not in (None, NEVER) and one.rule != "topic"]
     return [
         *rng.sample(certain, min(len(certain), _CERTAIN)),
         *rng.sample(everyday, min(len(everyday), _EVERYDAY)),

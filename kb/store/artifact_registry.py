@@ -45,7 +45,7 @@ _SETTINGS = {
     "tasks": ("tasks", "youtube.topic_keywords", "keywords", "pairs.include"),
     "links": ("keywords", "pairs.include", "pairs.exclude", "pairs.near_words"),
 }
-_RULES = {"pairs": 5, "tasks": 1, "links": 1}
+_RULES = {"pairs": 6, "tasks": 1, "links": 1}
 
 
 @dataclass(frozen=True)

@@ -103,10 +103,20 @@ class Layout:
         """The services that a source's data came from."""
         return self.state_folder() / f"{source}.identity.json"
 
-    def key(self, source: str) -> tuple[Path, Path]:
-        """The secret that names are hashed with, and by what it is known again."""
-        path = self.state_folder() / f"{source}.key"
-        return path, path.with_name(f"{path.name}.sha256")
+    def key(self, source: str) -> Path:
+        """The secret that names are hashed with."""
+        return self.state_folder() / f"{source}.key"
+
+    def key_mark(self, source: str, digest: str) -> Path:
+        """What says beside raw data with which key their names were hashed, and travels with them.
+
+        "*" for the digest gives the pattern of all.
+        """
+        return self.raw(source) / f"key-{digest}.sha256"
+
+    def key_marks(self, source: str) -> list[Path]:
+        """The marks of all keys that raw data of this source were hashed with."""
+        return sorted(self.raw(source).glob(self.key_mark(source, "*").name))
 
     def purge(self, source: str) -> Path:
         """The keys of a purge that is not finished."""

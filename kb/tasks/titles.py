@@ -13,7 +13,7 @@ import unicodedata
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from kb.core.config.profile.tasks import Tasks
+from kb.core.config.profile.products import Tasks
 
 NO_VERB, NO_OBJECT, TOO_LONG = "no_verb", "no_object", "too_long"
 NOT_A_TASK, DUPLICATE = "not_a_task", "duplicate"

@@ -25,7 +25,7 @@ from kb.verify.findings import KINDS, Findings
 # Beside the folders of commands: other roots and what belongs to a checkout.
 NEIGHBOURS = {"demo", "dumps", "profiles", *demo_mark.FILES, ".gitignore", ".gitkeep"}
 _OF_STATE = (
-    *(".lock", ".key", ".key.sha256", ".exported", ".repair", ".txt"),
+    *(".lock", ".key", ".exported", ".repair", ".txt"),
     *(".sqlite-wal", ".sqlite-shm", ".bak"),
     *(".arrow", ".npy"),  # of artifacts on their way
 )
@@ -96,6 +96,8 @@ class FileVerifier:
         findings, known = self._findings, parts[1] in SOURCES
         if known and len(parts) == 3 and path.name.startswith("tombstones"):
             self._checked("tombstones", path)
+        elif known and len(parts) == 3 and path.match("key-*.sha256"):
+            findings.intact("state", path)
         elif known and len(parts) == 4 and path.name.endswith((rawlog.SUFFIX, rawlog.OPEN)):
             self._segments[parts[1]].file(path)
         elif known and len(parts) == 4 and f"{rawlog.SUFFIX}.damaged-" in path.name:

@@ -78,20 +78,15 @@ class Make:
         """See `Step`; not where a file of somebody else's would go with it."""
         note = Layout(root).repairing(self.after) if self.after else None
         fresh = note is not None and note.exists()
-        if not fresh and not any(self._holds(one) for one in findings.of(self.kind)):
+        here = [one for one in findings.entries if any(map(one.path.is_relative_to, self.places))]
+        lost = any(one.kind == self.kind and one.state != "foreign" for one in here)
+        if not fresh and not lost:
             return []
-        foreign = next((one.path for one in findings.entries if self._is_in_the_way(one)), None)
-        if foreign is not None:
-            return [f"{self.places[0]} was left: move {foreign} away, then run `{self.command}`"]
+        for one in here:
+            if one.state == "foreign" and one.kind != "leftovers":
+                way = f"move {one.path} away, then run `{self.command}`"
+                return [f"{self.places[0]} was left: {way}"]
         return _tried(self.command, self.make, note)
-
-    def _holds(self, one: VerifyFinding) -> bool:
-        return one.state != "foreign" and any(map(one.path.is_relative_to, self.places))
-
-    def _is_in_the_way(self, one: VerifyFinding) -> bool:
-        if one.state != "foreign" or one.kind == "leftovers":
-            return False
-        return any(map(one.path.is_relative_to, self.places))
 
 
 @dataclass(frozen=True)

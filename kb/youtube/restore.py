@@ -28,7 +28,7 @@ from kb.artifacts.restore import (
     WantedContent,
 )
 from kb.core.cached_property import cached_property
-from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import Interrupted, Stopped
 from kb.core.summary import Summary

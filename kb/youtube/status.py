@@ -3,7 +3,7 @@
 from typing import Any
 
 from kb.core import clock
-from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.store.state.frontier import Frontier
 from kb.youtube.crawl import quota

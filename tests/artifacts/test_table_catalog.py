@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from kb.artifacts import table_catalog
+from kb.artifacts import release_folder, table_catalog
 from kb.artifacts.table_catalog import Catalog
 from kb.core.errors import DamagedData, FatalError, SettingError, UsageError
 from kb.store.layout import Layout
@@ -87,3 +87,12 @@ def test_a_table_without_any_of_its_files_is_damage(tmp_path: Path) -> None:
         path.unlink()
     with pytest.raises(DamagedData, match="is missing"):
         Catalog(tmp_path / "data").texts("youtube/transcripts")
+
+
+def test_checksums_are_read_and_invalid_lines_are_counted(tmp_path: Path) -> None:
+    assert release_folder.sums(tmp_path) == ({}, 0)
+    digest = "0" * 64
+    (tmp_path / "SHA256SUMS").write_text(f"{digest}  videos.parquet\nnot a checksum\n")
+    assert release_folder.sums(tmp_path) == ({"videos.parquet": digest}, 1)
+    (tmp_path / "SHA256SUMS").write_bytes(b"\xff\xfe")
+    assert release_folder.sums(tmp_path) == ({}, 1)

@@ -8,7 +8,10 @@ import pytest
 
 from kb.sandbox.world import World
 from tests.faults import Sandbox
+from tests.conftest import needs
 from tests.youtube.job import Job
+
+needs("torch")
 
 STEPS = (
     *("youtube export", "youtube export --format text", "youtube export --format minedojo"),
@@ -24,7 +27,7 @@ def crawled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Job]:
     """Raw answers of two sources, which tests copy."""
     world = World(n_channels=6, n_videos=40, n_posts=16, width=12, depth=4)
     with Sandbox(world, services=["youtube", "reddit"]) as sandbox:
-        job = Job(sandbox, tmp_path_factory.mktemp("crawled"))
+        job = Job(sandbox, tmp_path_factory.mktemp("crawled"), toxicity=True)
         job.done("youtube", "crawl")
         job.done("reddit", "crawl")
         yield job
@@ -34,7 +37,9 @@ def crawled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Job]:
 def job(crawled: Job, tmp_path: Path) -> Job:
     """A root of its own with these answers."""
     shutil.copytree(crawled.root, tmp_path / "data", symlinks=True)
-    return Job(crawled.sandbox, tmp_path)
+    job = Job(crawled.sandbox, tmp_path, toxicity=True)
+    job.profile()
+    return job
 
 
 def test_empty_is_a_size(job: Job) -> None:
@@ -89,7 +94,7 @@ def planned(job: Job, *names: str) -> dict[str, list[str]]:
 
 def test_a_second_run_writes_nothing_and_a_change_is_named(job: Job) -> None:
     done = job.done("build")
-    assert done["failed"] == 0 and done["made"] == len(done["steps"]) == 14
+    assert (done["failed"], done["made"]) == (0, 14)
     assert {one["outcome"] for one in done["steps"]} == {"made"}
     before = files(job.root, *MADE)
     again = job.done("build")

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from kb.cli import reference
 from kb.cli.app import context, leaves
 from kb.core.installation import install_extra
+from tests.docs import reference
 
 ROOT = Path(__file__).resolve().parents[2]
 # `pip install` of anything but the checkout itself, or our name (or the former one) as a

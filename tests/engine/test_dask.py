@@ -5,6 +5,8 @@ and clusters that go away or never get workers.
 import contextlib
 import logging
 import os
+import re
+import shutil
 import socket
 import subprocess
 import sys
@@ -14,6 +16,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from kb.cli.framework.exit_codes import describe
 from kb.core import dask_engine, signals
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError, Interrupted, MissingExtra, SettingError, Unreachable
@@ -21,7 +24,7 @@ from kb.core.errors import FatalError, Interrupted, MissingExtra, SettingError, 
 sys.path.insert(0, str(Path(__file__).parent))
 import tasks
 
-from tests.conftest import needs
+from tests.conftest import ROOT, needs
 
 needs("distributed")
 
@@ -49,6 +52,7 @@ def test_a_projects_error_arrives_as_it_was_raised(pool):
     with pytest.raises(SettingError, match="not so") as error:
         list(map_in_order(pool, tasks.fails, [()]))
     assert error.value.hint == "but so"
+    assert re.search(r"\(on the Dask worker tcp://127.0.0.1:\d+\)", describe(error.value)[0])
 
 
 def test_workers_have_this_process_date(pool, cluster, monkeypatch):
@@ -111,13 +115,28 @@ def listening() -> set[tuple[int, str, int]]:
     return found
 
 
-def test_other_versions_on_the_workers_are_refused(cluster, monkeypatch):
-    monkeypatch.setattr(dask_engine, "__version__", "9.9")
-    with (
-        pytest.raises(FatalError, match=r"9\.9"),
-        make_executor("dask", 1, cluster.scheduler_address),
-    ):
-        pass
+@pytest.mark.parametrize("what", ["Lorecrawl", "Python", "pyarrow"])
+def test_a_worker_that_has_something_else_is_refused(cluster, monkeypatch, what):
+    ours = dask_engine.description
+
+    def other(token):
+        return {**ours(token), what: "9.9"}
+
+    # This process differs from the workers, which run the function by its name.
+    other.__module__, other.__qualname__ = ours.__module__, ours.__qualname__
+    with monkeypatch.context() as patched:
+        patched.setattr(dask_engine, "description", other)
+        with (
+            pytest.raises(SettingError, match=rf"tcp://127.0.0.1:\d+ has {what} .*, not 9\.9"),
+            make_executor("dask", 1, cluster.scheduler_address),
+        ):
+            pass
+
+
+def test_slots_are_the_clusters_and_workers_lowers_them(cluster):
+    for most, window in ((None, 4), (8, 4), (1, 1)):
+        with make_executor("dask", 1, cluster.scheduler_address, most=most) as executor:
+            assert executor.window == window
 
 
 class Own:
@@ -141,21 +160,25 @@ class Own:
         self.address = found.rpartition("Scheduler at:")[2].strip()
         threading.Thread(target=line.read, daemon=True).start()
 
-    def start(self, what: str, *words: str) -> None:
-        environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent)}
+    def start(self, what: str, *words: str, code: str = "", place: Path | None = None) -> None:
+        paths = (str(Path(__file__).parent), code, str(ROOT))  # this code, wherever it is installed
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
         command = [sys.executable, "-m", "dask", what, *words]
         err = subprocess.PIPE if what == "scheduler" else subprocess.DEVNULL
+        if what in self.processes:
+            what = f"{what} {len(self.processes)}"
         self.processes[what] = subprocess.Popen(
             command,
-            cwd=self.place,
+            cwd=place or self.place,
             env=environment,
             stdout=subprocess.DEVNULL,
             stderr=err,
             text=True,
         )
 
-    def worker(self) -> None:
-        self.start("worker", self.address, "--no-nanny", "--no-dashboard", "--nthreads", "1")
+    def worker(self, **options) -> None:
+        words = ("--no-nanny", "--no-dashboard", "--nthreads", "1")
+        self.start("worker", self.address, *words, **options)
 
     def kill(self, what: str) -> None:
         self.processes[what].kill()
@@ -252,3 +275,51 @@ def test_sigterm_leaves_the_task_in_hand_some_seconds(own, monkeypatch):
         future = pool.submit(tasks.linger, str(own.place))
         own.when_begun(lambda: signals.stop.request("SIGTERM"))
         future.result()
+
+
+def test_a_worker_that_sees_another_folder_as_the_data_root_is_refused(own, tmp_path, monkeypatch):
+    """Under the same path, as with a copy of the root on each machine."""
+    for place in ("here", "there"):
+        (tmp_path / place / "data").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "here")
+    root = Path("/proc/self/cwd/data")  # of each process its own
+    own.worker(place=tmp_path / "there")
+    with (
+        pytest.raises(SettingError, match="does not see the data root"),
+        make_executor("dask", 1, own.address, root),
+    ):
+        pass
+    assert not list((root / "state").iterdir())
+    own.kill("worker")
+
+
+def test_a_late_worker_with_other_code_gets_no_work(own, tmp_path, caplog):
+    caplog.set_level(logging.WARNING, "kb.dask")
+    for name in ("kb", "schemas", "pipelines"):
+        shutil.copytree(Path(dask_engine.__file__).parents[2] / name, tmp_path / "other" / name)
+    (tmp_path / "other/kb/core/licences.py").open("a").write("\n# changed\n")
+    own.worker()
+    with make_executor("dask", 1, own.address, tmp_path) as pool:
+        first = pool.submit(os.getpid).result()
+        own.worker(code=str(tmp_path / "other"))
+        told = threading.Event()
+        while not any("gets no work: it has Lorecrawl" in one.message for one in caplog.records):
+            pool.submit(os.getpid).result()
+            pool._cluster.check()
+            assert not told.wait(0.1)
+        pids = set(map_in_order(pool, tasks.pid_of, ((n,) for n in range(12)), window=6))
+        assert pids == {first}
+    assert len([one for one in caplog.records if "gets no work" in one.message]) == 1
+
+
+def test_a_late_worker_that_is_fit_takes_over_from_one_that_died(own, tmp_path):
+    own.worker()
+    with make_executor("dask", 1, own.address, tmp_path) as pool:
+        future = pool.submit(tasks.linger_once, str(own.place))
+
+        def change() -> None:
+            own.kill("worker")
+            own.worker()
+
+        own.when_begun(change)
+        assert future.result() == "done"

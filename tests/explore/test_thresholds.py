@@ -24,7 +24,7 @@ KEYS = {
     "duration": "min_duration_s = 60",
     "toxicity youtube": "youtube = 0.5",
     "toxicity reddit": "reddit = 0.5",
-    "words": "min_words = 20",
+    "words": "min_words = 0",
     "score": "min_score = 5",
 }
 

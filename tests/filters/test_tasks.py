@@ -1,9 +1,14 @@
 """Tests of the steps of a row: the newest answers are joined, and written by bucket."""
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from kb.core.errors import CountMismatch
+from kb.core.progress import Progress, Task
 from kb.export import parquet
 from kb.filters.filter_run import run_clean
 from kb.store.state import tombstones
@@ -100,3 +105,30 @@ def test_buckets_without_rows_are_no_failure_and_every_table_is_there(
     }
     assert list(rows(tmp_path, "pending")) == ["alone"]
     assert rows(tmp_path, "videos") == {}
+
+
+class Harming(Progress):
+    """Does `harm` between decoding and judging."""
+
+    def __init__(self, harm: Callable[[], object]) -> None:
+        self.harm = harm
+
+    def task(self, name: str, *args: Any, **options: Any) -> Task:
+        if name.startswith("filter "):
+            self.harm()
+        return super().task(name, *args, **options)
+
+
+@pytest.mark.parametrize("kind", ["videos", "transcripts"])
+def test_rows_of_a_bucket_that_is_gone_are_missed(root: Path, kind: str) -> None:
+    """As for a worker that sees another folder under the data root's path."""
+    run_clean(run_at(root), "youtube")
+    before = digests(root / "clean")
+
+    def harm() -> None:
+        path, *_ = (root / "clean").glob(f".*/{kind}/0/*.arrow")
+        path.unlink()
+
+    with pytest.raises(CountMismatch, match="can be read"):
+        run_clean(replace(run_at(root), progress=Harming(harm)), "youtube")
+    assert digests(root / "clean") == before

@@ -53,18 +53,19 @@ def topic_row(**change: Any) -> tuple[pa.Table, Topic]:
         "view_count": 500,
         "problems": [],
     } | change
-    game_ids = row.pop("game_ids", (GAME,))
+    game_ids, known = row.pop("game_ids", (GAME,)), row.pop("imported_known", False)
     types = {
         "category_id": pa.int64(),
         "view_count": pa.int64(),
         "tags": pa.list_(pa.string()),
         "problems": PROBLEMS,
+        "imported": pa.bool_(),
     }
     rows = pa.table(
         {name: pa.array([value], types.get(name, pa.string())) for name, value in row.items()}
     )
     gate = (AtLeast("view_count", 100, stage="views"),)
-    return rows, Topic(game_ids, (20,), ("Minecraft",), gate)
+    return rows, Topic(game_ids, (20,), ("Minecraft",), gate, imported_known=known)
 
 
 def topic(**change: Any) -> tuple[Any, Any, Any, Any]:
@@ -175,3 +176,21 @@ def test_topic(
     assert got[:3] == (evidence, reason, value)
     if reason is not None:
         assert got[3] == verdict
+
+
+@pytest.mark.parametrize(
+    ("change", "evidence", "reason"),
+    [
+        ({"imported": True}, "profile", None),
+        ({"imported": True, "category_id": None, "title": "Minecraft"}, "profile", None),
+        ({"imported": True, "transcript_outcome": None}, "profile", None),  # no label is waited for
+        ({"imported": True, "game_label_id": GAME}, "game_label", None),
+        ({"imported": True, "game_label_id": OTHER, "title": "Minecraft"}, None, "other_game"),
+        ({"imported": False, "title": "Minecraft"}, "keywords", None),
+        ({"imported": False}, None, "keywords"),
+    ],
+)
+def test_an_imported_video_is_meant_where_the_profile_says_so(
+    change: dict[str, Any], evidence: str | None, reason: str | None
+) -> None:
+    assert topic(imported_known=True, **change)[:2] == (evidence, reason)

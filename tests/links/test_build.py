@@ -47,7 +47,7 @@ def test_the_tables(run: Run) -> None:
     assert entities["Wolf"] == {
         "entity": "Wolf",
         "kind": "entity",
-        "aliases": ["hound", "wolfie", "wolves"],
+        "aliases": ["hound", "hounds", "wolfie", "wolfies", "wolves"],
         "wiki_page_id": 11,
     }
     assert entities["Creeper"]["wiki_page_id"] == 10

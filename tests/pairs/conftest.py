@@ -6,7 +6,7 @@ import pyarrow as pa
 import pytest
 
 from kb.core.config.profile import load_profile
-from kb.core.config.profile.pairs import Pairs
+from kb.core.config.profile.products import Pairs
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.pairs.extract import Tools, make_tools, pairs_of

@@ -9,7 +9,7 @@ import pytest
 from kb.artifacts import manifest
 from kb.artifacts.measures import read_measures, write_measure
 from kb.core.config.pipeline import load, locate
-from kb.core.config.profile.pairs import Pairs
+from kb.core.config.profile.products import Pairs
 from kb.core.context import Run
 from kb.core.errors import FatalError, LimitReached, ProfileError, SettingError
 from kb.pairs import build as building

@@ -149,8 +149,9 @@ def test_keywords_with_examples(run: Run) -> None:
     assert lines["Creeper"].matches > 30
     assert len(lines["Creeper"].examples) == 2
     assert "[creeper]" in lines["Creeper"].examples[0]
-    assert lines["Bed"].rule == "near:20"
+    assert lines["Bed"].rule == "topic"
     assert lines["Bed"].alone > 0
+    assert {line.rule for line in lines.values()} <= {"", "topic", "near:20", "never"}
     assert list(keyword_lines(run, examples=2)) == list(lines.values())
     assert {line.kind for line in keyword_lines(run, kind="entity")} == {"entity"}
 

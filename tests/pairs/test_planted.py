@@ -25,7 +25,7 @@ from tests.conftest import needs
 
 needs("rensa")
 SEEDS = range(20)
-LENGTH, VIDEOS = 8, 3  # of a recurring run, in words and in videos of a channel
+LENGTH, VIDEOS = 6, 3  # of a recurring run, in words and in videos of a channel
 
 
 class Spoken(NamedTuple):
@@ -109,7 +109,7 @@ def _marked(one: Spoken, path: Path) -> list[list[bool]]:
     words = hashed_words(one.text)
     keys = repeated_text.keys_of(words, [video.channel.id for video in one.videos])
     np.save(path, repeated_text.once_a_video(keys, words.video[: len(keys)]))
-    hits = np.flatnonzero(np.isin(keys, repeated_text.recurring([path])) & (keys != 0))
+    hits = np.flatnonzero(np.isin(keys, repeated_text.recurring([path]).keys) & (keys != 0))
     mark = np.zeros(len(words.at), bool)
     mark[(hits[:, None] + np.arange(LENGTH)).ravel()] = True
     return [mark[words.video == number].tolist() for number in range(len(one.videos))]

@@ -14,6 +14,11 @@ TEXTS = {
     "de": "jetzt nehmen wir den Eimer und stellen ihn in den Ofen, damit er schmelzen kann",
     "es": "ahora tomamos el cubo y lo ponemos en el horno para que se derrita muy bien",
     "fr": "maintenant nous prenons le seau et nous le mettons dans le four pour le fondre",
+    "pt": "hoje a gente vai construir uma fazenda pequena do lado da casa e conseguir muito ferro",
+    "it": "oggi costruiamo una piccola fattoria accanto alla casa per avere sempre tanto ferro",
+    "nl": "nu bouwen we samen een kleine boerderij naast het huis en ik laat zien hoe dat moet",
+    "pl": "dzisiaj zbudujemy małą farmę zaraz obok domu i pokażę wam jak łatwo zdobyć żelazo",
+    "ru": "сегодня мы построим маленькую ферму рядом с домом и я покажу как получить железо",
 }
 
 

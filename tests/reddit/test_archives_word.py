@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kb.core.config import pipeline
-from kb.core.config.profile.toxicity import Toxicity
+from kb.core.config.profile.products import Toxicity
 from kb.core.context import Run
 from kb.filters.filter_run import run_clean
 from kb.reddit.crawl.importer import import_dumps

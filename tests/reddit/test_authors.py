@@ -169,9 +169,8 @@ def test_what_they_write_later_stays_away(
         work.refresh()
     else:
         other = Work(work.sandbox, tmp_path / "other", **work.section)
-        for path in Layout(work.root).key("reddit"):
-            Layout(other.root).state_folder().mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(path, Layout(other.root).state_folder() / path.name)
+        Layout(other.root).state_folder().mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(Layout(work.root).key("reddit"), Layout(other.root).key("reddit"))
         other.crawl()
         for path in (other.root / "raw").rglob("*.zst"):
             place = work.root / path.relative_to(other.root)

@@ -10,7 +10,7 @@ import zstandard
 
 from kb.core.config import pipeline
 from kb.core.config.profile import load_profile
-from kb.core.config.profile.toxicity import Toxicity
+from kb.core.config.profile.products import Toxicity
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.summary import Summary

@@ -10,6 +10,7 @@ from kb.artifacts import manifest
 from kb.core.errors import FatalError, UsageError
 from kb.core.progress import Silent
 from kb.store.artifact_registry import MANIFEST
+from kb.store.layout import Layout
 from kb.store.tables import parquet
 from kb.verify.findings import Findings
 from kb.verify.root import verify as look_at
@@ -50,7 +51,7 @@ def test_a_whole_root_is_whole(root: Path) -> None:
 
 def test_keys_restored_tables_and_notes_of_releases_are_known(root: Path) -> None:
     (root / "state/reddit.key").write_text("k")
-    (root / "state/reddit.key.sha256").write_text("d")
+    Layout(root).key_mark("reddit", "d" * 32).write_text("")
     shutil.copytree(root / "clean/youtube/videos", root / "restored/youtube/videos")
     noted = pa.table({"table": ["pairs"], "key": [b"1"]})
     for path in (root / "state/releases/pairs/1.0.0.parquet", root / "restored/missing.parquet"):

@@ -3,9 +3,10 @@
     npm install minecraft-data                (in a folder outside the checkout)
     python make_keywords.py FOLDER/node_modules/minecraft-data/minecraft-data/data > keywords.tsv
 
-Names of all listed versions are taken, so that a video about an old version is matched as well.
-Structures and dimensions are not in the package; they stand here, as does the judgement which
-names are everyday words.
+Names of all listed versions are taken, so that a video about an old version is matched as well, and
+of Bedrock what Java's data lacks. What is in no version stands here: structures, dimensions,
+families ("pickaxe" beside "Diamond Pickaxe"), spoken forms, and the judgement which names are
+everyday words. A rule or form without a row ends the run.
 """
 
 from __future__ import annotations
@@ -13,26 +14,20 @@ from __future__ import annotations
 import json
 import re
 import sys
+from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
-VERSIONS = (
-    "1.7",
-    "1.8",
-    "1.9",
-    "1.10",
-    "1.11",
-    "1.12",
-    "1.13",
-    "1.14",
-    "1.15",
-    "1.16",
-    "1.17",
-    "1.18",
-    "1.19",
-    "1.20",
-    "1.21.4",
-    "1.21.11",
-    "26.1",
+JAVA = (
+    *("1.7", "1.8", "1.9", "1.10", "1.11", "1.12", "1.13", "1.14", "1.15", "1.16", "1.17", "1.18"),
+    *("1.19", "1.20", "1.21.4", "1.21.11", "26.1"),
+)
+BEDROCK = ("1.26.30", "1.26.60")
+# Most other names that only Bedrock has are chemical elements, and blocks that nobody can place.
+ONLY_BEDROCK = re.compile(
+    r"sulfur|cinnabar|poplar|cushion|(concrete|wool) (slab|stairs)$|^chiseled purpur$|^straw bed$"
+    r"|^lodestone compass$|^shelf mushroom$|^(ice crystal|icicle|disc press)$",
+    re.IGNORECASE,
 )
 # In the order in which a kind wins when a name has several.
 KINDS = (
@@ -44,126 +39,233 @@ KINDS = (
     ("enchantment", "enchantments"),
 )
 
-STRUCTURES = """abandoned mineshaft, ancient city, bastion remnant, buried treasure, desert
-pyramid, desert temple, desert well, dungeon, end city, end gateway, end portal, end ship, exit
-portal, fossil, igloo, jungle pyramid, jungle temple, mineshaft, mob spawner, nether fortress,
-nether fossil, nether portal, ocean monument, ocean ruins, pillager outpost, ruined portal,
-shipwreck, spawner, stronghold, swamp hut, trail ruins, trial chamber, village, witch hut, woodland
-mansion"""
-DIMENSIONS = "Nether, The Nether, The End, Overworld"
-SPOKEN = {  # what people say and no version writes
-    "Crafting Table": "workbench, crafting bench",
-    "Zombified Piglin": "zombie pigman, pig zombie, pigman",
-    "Cobblestone": "cobble",
-    "Enchanting Table": "enchantment table, enchant table",
-    "Eye of Ender": "ender eye",
-    "TNT": "t n t",
-    "Redstone Dust": "redstone",
-    "Lapis Lazuli": "lapis",
-    "Glowstone": "glow stone",
-    "Netherrack": "nether rack",
-    "Bone Meal": "bonemeal",
-    "Flint and Steel": "flint n steel",
-    "Experience Orb": "xp orb",
-    "Elytra": "elytra wings",
-    "Bottle o' Enchanting": "xp bottle, experience bottle",
-    "Water Bucket": "bucket of water",
-    "Lava Bucket": "bucket of lava",
-    "Milk Bucket": "bucket of milk",
-    "Powder Snow Bucket": "bucket of powder snow",
-    "Diamond Pickaxe": "diamond pick",
-    "Iron Pickaxe": "iron pick",
+# What no version has as a name, by kind.
+BY_HAND = {
+    "entity": """
+Baby Zombie, Chicken Jockey, Dragon, Golem, Librarian, Spider Jockey, Sulfur Cube
+""",
+    "block": """
+Acacia, Amethyst, Birch, Block, Comparator, Dark Oak, Door, Dripstone, Flower, Log, Magma, Moss,
+Oak, Ore, Planks, Portal, Pressure Plate, Repeater, Slab, Spruce, Staircase, Stairs, Tree, Vine,
+Wall
+""",
+    "item": """
+Armor, Axe, Beef, Boots, Chainmail Armor, Copper, Copper Armor, Debris, Diamond Armor, Diamond
+Tools, Explorer Map, Food, Gold, Golden Armor, Helmet, Hoe, Honey, Ingot, Iron, Iron Armor, Iron
+Tools, Leather Armor, Leggings, Chestplate, Meat, Music Disc Bounce, Music Disc Creator, Music Disc
+Lava Chicken, Music Disc Otherside, Music Disc Pigstep, Music Disc Precipice, Music Disc Relic,
+Music Disc Tears, Netherite, Netherite Armor, Nugget, Ocean Explorer Map, Pearl, Pickaxe, Quartz,
+Shovel, Spear, Stone Tools, Sword, Treasure Map, Trial Explorer Map, Woodland Explorer Map, Wooden
+Tools
+""",
+    "biome": "Biome, Sulfur Caves, Tundra",
+    "enchantment": "Enchantment",
+    "structure": """
+abandoned mineshaft, ancient city, base, bastion, bastion remnant, bridge, buried treasure, castle,
+cave, desert pyramid, desert temple, desert well, dungeon, end city, end gateway, end portal, end
+ship, exit portal, farm, fortress, fossil, geode, house, igloo, jungle pyramid, jungle temple,
+mansion, mineshaft, mob spawner, monument, nether fortress, nether fossil, nether portal, ocean
+monument, ocean ruins, outpost, pillager outpost, pyramid, raid, ravine, ruined portal, shipwreck,
+spawner, stronghold, sulfur spring, swamp hut, temple, tower, trail ruins, trial chamber, village,
+witch hut, woodland mansion
+""",
+    "dimension": "Nether, The Nether, The End, Overworld",
+    "term": "Chunk, Coordinates, Inventory, Recipe, Seed, Spawn, Spawn Point, XP",
+    "action": "Brewing, Crafting, Enchanting, Mining, Smelting, Strip Mine",
 }
-# Everyday words: alone they say little about the game. "near" wants an unmistakable keyword close
-# by; "never" makes no pair.
-NEAR = """
-absorption, anvil, apple, apples, arrow, bamboo, banner, barrel, barrier, basalt, bat, beach,
-beacon, bed, bee, beef, beehive, beetroot, beetroots, bell, birch forest, black dye, blaze,
-blindness, blue dye, boat, bogged, bone, book, bookshelf, boots, bow, bowl, bread, breeze, brick,
-bricks, brown dye, brush, bucket, bundle, buried treasure, bush, button, cactus, cake, camel,
-campfire, candle, carpet, carrot, carrots, cat, cauldron, chain, charcoal, cherry grove, chest,
-chest boat, chicken, clay, clock, clownfish, coal, cocoa, cocoa beans, cod, cold ocean, compass,
-concrete, cookie, copper, cornflower, cow, creaking, crossbow, dandelion, darkness, deep ocean,
-desert, diamond, dirt, dispenser, dolphin, donkey, door, dragon, dropper, drowned, dungeon, dye,
-efficiency, egg, eggs, emerald, farmland, feather, fence, fern, fireball, fireworks, fish, fishing
-bobber, fishing rod, flame, flint, flower, flower pot, forest, fortune, fossil, fox, frog, frozen
-ocean, frozen river, furnace, giant, glass, glass bottle, glow, glowing, goat, gold, gold block,
-granite, grass, gravel, grove, guardian, haste, hay, health boost, hell, helmet, honey, hopper,
-horse, hunger, husk, ice, ice spikes, igloo, infested, instant damage, instant health,
-invisibility, iron, iron bars, iron door, item frame, jigsaw, jukebox, jungle, kelp, ladder, lamp,
-lantern, lava, lead, leather, leaves, lectern, lever, levitation, lightning, lilac, lily pad,
-llama, log, loom, looting, loyalty, lunge, lure, mace, magma, mannequin, meadow, melon, mending,
-milk, mob, monster, moss, mountains, mud, mule, mushroom, mutton, name tag, nausea, nautilus, night
-vision, oak, oak tree, observer, ocean, painting, panda, paper, parched, parrot, peony, phantom,
-piercing, pig, piston, plains, planks, poison, poppy, portal, potato, potatoes, potion, protection,
-pufferfish, pumpkin, punch, quartz, rabbit, raid, rail, rails, regeneration, repeater, resistance,
-respiration, riptide, river, rose, saddle, salmon, sand, sandstone, sapling, saturation, savanna,
-scaffolding, seagrass, seeds, sharpness, shears, sheep, shield, shipwreck, shrub, skull, slab,
-slime, slowness, smite, smoker, sniffer, snow, snowball, snowy beach, spider, sponge, spruce,
-spyglass, squid, stairs, steak, stick, stone, stony shore, stray, strength, strider, string,
-stronghold, sugar, sugar cane, sunflower, swamp, sword, terracotta, the end, thorns, torch, totem,
-trap, tree, trident, tripwire, tropical fish, turtle, vault, vex, village, villager, vine, vines,
-void, wall, warden, warm ocean, water, weakness, weaving, wheat, windswept hills, witch, wither,
-wolf, wood, wooden button, wooden door, wool
+SPOKEN = {  # what people say and no version writes
+    "Boat with Chest": "chest boat",
+    "Bone Meal": "bonemeal",
+    "Bottle o' Enchanting": "xp bottle, experience bottle",
+    "Bucket of Sulfur Cube": "sulfur cube bucket",
+    "Cactus": "cactuses",
+    "Cobblestone": "cobble",
+    "Coordinates": "coords, cords",
+    "Crafting Table": "workbench, crafting bench",
+    "Elytra": "elytra wings",
+    "Enchanted Golden Apple": "god apple, notch apple",
+    "Enchanting Table": "enchantment table, enchant table",
+    "Experience Orb": "xp orb",
+    "Explorer Map": "explorer's map",
+    "Eye of Ender": "ender eye",
+    "Fire Resistance": "fire res",
+    "Flint and Steel": "flint n steel",
+    "Glowstone": "glow stone",
+    "Golden Apple": "gapple",
+    "Inventory": "hotbar",
+    "Lapis Lazuli": "lapis",
+    "Lava Bucket": "bucket of lava",
+    "Lead": "leash",
+    "Leather Cap": "leather helmet",
+    "Leather Pants": "leather leggings",
+    "Leather Tunic": "leather chestplate",
+    "Milk Bucket": "bucket of milk",
+    "Mountains": "mountain",
+    "Music Disc Lava Chicken": "lava chicken",
+    "Music Disc Otherside": "otherside",
+    "Music Disc Pigstep": "pigstep",
+    "Nether Fortress": "nether fort",
+    "Nether Wart": "wart",
+    "Netherrack": "nether rack",
+    "Phantom Membrane": "membrane",
+    "Powder Snow": "powdered snow",
+    "Powder Snow Bucket": "bucket of powder snow",
+    "Redstone Dust": "redstone",
+    "Skeleton": "skelly, skellies",
+    "Smelting": "smelt",
+    "Spawn Point": "respawn point",
+    "Strip Mine": "strip mining",
+    "TNT": "t n t",
+    "Water Bucket": "bucket of water",
+    "Wither Skeleton": "wither skelly, wither skellies",
+    "XP": "experience points",
+    "Zombified Piglin": "zombie pigman, pig zombie, pigman",
+}
+# What is said in place of a word of a name, in any name that has it: gold pick, Golden Pickaxe.
+SAID = {
+    "armor": ("armour",),
+    "axe": ("ax",),
+    "chainmail": ("chain",),
+    "chestplate": ("chest plate",),
+    "deepslate": ("deep slate",),
+    "golden": ("gold",),
+    "minecart": ("mine cart",),
+    "mineshaft": ("mine shaft",),
+    "pickaxe": ("pick", "pick axe", "pickax", "pick ax"),
+    "sculk": ("skulk",),
+    "wooden": ("wood",),
+}
+ALONE = {"axe", "pickaxe"}  # of these words what is said is a word of its own: "pick", "ax"
+# "At the end portal" is no end, and "the nether portal" is a portal.
+THERE = {"end": ("the", "at the", "in the"), "nether": ("the",)}
+
+# Everyday words. `topic` counts in a video that is known to be about the game; `near` wants an
+# unmistakable keyword close by, in such a video too; `never` makes no pair.
+TOPIC = """
+apple, armor, arrow, axe, bamboo, bastion, beacon, bed, birch, block, boat, bone, book, boots, bow,
+bread, brewing, brick, bricks, bridge, bucket, bundle, cactus, camel, carpet, carrot, carrots,
+cauldron, cave, chest, chicken, chunk, clay, coal, cod, coordinates, copper, cow, crafting, desert,
+diamond, dirt, door, drowned, dungeon, dye, efficiency, emerald, enchanting, enchantment, farm,
+feather, fence, fishing bobber, fishing rod, food, forest, fortress, fossil, goat, gold, granite,
+grass, gravel, guardian, helmet, hoe, house, ice, infinity, inventory, iron, jungle, kelp, ladder,
+lantern, leather, leggings, lever, llama, log, loom, mace, magma, meat, mining, mountains, mule,
+mushroom, oak, ocean, ore, pearl, phantom, pig, plains, planks, portal, potato, potatoes, potion,
+protection, pufferfish, pumpkin, pyramid, rail, ravine, recipe, river, salmon, sand, savanna,
+scaffolding, seeds, sheep, shield, shipwreck, shovel, slab, slime, smelting, snow, snowball, spawn,
+spawn point, spear, spider, spruce, staircase, stairs, stick, stone, string, strip mine, sugar,
+swamp, sword, temple, the end, torch, tower, tree, tropical fish, tundra, village, villager, water,
+wheat, witch, wolf, wood, xp
 """
-NEVER = """air, breach, corner, data, density, end, fire, gate, head, infinity, item, light, load,
-luck, map, marker, path, player, power, rain, save, sign, spawn, speed, target, unluck"""
+NEAR = """
+absorption, banner, barrel, barrier, base, bat, beach, bee, beef, bell, blindness, bowl, breeze,
+brush, bush, button, cake, candle, castle, cat, chain, clock, cocoa, compass, concrete, cookie,
+dandelion, darkness, debris, deep ocean, dolphin, donkey, dragon, egg, fern, fireball, fish, flame,
+flower, fortune, fox, frog, glass, glowing, grove, haste, honey, horse, hunger, husk, infested,
+invisibility, lead, leaves, librarian, lilac, looting, loyalty, lunge, lure, mannequin, mansion,
+meadow, melon, milk, monster, monument, moss, mud, nausea, nautilus, night vision, nugget, outpost,
+painting, panda, paper, parched, parrot, peony, piercing, poison, poppy, rabbit, raid, resistance,
+respiration, rose bush, saturation, shrub, skull, sponge, squid, steak, stray, strength, sunflower,
+thorns, turtle, vault, vine, vines, wall, weakness
+"""
+NEVER = """
+air, breach, corner, data, density, fire, giant, head, hell, item, light, load, luck, map, marker,
+player, power, punch, save, seed, sign, speed, target
+"""
+ALWAYS = """
+anvil, furnace, hopper, levitation, mending, mob, observer, regeneration, saddle, sapling, wool
+"""  # everyday words that are mostly meant when they are said
 SKIP = re.compile(
-    r"^(?:tile|item|block)\.|%|\(|^minecraft|unused|^null$|^unknown|spawn egg$|^potted "
-    r"|smithing template|pottery sherd|banner pattern$|^map \d|void$|^\W*$| wall banner$|text"
-    " display|interaction|entity$|^cauldront$|^xp ?orb$|rideable|^primed |signal$|texture|facing",
+    r"^(?:tile|item|block)\.|%|\(|^minecraft|unused|^null$|^unknown"
+    r"|smithing template|^map \d|^the void$|^\W*$| wall banner$|text"
+    r" display|interaction|entity$|^cauldront$|^xp ?orb$|rideable|^primed |signal$|texture|facing"
+    r"|^spawn egg$|^banner pattern$",
     re.IGNORECASE,
 )
+HEAD = """\
+# Names of the game, made by make_keywords.py from minecraft-data; families, structures, terms,
+# spoken forms and rules by hand.
+# A rule is for everyday words: topic = counts in a video that is known to be about the game, near =
+# counts when an unmistakable keyword is close, never = counted, but makes no pair.
+keyword\tkind\trule\tforms"""
 
 
 def words(text: str) -> set[str]:
     """Names of a comma-separated list."""
-    return {name.strip() for name in text.replace("\n", " ").split(",")}
+    return {" ".join(name.split()) for name in text.split(",") if name.strip()}
 
 
-def main(folder: Path) -> None:
-    """Print the list."""
-    paths = json.loads((folder / "dataPaths.json").read_text())["pc"]
+def named(data: Path) -> Iterator[tuple[str, str]]:
+    """Every (name, kind) of the listed versions. Data of a version may be that of an older one."""
+    paths = json.loads((data / "dataPaths.json").read_text())
+    for kind, table in KINDS:
+        for edition, versions in (("pc", JAVA), ("bedrock", BEDROCK)):
+            for version in versions:
+                place = paths[edition][version].get(table)
+                if not place or (edition == "bedrock" and table not in ("blocks", "items")):
+                    continue
+                for one in json.loads((data / place / f"{table}.json").read_text()):
+                    name = one.get("displayName") or one["name"]
+                    if edition == "pc" or (
+                        ONLY_BEDROCK.search(name)
+                        and "Double" not in name
+                        and "Wall Sign" not in name
+                    ):
+                        yield name, kind
+                    if edition == "pc" and kind != "entity":
+                        for other in one.get("variations", []):
+                            yield other["displayName"], kind
+
+
+def said(name: str) -> list[str]:
+    """What people say in place of a name, by its words."""
+    key = name.casefold()
+    own = key.split()
+    ways = [(word, *SAID.get(word, ())) for word in own]
+    forms = [" ".join(way) for way in product(*ways)]
+    if key in ALONE:  # "pick" and "ax" alone say little
+        forms = [form for form in forms if form not in ("pick", "ax")]
+    if len(own) > 1:
+        forms += [f"{way} {form}" for form in forms for way in THERE.get(own[0], ())]
+    return [form for form in forms if form != key]
+
+
+def main(data: Path) -> None:
+    """Print the list. Raises SystemExit for a rule or a form without a row."""
     kinds: dict[str, str] = {}
     shown: dict[str, str] = {}
 
     def add(name: str, kind: str) -> None:
-        name = " ".join(
-            re.sub(
-                r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", name.replace("_", " ")
-            ).split()
-        )
-        if 2 < len(name) < 40 and not SKIP.search(name):
+        parted = r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])"
+        name = " ".join(re.sub(parted, " ", name.replace("_", " ")).split())
+        if 1 < len(name) < 40 and not SKIP.search(name):
             kinds.setdefault(name.casefold(), kind)
             shown[name.casefold()] = name[:1].upper() + name[1:]
 
-    for kind, table in KINDS:
-        for version in VERSIONS:
-            place = paths[version].get(table)
-            if place:
-                for one in json.loads((folder / place / f"{table}.json").read_text()):
-                    add(one.get("displayName") or one["name"], kind)
-                    for other in one.get("variations", []) if kind != "entity" else []:
-                        add(other["displayName"], kind)
-    for name in sorted(words(STRUCTURES)):
-        add(name.title(), "structure")
-    for name in sorted(words(DIMENSIONS)):
-        add(name, "dimension")
-    print(
-        "# Names of the game, made by make_keywords.py from minecraft-data; structures,"
-        " dimensions, spoken forms and rules by hand."
-    )
-    print(
-        "# A rule is for everyday words: near = counts when an unmistakable keyword is"
-        " close, never = counted, but makes no pair."
-    )
-    print("keyword\tkind\trule\tforms")
-    order = [kind for kind, _ in KINDS] + ["structure", "dimension"]
-    near, never = words(NEAR), words(NEVER)
+    for name, kind in named(data):
+        add(name, kind)
+    for kind, names in BY_HAND.items():
+        for name in sorted(words(names)):
+            add(name.title() if kind == "structure" else name, kind)
+    rules: dict[str, str] = {}
+    for rule, names in (("topic", TOPIC), ("near", NEAR), ("never", NEVER), ("always", ALWAYS)):
+        for name in words(names):
+            if rules.setdefault(name, rule) != rule:
+                sys.exit(f"{name!r} has the rules {rules[name]} and {rule}")
     spoken = {name.casefold(): forms for name, forms in SPOKEN.items()}
-    for key in sorted(kinds, key=lambda one: (order.index(kinds[one]), one)):
-        rule = "never" if key in never else "near" if key in near else ""
-        print("\t".join((shown[key], kinds[key], rule, spoken.get(key, ""))).rstrip())
+    for what, without in (("rule", rules.keys() - kinds), ("form", spoken.keys() - kinds)):
+        if without:
+            sys.exit(f"a {what} but no row have: {', '.join(sorted(without))}")
+    taken = set(kinds)
+    print(HEAD)
+    order = [*dict(KINDS), "structure", "dimension", "term", "action"]
+    rows = sorted(kinds, key=lambda one: (order.index(kinds[one]), one))
+    hand = {key: [form.strip() for form in spoken.get(key, "").split(",") if form] for key in rows}
+    taken.update(form for forms in hand.values() for form in forms)
+    for key in rows:
+        more = [form for form in said(key) if form not in taken]
+        taken.update(more)
+        forms = ", ".join([*hand[key], *more])
+        print("\t".join((shown[key], kinds[key], rules.get(key, ""), forms)).rstrip())
 
 
 if __name__ == "__main__":

@@ -104,6 +104,8 @@ def _make(run: Run, size: int, found: dict[str, list[str]], steps: list[dict[str
             failures.append((name, error))
             step["outcome"] = f"failed: {error}"
             run.progress.say(f"{name} failed: {error}")
+            for line in getattr(error, "problems", []):
+                show(line, err=True)
             if not isinstance(error, NothingKept):  # its tables are there, without rows
                 lost[name] = error
                 summary["failed"] += 1

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kb.cli.framework.command import command, group
-from kb.cli.framework.command_classes import Command
+from kb.cli.framework.command import Command, command, group
 from kb.cli.framework.options import Options
 from kb.core.errors import UsageError
 

@@ -21,9 +21,12 @@ command's own options. The return value is printed as the command's summary; Non
 
 import contextlib
 import inspect
+import logging
 import os
 import signal
+import sys
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -31,15 +34,105 @@ from types import MethodType
 from typing import Any, TypeVar
 
 import typer
+import typer.core
 import typer.main
 
 from kb.cli.framework import messages
-from kb.cli.framework.command_classes import Command, Group
-from kb.cli.framework.exit_codes import report
-from kb.cli.framework.options import COMMON, RUNNING, SHARED, Options, shared_option
-from kb.core import signals, startup
+from kb.cli.framework.exit_codes import refuse_options_before_command, refuse_unknown, report
+from kb.cli.framework.options import COMMON, DUMPS, RUNNING, SHARED, Options, shared_option
+from kb.core import signals, startup, terminal
 from kb.core.errors import SettingError
 from kb.core.installation import cache_root
+from kb.net import redact
+
+
+class _Sections:
+    """For a command, and for a group that is a command as well (`kb pairs`, `kb release`)."""
+
+    def format_options(self: Any, ctx: Any, formatter: Any) -> None:
+        """Arguments, own options, how to run it, common options."""
+        titles = "Arguments", "Options", "Run options", "Common options"
+        sections: dict[str, list[tuple[str, str]]] = {title: [] for title in titles}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is not None:
+                sections[_section(parameter)].append(record)
+        for title, records in sections.items():
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+    def format_epilog(self: Any, ctx: Any, formatter: Any) -> None:
+        """Examples, line by line as written."""
+        if self.epilog:
+            lines = "".join(f"  {line}\n" for line in self.epilog.splitlines())
+            formatter.write(f"\nExamples:\n{lines}")
+
+
+class Command(_Sections, typer.core.TyperCommand):
+    """A command; `function` does its work, and takes a Run first."""
+
+    function: Callable[..., Any]
+
+
+class Group(_Sections, typer.core.TyperGroup):
+    """A group of commands, which may be a command itself (`run_as`)."""
+
+    def run_as(self, command: Any) -> None:
+        """Do what `command` does when none of the group's commands is named."""
+        self.function, self.params, self.epilog = command.function, command.params, command.epilog
+        self.callback = lambda **values: command.callback(**values) if values else 0
+        self.invoke_without_command = True
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The named command. Raises a usage error with suggestions for an unknown one, and for an
+        option of the group itself.
+        """
+        refuse_unknown(self, ctx, args)
+        refuse_options_before_command(ctx, args[0])
+        ctx.params.clear()  # the group itself does nothing
+        return super().resolve_command(ctx, args)
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """The group's commands, then its options."""
+        self.format_commands(ctx, formatter)
+        super().format_options(ctx, formatter)
+
+
+def _section(parameter: Any) -> str:
+    if parameter.param_type_name == "argument":
+        return "Arguments"
+    if parameter.name in RUNNING:
+        return "Run options"
+    return "Common options" if parameter.name in (*COMMON, "help") else "Options"
+
+
+class DumpsCommand(Command):
+    """Takes every word after --dumps, up to the next option, as one of its files.
+
+    Where the command itself takes folders, only a folder right after --dumps belongs to it.
+    """
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the arguments with --dumps repeated before each file."""
+        takes_folders = any(one.param_type_name == "argument" for one in self.params)
+        return super().parse_args(ctx, _repeat_option(args, takes_folders))
+
+
+def _repeat_option(args: list[str], takes_folders: bool) -> list[str]:
+    words: list[str] = []
+    inside = False
+    for word, before in zip(args, ["", *args], strict=False):
+        if word.startswith("-"):
+            inside = word == DUMPS
+        elif inside and before != DUMPS:
+            if takes_folders and Path(word).is_dir():
+                inside = False
+            else:
+                words.append(DUMPS)
+        words.append(word)
+    return words
+
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -124,9 +217,7 @@ def _call(
     **values: Any,
 ) -> int:
     """Run a command with the values of its own and the shared options; return the exit code."""
-    startup.collect_seldom()  # before the imports
-    from kb.cli.framework import logs
-
+    startup.collect_seldom()
     needs = "profile" if "data" in values else "nothing"
     options = Options(**{name: values.pop(name) for name in SHARED if name in values})
     for name, value in values.items():  # what may be repeated; what is not given, is None
@@ -135,7 +226,7 @@ def _call(
     messages.set_options(options.data, options.profile)
     try:
         with _signals(resumable):
-            logs.configure(quiet=options.quiet, debug=options.debug)
+            configure_logs(quiet=options.quiet, debug=options.debug)
             if values.get("plan"):
                 _check_plan_options(function, options, values, planned)
             if raw:
@@ -201,3 +292,73 @@ def _signals(resumable: bool) -> Iterator[None]:
     heeded = [one for one in signals.BOTH if signal.getsignal(one) is not signal.SIG_IGN]
     with signals.handling(signal.default_int_handler, heeded):
         yield
+
+
+class Stderr:
+    """Writes to whatever sys.stderr is now, so that lines go above a live progress display."""
+
+    def msg(self, text: str) -> None:
+        """One redacted line, or several where it holds a traceback."""
+        print(terminal.lines(redact.text(text)), file=sys.stderr, flush=True)
+
+    log = debug = info = warn = warning = error = critical = exception = fatal = msg
+
+
+class Handler(logging.Handler):
+    """Prints log records of libraries (praw, urllib3, selenium …) in the same way."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """One redacted line; never raises."""
+        try:
+            message, _, trace = self.format(record).partition("\nTraceback ")
+            line = f"{record.levelname.lower()}: {record.name}: {message}"
+            text = terminal.one_line(redact.text(line))
+            if trace:
+                text += "\n" + _indented(redact.text(f"Traceback {trace}"))
+            print(text, file=sys.stderr, flush=True)
+        except Exception:  # noqa: BLE001  a log line must not end a crawl
+            self.handleError(record)
+
+
+def _safe(logger: Any, method: str, event: dict[str, Any]) -> dict[str, Any]:
+    """Values of an event in one line each; only a traceback has lines of its own."""
+    return {name: _value(name, value) for name, value in event.items()}
+
+
+def _value(name: str, value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    return _indented(value) if name == "exception" else terminal.one_line(value)
+
+
+def _indented(trace: str) -> str:
+    """A traceback whose lines can't be taken for lines of ours."""
+    return terminal.lines("\n".join(f"  {line}" for line in trace.splitlines()))
+
+
+def configure_logs(*, quiet: bool, debug: bool) -> None:
+    """Set the level: warnings with --quiet, everything with --debug, otherwise information."""
+    import structlog
+
+    if not debug:
+        # Deprecations inside libraries tell users nothing; worker processes read the variable.
+        warnings.simplefilter("ignore")
+        os.environ.setdefault("PYTHONWARNINGS", "ignore")
+    level = logging.DEBUG if debug else logging.WARNING if quiet else logging.INFO
+    processors: list[Any] = [
+        structlog.contextvars.merge_contextvars,
+        structlog.processors.add_log_level,
+        structlog.processors.format_exc_info,
+        redact.processor,
+        _safe,
+        structlog.dev.ConsoleRenderer(colors=False, pad_event_to=0, pad_level=False),
+    ]
+    structlog.configure(
+        processors=processors,
+        wrapper_class=structlog.make_filtering_bound_logger(level),
+        logger_factory=lambda *_: Stderr(),
+        cache_logger_on_first_use=False,
+    )
+    root = logging.getLogger()
+    root.handlers[:] = [Handler()]
+    root.setLevel(logging.DEBUG if debug else logging.WARNING)

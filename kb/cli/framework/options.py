@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import re
+import sys
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import cache
@@ -14,12 +15,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 import typer.main
 
-from kb.cli.framework.messages import warn
+from kb.cli.framework.messages import warn, with_options
+from kb.core import terminal
 from kb.core.config.pipeline import load, locate
-from kb.core.errors import ProfileError, SettingError
+from kb.core.errors import MissingExtra, ProfileError, SettingError
+from kb.core.progress import LineProgress, Progress, Task
 
 if TYPE_CHECKING:
     from kb.core.config.profile import Profile
+    from kb.core.config.settings import Settings
     from kb.core.context import Run
 
 
@@ -112,9 +116,6 @@ class Options:
         Raises SettingError, ProfileError or OtherService before anything is sent or written.
         """
         from kb.artifacts.table_catalog import address_of, existing
-        from kb.cli.commands.profile.check import refuse
-        from kb.cli.framework import progress
-        from kb.cli.framework.demo_root import in_demo_root
         from kb.core.config.settings import load_settings, unknown_names
         from kb.core.context import Run, default_workers
         from kb.net import redact
@@ -138,6 +139,8 @@ class Options:
             )
         profile = _profile(loaded.kb_profile, root, needs)
         if checks:
+            from kb.cli.commands.profile_files import refuse
+
             refuse(profile)
         address = address_of(loaded.kb_data)
         if address and not addresses:
@@ -161,7 +164,7 @@ class Options:
             engine=str(self.engine),
             scheduler=self.scheduler,
             pipeline=str(self.pipeline) if self.pipeline else None,
-            progress=progress.choose(quiet=self.quiet),
+            progress=choose_progress(quiet=self.quiet),
         )
 
 
@@ -246,3 +249,91 @@ def parse_part(text: str | None) -> tuple[int, int] | None:
 def pipeline(run: Run, name: str) -> ModuleType:
     """The shipped pipeline of that name, or the file of `--pipeline`."""
     return load(str(locate(name, run.pipeline)))
+
+
+def choose_progress(*, quiet: bool) -> Progress:
+    """Bars on a terminal, plain lines elsewhere, nothing with --quiet."""
+    if quiet:
+        return Progress()
+    return Bars() if sys.stderr.isatty() else LineProgress(complete=with_options)
+
+
+class Bars(Progress):
+    """One bar per task: done and total, rate, time left, and the stage's own figures."""
+
+    def __init__(self) -> None:
+        self._live: Any = None
+        self._bars: dict[Task, Any] = {}
+
+    def say(self, text: str) -> None:
+        """Print one line above the bars."""
+        shown = terminal.one_line(with_options(text))
+        if self._live is not None:
+            self._live.console.print(shown, highlight=False, markup=False)
+        else:
+            print(shown, file=sys.stderr, flush=True)
+
+    def show(self, task: Task) -> None:
+        """Draw a task's bar."""
+        if self._live is None:
+            self._live = _live_bars()
+        if task not in self._bars:
+            self._bars[task] = self._live.add_task(
+                terminal.one_line(task.name), total=task.total, figures="", facts=""
+            )
+        self._live.update(
+            self._bars[task],
+            completed=task.done,
+            figures="  ".join(task.figures()),
+            facts=terminal.one_line("  ".join(task.facts())),
+            **({} if task.total is None else {"total": task.total}),
+        )
+        if task.ended:
+            self._live.stop_task(self._bars.pop(task))
+
+    def close(self) -> None:
+        """Stop updating the bars, and release the terminal."""
+        if self._live is not None:
+            self._live.stop()
+            self._live = None
+
+
+def _live_bars() -> Any:
+    from rich import progress as rich
+    from rich.console import Console
+
+    live = rich.Progress(
+        rich.TextColumn("{task.description}", markup=False),
+        rich.BarColumn(bar_width=24),
+        rich.TextColumn("{task.fields[figures]}", markup=False),
+        rich.TextColumn("{task.fields[facts]}", markup=False, style="dim"),
+        console=Console(stderr=True),
+        refresh_per_second=4,
+    )
+    live.start()
+    return live
+
+
+def in_demo_root(root: Path, settings: Settings, profile: Profile) -> tuple[Settings, Profile]:
+    """Settings and profile for another command in a demo's root; unchanged in any other root.
+
+    The root's scores are the tiny model's, so that model is used again unless the user names
+    another. Scoring stays off where the demo had to do without the model.
+    """
+    from kb.store.state import demo_mark
+
+    if demo_mark.read(root) is None or "kb_toxicity_model" in settings.model_fields_set:
+        return settings, profile
+    from kb.sandbox import toxicity
+
+    try:
+        model = str(toxicity.tiny_checkpoint())
+    except MissingExtra:
+        return settings, without_scores(profile)
+    return settings.model_copy(update={"kb_toxicity_model": model}), profile
+
+
+def without_scores(profile: Profile) -> Profile:
+    """The profile with toxicity scoring switched off."""
+    off = profile.toxicity.model_copy(update={"toxicity": "off"})
+    return profile.model_copy(update={"toxicity": off})

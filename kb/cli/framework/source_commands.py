@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from kb.cli.framework.command import command, group
-from kb.cli.framework.command_classes import Group
+from kb.cli.framework.command import Group, command, group
 from kb.cli.framework.options import CLUSTER, pipeline
 from kb.core.context import Run
 from kb.core.sources import SOURCES

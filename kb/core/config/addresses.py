@@ -1,8 +1,12 @@
 """Addresses of services: which are on this machine, and which may be asked in the clear."""
 
 import ipaddress
+import re
 from urllib.parse import SplitResult, urlsplit
 
+_CONTACT = re.compile(
+    r"[^\s@<>]+@[^\s@<>]+\.[^\s@<>.]|https?://[^\s/]+\.[^\s/.]|\bwww\.[^\s/]+\.\w"
+)
 _NOT_HTTPS = "must begin with https://; plain http is for services on this machine alone"
 
 
@@ -43,6 +47,11 @@ def is_loopback(url: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
+
+
+def is_contact(text: str) -> bool:
+    """Whether an e-mail or web address stands in it."""
+    return _CONTACT.search(text) is not None
 
 
 def in_the_clear(url: str) -> bool:

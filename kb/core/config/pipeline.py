@@ -1,7 +1,9 @@
-"""Pipelines are files loaded by path, shipped ones and a user's own alike."""
+"""Pipelines are Python files, shipped ones and a user's own alike.
 
-import importlib.util
-from functools import cache
+What travels to workers is a shipped one's name, and the text of a user's own.
+"""
+
+from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
 
@@ -25,16 +27,31 @@ def locate(name: str, override: str | None = None) -> Path:
     return path.resolve()
 
 
-@cache
 def load(path: str) -> ModuleType:
-    """The module in that file. Workers call it with the same path, so nothing of it is pickled."""
-    name = "kb_pipeline_" + Path(path).stem
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise SettingError(f"{path} is not a Python file")
-    module = importlib.util.module_from_spec(spec)
+    """The module in that file, as it is now. Raises SettingError."""
     try:
-        spec.loader.exec_module(module)
+        return _module(path, Path(path).read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        raise SettingError(f"the pipeline {path} can't be loaded: {error}") from None
+
+
+def packed(name: str, override: str | None = None) -> tuple[str, str]:
+    """What `unpack` makes the same pipeline of elsewhere: (name, ""), or (path, text)."""
+    path = locate(name, override)
+    return (str(path), path.read_text(encoding="utf-8")) if override else (name, "")
+
+
+def unpack(name: str, text: str) -> ModuleType:
+    """The pipeline that was packed. Raises SettingError."""
+    return _module(name, text) if text else load(str(locate(name)))
+
+
+@lru_cache(maxsize=32)  # by its text: a process may outlive an edit
+def _module(path: str, text: str) -> ModuleType:
+    module = ModuleType("kb_pipeline_" + Path(path).stem)
+    module.__file__ = path
+    try:
+        exec(compile(text, path, "exec"), module.__dict__)
     except (SyntaxError, ImportError) as error:
         raise SettingError(f"the pipeline {path} can't be loaded: {error}") from error
     return module

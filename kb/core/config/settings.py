@@ -21,8 +21,7 @@ from pydantic_settings import (
 )
 
 from kb.core import clock, terminal
-from kb.core.config import value_errors
-from kb.core.config.addresses import root_of
+from kb.core.config.addresses import is_contact, root_of
 from kb.core.errors import MissingCredential, SettingError
 
 _log = logging.getLogger("kb.settings")
@@ -31,13 +30,14 @@ _OURS = ("KB_", "YOUTUBE_", "REDDIT_", "ZENODO_")  # what names of settings begi
 _OF_TESTS = ("KB_TEST_", "KB_BENCH_", "KB_RECORDED")
 _LATIN = re.compile("[\x00-\xff]*")
 _ADDRESSES = ("_endpoint", "_web", "_url")  # a name and a password may stand in them
-_CONTACT = re.compile(
-    r"[^\s@<>]+@[^\s@<>]+\.[^\s@<>.]|https?://[^\s/]+\.[^\s/.]|\bwww\.[^\s/]+\.\w"
-)
 REDDIT = ("reddit_client_id", "reddit_client_secret", "kb_contact")  # what asking Reddit needs
+# Secrets, of which an empty one says something.
 _MAY_BE_EMPTY = (
-    *("youtube_api_key", "reddit_client_id", "reddit_client_secret"),
-    *("zenodo_token", "hf_token"),
+    "youtube_api_key",
+    "reddit_client_id",
+    "reddit_client_secret",
+    "zenodo_token",
+    "hf_token",
 )
 
 
@@ -163,7 +163,7 @@ class Settings(BaseSettings):
             except OverflowError:
                 raise ValueError("must be a time from the years 1 to 9999") from None
             except ValueError:
-                raise ValueError("must be a date and time") from None
+                raise ValueError("must be a date and time: 2026-11-20T12:00:00Z") from None
         return value
 
     def secret_values(self) -> list[str]:
@@ -210,9 +210,9 @@ class Settings(BaseSettings):
 
     def check_contact(self) -> None:
         """Raises SettingError when a contact is set that nobody could write to or look at."""
-        if self.kb_contact and not _CONTACT.search(self.kb_contact):
+        if self.kb_contact and not is_contact(self.kb_contact):
             raise SettingError(
-                f"KB_CONTACT is {value_errors.shown(self.kb_contact)}:"
+                f"KB_CONTACT is {terminal.shown(self.kb_contact)}:"
                 " must contain an e-mail or web address",
                 hint="such as me@example.org or https://example.org/about;"
                 " services see it in the User-Agent",
@@ -229,20 +229,6 @@ def _warn_of_short(name: str) -> None:
     )
 
 
-def _describe(error: ValidationError) -> str:
-    """Every problem: the name, what was given if it can't hold a secret, what is expected."""
-    return "; ".join(_problem(one) for one in error.errors(include_url=False))
-
-
-def _problem(first: Any) -> str:
-    name = str(first["loc"][0]) if first["loc"] else ""
-    field = Settings.model_fields.get(name)
-    given = first.get("input")
-    secret = field is None or name in _MAY_BE_EMPTY or name.endswith(_ADDRESSES)
-    shown = "" if secret else f" is {value_errors.shown(str(given))}"
-    return f"{name.upper()}{shown}: {value_errors.wrong(first, field)}"
-
-
 def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
     """Settings of this process; `values` (field names) win over everything.
 
@@ -252,7 +238,14 @@ def load_settings(*, dotenv: bool = True, **values: object) -> Settings:
     try:
         settings = Settings(_env_file=".env" if dotenv else None, **given)
     except ValidationError as error:
-        raise SettingError(_describe(error), hint="see .env.example") from None
+        wrong = []
+        for one in error.errors(include_url=False):
+            name = str(one["loc"][0]) if one["loc"] else ""
+            secret = name not in Settings.model_fields or name.endswith(_ADDRESSES)
+            secret = secret or name in _MAY_BE_EMPTY
+            shown = "" if secret else f" is {terminal.shown(str(one['input']))}"
+            wrong.append(f"{name.upper()}{shown}: {one['msg'].removeprefix('Value error, ')}")
+        raise SettingError("; ".join(wrong), hint="see .env.example") from None
     except (OSError, UnicodeDecodeError) as error:
         what = (
             error.strerror

@@ -17,7 +17,7 @@ from prawcore.sessions import FiniteRetryStrategy
 
 from kb.core import clock
 from kb.core.config.addresses import is_loopback
-from kb.core.config.profile.check_finding import (
+from kb.core.config.profile.base import (
     ERROR,
     NOTE,
     WARNING,
@@ -25,7 +25,7 @@ from kb.core.config.profile.check_finding import (
     OnlineAnswer,
     QuestionCost,
 )
-from kb.core.config.profile.reddit import RedditSection
+from kb.core.config.profile.collecting import RedditSection
 from kb.core.config.settings import REDDIT, Settings
 from kb.core.context import Run
 from kb.core.errors import Blocked, ItemFinal, Retryable

@@ -10,7 +10,7 @@ from datetime import datetime
 from typing import Any
 
 from kb.core.cached_property import cached_property
-from kb.core.config.profile.reddit import RedditSection
+from kb.core.config.profile.collecting import RedditSection
 from kb.core.context import Run
 from kb.core.errors import FatalError, ItemFinal
 from kb.core.summary import Summary

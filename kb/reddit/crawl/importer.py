@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 
 from kb.core import signals
-from kb.core.config.profile.reddit import RedditSection
+from kb.core.config.profile.collecting import RedditSection
 from kb.core.context import Run
 from kb.core.engine import make_executor
 from kb.core.errors import Interrupted, LimitReached, Stopped
@@ -119,7 +119,7 @@ def _import(run: Run, jobs: list[ImportJob]) -> None:
     workers = 1 if run.limit else run.processes(size)
     done: list[DumpCursor] = []
     with (
-        make_executor(run.engine, workers, run.scheduler) as executor,
+        make_executor(run.engine, workers, run.scheduler, run.root) as executor,
         lease(run.root) as leased,
         run.progress.task("import", total=len(jobs), unit="files") as task,
     ):
@@ -127,10 +127,10 @@ def _import(run: Run, jobs: list[ImportJob]) -> None:
         if run.limit:
             results = _in_sequence(jobs)
         elif len(jobs) < workers:
-            results = _in_sequence(jobs, executor, 2 * workers)
+            results = _in_sequence(jobs, executor, executor.window)
         else:
             most = int(run.settings.kb_import_memory_gb * 1e9)
-            results = _side_by_side(jobs, executor, 2 * workers, most)
+            results = _side_by_side(jobs, executor, executor.window, most)
         for cursor in results:
             done.append(cursor)
             fresh = sum(one.fresh for one in done)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from kb.core.config.profile.reddit import RedditSection as Section
+from kb.core.config.profile.collecting import RedditSection as Section
 from kb.reddit.parse import answer_tree
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier

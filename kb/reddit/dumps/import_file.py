@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Collection, Iterable, Iterator
 from concurrent.futures import Executor, Future
 from datetime import UTC, datetime
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,7 +29,7 @@ from kb.reddit.dumps.cursor import (
 )
 from kb.reddit.dumps.files import CHUNK, Chunk, ReadProgress, chunks
 from kb.reddit.dumps.search import ById, IdIndex, SubredditSearch
-from kb.reddit.parse.anonymize import Scrubber, load_key
+from kb.reddit.parse.anonymize import Scrubber, key_digest, load_key
 from kb.reddit.parse.answer_tree import PURGED
 from kb.reddit.parse.removal import LATEST, retrieved
 from kb.reddit.parse.remove_ids import without
@@ -44,15 +44,15 @@ class RecordRules(msgspec.Struct, frozen=True):
     """Which records are wanted, and the root whose key and tombstones count; plain values.
 
     `ids` is a folder of kb.reddit.dumps.search: these records instead of the subreddit's, or,
-    with a subreddit, these of it. `tombstones` is when their file was modified, so that no process
-    uses an older one.
+    with a subreddit, these of it. `stamp` stands for the key and the tombstones as they are, so
+    that no worker that stays up uses older ones.
     """
 
     root: str
     subreddit: str
     since: float
     until: float
-    tombstones: int
+    stamp: str
     ids: str = ""
 
 
@@ -83,7 +83,7 @@ def extract(chunks: list[Chunk], rules: RecordRules, limit: int = 0) -> list[Ext
     """
     search = SubredditSearch(rules.subreddit)
     if rules.ids:
-        search = ById(_id_index(rules.ids), rules.subreddit)
+        search = ById(_id_index(rules.ids, rules.stamp), rules.subreddit)
     extracted = []
     for chunk in chunks:
         one = _extract_chunk(search, chunk, rules)
@@ -98,7 +98,7 @@ def extract(chunks: list[Chunk], rules: RecordRules, limit: int = 0) -> list[Ext
 
 
 def _extract_chunk(search: SubredditSearch, chunk: Chunk, rules: RecordRules) -> ExtractedChunk:
-    scrubber, purged = _tools(rules.root, rules.tombstones, rules.ids)
+    scrubber, purged = _tools(rules.root, rules.stamp, rules.ids)
     records: list[ExtractedRecord] = []
 
     def take(end: int, record: dict[str, Any]) -> None:
@@ -121,16 +121,16 @@ def _extract_chunk(search: SubredditSearch, chunk: Chunk, rules: RecordRules) ->
     return ExtractedChunk(offset, matches.lines, matches.bad_lines, matches.first_bad, records)
 
 
-@cache
-def _tools(root: str, stamp: int, ids: str) -> tuple[Scrubber, Collection[str]]:
+@lru_cache(maxsize=2)
+def _tools(root: str, stamp: str, ids: str) -> tuple[Scrubber, Collection[str]]:
     """The anonymizer and the purged names; made once in each worker."""
     purged = tombstones.keys(Path(root), "reddit")
     scrubber = Scrubber(load_key(Path(root)), tombstones.people(Path(root), "reddit"))
-    return scrubber, purged | _id_index(ids).purged if ids else purged
+    return scrubber, purged | _id_index(ids, stamp).purged if ids else purged
 
 
-@cache
-def _id_index(folder: str) -> IdIndex:
+@lru_cache(maxsize=2)
+def _id_index(folder: str, stamp: str) -> IdIndex:
     """Read once in each worker."""
     return IdIndex(Path(folder))
 
@@ -224,7 +224,7 @@ def _extracted(
 ) -> Iterator[ExtractedChunk]:
     """The records of the chunks in their order, the same for any number of workers."""
     home = Path(job.home or job.root)
-    stamp = tombstones.version(home, "reddit")
+    stamp = f"{key_digest(load_key(home))} {tombstones.version(home, 'reddit')}"
     rules = RecordRules(str(home), job.subreddit, job.since, job.until, stamp, job.ids)
     limit = job.limit
     waiting: deque[Future[list[ExtractedChunk]]] = deque()

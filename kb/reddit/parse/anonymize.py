@@ -65,13 +65,14 @@ def load_key(root: Path) -> bytes:
 
     Raises DamagedData when it is lost, cut off, or another one than the data were hashed with.
     """
-    path, digest_path = Layout(root).key("reddit")
+    path = Layout(root).key("reddit")
     if read_key(root) is None:
         write_bytes(path, secrets.token_hex(32).encode(), mode=0o600)
     path.chmod(0o600)
     key = path.read_bytes().strip()
-    if not digest_path.exists():  # a new key, or one that was given anew
-        write_bytes(digest_path, f"{hashlib.sha256(key).hexdigest()}\n".encode())
+    mark = Layout(root).key_mark("reddit", key_digest(key))
+    if not mark.exists():  # a new key, or one that was given anew
+        write_bytes(mark, b"")
     return key
 
 
@@ -79,28 +80,28 @@ def read_key(root: Path) -> bytes | None:
     """The data root's key, None when no name was hashed with one yet. Writes nothing; raises as
     `load_key`.
     """
-    path, digest_path = Layout(root).key("reddit")
-    noted = (
-        digest_path.read_text(encoding="utf-8", errors="replace").strip()
-        if digest_path.exists()
-        else ""
-    )
+    path, marks = Layout(root).key("reddit"), Layout(root).key_marks("reddit")
     if not path.exists():
-        if noted or rawlog.any_answer(root, "reddit"):
-            raise _not_the_key(path, digest_path, "is lost")
+        if marks or rawlog.any_answer(root, "reddit"):
+            raise _not_the_key(path, "is lost")
         return None
     key = path.read_bytes().strip()
     if len(key) != 64:
-        raise _not_the_key(path, digest_path, "is damaged")
-    if noted and noted != hashlib.sha256(key).hexdigest():
-        raise _not_the_key(path, digest_path, "is another key than this data root's")
+        raise _not_the_key(path, "is damaged")
+    if marks and Layout(root).key_mark("reddit", key_digest(key)) not in marks:
+        raise _not_the_key(path, "is another key than this data root's")
     return key
 
 
-def _not_the_key(path: Path, digest_path: Path, what: str) -> DamagedData:
-    anew = (
-        f"rm -f {shlex.quote(str(digest_path))} && openssl rand -hex 32 > {shlex.quote(str(path))}"
-    )
+def key_digest(key: bytes) -> str:
+    """What a key is known by, without telling it."""
+    return hashlib.sha256(key).hexdigest()[:32]
+
+
+def _not_the_key(path: Path, what: str) -> DamagedData:
+    marks = path.parents[1] / "raw" / "reddit"
+    anew = f"rm -f {shlex.quote(str(marks))}/key-*.sha256"
+    anew += f" && openssl rand -hex 32 > {shlex.quote(str(path))}"
     return DamagedData(
         f"{path} {what}: the authors of what is here were hashed with it, and what is read with"
         " another key never meets them",

@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 import pyarrow as pa
 
-from kb.core.config.profile.reddit import Links
+from kb.core.config.profile.collecting import Links
 from kb.core.errors import DamagedData
 from kb.reddit.parse import answer_tree
 from kb.reddit.parse.records import RecordReader, Row, new_row

@@ -13,9 +13,9 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.config.profile.reddit import Links, RedditSection
+from kb.core.config.profile.collecting import Links, RedditSection
 from kb.core.context import Run
-from kb.core.engine import make_executor, map_in_order
+from kb.core.engine import executor_of, map_in_order
 from kb.reddit.parse import answers as parse
 from kb.store.full_disk import full_disk_is_resumable
 from kb.store.layout import Layout
@@ -67,10 +67,10 @@ def latest_state(run: Run, folder: Path | None = None) -> Iterator[LatestState]:
             for place, (kind, path) in enumerate(segments)
         )
         with (
-            make_executor(run.engine, run.processes(size), run.scheduler) as executor,
+            executor_of(run, size) as executor,
             run.progress.task("read reddit", total=len(segments), unit="raw files") as task,
         ):
-            for _ in map_in_order(executor, spread, tasks, window=2 * run.workers):
+            for _ in map_in_order(executor, spread, tasks, window=executor.window):
                 task.advance(1)
         yield LatestState(folder)
     finally:

@@ -14,7 +14,7 @@ from html.entities import html5
 from typing import Any
 from urllib.parse import urlsplit
 
-from kb.core.config.profile.reddit import Links
+from kb.core.config.profile.collecting import Links
 from kb.reddit.parse import answer_tree
 from kb.reddit.parse.answer_tree import PURGED
 from kb.reddit.parse.removal import LATEST, flag, removal, retrieved

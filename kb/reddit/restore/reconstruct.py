@@ -32,7 +32,7 @@ import pyarrow.parquet as pq
 
 from kb.artifacts.restore import FAILED, MISSING, WORK, WantedContent
 from kb.core.config.profile import DEFAULT, load_profile
-from kb.core.config.profile.reddit import RedditSection
+from kb.core.config.profile.collecting import RedditSection
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import DamagedData, KbError

@@ -27,7 +27,7 @@ from kb.artifacts.restore import (
     RestoreFolder,
     fresh_rows,
 )
-from kb.core.config.profile.reddit import Links
+from kb.core.config.profile.collecting import Links
 from kb.core.errors import SettingError
 from kb.reddit.crawl.ids import Released, WantedThings
 from kb.reddit.dumps.cursor import KIND

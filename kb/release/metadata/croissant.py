@@ -9,7 +9,7 @@ import json
 from collections.abc import Iterable
 from typing import Any
 
-from kb.core.config.profile.release import Creator
+from kb.core.config.profile.products import Creator
 from kb.core.context import Run
 from kb.core.licences import licence
 from kb.core.sources import PUBLISHED

@@ -30,8 +30,8 @@ def pair_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> 
         _times(figures["word_times"], figures["interpolation_error_s"]),
         (
             f"Near-duplicates: {_pairs(figures['near_duplicates'])} are of a video that says nearly"
-            " what another one says (`duplicate_of`), by MinHash of runs of five words, 14 bands of"
-            " 8 hashes."
+            " what another one says (`duplicate_of`), by MinHash of runs of five words, where a"
+            " third of 112 hashes agree."
         ),
         *_recurring(figures["recurring_text"]),
         _languages(figures["languages"]),
@@ -60,8 +60,8 @@ def _recurring(share: dict[str, Any]) -> Iterator[str]:
     if share["n"]:
         yield (
             f"Recurring text: in {_pairs(share)} more than half of the words lie in runs of at"
-            " least eight words that at least three videos of the channel have; on average"
-            f" {share['mean_share']:.1%} of the words do (`recurring_share`)."
+            " least six words that at least three videos of the channel have, and one in twenty of"
+            f" them; on average {share['mean_share']:.1%} of the words do (`recurring_share`)."
         )
 
 

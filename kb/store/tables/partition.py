@@ -20,7 +20,7 @@ import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.core.errors import DamagedData
+from kb.core.errors import CountMismatch, DamagedData
 from kb.schema import raw
 from kb.store.rawlog.rawlog import Frames
 from kb.store.tables.latest import duplicates, newest
@@ -88,18 +88,16 @@ def spread(
 ) -> dict[str, Any]:
     """Parse one segment and write `folder/<bucket>/<number>.arrow`.
 
-    Returns rows, unknown keys as they were seen, and with `mending` the first byte that can't be
-    read, if any (the frames around it are read; the tail of an open segment doesn't count). Raises
-    DamagedData naming the segment when a line is not an envelope, and without `mending` also when
-    something can't be read.
+    Returns rows by bucket, unknown keys as they were seen, and with `mending` the first byte that
+    can't be read, if any (the frames around it are read; the tail of an open segment doesn't
+    count). Raises DamagedData naming the segment when a line is not an envelope, and without
+    `mending` also when something can't be read.
     """
     unknown: Counter[str] = Counter()
-    rows = 0
     frames = Frames(segment, mending=mending)
     try:
         with without_collecting(), Shuffle(folder, f"{number:06d}", buckets) as shuffle:
             for piece in _pieces(kind.parse(_lines(frames, name, unknown))):
-                rows += piece.num_rows
                 shuffle.write(piece, piece.column(kind.bucket) if kind.bucket else None)
     except DamagedData as error:
         if getattr(error, "path", None) is not None:
@@ -108,7 +106,7 @@ def spread(
         named.path = segment  # type: ignore[attr-defined]
         raise named from None
     return {
-        "rows": rows,
+        "rows": dict(shuffle.rows),
         "unknown": dict(unknown),
         "damaged": frames.first_damaged(),
     }
@@ -143,30 +141,32 @@ def _pieces(tables: Iterator[pa.Table]) -> Iterator[pa.Table]:
 
 
 def newest_of(
-    folder: Path, kind: RawKind, wanted: pa.Array[Any] | None = None
+    folder: Path, kind: RawKind, written: int, wanted: pa.Array[Any] | None = None
 ) -> tuple[pa.Table | None, int]:
     """The newest row of each key of one kind's bucket, and how many others were left out.
 
     Sorted by key. With `wanted` only the rows whose first key column is in it are read. Echoes
-    don't count as left out.
+    don't count as left out. Raises CountMismatch unless the `written` rows are there: a file that
+    is missing is no empty bucket.
     """
-    paths = sorted(folder.glob("*.arrow")) if folder.is_dir() else []
-    if not paths:
+    there, parts = 0, []
+    for path in sorted(folder.glob("*.arrow")):
+        with pa.ipc.open_file(pa.memory_map(str(path))) as file:
+            part = file.read_all()
+        there += part.num_rows
+        if wanted is not None:
+            part = part.filter(pc.is_in(part.column(kind.key[0]), value_set=wanted))
+        parts.append(part)
+    if there != written:
+        raise CountMismatch(
+            f"{written:,} rows were written to {folder}, and {there:,} can be read",
+            hint="every worker must see the same data root; no output was replaced",
+        )
+    if not parts:
         return None, 0
-    rows = pa.concat_tables([_read(path, kind, wanted) for path in paths])
+    rows = pa.concat_tables(parts)
     kept = newest(rows, kind.key, kind.by)
     return kept, duplicates(rows, kept, kind.echo)
-
-
-def _read(path: Path, kind: RawKind, wanted: pa.Array[Any] | None) -> pa.Table:
-    with pa.ipc.open_file(pa.memory_map(str(path))) as file:
-        if wanted is None:
-            return file.read_all()
-        batches = (file.get_batch(number) for number in range(file.num_record_batches))
-        matching = [
-            batch.filter(pc.is_in(batch.column(kind.key[0]), value_set=wanted)) for batch in batches
-        ]
-        return pa.Table.from_batches(matching, file.schema)
 
 
 class Shuffle:
@@ -175,6 +175,7 @@ class Shuffle:
     def __init__(self, folder: Path, name: str, buckets: int) -> None:
         self._folder, self._name, self._buckets = folder, name, buckets
         self._writers: dict[int, Any] = {}
+        self.rows: Counter[int] = Counter()
 
     def write(self, rows: pa.Table, keys: pa.ChunkedArray[Any] | None) -> None:
         """Add rows, each to the bucket of its key; all to the first one without `keys`.
@@ -189,6 +190,7 @@ class Shuffle:
                 # maps it into memory.
                 self._writers[bucket] = pa.ipc.new_file(str(path), part.schema)
             self._writers[bucket].write_table(part)
+            self.rows[bucket] += part.num_rows
 
     def __enter__(self) -> Self:
         return self

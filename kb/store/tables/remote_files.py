@@ -112,10 +112,17 @@ def remote_folders(address: str, options: Mapping[str, Any] | None = None) -> li
         system, path = fsspec.core.url_to_fs(address, **(options or {}))
         path = path.rstrip("/")
         found = system.find(path, maxdepth=2, detail=True)
-    folders: dict[str, dict[str, int]] = {}
-    for full, about in sorted(found.items()):
-        folder, _, name = full.rpartition("/")
-        folders.setdefault(folder, {})[name] = int(about["size"] or 0)
+        folders: dict[str, dict[str, int]] = {}
+        for full, about in sorted(found.items()):
+            # A web server's listing has names alone: each file is asked for its size.
+            size = system.size(full) if about["size"] is None else about["size"]
+            if size is None:
+                raise FatalError(
+                    f"{full}: the server does not say how large it is",
+                    hint="download the release, or take a server that tells sizes and sends ranges",
+                )
+            folder, _, name = full.rpartition("/")
+            folders.setdefault(folder, {})[name] = int(size)
     if not folders:
         raise _missing(address)
     return [

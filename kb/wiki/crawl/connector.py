@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 from requests import PreparedRequest
 
 from kb.core.config.addresses import is_loopback
-from kb.core.config.profile.wiki import WikiSection
+from kb.core.config.profile.collecting import WikiSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase, plan, to_read

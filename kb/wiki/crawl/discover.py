@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from kb.core import clock
-from kb.core.config.profile.wiki import WikiSection
+from kb.core.config.profile.collecting import WikiSection
 from kb.core.errors import DamagedData
 from kb.store.layout import BELOW, Layout
 from kb.store.rawlog import rawlog, sidefiles

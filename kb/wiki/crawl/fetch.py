@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 
 from kb.core import clock, signals
-from kb.core.config.profile.wiki import WikiSection
+from kb.core.config.profile.collecting import WikiSection
 from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.crawl.connector import Answer
 from kb.net import retry

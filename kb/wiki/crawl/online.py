@@ -9,9 +9,9 @@ import contextlib
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from kb.core.config import value_errors
-from kb.core.config.profile.check_finding import NOTE, OnlineAnswer, QuestionCost
-from kb.core.config.profile.wiki import Markup, WikiSection
+from kb.core import terminal
+from kb.core.config.profile.base import NOTE, OnlineAnswer, QuestionCost
+from kb.core.config.profile.collecting import Markup, WikiSection
 from kb.core.context import Run
 from kb.core.errors import ItemFinal
 from kb.wiki.browser import chromium
@@ -39,7 +39,7 @@ def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
     general, rights = site.get("general", {}), site.get("rightsinfo", {})
     pages = site.get("statistics", {}).get("articles")
     facts = [
-        value_errors.shown(str(general.get("sitename", url))),
+        terminal.shown(str(general.get("sitename", url))),
         str(general.get("generator", "")),
     ]
     facts += [f"{pages:,} pages"] if isinstance(pages, int) else []

@@ -18,9 +18,9 @@ import requests
 from googleapiclient.discovery import build
 from googleapiclient.errors import HttpError
 
-from kb.core.config import value_errors
-from kb.core.config.profile.check_finding import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
-from kb.core.config.profile.youtube import YouTubeSection
+from kb.core import terminal
+from kb.core.config.profile.base import ERROR, NOTE, WRONG, OnlineAnswer, QuestionCost
+from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import CredentialRefused, ItemFinal, KbError, Retryable
 from kb.crawl.connector import Opened
@@ -253,7 +253,7 @@ def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
         finally:
             ledger.close()
     titles = [_title(one) for one in answer.get("items", [])]
-    searched = f"a search for {value_errors.shown(words)}"
+    searched = f"a search for {terminal.shown(words)}"
     if not titles:
         fix = "search for words that channels of the domain use in their names"
         return OnlineAnswer(ERROR, "youtube.keywords", f"{searched} finds no channel", fix, WRONG)
@@ -262,4 +262,4 @@ def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
 
 
 def _title(item: dict[str, Any]) -> str:
-    return value_errors.shown(str(item.get("snippet", {}).get("title", "")))
+    return terminal.shown(str(item.get("snippet", {}).get("title", "")))

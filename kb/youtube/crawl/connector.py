@@ -24,7 +24,7 @@ import pyarrow.compute as pc
 
 from kb.core import clock
 from kb.core.config.profile.check import key_lines, line_of
-from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import FatalError, KbError, SettingError
 from kb.core.summary import Summary

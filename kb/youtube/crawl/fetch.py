@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from kb.core.config.addresses import is_loopback
-from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import ItemFinal, Retryable
 from kb.crawl.connector import Answer, Opened

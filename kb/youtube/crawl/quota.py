@@ -10,7 +10,7 @@ from datetime import UTC, datetime, timedelta
 from zoneinfo import ZoneInfo
 
 from kb.core import clock
-from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.errors import QuotaSpent
 from kb.store.state.frontier import Frontier
 

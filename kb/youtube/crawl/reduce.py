@@ -19,7 +19,7 @@ from typing import Any
 import msgspec
 import pyarrow as pa
 
-from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.profile.collecting import YouTubeSection
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state.frontier import Frontier
 from kb.youtube.parse import answers as parse

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 import msgspec
 
 from kb.core import clock
-from kb.core.config.profile.youtube import YouTubeSection
-from kb.core.config.profile.youtube import YouTubeSection as Profile
+from kb.core.config.profile.collecting import YouTubeSection
+from kb.core.config.profile.collecting import YouTubeSection as Profile
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase as Step

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 
 from kb.core import clock
-from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import plan

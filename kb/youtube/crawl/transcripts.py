@@ -18,7 +18,7 @@ import urllib3
 import youtube_transcript_api as lib
 from youtube_transcript_api import YouTubeTranscriptApi
 
-from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.config.settings import Settings
 from kb.core.errors import Retryable
 from kb.net.rate import Pace

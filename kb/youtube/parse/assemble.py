@@ -83,6 +83,7 @@ def _of_tracks(
 
 
 FROM_FILE = "from_file"  # true for a video that only an imported file tells of
+IMPORTED = "imported"  # true for a video that an imported file tells of
 COUNTED = ("view_count", "like_count", "comment_count")
 _OF_ONE = (*COUNTED, "counted_at")
 
@@ -98,7 +99,8 @@ def one_row_each(
     if files is None:
         rows = videos
     elif videos is None:
-        rows = files.append_column(FROM_FILE, pa.repeat(pa.scalar(True), files.num_rows))
+        always = pa.repeat(pa.scalar(True), files.num_rows)
+        rows = files.append_column(FROM_FILE, always).append_column(IMPORTED, always)
     else:
         rows = _api_and_file(videos, files)
     if rows is None:
@@ -133,6 +135,7 @@ def _api_and_file(videos: pa.Table, files: pa.Table) -> pa.Table:
     missing = pc.fill_null(column(api, "missing"), False)
     rows = pa.table({**made, "video_id": keys, "missing": missing})
     rows = rows.append_column(FROM_FILE, pc.is_null(column(api, "fetched_at")))
+    rows = rows.append_column(IMPORTED, pc.is_in(keys, value_set=column(files, "video_id")))
     counted = pc.or_(_newer(file, api), pc.is_null(column(api, "view_count")))
     has_views = pc.or_(*(pc.is_valid(column(side, "view_count")) for side in (file, api)))
     for name in _OF_ONE:
@@ -160,7 +163,7 @@ def _stamped(rows: pa.Table) -> pa.Table:
 
 
 VIDEOS = "videos"  # kind in the frontier
-HELPERS = ("missing", "game_label_id", "game_label", "transcript_outcome")
+HELPERS = ("missing", "game_label_id", "game_label", "transcript_outcome", IMPORTED)
 KINDS = {
     "videos": RawKind(parse.videos, key=("video_id",), bucket="video_id"),
     "statistics": RawKind(parse.statistics, key=("video_id",), bucket="video_id"),
@@ -181,9 +184,10 @@ def assemble(
     """Videos joined with what is known of their transcripts, and the transcripts that were had.
 
     `words` counts the words of each list of texts; `language` chooses among imported tracks.
-    Adds to the parsed columns: `link`, `width`, `height` (px; the largest stream's when known, else
-    the embed frame's), `fps`, `view_rule`, `age_restricted`, `game_label_id`, `game_label`,
-    `transcript_outcome` (null: not asked), `transcript_kind`, `word_count`.
+    Adds to the parsed columns: `link`, `imported` (whether a file tells of it), `width`, `height`
+    (px; the largest stream's when known, else the embed frame's), `fps`, `view_rule`,
+    `age_restricted`, `game_label_id`, `game_label`, `transcript_outcome` (null: not asked),
+    `transcript_kind`, `word_count`.
     """
     videos = one_row_each(latest.get("videos"), latest.get("ytdlp_info"), latest.get("statistics"))
     outcomes = tracks.with_imported(
@@ -219,6 +223,9 @@ def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
         alone = pc.and_(column(videos, FROM_FILE), pc.is_null(outcome))
         outcome = pc.if_else(alone, tracks.NOT_IMPORTED, outcome)
         videos = videos.drop_columns([FROM_FILE])
+    else:
+        nowhere = pa.repeat(pa.scalar(False), videos.num_rows)
+        videos = videos.append_column(IMPORTED, nowhere)
     width, height, fps = _size(videos, side)
     had = pc.fill_null(pc.equal(outcome, "ok"), False)
     not_imported = pc.fill_null(pc.equal(outcome, tracks.NOT_IMPORTED), False)

@@ -1,18 +1,28 @@
-"""Tests of `kb demo`."""
+"""`kb demo` and `kb sandbox`."""
 
+import json
 import os
+import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import requests
+from dotenv import dotenv_values
 
 from kb.cli.commands import demo
 from kb.cli.commands.demo import play
 from kb.cli.framework.options import Options
 from kb.core.context import Run
 from kb.core.errors import UsageError
+from kb.sandbox.world import World
 from kb.store.state import demo_mark
+from tests import processes
+from tests.conftest import ROOT
+from tests.sandbox.domains import written
 from tests.small_worlds import DEMO
 
 STEPS = ("crawl", "filter", "export")
@@ -94,3 +104,119 @@ def test_data_that_no_demo_has_made_are_left_alone(
     with pytest.raises(UsageError, match="holds data that no demo has made"):
         begun(tmp_path)
     assert [path.name for path in (tmp_path / "demo").iterdir()] == ["raw"]
+
+
+KB = [sys.executable, "-m", "kb", "sandbox", "--no-model"]
+
+
+def sandbox(*words: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    """`kb sandbox WORDS`, finished."""
+    return processes.run(["sandbox", "--no-model", *words], env=os.environ, cwd=cwd, timeout=60)
+
+
+def settings(text: str) -> dict[str, str]:
+    return dict(line.split("=", 1) for line in text.splitlines())
+
+
+def test_it_prints_settings_closes_stdout_and_serves_until_sigterm() -> None:
+    child = subprocess.Popen(KB, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert child.stdout
+    assert child.stderr
+    values = settings(child.stdout.read())  # returns because stdout is closed
+    assert {
+        "YOUTUBE_API_KEY",
+        "KB_CONTACT",
+        "KB_YOUTUBE_ENDPOINT",
+        "KB_YOUTUBE_WEB",
+        "KB_WIKI_URL",
+        "KB_ZENODO_ENDPOINT",
+    } <= set(values)
+    assert requests.get(values["KB_YOUTUBE_WEB"] + "/watch?v=x", timeout=10).status_code == 200
+    child.send_signal(signal.SIGTERM)
+    assert child.wait(30) == 0
+    assert child.stderr.read() == ""
+
+
+def test_a_command_gets_the_settings_and_its_exit_code_is_ours() -> None:
+    script = (
+        "import os, requests, sys\nrequests.get(os.environ['KB_YOUTUBE_WEB'] + '/watch?v=x',"
+        " timeout=9)\n"
+    )
+    script += "print(os.environ['KB_DATA'])\nsys.exit(7)"
+    done = sandbox("--data", "/tmp/some where", "--", sys.executable, "-c", script)
+    assert (done.returncode, done.stdout) == (7, "/tmp/some where\n")
+    killed = sandbox("--", "sh", "-c", "kill -KILL $$")
+    assert killed.returncode == 128 + signal.SIGKILL
+    absent = sandbox("--", "no-such-command")
+    assert (absent.returncode, absent.stderr) == (2, "kb: no-such-command: no such command\n")
+
+
+def test_it_is_this_kb_that_a_command_calls() -> None:
+    done = subprocess.run(
+        [*KB, "--", "kb", "--version"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env={**os.environ, "PATH": "/usr/bin:/bin"},
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("kb ")
+
+
+def test_a_file_of_settings(tmp_path: Path) -> None:
+    file = tmp_path / "my.env"
+    done = sandbox("--env", str(file), "--", "true")
+    assert done.returncode == 0
+    assert settings(file.read_text())["KB_CONTACT"]
+    assert "KB_DATA" not in settings(file.read_text())
+    (tmp_path / "mine.toml").write_text(
+        'name = "mine"\ntitle = "Mine"\n[reddit]\nsubreddit = "mine"\n'
+    )
+    given = ["--data", "my data", "--profile", "mine.toml"]
+    done = sandbox(*given, "--env", str(file), "--", "true", cwd=tmp_path)
+    assert done.returncode == 0
+    said = dotenv_values(file)
+    assert said["KB_DATA"] == str(tmp_path / "my data")
+    assert said["KB_PROFILE"] == str(tmp_path / "mine.toml")
+
+
+def test_the_world_is_the_profiles(tmp_path: Path) -> None:
+    path = written("bread", tmp_path)
+    look = (
+        "import os, urllib.request as u; root = os.environ['KB_WIKI_URL'];"
+        "print(u.urlopen(root + '/wiki/Main_Page').read().decode(), os.environ['KB_PROFILE'])"
+    )
+    words = ["--profile", str(path), "--", sys.executable, "-c", look]
+    done = sandbox(*words)
+    assert "Bread Baking Wiki" in done.stdout, done.stderr
+    assert str(path) in done.stdout
+    path.write_text(path.read_text().replace("[26, 10]", '["FILL-IN"]'))
+    refused = sandbox(*words)
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert "kb profile check" in refused.stderr
+
+
+def test_sigterm_reaches_the_command(tmp_path: Path) -> None:
+    ready = tmp_path / "ready"
+    script = (
+        "import signal, sys; signal.signal(signal.SIGTERM, lambda *_: sys.exit(3));"
+        f" open({str(ready)!r}, 'w').close(); signal.pause()"
+    )
+    child = subprocess.Popen([*KB, "--", sys.executable, "-c", script])
+    while not ready.exists() and child.poll() is None:
+        pass
+    child.send_signal(signal.SIGTERM)
+    assert child.wait(60) == 3
+
+
+def test_the_truth_of_the_world_is_written_as_json(tmp_path: Path) -> None:
+    done = sandbox("--truth", "truth.json", "--seed", "3", "--", "true", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads((tmp_path / "truth.json").read_text()) == World(3).truth
+
+
+def test_films_are_there_before_the_command_runs(tmp_path: Path) -> None:
+    done = sandbox("--videos", "3", "--films", "films", "--", "ls", "films", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    names = {f"{key}.mp4" for key in World(0, n_videos=3).youtube.videos}
+    assert set(done.stdout.split()) == names

@@ -1,6 +1,7 @@
 """Options that each command takes and refuses; signals while one runs."""
 
 import json
+import logging
 import re
 import signal
 import subprocess
@@ -9,11 +10,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import structlog
 
 from kb.cli import main
-from kb.cli.app import leaves
-from kb.cli.framework.options import COMMON, DESCRIBED, SHARED
+from kb.cli.app import context, leaves
+from kb.cli.framework.command import configure_logs
+from kb.cli.framework.exit_codes import report
+from kb.cli.framework.messages import show_summary
+from kb.cli.framework.options import COMMON, DESCRIBED, RUNNING, SHARED
+from kb.core.errors import FatalError
+from kb.core.progress import LineProgress
 from tests.cli.conftest import clean_environment
+from tests.core.test_terminal import HOSTILE
 
 COMMANDS = dict(leaves())
 
@@ -240,3 +248,74 @@ def test_a_signal_while_a_command_is_still_being_loaded(
     assert process.returncode == 3
     assert err == f"kb: stopped by {number.name}; run the same command to resume\n"
     assert json.loads(out) == {"stopped": f"stopped by {number.name}"}
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_every_command_and_option_is_described(name: str) -> None:
+    command = COMMANDS[name]
+    assert command.help, "no help text"
+    assert command.help.splitlines()[0].endswith("."), "the first line is a sentence"
+    assert command.epilog, "no example"
+    for example in command.epilog.splitlines():
+        assert example.startswith(f"kb {name}") or name in example, (
+            f"not an example of kb {name}: {example}"
+        )
+    for parameter in command.params:
+        if parameter.name not in ("help", "context"):
+            assert getattr(parameter, "help", None), f"{parameter.name} has no help"
+    shown = command.get_help(context(name, command))
+    for parameter in command.params:
+        for option in parameter.opts:
+            if parameter.param_type_name == "option":
+                assert option in shown, f"{option} is not in --help"
+    assert "Examples:" in shown
+
+
+@pytest.mark.parametrize(
+    ("name", "running"),
+    [("youtube crawl", {"workers", "limit", "wait", "again", "pipeline"}), ("status", set())],
+)
+def test_help_has_its_options_in_groups(name: str, running: set[str]) -> None:
+    command = COMMANDS[name]
+    shown = command.get_help(context(name, command))
+    sections = re.split(r"^(?=\S.*:\n)", shown, flags=re.MULTILINE)
+    by_title = {part.split(":\n")[0]: part for part in sections}
+    assert all(f"--{option}" in by_title["Common options"] for option in COMMON)
+    assert ("Run options" in by_title) == bool(running)
+    for option in RUNNING:
+        assert (f"--{option} " in by_title.get("Run options", "")) == (option in running), option
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_examples_name_options_that_exist(name: str) -> None:
+    command = COMMANDS[name]
+    known = {option for parameter in command.params for option in parameter.opts}
+    for example in command.epilog.splitlines():
+        before_comment = re.split(r"  +", example)[0].split(" -- ")[0]
+        if before_comment.removeprefix(f"kb {name} ").split(" ")[0] in getattr(
+            command, "commands", {}
+        ):
+            continue  # an example of one of the group's commands
+        for option in re.findall(r"(?<=\s)--[a-z-]+", before_comment):
+            assert option in known, f"{option} in: {example}"
+
+
+def test_nothing_on_stderr_or_stdout_acts(capsys: pytest.CaptureFixture[str]) -> None:
+    handlers = logging.getLogger().handlers[:]
+    try:
+        configure_logs(quiet=False, debug=False)
+        structlog.get_logger().warning(HOSTILE, answer=HOSTILE)
+        logging.getLogger("praw").warning("said %s", HOSTILE)
+        report(FatalError(f"refused: {HOSTILE}"), debug=True, as_json=False)
+        show_summary({"why": HOSTILE}, False)
+        show_summary({"why": HOSTILE.replace("\ud800", "")}, True)
+        LineProgress(sys.stderr).say(HOSTILE)
+    finally:
+        logging.getLogger().handlers[:] = handlers
+        structlog.reset_defaults()
+    done = capsys.readouterr()
+    for stream in (done.out, done.err):
+        assert not set("\x1b\x07\x9b\u202e\r\u2028\ud800") & set(stream)
+        assert r"\x1b]0;t\x07" in stream
+    lines = done.err.splitlines()
+    assert [line for line in lines if line.startswith("kb: ")] == [lines[-2]]

@@ -10,8 +10,10 @@ from typing import Any
 
 import pytest
 
+from kb.cli import main
 from kb.cli.framework.command import command, group
 from kb.cli.framework.exit_codes import run_to_exit_code
+from kb.cli.framework.messages import set_options, with_options
 from kb.cli.framework.options import Options
 from kb.core import errors
 from tests.cli.conftest import clean_environment
@@ -182,3 +184,81 @@ def test_a_file_of_ids_nested_without_end_is_wrong_usage(
     assert done.code == 2, done.err
     assert str(deep) in done.said
     assert "unexpected" not in done.err
+
+
+def test_an_option_of_a_sibling_is_looked_for_there_first(kb: Any) -> None:
+    answer = kb("youtube", "export", "--limit", "3", "--wait", "--again")
+    assert answer.returncode == 2
+    assert "`kb youtube export` has no --limit" in answer.stderr
+    assert "of `kb youtube crawl`, `kb youtube check`, `kb youtube import` and" in answer.stderr
+    answer = kb("youtube", "crawl", "--titles", "x")
+    assert "`kb youtube crawl` has no --titles; it is an option of `kb wiki crawl`" in answer.stderr
+
+
+EACH = "`kb youtube {0}`, `kb wiki {0}` or `kb reddit {0}`"
+ALL = "`kb youtube export`, `kb wiki export`, `kb reddit export`"
+
+
+@pytest.mark.parametrize(
+    ("line", "meant"),
+    [
+        ("export", f"{ALL} or 1 more"),
+        ("filter", EACH.format("filter")),
+        ("crawl", EACH.format("crawl")),
+        ("exprot", f"{ALL} or 1 more"),
+        ("crawl youtube", "`kb youtube crawl`"),
+        ("crawl wiki --limit 3", "`kb wiki crawl`"),
+        ("youtube crwal", "`kb youtube crawl`"),
+        ("yuotube crawl --plan", "`kb youtube crawl`"),
+        ("youtube-crawl", "`kb youtube crawl`"),
+        ("pairs keyword", "`kb pairs keywords`"),
+        ("publish", "`kb release publish`"),
+        ("serach wolf", "`kb search`"),
+    ],
+)
+def test_a_command_in_the_wrong_place_is_answered_with_the_right_one(
+    line: str, meant: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(line.split())
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert said.startswith("kb: there is no command `kb ")
+    assert f"; did you mean {meant}?; see `kb " in said
+
+
+def test_a_word_that_is_like_no_command_gets_no_guess(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["zzzz"])
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == "kb: there is no command `kb zzzz`; see `kb --help`\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("run `kb youtube filter` first", "run `kb youtube filter --data 'my data' --profile x`"),
+        ("`kb query --tables` lists", "`kb query --tables --data 'my data' --profile x` lists"),
+        ("run `kb pairs --data y`", "run `kb pairs --data y --profile x`"),
+        ("run `kb models fetch`", "run `kb models fetch`"),
+        ("see `kb youtube crawl --help`", "see `kb youtube crawl --help`"),
+        ("`kb demo` shows it", "`kb demo` shows it"),
+        ("run `pip install x`", "run `pip install x`"),
+    ],
+)
+def test_a_named_command_is_completed_with_what_this_call_was_given(text: str, wanted: str) -> None:
+    set_options(Path("my data"), "x")
+    try:
+        assert wanted in with_options(text)
+    finally:
+        set_options()
+    assert with_options(text) == text
+
+
+def test_an_address_that_a_hint_repeats_is_whole() -> None:
+    set_options(Path("s3://bucket/release"))
+    try:
+        assert "--data s3://bucket/release`" in with_options("`kb query`")
+    finally:
+        set_options()

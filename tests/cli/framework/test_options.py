@@ -6,7 +6,17 @@ from typing import Any
 
 import pytest
 
+from kb.cli.framework.exit_codes import run_to_exit_code
+from kb.cli.framework.options import in_demo_root
+from kb.cli.framework.source_commands import app_of
+from kb.core.config.profile import load_profile
+from kb.core.config.settings import load_settings
+from kb.core.errors import MissingExtra
 from kb.core.installation import folder
+from kb.core.sources import SOURCES
+from kb.sandbox import toxicity
+from kb.store.state import demo_mark
+from tests.inprocess import Here
 
 
 def test_a_wrong_setting_names_itself_and_not_its_value(kb: Any) -> None:
@@ -113,3 +123,63 @@ def test_a_file_as_data_root_is_refused(kb: Any, tmp_path: Path) -> None:
     answer = kb("status", "--data", "file")
     assert answer.returncode == 2
     assert "not a folder" in answer.stderr
+
+
+def test_a_demos_root_keeps_its_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("KB_TOXICITY_MODEL", raising=False)
+    profile, plain = load_profile("minecraft"), load_settings(dotenv=False)
+    assert in_demo_root(tmp_path, plain, profile) == (plain, profile)
+    demo_mark.write(tmp_path, finished=True)
+    monkeypatch.setattr(toxicity, "tiny_checkpoint", lambda: Path("tiny.ckpt"))
+    settings, same = in_demo_root(tmp_path, plain, profile)
+    assert settings.kb_toxicity_model == "tiny.ckpt"
+    assert same is profile
+    named = load_settings(dotenv=False, kb_toxicity_model="original")
+    assert in_demo_root(tmp_path, named, profile) == (named, profile)
+
+
+def test_a_demo_without_the_model_is_not_scored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def missing() -> Path:
+        raise MissingExtra("torch is not installed")
+
+    monkeypatch.delenv("KB_TOXICITY_MODEL", raising=False)
+    monkeypatch.setattr(toxicity, "tiny_checkpoint", missing)
+    demo_mark.write(tmp_path, finished=True)
+    _, profile = in_demo_root(tmp_path, load_settings(dotenv=False), load_profile("minecraft"))
+    assert profile.toxicity.toxicity == "off"
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_formats_are_those_of_the_source(here: Here, tmp_path: Path, source: str) -> None:
+    (tmp_path / "data").mkdir()
+    at = ("--data", str(tmp_path / "data"))
+    done = here(source, "export", "--format", "nonesuch", *at)
+    assert done.code == 2
+    assert all(name in done.said for name in SOURCES[source].formats), done.said
+
+
+@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("step", ["filter", "export"])
+def test_without_data_nothing_is_written(
+    here: Here, tmp_path: Path, source: str, step: str
+) -> None:
+    root = tmp_path / "data"
+    root.mkdir()
+    assert here(source, step, "--data", str(root)).code in (1, 2)
+    assert not [path for path in root.rglob("*") if path.is_file() and path.suffix == ".parquet"]
+
+
+def test_a_source_without_own_commands_has_the_nouns_of_its_spec(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    app = app_of("reddit")
+    assert run_to_exit_code(app, ["--help"]) == 0
+    listed = capsys.readouterr().out
+    for name in ("crawl", "filter", "export"):
+        assert name in listed
+    assert run_to_exit_code(app, ["crawl", "--help"]) == 0
+    crawl = capsys.readouterr().out
+    assert "--limit" in crawl
+    assert "posts" in crawl

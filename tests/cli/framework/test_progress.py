@@ -6,19 +6,22 @@ import pty
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from kb.cli.framework import progress
+from kb.cli.framework.options import Bars, choose_progress
 from kb.core import clock
-from kb.core.progress import Counted, LineProgress, Silent
+from kb.core.progress import LineProgress, Progress, Task
 from tests.cli.conftest import clean_environment
+from tests.core.test_terminal import HOSTILE, Terminal
 
 PROGRAM = """
 import sys
-from kb.cli.framework import progress
-shown = progress.choose(quiet='--quiet' in sys.argv)
+from kb.cli.framework.options import choose_progress
+shown = choose_progress(quiet='--quiet' in sys.argv)
 task = shown.task('metadata', total=40, unit='videos')
 for _ in range(40):
     task.advance(1, units='4/10000', resets_in='3h 20m')
@@ -32,8 +35,8 @@ print('result')
 # Sixty wait when the 42nd is done; ten more were found meanwhile; then Ctrl-C.
 STOPPED = """
 import sys, time
-from kb.cli.framework import progress
-shown = progress.choose(quiet=False)
+from kb.cli.framework.options import choose_progress
+shown = choose_progress(quiet=False)
 waiting = 60
 try:
     with shown.task('transcripts', unit='videos', waiting=lambda: waiting) as task:
@@ -52,9 +55,10 @@ print('result')
 NAMED = """
 from pathlib import Path
 import kb.cli.app
-from kb.cli.framework import messages, progress
+from kb.cli.framework import messages
+from kb.cli.framework.options import choose_progress
 messages.set_options(Path('my data'), 'stardew')
-shown = progress.choose(quiet=False)
+shown = choose_progress(quiet=False)
 with shown.task('metadata', total=1, unit='videos') as task:
     shown.say('run `kb reddit import --again` for it, or `kb demo`')
     task.advance(1)
@@ -63,8 +67,8 @@ print('result')
 """
 
 UNKNOWN = """
-from kb.cli.framework import progress
-shown = progress.choose(quiet=False)
+from kb.cli.framework.options import choose_progress
+shown = choose_progress(quiet=False)
 for name, error in (('listed', None), ('cut', KeyboardInterrupt)):
     try:
         with shown.task(name, unit='titles') as task:
@@ -163,25 +167,27 @@ def test_a_task_of_unknown_length_is_whole_in_the_end_but_not_when_it_was_stoppe
     assert "cut: 7/? titles" in lines
 
 
-def test_time_left_is_told_only_where_it_means_something(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rate_and_time_left_are_told_only_where_they_mean_something(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     now = 0.0
     monkeypatch.setattr(clock, "monotonic", lambda: now)
     waiting = 100
-    task = Counted("metadata", None, "videos", lambda: waiting)
+    task = Task("metadata", None, "videos", lambda: waiting, lambda task: None)
     task.advance(10)
-    assert task.time_left() == "", "too early to tell"
+    assert task.figures() == ["10/100 videos"], "too early to tell"
     now, waiting = 10.0, 90
     task.advance(0)
-    assert (task.figures(), task.time_left()) == ("10/100", "1m 30s left")
+    assert task.figures() == ["10/100 videos", "1.0/s", "1m 30s left"]
     waiting = 190
     now = 11.0
     task.advance(0)
-    assert (task.figures(), task.time_left()) == ("10/200", ""), "more are being found"
+    assert task.figures() == ["10/200 videos", "54.5/min"], "more are being found"
     now = 20.0
-    assert task.time_left() == "6m 20s left"
+    assert task.figures()[2] == "6m 20s left"
     waiting = 0
     task.advance(190)
-    assert (task.figures(), task.time_left()) == ("200/200", "")
+    assert task.figures() == ["200/200 videos", "10.0/s"]
 
 
 def test_quiet_shows_nothing() -> None:
@@ -197,8 +203,8 @@ def test_a_pipe_gets_lines() -> None:
 
 def test_the_choice(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stderr", io.StringIO())
-    assert isinstance(progress.choose(quiet=True), Silent)
-    assert isinstance(progress.choose(quiet=False), LineProgress)
+    assert type(choose_progress(quiet=True)) is Progress
+    assert isinstance(choose_progress(quiet=False), LineProgress)
 
 
 def test_a_command_that_a_line_names_is_as_it_has_to_be_typed() -> None:
@@ -207,3 +213,20 @@ def test_a_command_that_a_line_names_is_as_it_has_to_be_typed() -> None:
     assert typed in in_a_pipe(NAMED)
     _, seen = on_a_terminal(program=NAMED)
     assert typed in seen
+
+
+@pytest.mark.parametrize("display", [lambda: LineProgress(sys.stderr, every=0.0), Bars])
+def test_names_and_facts_of_a_task(
+    monkeypatch: pytest.MonkeyPatch, display: Callable[[], Any]
+) -> None:
+    stream = Terminal()
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setenv("TERM", "dumb")
+    shown = display()
+    with shown.task(HOSTILE, 2) as task:
+        task.advance(1, last=HOSTILE)
+    getattr(shown, "close", lambda: None)()
+    assert not set("\x07\x9b\u202e\u2028\ud800") & set(stream.getvalue())
+    assert "\x1b]0;t" not in stream.getvalue()
+    assert not [line for line in stream.getvalue().splitlines() if line.startswith("kb: ")]
+    assert r"\x1b]0;t\x07" in stream.getvalue()

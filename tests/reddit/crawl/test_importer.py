@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from kb.core.config.profile import load_profile
-from kb.core.config.profile.toxicity import Toxicity
+from kb.core.config.profile.products import Toxicity
 from kb.core.errors import LimitReached
 from kb.core.progress import LineProgress
 from kb.filters.filter_run import run_clean

@@ -150,7 +150,7 @@ def test_no_other_key_takes_the_place_of_a_data_root_s(
 ) -> None:
     """Authors of rows before and after would no longer meet."""
     one_post(work)
-    key, _ = Layout(work.root).key("reddit")
+    key = Layout(work.root).key("reddit")
     held = key.read_bytes()
     spoil(key)
     after = key.read_bytes() if key.exists() else None
@@ -171,11 +171,12 @@ def test_no_other_key_takes_the_place_of_a_data_root_s(
 
 
 def test_a_data_root_that_noted_no_key_is_bound_to_the_one_it_has(tmp_path: Path) -> None:
-    key, noted = Layout(tmp_path).key("reddit")
+    key = Layout(tmp_path).key("reddit")
     held = load_key(tmp_path)
+    (noted,) = Layout(tmp_path).key_marks("reddit")
     noted.unlink()
     assert load_key(tmp_path) == held
     key.write_bytes(b"0" * 64)
     with pytest.raises(DamagedData, match="is another key"):
         load_key(tmp_path)
-    assert held.decode() not in noted.read_text()
+    assert held.decode() not in noted.name + noted.read_text()

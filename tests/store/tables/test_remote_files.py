@@ -1,13 +1,18 @@
 """Folders at addresses: what is read of them, and what is said of those that can't be read."""
 
+import contextlib
 import hashlib
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
+from werkzeug import Request, Response
+from werkzeug.serving import make_server
+from werkzeug.utils import send_file
 
 from kb.core.errors import DamagedData, FatalError, MissingExtra, SettingError
 from kb.store.tables.remote_files import RemoteFolder, reading_at, remote_folders
@@ -122,3 +127,35 @@ def test_small_files_are_read_whole(server: S3Server, address: str, folder: Path
     one = opened(server, address)
     assert hashlib.sha256(one.read("profile.toml")).hexdigest() == one.sums["profile.toml"]
     assert one.sizes == {path.name: path.stat().st_size for path in folder.iterdir()}
+
+
+@contextlib.contextmanager
+def web_server(folder: Path) -> Iterator[str]:
+    """The address of a folder on a web server that lists names and sends ranges."""
+
+    @Request.application
+    def serve(request: Request) -> Response:
+        path = folder / request.path.strip("/")
+        if path.is_dir():
+            names = [one.name + "/" * one.is_dir() for one in path.iterdir()]
+            links = "".join(f'<a href="{name}">{name}</a>' for name in names)
+            return Response(f"<a href='../'>..</a>{links}", mimetype="text/html")
+        return send_file(path, request.environ, conditional=True)
+
+    server = make_server("127.0.0.1", 0, serve, threaded=True)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.port}"
+    server.shutdown()
+
+
+def test_a_web_servers_listing_without_sizes_is_a_release_like_others(
+    folder: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "reddit").mkdir()
+    for path in folder.iterdir():
+        (tmp_path / "reddit" / path.name).write_bytes(path.read_bytes())
+    with web_server(tmp_path) as address:
+        (one,) = remote_folders(f"{address}/reddit")
+        assert one.sizes == {path.name: path.stat().st_size for path in folder.iterdir()}
+        found = one.dataset(SHARDS).to_table(filter=pc.field("post_id") == "k0123456")
+        assert found.num_rows == 1

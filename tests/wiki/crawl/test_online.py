@@ -3,7 +3,7 @@
 import pytest
 
 from kb.core.config.profile import load_profile
-from kb.core.config.profile.wiki import selector_problem
+from kb.core.config.profile.collecting import selector_problem
 from kb.wiki.crawl.online import count_matches, selectors_of
 
 MARKUP = load_profile("minecraft").wiki.markup

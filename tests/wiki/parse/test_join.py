@@ -33,10 +33,12 @@ from tests.wiki.handmade_data import (
 
 def run_at(root: Path, **options: Any) -> Run:
     profile = load_profile("minecraft")
+    assert profile.wiki is not None
+    long = profile.wiki.model_copy(update={"min_words": 20})
     off = profile.toxicity.model_copy(update={"toxicity": "off"})
     return Run(
         load_settings(dotenv=False),
-        profile.model_copy(update={"toxicity": off}),
+        profile.model_copy(update={"toxicity": off, "wiki": long}),
         root,
         **{"workers": 1, **options},
     )

@@ -14,7 +14,6 @@ from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.sandbox.server import Server
 from kb.sandbox.world import World
-from kb.sandbox.youtube import service
 from kb.sandbox.youtube.service import refusal
 from kb.youtube.crawl.quota import PACIFIC
 from pipelines import youtube
@@ -182,7 +181,7 @@ def test_an_empty_track_is_no_transcript(job: Job) -> None:
 def test_the_site_below_a_path(tmp_path: Path) -> None:
     """Game labels and sizes come from pages whose address begins with the root's own path."""
     sandbox = Sandbox(World(n_channels=9, n_videos=30), services=["youtube"])
-    inner = service.app(sandbox.world, sandbox.faults)
+    inner = sandbox.mounted("youtube")
 
     def below(environ: dict[str, Any], start: Any) -> Any:
         path = environ["PATH_INFO"]

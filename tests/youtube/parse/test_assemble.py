@@ -103,10 +103,8 @@ def test_no_file_brings_back_what_the_service_has_removed() -> None:
     alone = {**video(FRIDAY, "t"), "video_id": "b"}
     rows = one_row_each(answers(gone), answers(video(FRIDAY, "t", 5), alone), None)
     assert rows is not None
-    assert [(row["missing"], row["from_file"]) for row in rows.to_pylist()] == [
-        (True, False),
-        (False, True),
-    ]
+    told = [(row["missing"], row["from_file"], row["imported"]) for row in rows.to_pylist()]
+    assert told == [(True, False, True), (False, True, True)]
     assert one_row_each(None, None, answers(video(FRIDAY, views=1))) is None
 
 

@@ -41,7 +41,15 @@ def test_a_root_of_files_alone_goes_through_every_stage(job: Job) -> None:
         "with a water bucket and",
     ]
     job.done("youtube", "export")
-    assert job.done("pairs")["pairs"] > 0
+    likely = job.done("pairs")
+    assert likely["pairs"] > 0
+    job.profile(("[youtube]\n", '[youtube]\nimported_topic = "known"\n'))
+    job.done("youtube", "filter")
+    assert {row["topic_evidence"] for row in job.rows(VIDEOS)} == {"profile"}
+    # "so today we build a farm": a word of the topic needs no other.
+    known = job.done("pairs")
+    assert known["matches"] == likely["matches"]
+    assert known["ambiguous"] < likely["ambiguous"]
     assert len(job.sandbox.ledger) == before  # nothing was sent
 
 

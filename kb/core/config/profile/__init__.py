@@ -14,13 +14,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 from pydantic import Field, ValidationError, create_model
 
 from kb.core.config.profile.base import Section, explain
-from kb.core.config.profile.pairs import ClipFiles, Pairs
-from kb.core.config.profile.reddit import RedditSection
-from kb.core.config.profile.release import Release, Report
-from kb.core.config.profile.tasks import Tasks
-from kb.core.config.profile.toxicity import Toxicity
-from kb.core.config.profile.wiki import WikiSection
-from kb.core.config.profile.youtube import YouTubeSection
+from kb.core.config.profile.collecting import RedditSection, WikiSection, YouTubeSection
+from kb.core.config.profile.products import ClipFiles, Pairs, Release, Report, Tasks, Toxicity
 from kb.core.errors import ProfileError
 from kb.core.installation import PROFILE_FILE, folder
 from kb.core.sources import SOURCES

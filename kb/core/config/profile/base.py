@@ -1,15 +1,18 @@
-"""What all sections of a profile share: unknown keys are errors, and errors guess the mistake."""
+"""What the sections of a profile and the checks of a profile share."""
 
 import difflib
 import re
 import types
 import typing
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 
-from kb.core.config import value_errors
+from kb.core import terminal
 
 # What `kb profile new` writes where only the user knows the value.
 FILL_IN = "FILL-IN"
@@ -38,71 +41,120 @@ def _without_empty(value: tuple[str, ...]) -> tuple[str, ...]:
 Phrases = Annotated[tuple[str, ...], AfterValidator(_without_empty)]
 
 
-class ProfileProblem(NamedTuple):
-    """One wrong key: its full name, what is wrong with it and how it is mended."""
+ERROR = "error"  # the profile can't be used as it is
+WARNING = "warning"  # it can be used, and hardly does what was meant
+NOTE = "note"  # good to know
+LEVELS = (ERROR, WARNING, NOTE)
 
+
+class Finding(NamedTuple):
+    """`file` is a name; `line` counts from 1, 0 for none; `key` as in `youtube.min_views`."""
+
+    level: str
+    file: str
+    line: int
+    key: str
+    what: str
+    fix: str
+
+    @property
+    def where(self) -> str:
+        """profile.toml:12"""
+        return f"{self.file}:{self.line}" if self.line else self.file
+
+    def sentence(self) -> str:
+        """The finding in one line."""
+        return f"{self.where}: {self.what}" + (f": {self.fix}" if self.fix else "")
+
+
+def worst_first(findings: list[Finding]) -> list[Finding]:
+    """Errors, then warnings, then notes; each as they stand, the profile first."""
+
+    def place(one: Finding) -> tuple[int, bool, str, int]:
+        return LEVELS.index(one.level), not one.file.endswith(".toml"), one.file, one.line
+
+    return sorted(findings, key=place)
+
+
+UNREACHABLE, REFUSED, WRONG = 3, 1, 2  # exit codes that follow from what a service answers
+
+
+class OnlineAnswer(NamedTuple):
+    """What a service's answer means for the profile: a finding without its place, an exit code."""
+
+    level: str
     key: str
     what: str
     fix: str = ""
-    joint: str = ": "
+    code: int = 0
 
-    def line(self) -> str:
-        """In one sentence."""
-        return f"{self.what}{self.joint}{self.fix}" if self.fix else self.what
+
+class QuestionCost:
+    """Requests and quota units of one question to a service, and the pages that it brought."""
+
+    def __init__(self) -> None:
+        self.requests = self.units = 0
+        self.pages: list[str] = []
+
+    def __str__(self) -> str:
+        requests = "1 request" if self.requests == 1 else f"{self.requests} requests"
+        return f"cost: {requests}, 1 search unit" if self.units else f"cost: {requests}"
+
+
+Problem = tuple[str, str, str]
 
 
 def explain(error: ValidationError, model: type[BaseModel]) -> str:
-    """All problems of a profile in one line: key, what was found, what is allowed, a guess."""
-    return "; ".join(problem.line() for problem in problems(error, model))
+    """All problems of a profile in one line."""
+    return "; ".join(f"{what}: {fix}" if fix else what for _, what, fix in problems(error, model))
 
 
-def problems(error: ValidationError, model: type[BaseModel]) -> list[ProfileProblem]:
-    """The same one by one. A list whose entries are wrong is not also too short."""
+def problems(error: ValidationError, model: type[BaseModel]) -> list[Problem]:
+    """(key, what is wrong, what is allowed) of each wrong key, in pydantic's words.
+
+    A list whose entries are wrong is not also too short.
+    """
     every = error.errors(include_url=False)
     entries = {one["loc"][:-1] for one in every if one["loc"] and isinstance(one["loc"][-1], int)}
-    lines = [_problem(one, model) for one in every if one["loc"] not in entries]
-    return list(dict.fromkeys(lines))
+    found: list[Problem] = []
+    for one in every:
+        if one["loc"] in entries:
+            continue
+        key, kind, value = full_key(one["loc"] or ("profile",)), one["type"], one["input"]
+        field = field_of(model, one["loc"])
+        about = (field and field.description) or ""
+        if kind == "extra_forbidden":
+            *parents, last = one["loc"]
+            inside = field_of(model, parents)
+            section = model_in(inside.annotation) if inside else model
+            names = set(section.model_fields) - {"path"} if section else set()
+            close = difflib.get_close_matches(str(last), names, n=1, cutoff=0.5)
+            fix = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(sorted(names))}"
+            found.append((key, f"unknown key '{key}'", fix))
+        elif kind == "missing":
+            found.append((key, f"'{key}' is missing", f"add a line {key} = … ({about})"))
+        elif value == FILL_IN:
+            key = key.partition("[")[0]
+            found.append((key, f"'{key}' is still to be filled in", about))
+        else:
+            fix = one["msg"].removeprefix("Value error, ")
+            if kind == "string_pattern_mismatch":
+                fix = f"must be: {about}"  # rather than a regular expression
+            if isinstance(value, (dict, BaseModel)):  # a table is not shown whole
+                found.append((key, f"'{key}': {fix}", ""))
+            else:
+                found.append((key, f"'{key}' is {terminal.shown(value)}", fix))
+    return list(dict.fromkeys(found))
 
 
-def _problem(problem: Any, model: type[BaseModel]) -> ProfileProblem:
-    *parents, last = problem["loc"] or ("profile",)
-    key = _key(problem["loc"])
-    kind = problem["type"]
-    if kind == "extra_forbidden":
-        names = _fields(model, parents)
-        close = difflib.get_close_matches(str(last), names, n=1, cutoff=0.5)
-        if close:
-            return ProfileProblem(key, f"unknown key '{key}'", f"did you mean '{close[0]}'?", ", ")
-        return ProfileProblem(
-            key, f"unknown key '{key}'", f"known keys: {', '.join(sorted(names))}", "; "
-        )
-    if kind == "missing":
-        return ProfileProblem(key, f"'{key}' is missing")
-    allowed = problem.get("ctx", {}).get("expected", "")
-    value = problem.get("input")
-    if value == FILL_IN:
-        key = key.partition("[")[0]
-        return ProfileProblem(key, f"'{key}' is still to be filled in")
-    field = field_of(model, problem["loc"])
-    # A table is not shown whole: what is wrong in it is said.
-    given = "" if isinstance(value, (dict, BaseModel)) else f" is {value_errors.shown(value)}"
-    fix = value_errors.wrong(problem, field)
-    if kind == "literal_error" and isinstance(value, str):
-        close = difflib.get_close_matches(
-            value, [part.strip("' ") for part in allowed.replace(" or ", ",").split(",")], n=1
-        )
-        fix += f" (did you mean {close[0]!r}?)" if close else ""
-    return ProfileProblem(key, f"'{key}'{given}", fix)
-
-
-def _key(parts: Any) -> str:
+def full_key(parts: Iterable[int | str]) -> str:
     """youtube.category_ids[1]: entries of lists are counted from 1."""
     key = ""
     for part in parts:
         if isinstance(part, int):
             key += f"[{part + 1}]"
         elif part != key:  # `toxicity = "of"` is no toxicity.toxicity
-            key += f".{part}" if key else str(part)
+            key += f".{part}" if key else part
     return key
 
 
@@ -118,15 +170,6 @@ def field_of(model: type[BaseModel], parts: Any) -> FieldInfo | None:
     return field
 
 
-def _fields(model: type[BaseModel], parents: list[Any]) -> list[str]:
-    """The keys allowed where an unknown one was found."""
-    inner: type[BaseModel] | None = model
-    if any(isinstance(part, str) for part in parents):
-        field = field_of(model, parents)
-        inner = model_in(field.annotation) if field is not None else None
-    return [name for name in inner.model_fields if name != "path"] if inner is not None else []
-
-
 def model_in(annotation: Any) -> type[BaseModel] | None:
     """The section inside a type, alone or in a list, a table or an alternative."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
@@ -137,6 +180,19 @@ def model_in(annotation: Any) -> type[BaseModel] | None:
             if model is not None:
                 return model
     return None
+
+
+def is_everyday(text: str) -> bool:
+    """Whether it is a single word of the list everyday_words.txt, or its plural, in any case."""
+    word = text.strip().casefold()
+    return any(form in _words() for form in (word, word.removesuffix("s"), word.removesuffix("es")))
+
+
+@cache
+def _words() -> frozenset[str]:
+    text = Path(__file__).with_name("everyday_words.txt").read_text(encoding="utf-8")
+    lines = (line for line in text.splitlines() if not line.startswith("#"))
+    return frozenset(" ".join(lines).split())
 
 
 # Hosts of RFC 2606 and RFC 6761, which nobody can own.

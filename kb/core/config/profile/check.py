@@ -1,47 +1,46 @@
-"""Everything about a profile's file that can be known without asking anybody, all of it at once.
-
-check_file(path)    TOML, unknown keys, wrong values, and what is allowed but can't be meant
+"""Everything about a profile's file that can be known without asking anybody, all of it at once:
+TOML, unknown keys, wrong values, and what is allowed but can hardly be meant.
 """
 
+import contextlib
 import copy
 import re
 import tomllib
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import urlsplit
 
 from pydantic import ValidationError
 
-from kb.core.config.profile import Profile, plausibility
-from kb.core.config.profile.base import ProfileProblem, field_of, problems
-from kb.core.config.profile.check_finding import ERROR, Finding
-from kb.core.config.profile.pairs import is_list_name
+from kb.core.config.addresses import is_contact
+from kb.core.config.profile import Profile, load_profile, shipped_names
+from kb.core.config.profile.base import (
+    ERROR,
+    FILL_IN,
+    NOTE,
+    WARNING,
+    Finding,
+    Problem,
+    is_everyday,
+    is_placeholder,
+    problems,
+)
+from kb.core.config.profile.products import is_list_name
+from kb.core.errors import ProfileError
+from kb.core.installation import folder
+from kb.core.licences import KNOWN
+from kb.core.sources import SOURCES, made_of
 
-_AT = re.compile(r" \((?:at line (\d+), column (\d+)|at end of document)\)$")
-_IN_WORDS = (  # what tomllib says, in a user's words
-    ("Invalid value", "the value can't be read", 'text stands in quotes: key = "text"'),
-    ("Expected '=' after", "a key and its value are expected", 'write it as key = "text"'),
-    ("Cannot overwrite", "the key stands here a second time", "take one of the two lines out"),
-    ("Cannot declare", "the section stands here a second time", "put its keys together"),
-    ("Cannot mutate", "the section was closed before", "put its keys together"),
-    ("Unclosed array", "a list is not closed", "end it with ]"),
-    ("Illegal character", "a text is not closed, or holds a character that may not be there",
-     "close the quotes on the same line"),
-    ("Expected newline", "something stands behind the value", "one key a line; # begins a comment"),
-    ("Unterminated string", "a text is not closed", "close the quotes"),
-    ("Expected ']'", "a section's name is not closed", "write it as [youtube]"),
-)  # fmt: skip
-# What stands in for a wrong or missing key that a section can't be without, so that the rest of
-# the section is looked at as well; none of them is worth a finding.
-_MEANT = {"reddit.subreddit": plausibility.subreddit_meant}
-_STAND_INS: dict[str, Any] = {
-    "name": "unnamed",
-    "title": "unnamed",
-    "youtube.keywords": ["unnamed"],
-    "youtube.category_ids": [20],
-    "wiki.url": "http://localhost",
-    "reddit.subreddit": "unnamed",
-}
+Remark = tuple[str, str, str, str]  # level, key, what is wrong, how to fix it
+
+# The assignable and the older ids of https://developers.google.com/youtube/v3/docs/videoCategories
+CATEGORIES = frozenset([1, 2, 10, 15, *range(17, 45)])
+_GAME = re.compile(r"UC[\w-]{22}")
+_HOST = re.compile(r"[A-Za-z0-9.-]+(:\d+)?|\[[0-9a-fA-F:]+\](:\d+)?")
+_FULL_NAME = re.compile(r"[^\s.]+(\.[^\s.]+)+\.?|localhost|.*:.*")
+_EXAMPLES = ("example.org", "example.com", "example.net", ".example", ".invalid")
 
 
 class Checked(NamedTuple):
@@ -59,115 +58,264 @@ def check_file(path: Path, *, publishing: bool = True) -> Checked:
     """Raises nothing: a file that can't be read is a finding as well. Without `publishing` what
     only a published release needs is not looked at.
     """
+
+    def unread(what: str, fix: str = "", line: int = 0, lists: tuple[str, ...] = ()) -> Checked:
+        return Checked(None, lists, [Finding(ERROR, path.name, line, "", what, fix)])
+
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
-        return _unread(path, "can't be read", f"{error.strerror}")
+        return unread(f"the profile {path} can't be read", f"{error.strerror}")
     except UnicodeDecodeError as error:
-        return _unread(path, f"is not UTF-8 text (byte {error.start + 1})", "save it as UTF-8")
+        what = f"the profile {path} is not UTF-8 text (byte {error.start + 1})"
+        return unread(what, "save it as UTF-8")
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        named = tuple(re.findall(r'"([^"\n/]+\.tsv)"', text))
-        return Checked(None, named, [_syntax(path, text, str(error))])
+        place = re.search(r"at line (\d+)", str(error))
+        line = int(place[1]) if place else len(text.splitlines())
+        lists = tuple(re.findall(r'"([^"\n/]+\.tsv)"', text))
+        return unread(f"not valid TOML: {error}", "see https://toml.io", line, lists)
     except RecursionError:
-        return _unread(path, "is nested too deeply", "write its tables in their own lines")
+        return unread(f"the profile {path} is nested too deeply")
     lines = key_lines(text)
-
-    def at(level: str, key: str, what: str, fix: str) -> Finding:
-        return Finding(level, path.name, line_of(lines, key), key, what, fix)
-
     profile, wrong = _understand(data, path)
-    findings = [at(ERROR, one.key, *_described(one, data)) for one in wrong]
+    remarks: list[Remark] = [(ERROR, *one) for one in wrong]
     if profile is not None:
-        already = {one.key for one in wrong}
-        remarks = [
-            *plausibility.remarks(profile, data),
-            *(plausibility.publishing(profile) if publishing else ()),
-        ]
-        findings += [at(*one) for one in remarks if one[1] not in already]
-    return Checked(profile, _lists(data), findings)
+        already = {key for key, _, _ in wrong}
+        more = [*_meant(profile, data), *(_published(profile) if publishing else ())]
+        remarks += [one for one in more if one[1] not in already]
+    findings = [
+        Finding(level, path.name, line_of(lines, key), key, what, fix)
+        for level, key, what, fix in remarks
+    ]
+    section = data.get("pairs")
+    names = section.get("keyword_files") if isinstance(section, dict) else None
+    listed = names if isinstance(names, list) else []
+    lists = tuple(one for one in listed if isinstance(one, str) and is_list_name(one))
+    return Checked(profile, lists, findings)
 
 
-def _understand(data: dict[str, Any], path: Path) -> tuple[Profile | None, list[ProfileProblem]]:
+def _understand(data: dict[str, Any], path: Path) -> tuple[Profile | None, list[Problem]]:
     """The profile without its wrong keys, and what is wrong with them.
 
     Wrong keys hide others (a range is looked at when both ends are numbers), so it is read again
-    without them until nothing is left to say.
+    without them, and without a section that lacks one, until nothing is left to say.
     """
     data = copy.deepcopy(data)
-    wrong: list[ProfileProblem] = []
+    wrong: dict[str, Problem] = {}
     if data.pop("path", None) is not None:
-        wrong.append(ProfileProblem("path", "unknown key 'path'", "take the line out"))
-    for _ in range(20):
+        wrong["path"] = ("path", "unknown key 'path'", "take the line out")
+    while True:
         try:
-            return Profile(**data, path=path.resolve()), wrong
+            return Profile(**data, path=path.resolve()), list(wrong.values())
         except ValidationError as error:
-            wrong += [one for one in problems(error, Profile) if one not in wrong]
-            for one in error.errors(include_url=False):
-                _leave_out(data, [part for part in one["loc"] if isinstance(part, str)])
-    return None, wrong
+            for one in problems(error, Profile):
+                wrong.setdefault(one[0], one)
+            removed = [_removed(data, one["loc"]) for one in error.errors(include_url=False)]
+            if not any(removed):
+                return None, list(wrong.values())
 
 
-def _leave_out(data: dict[str, Any], keys: list[str]) -> None:
-    """Take out the key of a problem, or put in what stands for it; else the section around it."""
+def _removed(data: dict[str, Any], place: tuple[int | str, ...]) -> bool:
+    """Take a wrong key, else the section around it, out of the data; False where neither is in."""
+    keys = [part for part in place if isinstance(part, str)]
     while keys:
         *parents, last = keys
         table: Any = data
         for key in parents:
             table = table.get(key) if isinstance(table, dict) else None
-        if isinstance(table, dict):
-            removed = table.pop(last, None)
-            stand_in = _STAND_INS.get(".".join(keys))
-            if stand_in is not None:
-                table[last] = stand_in
-            if removed is not None or stand_in is not None:
-                return
+        if isinstance(table, dict) and table.pop(last, None) is not None:
+            return True
         keys = parents
+    return False
 
 
-def _described(problem: ProfileProblem, data: dict[str, Any]) -> tuple[str, str]:
-    """What is wrong and how to fix it; of a whole section what is said is what is wrong."""
-    if problem.what == f"'{problem.key}'":
-        return problem.line(), ""
-    return problem.what, _suggest_fix(problem, data)
+# -- what a profile may say by its types and can hardly mean --------------------------------------
 
 
-def _suggest_fix(problem: ProfileProblem, data: dict[str, Any]) -> str:
-    field = field_of(Profile, re.sub(r"\[\d+\]", "", problem.key).split("."))
-    about = field.description if field is not None else None
-    if problem.what.endswith("is missing"):
-        return f"add a line {problem.key} = …" + (f" ({about})" if about else "")
-    if problem.what.endswith("to be filled in"):
-        return about or ""
-    section, _, key = problem.key.partition(".")
-    given = data.get(section)
-    if problem.key in _MEANT and isinstance(given, dict):
-        return _MEANT[problem.key](given.get(key)) or problem.fix
-    return problem.fix
+def _meant(profile: Profile, data: dict[str, Any]) -> Iterator[Remark]:
+    """`data` is the file as read."""
+    yield from _left_open("", data)
+    yield from _own_name(profile)
+    missing = [name for name in SOURCES if name not in data]
+    for name in missing:
+        fix = f"`kb {name} crawl` needs one; leave it out if you don't collect it"
+        yield NOTE, "", f"there is no section [{name}]", fix
+    if len(missing) == len(SOURCES):
+        fix = f"add the section of at least one source: {', '.join(SOURCES)}"
+        yield ERROR, "", "there is nothing to collect", fix
+    (talks,) = made_of("pairs")
+    if "pairs" not in data and talks in data:
+        fix = "`kb pairs` needs one, with keyword_files or include"
+        yield NOTE, "", "there is no section [pairs]", fix
+    if "pairs" in data and talks in missing:
+        fix = "pairs are made of the transcripts of videos"
+        yield WARNING, "pairs", f"[pairs] has no use without [{talks}]", fix
+    yield from _youtube(profile)
+    yield from _wiki(profile)
+    if profile.reddit:
+        links = profile.reddit.links
+        yield from _hosts("reddit.links.image_hosts", links.image_hosts)
+        yield from _hosts("reddit.links.video_hosts", links.video_hosts)
+        for name in ("image_endings", "video_endings"):
+            for ending in getattr(links, name):
+                if ending != (plain := ending.lower().lstrip(".")):
+                    key = f"reddit.links.{name}"
+                    yield WARNING, key, f"'{key}' holds \"{ending}\"", f'write it as "{plain}"'
+        yield from _twice("reddit.search", profile.reddit.search)
+    if profile.pairs:
+        yield from _twice("pairs.include", profile.pairs.include)
+        for word in filter(is_everyday, profile.pairs.include):
+            fix = "put it into a keyword list, with the rule near, never or always"
+            what = f"'pairs.include' holds the everyday word \"{word}\""
+            yield WARNING, "pairs.include", what, fix
+    if not profile.toxicity.on:
+        fix = "the release gate reports it as incomplete"
+        yield NOTE, "toxicity", "'toxicity' is off: no text is scored", fix
+    contact = profile.release.contact
+    if contact and contact != FILL_IN and not is_contact(contact):
+        what = f"'release.contact' is \"{contact}\", no mail or web address"
+        fix = "such as me@example.org or https://example.org/about"
+        yield ERROR, "release.contact", what, fix
+    unsigned = profile.release.unsigned()
+    if "a contact" in unsigned:
+        fix = "where removal requests go; a published data set needs one"
+        yield NOTE, "", "'release.contact' is not set", fix
+    if "a creator" in unsigned:
+        fix = "who made the data set; a published one needs that"
+        yield NOTE, "", "'release.creators' is not set", fix
 
 
-def _lists(data: dict[str, Any]) -> tuple[str, ...]:
-    section = data.get("pairs")
-    names = section.get("keyword_files") if isinstance(section, dict) else None
-    if not isinstance(names, list):
-        return ()
-    return tuple(one for one in names if isinstance(one, str) and is_list_name(one))
+def _published(profile: Profile) -> Iterator[Remark]:
+    """What speaks against publishing alone, so that it ends no crawl."""
+    contact = profile.release.contact
+    if contact and contact != FILL_IN and is_placeholder(contact):
+        fix = "write an address that you read, for removal requests"
+        what = f"'release.contact' is the placeholder \"{contact}\""
+        yield ERROR, "release.contact", what, fix
+    for source, spdx in profile.release.licenses.items():
+        if spdx not in KNOWN:
+            key = f"release.licenses.{source}"
+            what = f"'{key}' is \"{spdx}\", no SPDX id that a release can carry"
+            yield ERROR, key, what, f"known: {', '.join(sorted(KNOWN))}"
 
 
-def _unread(path: Path, what: str, fix: str) -> Checked:
-    finding = Finding(ERROR, path.name, 0, "", f"the profile {path} {what}", fix)
-    return Checked(None, (), [finding])
+def _left_open(key: str, value: Any) -> Iterator[Remark]:
+    """Words to fill in that are text as good as any."""
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            yield from _left_open(f"{key}.{name}" if key else name, inner)
+    elif value == FILL_IN or (isinstance(value, list) and FILL_IN in value):
+        yield ERROR, key, f"'{key}' is still to be filled in", "write what is meant there"
 
 
-def _syntax(path: Path, text: str, message: str) -> Finding:
-    place = _AT.search(message)
-    line = int(place[1]) if place and place[1] else len(text.splitlines())
-    plain = _AT.sub("", message)
-    for begin, what, fix in _IN_WORDS:
-        if plain.startswith(begin):
-            return Finding(ERROR, path.name, line, "", f"not valid TOML: {what}", fix)
-    return Finding(ERROR, path.name, line, "", f"not valid TOML: {plain}", "see https://toml.io")
+def _own_name(profile: Profile) -> Iterator[Remark]:
+    """A profile of another domain that is called as a shipped one."""
+    here, name = profile.path.parent, profile.name
+    if here.parent == folder("profiles").resolve() and name != here.name:
+        what = f"'name' is \"{name}\", and the profile's folder is {here.name}"
+        yield ERROR, "name", what, f'a copied profile needs a name of its own: name = "{here.name}"'
+        return
+    for shipped in shipped_names():
+        with contextlib.suppress(ProfileError):  # a damaged one is no rival
+            other = load_profile(shipped)
+            if other.path == profile.path:
+                continue
+            subjects = list(_subjects(profile, other))
+            differ = [key for key, mine, theirs in subjects if mine != theirs]
+            if other.name == name and (differ or here.name != name):
+                level = ERROR if len(differ) == len(subjects) else WARNING
+                what = f"'name' is \"{name}\", that of the shipped profile"
+                what += f"; other values: {', '.join(differ)}" if differ else ""
+                fix = "another domain needs a name of its own; changed numbers alone may keep it"
+                yield level, "name", what, fix
+            elif other.name != name and other.title == profile.title:
+                what = f"'title' is \"{profile.title}\", that of the profile {other.name}"
+                yield WARNING, "title", what, "cards and reports bear it: write your domain's own"
+
+
+def _subjects(one: Profile, other: Profile) -> Iterator[tuple[str, Any, Any]]:
+    """What a domain is about, where both profiles say it."""
+    yield "title", one.title, other.title
+    if one.youtube and other.youtube:
+        yield "youtube.keywords", one.youtube.keywords, other.youtube.keywords
+    if one.wiki and other.wiki:
+        yield "wiki.url", one.wiki.url, other.wiki.url
+    if one.reddit and other.reddit:
+        yield "reddit.subreddit", one.reddit.subreddit.lower(), other.reddit.subreddit.lower()
+
+
+def _youtube(profile: Profile) -> Iterator[Remark]:
+    section = profile.youtube
+    if not section:
+        return
+    yield from _twice("youtube.keywords", section.keywords)
+    yield from _twice("youtube.topic_keywords", section.topic_keywords)
+    key = "youtube.topic_keywords" if section.topic_keywords else "youtube.keywords"
+    for word in filter(is_everyday, dict.fromkeys(section.words)):
+        fix = (
+            "every video of the categories with it counts as on topic;"
+            " name what only your domain says in youtube.topic_keywords"
+        )
+        yield WARNING, key, f"'{key}' holds the everyday word \"{word}\"", fix
+    for number in section.category_ids:
+        if number not in CATEGORIES:
+            what = f"'youtube.category_ids' contains {number}, which is not a YouTube category"
+            fix = "such as 20 Gaming, 26 Howto, 28 Science"
+            yield WARNING, "youtube.category_ids", what, fix
+    for game in section.game_ids:
+        if not _GAME.fullmatch(game):
+            what = f"'youtube.game_ids' holds \"{game}\", which is not a browse id"
+            yield WARNING, "youtube.game_ids", what, "it begins with UC and has 24 characters"
+    if section.max_age_days > 30:
+        what = f"'youtube.max_age_days' is {section.max_age_days}"
+        fix = "the API's terms ask to read data again, or remove it, after 30 days"
+        yield WARNING, "youtube.max_age_days", what, fix
+    if section.min_aspect_ratio > 1.78:
+        what = f"'youtube.min_aspect_ratio' is {section.min_aspect_ratio:g}"
+        yield WARNING, "youtube.min_aspect_ratio", what, "wide-screen is 1.78: hardly one passes"
+
+
+def _wiki(profile: Profile) -> Iterator[Remark]:
+    wiki = profile.wiki
+    if not wiki:
+        return
+    parts = urlsplit(wiki.url)
+    host, root = parts.hostname or "", f"{parts.scheme}://{parts.netloc}"
+    if not _FULL_NAME.fullmatch(host):
+        what = f"'wiki.url' is \"{wiki.url}\", whose host is not a full name"
+        yield ERROR, "wiki.url", what, "write an address like https://minecraft.wiki"
+    elif host.endswith(_EXAMPLES):
+        yield WARNING, "wiki.url", f"'wiki.url' is the example {wiki.url}", "write your wiki's"
+    if parts.path.endswith(".php"):
+        what = f"'wiki.url' is \"{wiki.url}\", which is not the wiki's root"
+        yield ERROR, "wiki.url", what, f'write "{root}"'
+    elif re.match(r"/(w|wiki)/.", parts.path):
+        what = f"'wiki.url' is \"{wiki.url}\", which looks like a page"
+        yield WARNING, "wiki.url", what, f'the root may be "{root}"'
+    yield from _hosts("wiki.hosts", wiki.hosts)
+    if wiki.max_page_height < wiki.viewport_height:
+        what = f"'wiki.max_page_height' is {wiki.max_page_height}: nothing passes"
+        fix = f"a page is at least as high as the window, {wiki.viewport_height} CSS px"
+        yield ERROR, "wiki.max_page_height", what, fix
+    if wiki.page_seconds <= wiki.settle_seconds:
+        what = f"'wiki.page_seconds' is {wiki.page_seconds:g}"
+        fix = f"more than settle_seconds ({wiki.settle_seconds:g}), or moving pages count as hung"
+        yield WARNING, "wiki.page_seconds", what, fix
+
+
+def _hosts(key: str, hosts: tuple[str, ...]) -> Iterator[Remark]:
+    for host in hosts:
+        if not _HOST.fullmatch(host):
+            what = f"'{key}' holds \"{host}\", which is not a host's name"
+            yield ERROR, key, what, "write a name such as images.example.org"
+
+
+def _twice(key: str, words: tuple[str, ...]) -> Iterator[Remark]:
+    for word, times in Counter(word.lower() for word in words).items():
+        if times > 1:
+            yield WARNING, key, f"'{key}' holds \"{word}\" twice", "take one of them out"
 
 
 # -- on which line of a TOML text a key stands; tomllib does not say -----------------------------
@@ -183,16 +331,20 @@ def key_lines(text: str) -> dict[str, int]:
     lines: dict[str, int] = {}
     table, tables = "", Counter[str]()
     for number, line in enumerate(text.splitlines(), start=1):
-        if header := _HEADER.match(line):
-            table = _unquoted(header[2])
-            lines.setdefault(table, number)
-            if header[1] == "[[":
-                tables[table] += 1
-                table = f"{table}[{tables[table]}]"
-                lines.setdefault(table, number)
-        elif key := _KEY.match(line):
-            name = _unquoted(key[1])
+        header = _HEADER.match(line)
+        key = header or _KEY.match(line)
+        if key is None:
+            continue
+        name = ".".join(part.strip("\"'") for part in re.findall(_PART, key[key.lastindex or 0]))
+        if header is None:
             lines.setdefault(f"{table}.{name}" if table else name, number)
+            continue
+        table = name
+        lines.setdefault(table, number)
+        if header[1] == "[[":
+            tables[table] += 1
+            table = f"{table}[{tables[table]}]"
+            lines.setdefault(table, number)
     return lines
 
 
@@ -206,7 +358,3 @@ def line_of(lines: dict[str, int], key: str) -> int:
             return min(inside)
         key = key.rpartition("[")[0] if key.endswith("]") else key.rpartition(".")[0]
     return 0
-
-
-def _unquoted(name: str) -> str:
-    return ".".join(part.strip("\"'") for part in re.findall(_PART, name))

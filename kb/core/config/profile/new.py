@@ -53,6 +53,8 @@ KEYWORDS = f"""\
 #             follow by rule; case and hyphens make no difference.
 #   kind      a word of your own that sorts keywords: plant, tool, place …
 #   rule      nothing where the word is your domain's alone. For everyday words (bed, spring):
+#               topic     counts in videos that YouTube's label says are about your domain, or that
+#                         you imported with imported_topic = "known"; elsewhere like near
 #               near      counts when a keyword without a rule is near (pairs.near_words)
 #               near:30   the same within 30 words
 #               never     is counted, and makes no pair

@@ -2,10 +2,10 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 from kb.core.config.profile import Profile, load_profile
 from kb.core.config.profile.new import profile_text
-from tests.core.config.profile.filled import filled, leaves, saved
 
 
 def test_what_only_the_user_knows_stands_first() -> None:
@@ -40,3 +40,33 @@ def test_every_key_stands_in_it_with_its_default(tmp_path: Path) -> None:
     unset = {key for key, value in defaults.items() if value is None}
     assert {key for key, value in defaults.items() if made[key] != value} == unset
     assert all(re.search(rf"^#?{re.escape(key)}( =|\.)", text, re.MULTILINE) for key in defaults)
+
+
+FILLED = {  # the four lines that only the user knows
+    'youtube.category_ids = ["FILL-IN"]': "youtube.category_ids = [26]",
+    'wiki.url = "FILL-IN"': 'wiki.url = "https://gardens.wiki"',
+    'reddit.subreddit = "FILL-IN"': 'reddit.subreddit = "rockgarden"',
+    "FILL-IN\tkind": "Saxifrage\tplant",
+}
+
+
+def filled(text: str) -> str:
+    for old, new in FILLED.items():
+        text = text.replace(old, new)
+    return text
+
+
+def leaves(data: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in data.items():
+        if isinstance(value, dict):
+            found |= leaves(value, f"{prefix}{name}.")
+        else:
+            found[f"{prefix}{name}"] = value
+    return found
+
+
+def saved(place: Path, text: str) -> Path:
+    path = place / "profile.toml"
+    path.write_text(text, encoding="utf-8")
+    return path

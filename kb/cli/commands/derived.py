@@ -1,0 +1,227 @@
+"""`kb tasks`, `kb links`, `kb report`, `kb annotate`, `kb models`: what is made of clean tables."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from kb.cli.framework.command import command, group
+from kb.cli.framework.options import CLUSTER, pipeline
+from kb.core.context import Run
+from kb.core.errors import KbError
+from kb.core.sources import SOURCES
+from kb.core.summary import Summary
+
+tasks_app = group("Mine candidates for creative tasks from titles of videos.")
+
+
+class TasksFormat(StrEnum):
+    """Layouts of tasks."""
+
+    parquet = "parquet"
+    minedojo = "minedojo"
+
+
+@command(
+    tasks_app,
+    uses=("pipeline",),
+    again="Mine all titles again, even if nothing has changed.",
+    json="tasks, titles, starts, rejected_by",
+    needs_data=True,
+    checks=True,
+    examples=[
+        "kb tasks                                 prompts with times, in tasks/ and release/tasks/",
+        "kb tasks --format minedojo               export/minedojo/creative_tasks.yaml",
+        'kb query "FROM tasks_titles SELECT rejected_reason, count(*) GROUP BY ALL"',
+    ],
+)
+def tasks(
+    run: Run,
+    format: Annotated[
+        TasksFormat,
+        typer.Option("--format", help="Parquet goes to release/, other formats to export/FORMAT/."),
+    ] = TasksFormat.parquet,
+) -> Summary:
+    """Mine tasks from titles: "How to Build an EASY Iron Farm!" is "build an easy iron farm".
+
+    Each video gives at most one task, which begins where a chapter or the transcript first names
+    its object. Every title that gives none is in tasks_titles with the reason. The verbs and
+    phrases are those of [tasks] in the profile.
+    """
+    summary: Summary = pipeline(run, "tasks").tasks(run, format.value)
+    return summary
+
+
+links_app = group("Find which videos, wiki pages and threads mention which entities.")
+
+
+@command(
+    links_app,
+    uses=(*CLUSTER, "pipeline"),
+    again="Match every source again, even if its clean tables have not changed.",
+    json="entities, with_page, links, mentions, sources",
+    needs_data=True,
+    checks=True,
+    examples=[
+        "kb links                                 what has changed since the last run",
+        "kb links --again                         everything again",
+        "kb query \"FROM links.links WHERE entity = 'Wolf' ORDER BY count DESC LIMIT 10\"",
+    ],
+)
+def links(run: Run) -> Summary:
+    """Make the entity tables: every keyword, its wiki page, and where it is mentioned.
+
+    Videos, pages, posts and comments are matched by the same rules as pairs. links/ and
+    release/links/ hold ids, counts and seconds, but no text. A source whose clean files have not
+    changed is skipped.
+    """
+    summary: Summary = pipeline(run, "links").links(run)
+    return summary
+
+
+report_app = group("Make figures and one HTML page about the collected data.")
+
+
+@command(
+    report_app,
+    needs_data=True,
+    uses=("workers",),
+    json="figures, page, without",
+    examples=["kb report                                then open report/index.html"],
+)
+def report(
+    run: Run,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            help="Write there. [default: report/ in the data root; the cache for a download]",
+        ),
+    ] = None,
+) -> Summary:
+    """Make figures (SVG, PNG, PDF) and one page that needs no network, in report/ of the data root.
+
+    Works at any time on what has been filtered so far, on a restored data root and on a downloaded
+    release. The page names sources without data.
+    """
+    from kb.report.build import report
+
+    return report(run, out)
+
+
+annotate_app = group("Score text for toxicity. `filter` does this as well.")
+models_app = group("Download the toxicity model.")
+
+
+class Precision(StrEnum):
+    """Precision of the model's numbers."""
+
+    fp32 = "fp32"
+    bf16 = "bf16"
+    int8 = "int8"
+
+
+class Device(StrEnum):
+    """Where the model runs."""
+
+    auto = "auto"
+    cpu = "cpu"
+    cuda = "cuda"
+
+
+PrecisionOption = Annotated[
+    Precision | None,
+    typer.Option(
+        "--precision",
+        help="bf16 and int8 are faster; scores near the threshold are computed again in fp32, and"
+        " the precision is recorded with each score. Existing scores of a lower precision than"
+        " this are computed again. [default: fp32 for new scores]",
+    ),
+]
+DeviceOption = Annotated[
+    Device,
+    typer.Option("--device", help="Where the model runs; auto uses a GPU if there is one."),
+]
+
+
+def _annotate(run: Run, source: str, precision: Precision | None, device: Device) -> Summary:
+    from kb.annotate.toxicity import ToxicityScorer
+    from kb.artifacts import domain_binding
+    from kb.filters.filter_run import texts
+
+    run.profile.section(source)  # raises where the profile leaves the source out
+    name = f"annotate {source}"
+    scorer = ToxicityScorer.open(run, source, precision and str(precision), str(device))
+    checkpoint, scores = scorer.checkpoint, scorer.scores
+    if checkpoint is None or scores is None:
+        return Summary(command=name, source=source, scored=0, toxicity="off in the profile")
+    try:
+        with domain_binding.writing(run, source):
+            counts = scorer.annotate(texts(run, source))
+    except KbError as error:
+        error.summary = Summary(command=name, source=source, precisions=scores.precisions())
+        raise
+    return Summary(
+        command=name,
+        source=source,
+        texts=counts.texts,
+        scored=counts.scored,
+        known=counts.known,
+        exact_again=counts.exact_again,
+        model=checkpoint.model,
+        revision=checkpoint.revision,
+        precisions=scores.precisions(),
+    )
+
+
+def _add(source: str, about: str, *examples: str) -> None:
+    @command(
+        annotate_app,
+        source,
+        help=about,
+        uses=(*CLUSTER, "pipeline"),
+        limit="Stop after scoring N more texts (exit code 3); the next run resumes.",
+        json="texts, scored, known, exact_again, model, revision, precisions",
+        examples=examples,
+    )
+    def annotate(
+        run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto
+    ) -> Summary:
+        return _annotate(run, source, precision, device)
+
+
+for _name, _source in SOURCES.items():
+    _examples = _source.annotate_examples or (f"kb annotate {_name}",)
+    _add(_name, _source.annotate_help, *_examples)
+
+
+@command(
+    models_app,
+    without=("data", "profile"),
+    json="model, fetched, present, bytes, folder",
+    examples=[
+        "kb models fetch                the model of the paper, Detoxify `original`",
+        "kb models fetch unbiased       another model; then set KB_TOXICITY_MODEL=unbiased",
+    ],
+)
+def fetch(
+    run: Run,
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="[NAME]",
+            help="original, unbiased, multilingual, original-small or unbiased-small.",
+        ),
+    ] = "original",
+) -> Summary:
+    """Download a published checkpoint with its configuration and vocabulary, and verify them.
+
+    An interrupted download resumes. The files are kept in the user's cache, for all data roots.
+    """
+    from kb.annotate.fetch import fetch as room
+
+    return room(run, name)

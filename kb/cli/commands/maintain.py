@@ -1,0 +1,255 @@
+"""`kb refresh`, `kb purge` and `kb verify`: what keeps a data root fresh, lawful and intact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from kb.cli.framework.command import command, group
+from kb.cli.framework.messages import show, show_row, with_options
+from kb.cli.framework.options import CLUSTER, Options, Plan, pipeline
+from kb.core import terminal
+from kb.core.context import Run
+from kb.core.errors import DamagedData, UsageError
+from kb.core.sources import SOURCES
+from kb.core.summary import Summary
+
+if TYPE_CHECKING:
+    from kb.verify.findings import Findings
+
+
+refresh_app = group("Re-read data that the services' terms require to be fresh.")
+
+OlderThan = Annotated[
+    int | None,
+    typer.Option(
+        "--older-than",
+        min=0,
+        metavar="DAYS",
+        help="Re-read data older than this; 0: all of it. [default: the profile's max_age_days]",
+    ),
+]
+
+
+@command(
+    refresh_app,
+    "youtube",
+    uses=("wait",),
+    limit="Stop after N more videos (exit code 3); the next run resumes.",
+    json="crawled, missing, failed, pending, requests, units",
+    planned=("older_than",),
+    needs_data=True,
+    examples=[
+        "kb refresh youtube --wait",
+        "kb refresh youtube --limit 5000",
+        "kb refresh youtube --older-than 7        also view counts older than a week",
+    ],
+)
+def refresh_youtube(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summary:
+    """Re-read metadata older than the profile's max_age_days, and mark videos that are gone.
+
+    Costs one unit of the general quota for 50 videos. A smaller --older-than also re-reads the
+    counts of videos whose metadata are fresh, from the separate quota for statistics.
+    Run `kb youtube filter` and `kb youtube export` afterwards.
+    """
+    from kb.youtube.crawl.refresh import plan_refresh, refresh
+
+    do = plan_refresh if plan else refresh
+    return do(run, older_than)
+
+
+@command(
+    refresh_app,
+    "reddit",
+    uses=(*CLUSTER, "wait"),
+    limit="Stop after N more posts and comments (exit code 3); the next run resumes.",
+    again="Select once more what is due, including what was missing last time, instead of resuming"
+    " a stopped refresh.",
+    json="crawled, missing, failed, pending, requests",
+    planned=(*CLUSTER, "older_than", "again"),
+    needs_data=True,
+    examples=[
+        "kb refresh reddit --wait",
+        "kb refresh reddit --older-than 0         everything, now: a removal request came in",
+    ],
+)
+def refresh_reddit(run: Run, older_than: OlderThan = None, plan: Plan = False) -> Summary:
+    """Re-read scores, removals and deletions with your own app's key, 100 ids per request.
+
+    Run `kb reddit filter` and `kb reddit export` afterwards.
+    """
+    from kb.reddit.crawl.refresh import refresh
+    from kb.reddit.plan import plan_refresh
+
+    return plan_refresh(run, older_than) if plan else refresh(run, older_than)
+
+
+purge_app = group("Remove content that was deleted at its source or that a file names.")
+
+Ids = Annotated[
+    Path | None,
+    typer.Option(
+        "--ids",
+        metavar="FILE",
+        help="Also remove these ids: one per line, CSV, JSON or a Parquet file.",
+    ),
+]
+PurgePlan = Annotated[
+    bool,
+    typer.Option(
+        "--plan", help="Count what would be removed, by table and folder; change nothing."
+    ),
+]
+
+
+def _purge(run: Run, source: str, ids: Path | None, people: Path | None, plan: bool) -> Summary:
+    room = pipeline(run, "purge")
+    summary: Summary
+    if not plan:
+        summary = room.purge(run, source, ids, people)
+        return summary
+    summary = room.plan(run, source, ids, people)
+    show_row(("folder", "what", "count"))
+    for line in summary["lines"]:
+        show_row((line["folder"], line["what"], line["count"]))
+    return summary
+
+
+def _purge_reddit(
+    run: Run,
+    ids: Ids = None,
+    authors: Annotated[
+        Path | None,
+        typer.Option(
+            "--authors",
+            metavar="FILE",
+            help="Also remove all that these people posted or commented, and never collect more"
+            " of it: a name or the address of a profile per line.",
+        ),
+    ] = None,
+    plan: PurgePlan = False,
+) -> Summary:
+    return _purge(run, "reddit", ids, authors, plan)
+
+
+def _purge_youtube(
+    run: Run,
+    ids: Ids = None,
+    channels: Annotated[
+        Path | None,
+        typer.Option(
+            "--channels",
+            metavar="FILE",
+            help="Also remove all videos of these channels, and never collect more of them: an id"
+            " or an address with /channel/ per line.",
+        ),
+    ] = None,
+    plan: PurgePlan = False,
+) -> Summary:
+    return _purge(run, "youtube", ids, channels, plan)
+
+
+def _by_ids(source: str) -> Callable[..., Summary]:
+    def purge(run: Run, ids: Ids = None, plan: PurgePlan = False) -> Summary:
+        return _purge(run, source, ids, None, plan)
+
+    return purge
+
+
+_OWN: dict[str, Callable[..., Summary]] = {"reddit": _purge_reddit, "youtube": _purge_youtube}
+
+
+def _add(source: str, about: str, *examples: str) -> None:
+    declared = command(
+        purge_app,
+        source,
+        help=about,
+        uses=CLUSTER,
+        json="purged, known, unknown, unread, rows, scores",
+        planned=("ids", "authors", "channels"),
+        needs_data=True,
+        examples=examples,
+    )
+    declared(_OWN.get(source) or _by_ids(source))
+
+
+for _name, _source in SOURCES.items():
+    _examples = _source.purge_examples or (f"kb purge {_name} --ids ids.txt",)
+    _add(_name, _source.purge_help, *_examples)
+
+
+verify_app = group("Find damaged, missing and foreign files in a data root or release.")
+
+
+@command(
+    verify_app,
+    raw=True,
+    resumable=False,
+    json="files_whole, files_damaged, files_missing, files_foreign, kinds, found",
+    examples=[
+        "kb verify                       the data root",
+        "kb verify release/              a download, compared with its checksums",
+        "kb verify --repair              rebuild or fetch again what is damaged or missing",
+    ],
+)
+def verify(
+    options: Options,
+    folder: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[FOLDER]",
+            help="A data root, a release folder, or a folder of releases. [default: the data root]",
+        ),
+    ] = None,
+    repair: Annotated[
+        bool,
+        typer.Option(
+            "--repair",
+            help="Move damaged files away, and fetch or rebuild them; foreign files stay.",
+        ),
+    ] = False,
+) -> Summary:
+    """Read every byte, and list files that are damaged, missing or foreign.
+
+    Prints one line per kind of files, then one per problem with what to do about it. The exit code
+    is 1 if there is a problem. Nothing is changed without --repair.
+    """
+    from kb.artifacts.table_catalog import existing, is_root
+
+    if folder is not None:
+        options = replace(options, data=existing(folder))
+    run = options.make_run(needs="profile" if repair else "root", exists=True)
+    place = run.root
+    repairable = is_root(place)
+    if repair and not repairable:
+        raise UsageError(
+            f"{place} is not a data root: a download can't be rebuilt from raw data",
+            hint="download damaged files again, into the same folder",
+        )
+    room = pipeline(run, "verify")
+    report: Findings
+    repaired: list[str]
+    report, repaired = room.repair(run) if repair else (room.verify(run, place), [])
+    run.progress.close()
+    for line in terminal.table(list(report.table())):
+        typer.echo(line)
+    for one in report.entries:
+        show(with_options(f"{one.state}: {one.path}: {one.what}; {one.advice}"))
+    for line in repaired:
+        show(with_options(f"repair: {line}"))
+    summary = Summary(command="verify", **report.summary(place), repaired=repaired)
+    if report.entries:
+        counts = ", ".join(
+            f"{files:,} {state}"
+            for state in ("damaged", "missing", "foreign")
+            if (files := report.total(state)[0])
+        )
+        hint = "`kb verify --repair` repairs what it can" if repairable and not repair else ""
+        error = DamagedData(f"{place} has problems: {counts}", hint=hint)
+        error.summary = summary
+        raise error
+    return summary

@@ -1,1 +1,0 @@
-"""`kb profile`: make a profile for a new domain, and check one."""

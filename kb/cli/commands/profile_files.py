@@ -1,0 +1,298 @@
+"""The files of a profile: made by `kb profile new`, checked by `kb profile check` and others.
+
+write_new(name, out)   a commented profile and keyword list for a new domain
+examine(path)          every finding, for `kb profile check`
+refuse(profile)        ends a crawl, a filter or pairs before anything is sent if there is an error
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kb.core.config.addresses import is_loopback
+from kb.core.config.profile import is_shipped, load_profile
+from kb.core.config.profile.base import (
+    ERROR,
+    NOTE,
+    REFUSED,
+    UNREACHABLE,
+    WARNING,
+    WRONG,
+    Finding,
+    OnlineAnswer,
+    QuestionCost,
+    is_placeholder,
+    worst_first,
+)
+from kb.core.config.profile.check import Checked, check_file
+from kb.core.config.profile.new import KEYWORDS, profile_text
+from kb.core.errors import (
+    CredentialRefused,
+    FatalError,
+    Interrupted,
+    KbError,
+    MissingCredential,
+    MissingExtra,
+    ProfileError,
+    Retryable,
+    SettingError,
+    Stopped,
+)
+from kb.core.installation import PROFILE_FILE
+from kb.core.installation import folder as shared
+from kb.core.sources import SOURCES
+from kb.store import leftovers
+from kb.store.atomic import write_text
+from kb.store.layout import Layout
+
+if TYPE_CHECKING:
+    from kb.core.config.profile import Profile
+    from kb.core.context import Run
+
+
+def examine(path: Path, *, publishing: bool = True) -> Checked:
+    """Findings about the profile's file and its keyword lists, worst first."""
+    from kb.pairs.keyword_list import check_lists
+
+    checked = check_file(path, publishing=publishing)
+    profile = checked.profile
+    youtube = profile.youtube if profile else None
+    listed = check_lists(
+        path.parent,
+        checked.lists,
+        profile.pairs if profile else None,
+        topic_known=youtube is None or bool(youtube.game_ids) or youtube.imported_topic == "known",
+    )
+    return checked._replace(findings=worst_first([*checked.findings, *listed]))
+
+
+def refuse(profile: Profile) -> None:
+    """Raise ProfileError for errors in the profile or its lists.
+
+    Warnings pass, and so does what only a published release needs.
+    """
+    errors = [one for one in examine(profile.path, publishing=False).findings if one.level == ERROR]
+    if not errors:
+        return
+    more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+    name = profile.path.parent.name if profile.is_shipped else str(profile.path)
+    raise ProfileError(
+        f"profile {profile.path.parent}/{errors[0].sentence()}{more}",
+        hint=f"fix it; `kb profile check {name}` lists every problem",
+    )
+
+
+def contact_findings(run: Run) -> list[Finding]:
+    """A KB_CONTACT that nobody reads, if public services would be sent it."""
+    settings = run.settings
+    roots = (settings.kb_wiki_url, settings.kb_reddit_endpoint, settings.kb_youtube_web)
+    if any(root and is_loopback(root) for root in roots):
+        return []  # the sandbox sets a contact of its own
+    if not settings.kb_contact or not is_placeholder(settings.kb_contact):
+        return []
+    what = f"KB_CONTACT is the placeholder {settings.kb_contact}"
+    fix = "set an address that you read: wikis and Reddit see it in the User-Agent"
+    return [Finding(ERROR, ".env", 0, "KB_CONTACT", what, fix)]
+
+
+_UNUSED = 10  # keywords without a match that are named
+_EXAMPLES = 3
+PAGES = 20  # captured pages that the selectors are tried on
+_SELECTORS = "wiki selectors"
+_ROOT = "wiki.markup.root"
+
+
+def keyword_hits(run: Run) -> tuple[list[dict[str, Any]], list[Finding]]:
+    """Matches of each keyword in clean transcripts, most first, and findings about them."""
+    if run.profile.pairs is None:
+        return [], []
+    from kb.pairs.keyword_hits import keyword_lines
+
+    try:
+        lines = list(keyword_lines(run, _EXAMPLES, rare=True))
+    except (FatalError, MissingExtra) as error:
+        return [], [Finding(NOTE, "keywords", 0, "", f"not tried: {error}", error.hint)]
+    rows = [line._asdict() for line in lines]
+    unused = [line.keyword for line in lines if not line.matches]
+    if not unused:
+        return rows, []
+    names = ", ".join(unused[:_UNUSED]) + (" …" if len(unused) > _UNUSED else "")
+    what = f"{len(unused):,} of {len(lines):,} match nothing in {run.root}: {names}"
+    return rows, [Finding(NOTE, "keywords", 0, "", what, "add forms that people say instead")]
+
+
+def captured_pages(root: Path) -> list[str]:
+    """The HTML of some captured pages, spread evenly over all; unreadable ones are left out."""
+    import zstandard
+
+    paths = sorted(Layout(root).captures.glob("*/*/page.html.zst"))
+    pages = []
+    for path in paths[:: max(1, -(-len(paths) // PAGES))]:
+        try:
+            data = zstandard.ZstdDecompressor().decompressobj().decompress(path.read_bytes())
+        except (OSError, zstandard.ZstdError):
+            continue
+        pages.append(data.decode("utf-8", "replace"))
+    return pages
+
+
+def selector_findings(profile: Profile, pages: list[str]) -> list[Finding]:
+    """Invalid selectors, and selectors set by the profile itself that match nothing."""
+    if profile.wiki is None:
+        return []
+    from kb.wiki.crawl.online import count_matches
+
+    markup = profile.wiki.markup
+    usual = type(markup)()
+    own = {
+        f"wiki.markup.{name}"
+        for name in markup.model_fields_set
+        if getattr(markup, name) != getattr(usual, name)
+    }
+    try:
+        counts = count_matches(markup, pages)
+    except (MissingExtra, Retryable) as error:
+        hint = error.hint if isinstance(error, MissingExtra) else ""
+        return [Finding(NOTE, _SELECTORS, 0, "", f"not tried: {error}", hint)]
+    fix = "write a CSS selector, such as .infobox"
+    findings = [
+        Finding(ERROR, _SELECTORS, 0, one.key, f"'{one.key}' is not a CSS selector", fix)
+        for one in counts
+        if one.matches is None
+    ]
+    empty = [one.key for one in counts if one.matches == 0 and one.key in {_ROOT, *own}]
+    if _ROOT in empty:
+        empty.remove(_ROOT)
+        what = f"'{_ROOT}' matches nothing in {len(pages)} pages, so whole pages are read"
+        fix = "name the element that holds a page's text, such as .mw-parser-output"
+        findings.append(Finding(WARNING, _SELECTORS, 0, _ROOT, what, fix))
+    if empty:
+        what = f"no match in {len(pages)} pages: {', '.join(empty)}"
+        fix = "compare them with the classes in the wiki's pages"
+        findings.append(Finding(WARNING, _SELECTORS, 0, empty[0], what, fix))
+    return findings
+
+
+def ask(run: Run) -> Iterator[tuple[Finding, QuestionCost, int]]:
+    """For each source of the profile the answer, its cost, and the exit code that follows.
+
+    Raises Interrupted only: another error is an answer as well.
+    """
+    for source, each in SOURCES.items():
+        if getattr(run.profile, source) is None:
+            continue
+        cost = QuestionCost()
+        answer: OnlineAnswer | None
+        try:
+            answer = each.question(run, cost)
+        except (MissingCredential, SettingError) as error:
+            answer = OnlineAnswer(WARNING, "", f"not asked: {error}", error.hint)
+        except Interrupted:
+            raise
+        except (Retryable, Stopped) as error:
+            hint = error.hint or "run the same command later"
+            answer = OnlineAnswer(WARNING, "", f"no answer: {error}", hint, UNREACHABLE)
+        except KbError as error:
+            code = REFUSED if isinstance(error, CredentialRefused) else WRONG
+            answer = OnlineAnswer(ERROR, "", str(error), error.hint, code)
+        if answer is not None:
+            level, key, what, fix, code = answer
+            what = f"{what} ({cost})"
+            yield Finding(level, f"online: {source}", 0, key, what, fix), cost, code
+
+
+def write_new(
+    name: str,
+    out: Path | None,
+    *,
+    source: str | None = None,
+    wiki: str | None = None,
+    subreddit: str | None = None,
+) -> tuple[Path, list[str]]:
+    """Write the files, and return their folder and names. Nothing is overwritten.
+
+    Raises SettingError for a wrong name or URL and for an existing file, ProfileError for a
+    `source` that can't be read.
+    """
+    _check_name(name)
+    base = load_profile(source) if source is not None else None
+    text = profile_text(name, wiki=wiki, subreddit=subreddit, source=base)
+    _check_given(text, wiki=wiki, subreddit=subreddit)
+    files = {PROFILE_FILE: text}
+    if base is None:
+        files["keywords.tsv"] = KEYWORDS
+    elif base.pairs is not None:
+        files |= {
+            listed: _read_list(base.resolve_file(listed)) for listed in base.pairs.keyword_files
+        }
+    folder = out if out is not None else _home() / name
+    existing = [file for file in files if (folder / file).exists() or (folder / file).is_symlink()]
+    # A killed run leaves some of the files, with the same content.
+    for file in existing:
+        if len(existing) == len(files) or not _has_content(folder / file, files[file]):
+            raise SettingError(
+                f"{folder / file} already exists, and is not overwritten",
+                hint="choose another NAME, or another folder with --out",
+            )
+    for file, content in files.items():
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        leftovers.remove_temporary(folder / file)
+        write_text(folder / file, content)
+    return folder, list(files)
+
+
+def _has_content(path: Path, text: str) -> bool:
+    try:
+        return not path.is_symlink() and path.read_bytes() == text.encode()
+    except OSError:
+        return False
+
+
+def as_argument(name: str, folder: Path) -> str:
+    """The new profile as an argument of other commands."""
+    if is_shipped(name) and folder.resolve() == (shared("profiles") / name).resolve():
+        return name
+    return shlex.quote(str(folder / PROFILE_FILE))
+
+
+def _check_name(name: str) -> None:
+    if re.fullmatch(r"[a-z0-9][a-z0-9_-]*", name):
+        return
+    plain = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
+    raise SettingError(
+        f"invalid profile name {name!r}: use only lower-case letters, digits, - and _",
+        hint=f"write {plain}" if plain else "for example rock-gardens",
+    )
+
+
+def _check_given(text: str, *, wiki: str | None, subreddit: str | None) -> None:
+    """Raise SettingError now for values that would be refused later."""
+    given = {"wiki.url": ("--wiki", wiki), "reddit.subreddit": ("--subreddit", subreddit)}
+    with tempfile.TemporaryDirectory() as place:
+        path = Path(place) / PROFILE_FILE
+        path.write_text(text, encoding="utf-8")
+        wrong = {one.key: one for one in check_file(path).findings if one.level == ERROR}
+    for key, (option, value) in given.items():
+        if value is not None and key in wrong:
+            raise SettingError(f"{option} is {value!r}", hint=wrong[key].fix)
+
+
+def _home() -> Path:
+    """Where new profiles go: the profiles of the current checkout, else the current folder."""
+    profiles, here = shared("profiles"), Path.cwd()
+    checkout = profiles.parent.parent
+    if (checkout / "pyproject.toml").is_file() and here.is_relative_to(checkout):
+        return profiles
+    return Path()
+
+
+def _read_list(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ProfileError(f"the keyword list {path} can't be read: {error}") from None

@@ -1,0 +1,385 @@
+"""[youtube], [wiki], [reddit]: what is collected from each source, and which items are kept."""
+
+import re
+from typing import Literal, get_args
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from kb.core.config.addresses import root_of
+from kb.core.config.profile.base import Phrases, Section
+
+# What decided the topic of videos that are known to be about it: YouTube's label, or the profile,
+# which takes imported videos as meant. `keywords` only make it likely.
+BY_LABEL, BY_PROFILE, BY_KEYWORDS = "game_label", "profile", "keywords"
+TOPIC_KNOWN = (BY_LABEL, BY_PROFILE)
+
+
+class YouTubeSection(Section):
+    """The YouTube part of a profile (MineDojo paper, data collection appendix: YouTube)."""
+
+    table = "youtube"
+    about = "YouTube: which channels are searched, which videos are kept"
+
+    keywords: Phrases = Field(min_length=1, description="searches that find channels")
+    topic_keywords: Phrases = Field(
+        (),
+        description="whole words that indicate the topic without a label; default: keywords",
+    )
+    game_ids: tuple[str, ...] = Field(
+        (), description="browse ids of the topic's label on watch pages, if YouTube has one"
+    )
+    category_ids: tuple[int, ...] = Field(
+        min_length=1, description="YouTube categories of the topic (20 is Gaming)"
+    )
+    imported_topic: Literal["label", "known"] = Field(
+        "label",
+        description="whether videos of imported files are judged as others are, by label or"
+        " category and keywords, or are known to be about the topic",
+    )
+    search_pages: int = Field(
+        10,
+        ge=1,
+        le=10,
+        description="result pages of 50 channels per keyword; the API returns about 500 at most",
+    )
+    uploads: Literal["all", "no_shorts"] = Field(
+        "all", description="list every upload, or skip Shorts"
+    )
+    min_views: int = Field(
+        100, ge=0, le=20_000_000_000, description="minimum views of a kept video"
+    )
+    min_aspect_ratio: float = Field(
+        1.0, ge=0, le=10, description="minimum aspect ratio (width / height) of a video"
+    )
+    min_duration_s: float = Field(
+        60, ge=0, le=43_200, description="minimum duration of a video, in seconds"
+    )
+    transcripts: Literal["required", "optional"] = Field(
+        "required", description="whether a video without transcript is kept"
+    )
+    language: str = Field(
+        "en", pattern=r"^[a-z]{2,3}$", description="language of the transcripts", examples=["en"]
+    )
+    translate: bool = Field(
+        True, description="use YouTube's translation if there is no transcript in the language"
+    )
+    transcripts_per_hour: float = Field(
+        300, gt=0, description="maximum videos per hour from the public site"
+    )
+    max_age_days: int = Field(
+        30, ge=1, description="API data older than this is re-read by `kb refresh youtube`"
+    )
+    max_tries: int = Field(
+        5, ge=1, le=20, description="attempts per request before its item counts as failed"
+    )
+    units_per_day: int = Field(10_000, ge=1, description="quota of the general bucket, in units")
+    searches_per_day: int = Field(100, ge=1, description="quota of the search bucket, in searches")
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Whole words or phrases that show the topic."""
+        return self.topic_keywords or self.keywords
+
+
+_REGIONS = {
+    "infobox": ".infobox, .portable-infobox, .notaninfobox, [class^='infobox']",
+    "navbox": ".navbox, .vertical-navbox, .navbox-inner, [role='navigation'].navigation-box",
+    "toc": "#toc, .toc, .mw-table-of-contents-container",
+    "hatnote": ".hatnote, .dablink, .rellink",
+    "gallery": ".gallery, .wikia-gallery, .gallerybox",
+    "recipe": ".mcui, .invslot",
+    "other": ".mbox, .ambox, .msgbox, .metadata, .catlinks",
+}
+
+
+class Markup(Section):
+    """CSS selectors of what a wiki's markup means. The defaults are MediaWiki's own classes."""
+
+    root: str = Field("#content, main, .mw-parser-output", description="the element that is read")
+    chrome: str = Field(
+        ".mw-editsection, .mw-jump-link, #jump-to-nav, #siteSub, #siteNotice, .printfooter,"
+        " .catlinks, #catlinks, .mw-indicators, .mw-portlet, .vector-page-toolbar, .toctogglespan,"
+        " .mw-cite-backlink, .mw-empty-elt, .mw-collapsible-toggle",
+        description="edit links and other tools that are not part of the text",
+    )
+    denominator: str = Field(
+        ".frac .den, .sfrac .den, .tion .den,"
+        " .sfrac > span:last-child:not(:first-child, .num, .tion)",
+        description="lower parts of fractions; a slash stands before them where none is shown",
+    )
+    reference: str = Field(
+        "sup.reference", description="footnote marks, which are removed from facts: [note 1]"
+    )
+    regions: dict[str, str] = Field(
+        default_factory=lambda: dict(_REGIONS),
+        description="selectors by region name; the innermost region wins",
+    )
+    sprite: str = Field(".sprite", description="icons shown as a CSS background")
+    sprite_image: str = Field(".sprite-file", description="spans that hold an icon as an image")
+    animation: str = Field(
+        ".animated", description="elements whose children are shown in turn by a script"
+    )
+    animation_active: str = Field("animated-active", description="class of the visible child")
+    animation_group: str = Field(
+        ".animated-subframe", description="children with several items that are shown in turn"
+    )
+    fact: str = Field(
+        "tr, .pi-data, .pi-smart-group",
+        description="rows of an infobox (the region of that name) that hold fields and values",
+    )
+    fact_field: str = Field(
+        ":scope > th, :scope > .pi-data-label, :scope > * > .pi-smart-data-label",
+        description="names in such a row",
+    )
+    fact_value: str = Field(
+        ":scope > td, :scope > .pi-data-value, :scope > * > .pi-smart-data-value",
+        description="what the row says of them, in the same order",
+    )
+    fact_subject: str = Field(
+        ".infobox-title, .infobox-above, .pi-title, caption, tr:first-child > th:only-child",
+        description="subject of an infobox; default: the page's title",
+    )
+    units: tuple[str, ...] = Field(
+        (),
+        description="the domain's own units of figures in infoboxes, besides the usual ones"
+        " (kg, hours, % …)",
+    )
+    recipe: str = Field(".mcui", description="grids of slots that show a recipe")
+    slot: str = Field(".invslot", description="slots of a recipe")
+    slot_row: str = Field(".mcui-row", description="rows of its grid")
+    slot_output: str = Field(".mcui-output", description="container of the result's slots")
+    quantity: str = Field(".invslot-stacksize", description="how many there are in a slot")
+    item: str = Field(
+        "",
+        description="expression whose group is a thing's name in longer texts of icons and slots",
+    )
+
+    @field_validator("*")
+    @classmethod
+    def _selector(cls, value: object, info: ValidationInfo) -> object:
+        if (
+            isinstance(value, str)
+            and info.field_name != "item"
+            and (wrong := selector_problem(value))
+        ):
+            raise ValueError(wrong)
+        return value
+
+    @field_validator("item")
+    @classmethod
+    def _expression(cls, value: str) -> str:
+        try:
+            groups = re.compile(value).groups
+        except re.error as error:
+            raise ValueError(f"is no regular expression: {error}") from None
+        if value and groups != 1:
+            raise ValueError("must have one group, which is the name: Icon of (.+)")
+        return value
+
+    @field_validator("regions")
+    @classmethod
+    def _known(cls, value: dict[str, str]) -> dict[str, str]:
+        unknown = set(value) - set(_REGIONS)
+        if unknown:
+            raise ValueError(
+                f"has unknown regions {', '.join(sorted(unknown))}; known: {', '.join(_REGIONS)}"
+            )
+        for name, selector in value.items():
+            if wrong := selector_problem(selector):
+                raise ValueError(f"{name} {wrong}")
+        return value
+
+
+class WikiSection(Section):
+    """The wiki part of a profile (MineDojo paper, data collection appendix: Wiki)."""
+
+    table = "wiki"
+    about = "Wiki: how its pages are shown and measured, which are kept"
+
+    url: str = Field(description="the wiki's root; its API is found from the page's EditURI link")
+    hosts: tuple[str, ...] = Field(
+        (), description="other hosts of the wiki's images, style sheets and scripts"
+    )
+    namespaces: tuple[int, ...] = Field(
+        (), description="namespaces to read; default: the wiki's content namespaces"
+    )
+    min_words: int = Field(
+        20, ge=0, le=500_000, description="minimum words of visible text of a page, including cells"
+    )
+    viewport_width: int = Field(
+        1280, ge=320, le=4096, description="width of the browser's window, in CSS px"
+    )
+    viewport_height: int = Field(1024, ge=320, le=4096, description="its height, in CSS px")
+    settle_seconds: float = Field(
+        10,
+        gt=0,
+        le=120,
+        description="seconds after which a page that still moves is measured as it is",
+    )
+    page_seconds: float = Field(
+        60, ge=5, le=600, description="seconds after which a page counts as hung"
+    )
+    max_page_height: int = Field(
+        100_000, ge=1000, description="maximum page height, in CSS px; taller pages are rejected"
+    )
+    max_elements: int = Field(
+        100_000, ge=1000, description="maximum elements of a page; pages with more are rejected"
+    )
+    max_pixels: int = Field(
+        64_000_000,
+        ge=1,
+        description="maximum pixels of an image; larger ones are stored without being decoded",
+    )
+    max_file_bytes: int = Field(
+        200_000_000, ge=1, description="maximum bytes of an image file; larger ones are not fetched"
+    )
+    max_tries: int = Field(
+        3, ge=1, le=10, description="attempts per page before it counts as not captured"
+    )
+    seconds_between: float = Field(
+        1.0,
+        ge=0,
+        description="politeness towards a public wiki without a crawl-delay:"
+        " seconds between requests",
+    )
+    markup: Markup = Markup()
+
+    @field_validator("url")
+    @classmethod
+    def _address(cls, value: str) -> str:
+        return root_of(value, "https://minecraft.wiki")
+
+    @property
+    def rules(self) -> dict[str, object]:
+        """What the page scripts take: selectors and limits."""
+        markup = self.markup
+        return {
+            "root": markup.root,
+            "chrome": markup.chrome,
+            "denominator": markup.denominator,
+            "reference": markup.reference,
+            "sprite": markup.sprite,
+            "sprite_image": markup.sprite_image,
+            "animation": markup.animation,
+            "animation_active": markup.animation_active,
+            "animation_group": markup.animation_group,
+            "fact": markup.fact,
+            "fact_field": markup.fact_field,
+            "fact_value": markup.fact_value,
+            "fact_subject": markup.fact_subject,
+            "recipe": markup.recipe,
+            "slot": markup.slot,
+            "slot_row": markup.slot_row,
+            "slot_output": markup.slot_output,
+            "quantity": markup.quantity,
+            "regions": list(markup.regions.items()),
+            "infobox": markup.regions.get("infobox", ".infobox"),
+            "max_elements": self.max_elements,
+            "settle_seconds": self.settle_seconds,
+            "still_seconds": 0.5,
+            "image_tries": 2,
+            "max_pixels": self.max_pixels,
+        }
+
+
+_NAME = r"(?:[\w-]|[^\x00-\x7f]|\\.)+"
+_TEXT = r"\"(?:[^\"\\]|\\.)*\"|'(?:[^'\\]|\\.)*'"
+_SIMPLE = re.compile(
+    rf"\*|{_NAME}|[.#]{_NAME}"
+    rf"|\[\s*{_NAME}(?:\s*[~|^$*]?=\s*(?:{_NAME}|{_TEXT})(?:\s*[iIsS])?)?\s*\]"
+    rf"|::?{_NAME}(?P<open>\()?"
+)
+_COMBINATOR = re.compile(r"\s*[>+~,]\s*|\s+")
+_INNER = re.compile(rf"{_TEXT}|[()]|[^()\"']+")
+
+
+def selector_problem(selector: str) -> str | None:
+    """What is wrong with a list of selectors, None where nothing is."""
+    text, place = selector.strip(), 0
+    if not text:
+        return "must be a CSS selector"
+    wanted = True  # a simple selector must come
+    while place < len(text):
+        simple = _SIMPLE.match(text, place)
+        if simple is None:
+            between = None if wanted else _COMBINATOR.match(text, place)
+            if between is None:
+                return f"must be a CSS selector; {text[place:][:20]!r} is out of place"
+            place, wanted = between.end(), True
+            continue
+        place, wanted = simple.end(), False
+        if simple["open"]:
+            end = _closed(text, place)
+            if end is None:
+                return f"must be a CSS selector; {simple[0]!r} is never closed"
+            place = end
+    return "must be a CSS selector; it ends before its last part" if wanted else None
+
+
+def _closed(text: str, place: int) -> int | None:
+    """The place behind the bracket that closes one opened before `place`."""
+    depth = 1
+    while (part := _INNER.match(text, place)) is not None:
+        depth += (part[0] == "(") - (part[0] == ")")
+        place = part.end()
+        if not depth:
+            return place
+    return None
+
+
+Listing = Literal["new", "top", "controversial", "hot", "rising"]
+Span = Literal["all", "year", "month", "week", "day", "hour"]
+
+
+class Links(Section):
+    """How the address of a link post tells what it shows. Endings decide first, then hosts.
+
+    A host counts with its subdomains `www`, `m`, `old`, `new` and `i`. `video_paths` are sites
+    where only some pages are videos: the path starts with one of these.
+    """
+
+    image_endings: tuple[str, ...] = Field(
+        ("jpg", "jpeg", "png", "gif", "webp", "bmp"), description="file endings of images"
+    )
+    video_endings: tuple[str, ...] = Field(
+        ("gifv", "mp4", "webm", "mov"), description="file endings of videos"
+    )
+    image_hosts: tuple[str, ...] = Field(
+        ("i.redd.it", "preview.redd.it", "i.reddituploads.com", "imgur.com"),
+        description="image hosts",
+    )
+    video_hosts: tuple[str, ...] = Field(
+        ("v.redd.it", "streamable.com", "gfycat.com"), description="video hosts"
+    )
+    video_paths: dict[str, tuple[str, ...]] = Field(
+        default_factory=dict, description="path prefixes of videos, by host"
+    )
+
+
+class RedditSection(Section):
+    """The Reddit part of a profile (MineDojo paper, data collection appendix: Reddit)."""
+
+    table = "reddit"
+    about = "Reddit: which posts are kept, what their links show"
+
+    subreddit: str = Field(
+        pattern=r"^[A-Za-z0-9_]{2,21}$", description="name without r/", examples=["Minecraft"]
+    )
+    search: tuple[str, ...] = Field(
+        (), description="search terms in the subreddit, besides its listings"
+    )
+    listings: tuple[Listing, ...] = Field(get_args(Listing), description="listings to read")
+    spans: tuple[Span, ...] = Field(
+        get_args(Span), description="time spans of top and controversial"
+    )
+    min_score: int = Field(5, le=1_000_000, description="minimum score of a kept post")
+    links: Links = Links()
+    max_age_days: int = Field(
+        30, ge=1, description="live figures older than this are re-read by `kb refresh reddit`"
+    )
+    requests_per_minute: float = Field(
+        100, gt=0, description="maximum requests per minute to the public service"
+    )
+    max_tries: int = Field(
+        5, ge=1, le=20, description="attempts per request before its items count as failed"
+    )

@@ -1,0 +1,352 @@
+"""[pairs], [clips], [tasks], [toxicity], [release], [report]: what is made of the collected."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from kb.core.config.profile.base import Phrases, Section
+from kb.core.sources import BY_DEFAULT, PUBLISHED
+
+
+def is_list_name(name: str) -> bool:
+    """Whether it names a keyword list in the profile's own folder."""
+    return name.endswith(".tsv") and not name.startswith("/") and ".." not in name.split("/")
+
+
+class Pairs(Section):
+    """The pairs part of a profile (MineDojo paper, data collection appendix: video-text pairs)."""
+
+    table = "pairs"
+    about = "Pairs: words that are matched in transcripts, clips and texts around them"
+
+    keyword_files: tuple[str, ...] = Field(
+        (),
+        description="keyword lists (.tsv) next to the profile, with the columns keyword, kind, rule"
+        " and forms; a rule is empty, `topic` (counts in videos that are known to be about the"
+        " topic, elsewhere like `near`), `near` or `near:N` (counts within that many words of an"
+        " unmistakable keyword), `never` (makes no pair) or `always` (an everyday word that is"
+        " meant)",
+    )
+    include: Phrases = Field((), description="further phrases to match; their kind is `phrase`")
+    exclude: Phrases = Field(
+        (), description="phrases that never match, including keywords inside them"
+    )
+    near_words: int = Field(
+        20,
+        ge=1,
+        le=1000,
+        description="distance in words within which an everyday word needs an unmistakable keyword",
+    )
+    min_tokens: int = Field(
+        16, ge=3, le=77, description="minimum CLIP tokens of a text, including start and end tokens"
+    )
+    max_tokens: int = Field(
+        77, ge=3, le=77, description="maximum CLIP tokens of a text, including start and end tokens"
+    )
+    center: Literal["segment", "grown"] = Field(
+        "segment",
+        description="the clip's centre is drawn inside the cues that hold the phrase,"
+        " or inside the grown text (VideoCLIP)",
+    )
+    min_clip_s: float = Field(8, gt=0, le=3600, description="shortest clip, in seconds")
+    max_clip_s: float = Field(16, gt=0, le=3600, description="longest clip, in seconds")
+    min_gap_s: float = Field(
+        0,
+        ge=-3600,
+        le=3600,
+        description="seconds between two clips of a video; negative: they may overlap by that much",
+    )
+    max_pairs_per_video: int = Field(0, ge=0, description="maximum pairs per video; 0: no limit")
+
+    @field_validator("keyword_files")
+    @classmethod
+    def _inside_folder(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        for name in value:
+            if not is_list_name(name):
+                raise ValueError(f"names {name!r}; it must be a .tsv file in the profile's folder")
+        return value
+
+    @model_validator(mode="after")
+    def _ranges(self) -> Pairs:
+        if self.min_tokens > self.max_tokens:
+            raise ValueError("min_tokens is above max_tokens")
+        if self.min_clip_s > self.max_clip_s:
+            raise ValueError("min_clip_s is above max_clip_s")
+        if not (self.keyword_files or self.include):
+            raise ValueError("names neither keyword_files nor include: there is nothing to match")
+        return self
+
+
+class ClipFiles(Section):
+    """The clips part of a profile."""
+
+    table = "clips"
+    about = "Clips: what `kb clips` writes"
+
+    jpeg_quality: int = Field(90, ge=1, le=100, description="quality of the frames in tar shards")
+
+
+class Tasks(Section):
+    """The tasks part of a profile (MineDojo paper, appendix on the benchmark: task mining)."""
+
+    table = "tasks"
+    about = "Tasks: titles that say what is done in a video, as prompts"
+
+    verbs: Phrases = Field(
+        (
+            *("make makes making made", "build builds building built", "create creates creating"),
+            *("draw draws drawing drew", "cook cooks cooking cooked", "grow grows growing grew"),
+            *("find finds finding found", "get gets getting got", "fix fixes fixing fixed"),
+            *("repair repairs repairing repaired", "clean cleans cleaning cleaned"),
+            *("install installs installing", "use uses using", "play plays playing played"),
+        ),
+        description="verbs of tasks with their other forms; a prompt has the first form",
+    )
+    lead_ins: Phrases = Field(
+        (
+            *("how to", "how i", "how we", "how you can", "learn to", "learn how to", "let's"),
+            *("i show you how to", "i will show you how to", "i'll show you how to"),
+            *("i'm going to show you how to", "we", "i", "the easiest way to", "the best way to"),
+        ),
+        description="phrases before the verb that are no part of a prompt",
+    )
+    talk: Phrases = Field(
+        (
+            *("in this video", "in this episode", "in todays video", "in today's video", "today"),
+            *("tutorial", "guide", "walkthrough", "step by step", "easy tutorial", "full tutorial"),
+            *("episode #", "ep #", "part #", "day #", "season #", "lesson #", "no #"),
+            *("in # minutes", "in under # minutes", "official", "new", "subscribe"),
+        ),
+        description="channel talk that is removed from titles; # stands for a number",
+    )
+    never: Phrases = Field(
+        (
+            *("vs", "versus", "but", "or", "# days", "# hours"),
+            *("battle", "challenge", "competition", "speedrun"),
+            *("ideas", "tips", "hacks", "tricks", "mistakes", "things", "reasons", "reaction"),
+            *("my", "our", "me", "us", "he", "she", "they", "who", "why", "what", "when"),
+        ),
+        description="words and phrases that make a title no task; # stands for a number",
+    )
+    fillers: Phrases = Field(
+        ("a", "an", "the", "your", "own", "some", "this", "these", "any"),
+        description="words that do not tell two prompts apart, nor belong to an object",
+    )
+    joints: Phrases = Field(
+        (
+            *("in", "on", "at", "with", "without", "from", "for", "to", "of", "by", "and", "into"),
+            *("inside", "under", "over", "using", "as", "that", "so"),
+        ),
+        description="words at which the object ends; none of them ends a prompt",
+    )
+    max_words: int = Field(12, ge=2, le=50, description="maximum words of a prompt")
+    max_gap_s: float = Field(
+        60,
+        gt=0,
+        le=3600,
+        description="seconds without a mention of the object after which the subject has changed",
+    )
+
+
+Score = Annotated[float, Field(gt=0, le=1)]
+
+
+class Thresholds(Section):
+    """A text whose largest category is above its source's number is dropped;
+    without one, none is.
+    """
+
+    youtube: Score | None = Field(None, description="for titles and descriptions of videos")
+    wiki: Score | None = Field(None, description="for a page's whole text")
+    reddit: Score | None = Field(None, description="for titles, bodies and comments")
+
+
+class Toxicity(Section):
+    """How texts are scored. Scores are kept, so that a changed threshold scores nothing again."""
+
+    table = "toxicity"
+    about = 'Toxicity: how texts are scored; toxicity.toxicity = "off" leaves the scores out'
+
+    toxicity: Literal["on", "off"] = Field(
+        "on", description="off: no text is scored; the release gate reports it"
+    )
+    thresholds: Thresholds = Field(
+        Thresholds(), description="maximum score that is kept, per source"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _word(cls, value: Any) -> Any:
+        return {"toxicity": value} if isinstance(value, str) else value
+
+    @property
+    def on(self) -> bool:
+        """Whether texts are scored."""
+        return self.toxicity == "on"
+
+    def threshold(self, source: str) -> float | None:
+        """The largest score that a row of the source may have; None when none is dropped for it."""
+        return getattr(self.thresholds, source, None) if self.on else None
+
+
+def _licences() -> dict[str, str]:
+    """The default licence of each release folder that has one."""
+    return {name: PUBLISHED[name].licence for name in BY_DEFAULT if PUBLISHED[name].licence}
+
+
+class Creator(Section):
+    """A person or group that the citation names."""
+
+    name: str = Field(min_length=1, description="family name, given name; or the group's name")
+    affiliation: str | None = Field(None, description="affiliation")
+    orcid: str | None = Field(
+        None,
+        pattern=r"^\d{4}-\d{4}-\d{4}-\d{3}[\dX]$",
+        description="ORCID id",
+        examples=["0000-0002-1825-0097"],
+    )
+
+
+class PublishedAt(Section):
+    """Where a folder is, or will be, published; known once its deposit or repository exists."""
+
+    doi: str | None = Field(
+        None,
+        pattern=r"^10\.\d{4,9}/\S+$",
+        description="DOI of the folder, such as the one that a Zenodo draft reserves",
+        examples=["10.5281/zenodo.1234567"],
+    )
+    files: str | None = Field(
+        None,
+        pattern=r"^https?://\S+[^\s/]$",
+        description="address of the folder's files, without the slash at its end",
+        examples=["https://zenodo.org/records/1234567/files"],
+    )
+
+
+class Release(Section):
+    """The release part of a profile (Zenodo deposit metadata; Datasheets for Datasets)."""
+
+    table = "release"
+    about = "Release: what a published data set says about itself"
+
+    version: str = Field(
+        "1.0.0",
+        pattern=r"^\d+\.\d+\.\d+$",
+        examples=["1.0.0"],
+        description="version of the data: raise it for each published release",
+    )
+    creators: tuple[Creator, ...] = Field(
+        (Creator(name="Lorecrawl contributors"),), min_length=1, description="who made the data set"
+    )
+    homepage: str | None = Field(
+        None,
+        pattern=r"^https?://\S+$",
+        description="URL of the project's page",
+        examples=["https://example.org/dataset"],
+    )
+    contact: str | None = Field(
+        None,
+        description="contact for removal requests and questions; default: the project's page",
+        examples=["me@example.org"],
+    )
+    keywords: tuple[str, ...] = Field(
+        (), description="search words of the deposit, besides the domain's name"
+    )
+    biases: tuple[str, ...] = Field(
+        (), description="sentences about the domain for cards: who and what is over-represented"
+    )
+    limits: tuple[str, ...] = Field(
+        (), description="the same: what a user of the data should not rely on"
+    )
+    uses: tuple[str, ...] = Field((), description="the same: what the data can be used for")
+    avoid: tuple[str, ...] = Field((), description="the same: what it should not be used for")
+    communities: tuple[str, ...] = Field(
+        (), description="Zenodo communities that the deposit is offered to"
+    )
+    licenses: dict[str, str] = Field(
+        default_factory=_licences,
+        description="SPDX id of each folder's licence; the wiki's own licence is used when its"
+        " pages name one",
+    )
+    shard_mb: float = Field(
+        256,
+        gt=0,
+        description="megabytes after which a released Parquet file ends and the next begins; row"
+        " groups of 131,072 rows stay whole",
+    )
+    open_text: bool = Field(
+        False,
+        description="release the transcripts of videos that their uploaders marked as Creative"
+        " Commons, in release/open-text; uploaders mislabel, and the platform's terms remain",
+    )
+    published: dict[str, PublishedAt] = Field(
+        default_factory=dict,
+        description="DOI and address of each folder, where they are known before it is published:"
+        " [release.published.youtube]",
+    )
+    max_age_days: int | None = Field(
+        None,
+        ge=1,
+        description="older rows are refused; a source's own max_age_days takes precedence",
+    )
+    emails_per_thousand: float = Field(
+        0.2,
+        ge=0,
+        description="rows with an e-mail address that are tolerated, per 1,000 rows of a table",
+    )
+    phones_per_thousand: float = Field(
+        0.5,
+        ge=0,
+        description="rows with a phone number that are tolerated, per 1,000 rows of a table",
+    )
+    sample_mb: float = Field(
+        4.0, gt=0, le=50, description="size of the sample next to the shards, in megabytes"
+    )
+
+    def unsigned(self) -> list[str]:
+        """What it lacks to say who made a release: "a creator", "a contact"."""
+        creator = [] if "creators" in self.model_fields_set else ["a creator"]
+        return creator + ([] if self.contact or self.homepage else ["a contact"])
+
+    def published_at(self, source: str) -> PublishedAt:
+        """DOI and address of a folder, as far as they are given."""
+        return self.published.get(source, PublishedAt())
+
+    @field_validator("published")
+    @classmethod
+    def _known_folders(cls, value: dict[str, PublishedAt]) -> dict[str, PublishedAt]:
+        if unknown := sorted(set(value) - set(PUBLISHED)):
+            raise ValueError(f"names {unknown[0]!r}; known: {', '.join(PUBLISHED)}")
+        return value
+
+    @field_validator("licenses")
+    @classmethod
+    def _known_sources(cls, value: dict[str, str]) -> dict[str, str]:
+        unknown = sorted(set(value) - set(BY_DEFAULT))
+        if unknown:
+            raise ValueError(f"names {unknown[0]!r}; known: {', '.join(BY_DEFAULT)}")
+        return value
+
+
+class Report(Section):
+    """The report part of a profile (figures of the MineDojo paper's data appendix)."""
+
+    table = "report"
+    about = "Report: how much the figures show"
+
+    trim_percentile: float = Field(
+        85,
+        gt=0,
+        le=100,
+        description="durations above this percentile are left out of their histogram,"
+        " as in the paper",
+    )
+    cloud_words: int = Field(150, ge=10, le=1000, description="words in the word cloud")
+    stop_words: tuple[str, ...] = Field(
+        (), description="words excluded from the word cloud, besides the usual ones"
+    )
+    top_keywords: int = Field(25, ge=1, le=100, description="keywords shown in the pairs figure")
+    samples: int = Field(8, ge=0, le=100, description="rows of each table shown on the page")
