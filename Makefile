@@ -10,7 +10,7 @@ KB := exec "$(HERE).ci/kb"
 SLOW := crash or dask or mediawiki or slow or wheel
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo youtube-crawl youtube-filter youtube-export wiki-crawl wiki-filter wiki-export \
+.PHONY: help setup demo build youtube-crawl youtube-filter youtube-export wiki-crawl wiki-filter wiki-export \
 	reddit-crawl reddit-import reddit-filter reddit-export reddit-reconstruct restore \
 	models annotate pairs tasks clips label links release report explore index status test test-all test-label chaos lint types bench lock reference
 
@@ -24,6 +24,8 @@ setup:              ## make .venv with the locked dependencies, and find a brows
 	@"$(HERE).ci/setup"
 demo: setup         ## the whole job on invented loopback services: no key, no network, minutes
 	@$(KB) demo $(ARGS)
+build: setup              ## what is out of date: filters, exports, pairs, tasks, links, index, report, release
+	@$(KB) build $(ARGS)
 youtube-crawl: setup      ## channels by keyword, uploads, metadata, transcripts, as raw JSON
 	@$(KB) youtube crawl $(ARGS)
 youtube-filter: setup     ## raw answers to clean/youtube, with a reason for every video left out
