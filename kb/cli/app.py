@@ -27,6 +27,7 @@ TREE = {
     "release": "Check, describe and publish release/.",
     "report": "Make figures and one HTML page about the collected data.",
     "status": "Show progress, quota, age of the data and what is left.",
+    "doctor": "Check what a long crawl needs on this machine.",
     "verify": "Find damaged, missing and foreign files; repair them.",
     "profile": "Make and check the profile of a new domain.",
     "index": "Build the local search index.",
@@ -34,10 +35,19 @@ TREE = {
     "mcp": "Serve search and tables to agents (Model Context Protocol).",
     "query": "Run SQL over the tables with DuckDB.",
     "explore": "Look at rows, stages and pairs in a browser, on this machine.",
+    "merge": "Bring the data roots of several machines into one.",
     "refresh": "Re-read data that the services' terms require fresh.",
     "purge": "Remove content that was deleted at its source or is named.",
     "sandbox": "Serve invented YouTube, wiki and Reddit on this machine.",
     "demo": "Run the whole job on the sandbox in minutes: no key, no network.",
+}
+# What `kb --help`, `make help` and README are grouped by; other commands are among More.
+GROUPS = {
+    "Collect": tuple(SOURCES),
+    "Build": ("build", "annotate", "pairs", "tasks", "links", "index", "clips", "label"),
+    "Look": ("status", "query", "search", "explore", "report", "mcp"),
+    "Publish": ("release", "restore"),
+    "Maintain": ("update", "refresh", "purge", "verify", "merge", "doctor"),
 }
 CONTEXT: dict[str, Any] = {"help_option_names": ["--help", "-h"]}  # groups inherit it
 
@@ -76,6 +86,8 @@ def _loaded(name: str) -> Any:  # noqa: PLR0915  a list of imports
             from kb.cli.commands.derived import report_app as app
         case "status":
             from kb.cli.commands.status.command import app
+        case "doctor":
+            from kb.cli.commands.doctor import app
         case "verify":
             from kb.cli.commands.maintain import verify_app as app
         case "profile":
@@ -90,6 +102,8 @@ def _loaded(name: str) -> Any:  # noqa: PLR0915  a list of imports
             from kb.cli.commands.query import app
         case "explore":
             from kb.cli.commands.search import explore_app as app
+        case "merge":
+            from kb.cli.commands.maintain import merge_app as app
         case "refresh":
             from kb.cli.commands.maintain import refresh_app as app
         case "purge":
@@ -164,8 +178,11 @@ class Tree(typer.core.TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """The list of `kb --help`, without importing what it lists."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(TREE.items()))
+        grouped = {name for names in GROUPS.values() for name in names}
+        more = tuple(name for name in TREE if name not in grouped)
+        for title, names in {**GROUPS, "More": more}.items():
+            with formatter.section(title):
+                formatter.write_dl([(name, TREE[name]) for name in names if name in TREE])
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
         """Where to start."""

@@ -1,6 +1,7 @@
 """Where single clips come from: the user's films, or shards that `kb clips` has cut.
 
-The film of a video is `ID.ext`, `TITLE [ID].ext` as yt-dlp names it, or a file in `ID/`. All clips
+The film of a video is `ID.ext`, `TITLE [ID].ext` as yt-dlp names it, `TITLE-ID.ext` as youtube-dl
+did, or a file in `ID/`; where that is missing the largest of its streams (`ID.f137.ext`). All clips
 of a film are cut in one pass.
 """
 
@@ -10,6 +11,7 @@ import io
 import os
 import re
 import tarfile
+from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -24,7 +26,9 @@ from kb.core.installation import np
 _ENDINGS = frozenset(
     (".mp4", ".m4v", ".mkv", ".webm", ".mov", ".avi", ".flv", ".ts", ".3gp", ".mpg", ".mpeg")
 )
-_BRACKETS = re.compile(r"\[([^][]+)\]$")
+_BRACKETS = re.compile(r"\[(?:youtube[-_= ])?([^][]+)\]$")
+_BEHIND_TITLE = re.compile(r".+-([A-Za-z0-9_-]{11})")
+_STREAM = re.compile(r"\.f\d+(?:-\w+)?$")  # of one format, before yt-dlp joins them
 
 
 class NoClip(Exception):
@@ -170,17 +174,23 @@ def video_files(folders: Iterable[Path], ids: Collection[str]) -> dict[str, Path
     and name counts. Raises OSError for a folder that can't be read.
     """
     wanted, paths = frozenset(ids), dict[str, Path]()
+    streams = defaultdict[str, list[Path]](list)
     for folder in folders:
         for where, below, files in os.walk(folder, onerror=_refuse):
             below.sort()
             for path in (Path(where, name) for name in sorted(files)):
                 if path.suffix.lower() not in _ENDINGS:
                     continue
-                titled = _BRACKETS.search(path.stem)
-                named = (path.stem, titled[1] if titled else "", path.parent.name)
+                stem = _STREAM.sub("", path.stem)
+                found = (_BRACKETS.search(stem), _BEHIND_TITLE.fullmatch(stem))
+                named = (stem, *(one[1] for one in found if one), path.parent.name)
                 if key := next((one for one in named if one in wanted), ""):
-                    paths.setdefault(key, path)
-    return paths
+                    if stem == path.stem:
+                        paths.setdefault(key, path)
+                    else:
+                        streams[key].append(path)
+    largest = {key: max(some, key=lambda one: one.stat().st_size) for key, some in streams.items()}
+    return largest | paths
 
 
 def _refuse(error: OSError) -> None:

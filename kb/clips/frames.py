@@ -1,9 +1,10 @@
 """The frames that a film shows at given times, by presentation time.
 
-The frame at time t is the one with the largest presentation time that is not after t, in ticks of
-the stream, so no time is rounded. Before the first frame the first one is shown. Packets are read
-in order, and of the groups of pictures only those are decoded that show a wanted frame; gaps are
-skipped by a seek.
+Times are those of the film: a container whose clock begins later, as that of most `.ts` and `.mpg`
+files, has its start time added. The frame at time t is the one with the largest presentation time
+that is not after t, in ticks of the stream, so no time is rounded. Before the first frame the first
+one is shown. Packets are read in order, and of the groups of pictures only those are decoded that
+show a wanted frame; gaps are skipped by a seek.
 """
 
 from __future__ import annotations
@@ -48,7 +49,8 @@ def frames_at(
             # Films are decoded side by side by other processes; threads would cost a quarter more.
             stream.codec_context.thread_count = 1
             shown, image = None, np.zeros((0, 0, 3), np.uint8)
-            for frame in _shown(film, stream, _ticks(times_s, stream)):
+            start = Fraction(max(film.start_time or 0, 0), av.time_base)
+            for frame in _shown(film, stream, _ticks(times_s, start, stream)):
                 if frame is not shown:
                     shown, image = frame, _fitted(frame, size, fit)
                 yield image
@@ -56,12 +58,12 @@ def frames_at(
         raise UndecodableVideo(str(error)) from None
 
 
-def _ticks(times_s: Sequence[float], stream: av.VideoStream) -> list[int]:
-    """The last tick of the stream that is not after each time."""
+def _ticks(times_s: Sequence[float], start: Fraction, stream: av.VideoStream) -> list[int]:
+    """The last tick of the stream that is not after each time since `start`."""
     base = stream.time_base
     if base is None:
         raise UndecodableVideo("no time base")
-    return [math.floor(Fraction(time) / base) for time in times_s]
+    return [math.floor((Fraction(time) + start) / base) for time in times_s]
 
 
 def _shown(

@@ -113,11 +113,38 @@ def dask_executor(
         except (OSError, TimeoutError) as error:
             raise _unreachable(f"no Dask scheduler at {where} ({type(error).__name__})") from None
         stack.callback(_close, client)
-        pool = Pool(Cluster(client, where, root), most)
+        cluster = Cluster(client, where, root)
+        cluster.begin()
+        pool = Pool(cluster, most)
         try:
             yield pool
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+def survey(scheduler: str | None, root: Path | None) -> list[tuple[str, int, str]]:
+    """(address, threads, how it differs from this process) of each worker. Raises SettingError,
+    MissingExtra, Unreachable.
+    """
+    if scheduler is None:
+        raise SettingError("--engine dask needs --scheduler", hint="name the cluster's address")
+    check(scheduler)
+    from distributed import Client
+
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    try:
+        client: Any = Client(scheduler, timeout=f"{CONNECT_S:.0f}s", set_as_default=False)
+    except (OSError, TimeoutError) as error:
+        raise _unreachable(f"no Dask scheduler at {scheduler} ({type(error).__name__})") from None
+    try:
+        cluster = Cluster(client, scheduler, root)
+        threads = client.sync(client.scheduler.ncores, callback_timeout=LOOK_S)
+        cluster.look()
+    finally:
+        _close(client)
+    if not threads:
+        raise _unreachable(f"no Dask worker at {scheduler}")
+    return [(one, threads[one], cluster.unfit.get(one, "")) for one in sorted(threads)]
 
 
 class Cluster:
@@ -133,6 +160,9 @@ class Cluster:
         self.unfit: dict[str, str] = {}
         self._asked = clock.monotonic()
         self._alone: float | None = None  # since when it has no worker
+
+    def begin(self) -> None:
+        """Wait for the first workers. Raises SettingError unless all that are there are fit."""
         self.look()
         while not self.fit and not self.unfit:
             signals.stop.check()

@@ -31,9 +31,14 @@ def install_extra(extra: str = "") -> str:
 
 @cache
 def lock_digest() -> str:
-    """SHA-256 of the file of locked dependencies; empty where the installation has none."""
-    path = lock_file()
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path is not None else ""
+    """SHA-256 of the exact versions that Lorecrawl is tested with; empty where the installation
+    has none.
+    """
+    package = Path(__file__).resolve().parent.parent
+    for path in (package / "requirements.lock", package.parent / ".ci" / "requirements.lock"):
+        if path.is_file():
+            return hashlib.sha256(path.read_bytes()).hexdigest()
+    return ""
 
 
 @cache  # of the code that this process runs, whatever is installed meanwhile
@@ -75,13 +80,6 @@ def software_address() -> str | None:
 
 PROFILE_FILE = "profile.toml"  # its name in a folder of its own, and in a release folder
 _CHECKOUT = {"schemas": "schemas", "pipelines": "pipelines", "profiles": "data/profiles"}
-
-
-def lock_file() -> Path | None:
-    """The exact versions that Lorecrawl is tested with; None where they were not installed."""
-    package = Path(__file__).resolve().parent.parent
-    places = (package / "requirements.lock", package.parent / ".ci" / "requirements.lock")
-    return next((path for path in places if path.is_file()), None)
 
 
 @cache

@@ -162,6 +162,8 @@ class LineProgress(Progress):
         now = clock.monotonic()
         if task.ended:
             self._printed.pop(task, None)
+            if not task.done and not task.total:
+                return  # there was nothing to do
         elif now - self._printed.get(task, task.start) < self._every:
             return
         else:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
@@ -18,6 +18,21 @@ if TYPE_CHECKING:
     from kb.core.config.profile import Profile
     from kb.export.layouts import Writer
     from kb.report.figures import FigureMaker
+
+
+class RecordedWay(NamedTuple):
+    """Where a data root records that rows came by some way: by the value of a released column, or
+    by raw answers of a kind.
+
+    `ages`: the service's terms limit how old such rows may be. `absent`: the way of those without
+    raw answers of the kind.
+    """
+
+    column: str = ""
+    value: str = ""
+    ages: bool = False
+    raw: str = ""
+    absent: bool = False
 
 
 class Publication:
@@ -68,8 +83,8 @@ class Publication:
     licence: ClassVar[str] = "CC-BY-4.0"
     """SPDX id when the profile gives none."""
 
-    scraped: ClassVar[bool] = False
-    """Whether some of it was read from web pages."""
+    ways: ClassVar[Mapping[str, RecordedWay]] = {}
+    """How rows may have come, by the names that about.toml has sentences for."""
 
     extra: ClassVar[str] = ""
     """The package extra that the card's commands need."""
@@ -79,6 +94,11 @@ class Publication:
 
     exports: ClassVar[tuple[str, ...]] = ()
     """Files and folders that formats besides Parquet write below export/."""
+
+    @property
+    def aging(self) -> list[tuple[str, str]]:
+        """Columns with the values of rows whose age the service's terms limit."""
+        return [(way.column, way.value) for way in self.ways.values() if way.ages]
 
     @property
     def formats(self) -> list[str]:
@@ -150,7 +170,7 @@ class Pairs(Publication):
     def quality(
         self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder
     ) -> tuple[str, ...]:
-        from kb.release.metadata.pair_quality import pair_quality
+        from kb.release.metadata.quality import pair_quality
 
         return pair_quality(con, root, folder)
 
@@ -193,7 +213,7 @@ class Tasks(Publication):
     def quality(
         self, con: DuckDBPyConnection, root: Path, folder: ReleaseFolder
     ) -> tuple[str, ...]:
-        from kb.release.metadata.judgements import task_quality
+        from kb.release.metadata.quality import task_quality
 
         return task_quality(con, root, folder)
 
@@ -221,7 +241,6 @@ class Links(Publication):
         "pairs.exclude",
         "pairs.near_words",
     )
-    scraped = True
 
     def figures(self) -> Sequence[FigureMaker]:
         from kb.report.derived import known, least, most
@@ -240,7 +259,6 @@ class OpenText(Publication):
         " GROUP BY ALL ORDER BY words DESC"
     )
     licence = "CC-BY-3.0"
-    scraped = True
     part_of = "youtube"
 
     def writers(self) -> Mapping[str, Writer]:

@@ -38,7 +38,7 @@ _SHOWN = 20  # entries that are not ids
 _HEAD = 4096  # characters by which a text's form is recognised
 _SAMPLE = 1000  # rows by which a column is recognised
 _PREAMBLE = 20  # lines that may stand before a header
-_HOLDERS = ("metadata", "query", "allpages", "pages", "entries", "items")
+_HOLDERS = ("metadata", "query", "allpages", "pages", "entries", "items", "data")
 # Parts of a record of YouTube's API that name what the record is about.
 _PARTS = ("id", "snippet", "contentDetails", "resourceId", "upload", "playlistItem")
 # Names that mean something else in other lists: such a column counts if it holds ids.
@@ -178,15 +178,16 @@ class IdRules:
         known = self.known(names)
         for column in known:
             values = (row.get(column.name) for row in rows)
-            if column.known_as not in _GENERIC or any(
+            if any(
                 self.parse(ListedId(value, column.known_as)) is not None
                 for value in values
                 if value not in (None, "")
             ):
                 return column
-        if (held := self.held(names, rows)) is not None:
+        named = [column for column in known if column.known_as not in _GENERIC]
+        if not named and (held := self.held(names, rows)) is not None:
             return Column(held)
-        return known[0] if known else None
+        return next(iter([*named, *known]), None)
 
 
 def _fold(name: Any) -> str:
@@ -394,15 +395,18 @@ def _by_name(record: Mapping[str, Any], rules: IdRules) -> ListedId | None:
     """The entry of a record by the name of its key, which may stand in a part of the record as in
     answers of YouTube's API; None where no key with a known name has an id.
     """
+    mistaken = None
     for column in rules.known(record):
         value = record[column.name]
         if value is None or isinstance(value, (dict, list)):
             continue
         entry = ListedId(value, column.known_as, record)
-        if column.known_as not in _GENERIC or rules.parse(entry) is not None:
+        if rules.parse(entry) is not None:
             return entry
+        if column.known_as not in _GENERIC:
+            mistaken = mistaken or entry
     parts = (record[name] for name in _PARTS if isinstance(record.get(name), dict))
-    return next((found for part in parts if (found := _by_name(part, rules))), None)
+    return next((found for part in parts if (found := _by_name(part, rules))), mistaken)
 
 
 def _are_ids(value: Any, rules: IdRules) -> bool:

@@ -65,8 +65,6 @@ def back_at(stops: Iterable[KbError]) -> datetime | None:
 
 def worst(stops: Iterable[KbError]) -> KbError | None:
     """The stop that decides the exit code: errors before postponed work, then the first one."""
-    return min(stops, key=lambda stop: (stop.exit_code == 3, _is_limit(stop)), default=None)
-
-
-def _is_limit(stop: KbError) -> bool:
-    return isinstance(stop, LimitReached)
+    return min(
+        stops, key=lambda stop: (stop.exit_code == 3, isinstance(stop, LimitReached)), default=None
+    )

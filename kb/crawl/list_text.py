@@ -23,8 +23,17 @@ def opened(path: Path) -> IO[str]:
     file = _unpacked(path)
     start = file.read(4)
     file.seek(0)
-    encoding = next((name for mark, name in _MARKS if start.startswith(mark)), "utf-8")
-    return io.TextIOWrapper(file, encoding=encoding, newline="")
+    return io.TextIOWrapper(file, encoding=encoding_of(start), newline="")
+
+
+def encoding_of(start: bytes) -> str:
+    """The encoding of a text by its first four bytes: its byte order mark, or the zeros of UTF-16;
+    else UTF-8.
+    """
+    zeros = tuple(number for number, byte in enumerate(start) if not byte)
+    unmarked: dict[tuple[int, ...], str] = {(1, 3): "utf-16-le", (0, 2): "utf-16-be"}
+    marked = (name for mark, name in _MARKS if start.startswith(mark))
+    return next(marked, unmarked.get(zeros, "utf-8"))
 
 
 def _unpacked(path: Path) -> IO[bytes]:
@@ -50,7 +59,8 @@ def delimiter_of(line: str) -> str:
 
 
 def cells(lines: Iterable[str], delimiter: str) -> Iterator[list[str]]:
-    """The cells of each line. Raises csv.Error."""
+    """The cells of each line, however long. Raises csv.Error."""
+    csv.field_size_limit(1 << 30)
     # Titles hold quotation marks; what is between tabs is not quoted.
     if delimiter == "\t":
         return csv.reader(lines, delimiter=delimiter, quoting=csv.QUOTE_NONE)

@@ -62,9 +62,27 @@ def video2dataset(run: Run) -> Path:
         waiting: list[dict[str, Any]] = []
         waiting_videos: list[dict[str, Any]] = []
         for _, own in groupby(rows, key=lambda row: row["video_id"]):
-            clips = [_clip(row) for row in own]
+            clips = [
+                {
+                    "url": f"https://www.youtube.com/watch?v={row['video_id']}",
+                    "caption": row["text"] or "",
+                    "clips": [[row["clip_start_s"], row["clip_end_s"]]],
+                    "video_id": row["video_id"],
+                    "pair_id": row["pair_id"],
+                    "keyword": row["keyword"],
+                }
+                for row in own
+            ]
             waiting += clips
-            waiting_videos.append(_video(clips))
+            waiting_videos.append(
+                {
+                    "url": clips[0]["url"],
+                    "clips": [one["clips"][0] for one in clips],
+                    "video_id": clips[0]["video_id"],
+                    "pair_id": [one["pair_id"] for one in clips],
+                    "keyword": [one["keyword"] for one in clips],
+                }
+            )
             if len(waiting) >= _ROWS:
                 file.write_table(pa.Table.from_pylist(waiting, _CLIPS))
                 by_video.write_table(pa.Table.from_pylist(waiting_videos, _VIDEOS))
@@ -72,25 +90,3 @@ def video2dataset(run: Run) -> Path:
         file.write_table(pa.Table.from_pylist(waiting, _CLIPS))
         by_video.write_table(pa.Table.from_pylist(waiting_videos, _VIDEOS))
     return path
-
-
-def _video(clips: list[dict[str, Any]]) -> dict[str, Any]:
-    """All clips of a video as one row."""
-    return {
-        "url": clips[0]["url"],
-        "clips": [one["clips"][0] for one in clips],
-        "video_id": clips[0]["video_id"],
-        "pair_id": [one["pair_id"] for one in clips],
-        "keyword": [one["keyword"] for one in clips],
-    }
-
-
-def _clip(row: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "url": f"https://www.youtube.com/watch?v={row['video_id']}",
-        "caption": row["text"] or "",
-        "clips": [[row["clip_start_s"], row["clip_end_s"]]],
-        "video_id": row["video_id"],
-        "pair_id": row["pair_id"],
-        "keyword": row["keyword"],
-    }

@@ -48,7 +48,6 @@ class Sample:
 
     @property
     def member(self) -> str:
-        """Name of the file in the tar."""
         return f"{self.name}.{self.ending}"
 
     @property

@@ -11,6 +11,7 @@ the number of items.
 
 from __future__ import annotations
 
+import hashlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
@@ -147,21 +148,14 @@ class LabeledItem(msgspec.Struct):
     video_id: str
 
 
-class _Person(msgspec.Struct):
-    id: int
-
-
-class _Result(msgspec.Struct):
-    value: dict[str, Any] = {}
-    from_name: str = ""  # relations between regions have none
-
-
 class _Annotation(msgspec.Struct):
-    completed_by: int | _Person | None
-    result: list[_Result]
-    was_cancelled: bool = False
-    created_at: datetime | None = None
-    updated_at: datetime | None = None
+    """A judgement. What else than usual stands in its fields costs that field or this judgement."""
+
+    result: Any
+    completed_by: Any = None
+    was_cancelled: Any = None
+    created_at: Any = None
+    updated_at: Any = None
 
 
 class _Task(msgspec.Struct):
@@ -204,8 +198,18 @@ def _tasks(path: Path) -> list[_Task]:
 def _rows(task: _Task, counts: Counter[str]) -> Iterator[dict[str, Any]]:
     asked = {one.name: one for one in KINDS[task.data.kind].questions}
     for annotation in task.annotations:
-        found = [(asked.get(one.from_name), one.value) for one in annotation.result]
-        answers = {one.name: answer(one, value) for one, value in found if one is not None}
+        result = annotation.result if isinstance(annotation.result, list) else []
+        # Relations between regions have no name.
+        found = [
+            (asked.get(str(one.get("from_name"))), one.get("value"))
+            for one in result
+            if isinstance(one, dict)
+        ]
+        answers = {
+            one.name: answer(one, value)
+            for one, value in found
+            if one is not None and isinstance(value, dict)
+        }
         if annotation.was_cancelled or not found:
             counts["skipped"] += 1
             continue
@@ -214,15 +218,41 @@ def _rows(task: _Task, counts: Counter[str]) -> Iterator[dict[str, Any]]:
             answers["begins_s"] = answers["ends_s"] = None
         given = {name: text for name, text in answers.items() if text is not None}
         counts["undefined"] += len(found) - len(given)
-        by, at = annotation.completed_by, annotation.updated_at or annotation.created_at
-        at = at or datetime.fromtimestamp(0, UTC)
+        at = _moment(annotation.updated_at) or _moment(annotation.created_at)
         common = {
             **msgspec.structs.asdict(task.data),
-            "annotator": by.id if isinstance(by, _Person) else by or 0,
-            "labelled_at": at if at.tzinfo else at.replace(tzinfo=UTC),
+            "annotator": _number_of(annotation.completed_by),
+            "labelled_at": at or datetime.fromtimestamp(0, UTC),
         }
         for name, text in given.items():
             yield {**common, "question": name, "answer": text}
+
+
+def _number_of(person: Any) -> int:
+    """Who judged, as a number; 0 for nobody. Of an address that stands in its place, a number by
+    which nobody is found.
+    """
+    if isinstance(person, dict):
+        person = person.get("id", person.get("email"))
+    if isinstance(person, str) and person.strip():
+        if person.strip().isdecimal() and len(person) < 10:
+            return int(person)
+        digest = hashlib.blake2b(person.strip().lower().encode("utf-8", "replace"), digest_size=4)
+        return int.from_bytes(digest.digest(), "big") >> 1
+    return person if isinstance(person, int) and 0 <= person < 1 << 62 else 0
+
+
+def _moment(value: Any) -> datetime | None:
+    """A time as ISO 8601 or in seconds or milliseconds since 1970; None for anything else."""
+    try:
+        if isinstance(value, str):
+            at = datetime.fromisoformat(value)
+            return at if at.tzinfo else at.replace(tzinfo=UTC)
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            return datetime.fromtimestamp(value / 1000 if value > 1e11 else value, UTC)
+    except (ValueError, OverflowError, OSError):
+        pass
+    return None
 
 
 def answer(question: LabelQuestion, value: dict[str, Any]) -> str | None:

@@ -16,6 +16,7 @@ from kb.core.config.profile.products import Pairs
 from kb.core.context import Run
 from kb.core.errors import LimitReached
 from kb.core.installation import np
+from kb.core.languages import one_name
 from kb.core.summary import Summary
 from kb.pairs import keywords as lists
 from kb.pairs import quality, transcripts
@@ -47,7 +48,7 @@ def build(run: Run) -> Summary:
         "section": section.model_dump(mode="json"),
         "seed": run.seed,
         "keywords": lists.plain(keywords),
-        "language": run.profile.youtube.language if run.profile.youtube else "",
+        "language": one_name(run.profile.youtube.language) if run.profile.youtube else "",
     }
     with writer(run.root, "pairs"):
         parted = PartedBuild(run, "pairs", manifest.inputs(run.root, "pairs"), plan)

@@ -144,6 +144,7 @@ def pairs_of(text: Text, tools: Tools) -> PairBatch:
     counts.totals.update(videos=len(text), words=text.word_count)
     hits = matches(text, tools, counts)
     over = text.beyond[text.cue_of(hits.start)]
+    over |= text.time_of(hits.start) >= text.length[hits.video]
     if over.any():
         counts.totals["outside"] += int(over.sum())
         hits = hits.take(~over)
@@ -236,7 +237,7 @@ def _segment(text: Text, hits: Matches) -> tuple[np.ndarray, np.ndarray]:
 def _times(text: Text, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """When the words are said that hold the bytes `first` to `last`."""
     begin = text.time_of(first)
-    return begin, np.maximum(begin, text.time_of(last, after=True))
+    return begin, np.maximum(begin + 1, text.time_of(last, after=True))
 
 
 def _columns(

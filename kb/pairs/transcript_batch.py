@@ -92,6 +92,7 @@ class Text:
             automatic = ~np.asarray([kind == "manual" for kind in self.kinds.to_pylist()], bool)
             follows = np.flatnonzero((video[1:] == video[:-1]) & automatic[video[1:]])
             end[follows] = np.minimum(end[follows], start[follows + 1])
+        start, end = self._stretched(start, end)
         spoken = np.zeros(videos, np.int64)
         np.maximum.at(spoken, video, end)
         length = spoken
@@ -104,6 +105,25 @@ class Text:
         limit = length[video]
         self.beyond = start >= limit  # cues that begin when the video is over
         self.cue_start, self.cue_end = np.minimum(start, limit), np.minimum(end, limit)
+
+    def _stretched(self, start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Cues that hold all their words, the last one until the next cue begins but at most a
+        second; none is without a length.
+        """
+        last = start.copy()
+        if self._said is not None and len(start):
+            parents = np.asarray(pc.list_parent_indices(self._said)).astype(np.int64)
+            words = _ms(pc.list_flatten(self._said))
+            np.maximum.at(last, parents, words)
+            early = start.copy()
+            np.minimum.at(early, parents, words)
+        else:
+            early = start
+        following = np.append(start[1:], 0)
+        following[np.append(self.cue_video[1:] != self.cue_video[:-1], True)[: len(start)]] = 0
+        until = last + _LONGEST_WORD
+        until = np.where(following > last, np.minimum(until, following), until)
+        return early, np.where(end <= last, until, end)
 
     def _places(self, texts: pa.Array[Any], counts: np.ndarray, joint: bytes) -> None:
         """Join cues by a joint and transcripts by a wall, and note where each begins."""
@@ -195,7 +215,7 @@ class Text:
         begins and ends (ms), -1 where its cue has no word times.
 
         A word ends when the next one of its cue begins, the last one with the cue, and none takes
-        longer than a second. Like cues, words stay inside their cue.
+        longer than a second. Words stay inside their video.
         """
         space = np.frombuffer(_blanked(_SPACE, self.given), np.uint8) == 0x20
         words = np.flatnonzero(space[:-1] & ~space[1:]) + 1
@@ -209,8 +229,13 @@ class Text:
             sizes = (behind - first)[cues]
             last = np.cumsum(sizes) - 1
             place = np.arange(len(starts)) + np.repeat(first[cues] - last - 1 + sizes, sizes)
-            ends = np.append(starts[1:], 0)
-            ends[last] = self.cue_end[cues]
+            # Of several words at one moment each ends when the next moment's begins.
+            number = np.repeat(np.arange(len(cues)), sizes)
+            moments = number * round(_FAR * 1000) + starts
+            later = np.searchsorted(moments, moments, "right")
+            ends = np.append(starts, 0)[later]
+            at_end = later > last[number]
+            ends[at_end] = self.cue_end[cues][number[at_end]]
             low, high = (np.repeat(one[cues], sizes) for one in (self.cue_start, self.cue_end))
             begin[place] = np.clip(starts, low, high)
             end[place] = np.clip(np.minimum(ends, starts + _LONGEST_WORD), low, high)

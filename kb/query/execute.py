@@ -19,6 +19,7 @@ from kb.query import statements
 from kb.query.remote_duckdb import reading_views
 from kb.query.views import find_views
 from kb.schema.tables import tables
+from kb.store.damage import unreadable
 from kb.store.tables import checksums, parquet
 from kb.store.tables.reading import broken
 
@@ -35,7 +36,11 @@ def unknown_name(
     if missing := _TABLE.search(text):
         return _table(con, _qualified(missing[1], sql), text.splitlines()[0], root)
     if missing := _COLUMN.search(text):
-        near = similar(missing[1], _columns(con, sql))
+        columns = con.execute(
+            "SELECT DISTINCT column_name FROM duckdb_columns() WHERE list_contains(?, table_name)",
+            [sorted(set(re.findall(r"\w+", sql)))],
+        )
+        near = similar(missing[1], [name for (name,) in columns.fetchall()])
         return UsageError(f"{one_line(error)}.{did_you_mean(near)}", hint=_LISTS)
     return None
 
@@ -61,7 +66,10 @@ def one_line(error: Exception) -> str:
 
 
 def _table(con: duckdb.DuckDBPyConnection, name: str, message: str, root: Path | None) -> KbError:
-    views = list(_views(con))
+    views = con.execute(
+        "SELECT schema_name, view_name FROM duckdb_views() WHERE list_contains(?, schema_name)",
+        [list(SCHEMAS)],
+    ).fetchall()
     schema, _, short = name.rpartition(".")
     full = [f"{one}.{view}" for one, view in views]
     if schema:
@@ -98,21 +106,6 @@ def _made_by(short: str, schema: str) -> str:
 def did_you_mean(near: Sequence[str]) -> str:
     """ " Did you mean a or b?", to follow a message; "" without names."""
     return f" Did you mean {' or '.join(near)}?" if near else ""
-
-
-def _views(con: duckdb.DuckDBPyConnection) -> list[tuple[str, str]]:
-    sql = "SELECT schema_name, view_name FROM duckdb_views() WHERE list_contains(?, schema_name)"
-    return [(schema, view) for schema, view in con.execute(sql, [list(SCHEMAS)]).fetchall()]
-
-
-def _columns(con: duckdb.DuckDBPyConnection, sql: str) -> list[str]:
-    """Columns of the views named in the query."""
-    words = set(re.findall(r"\w+", sql))
-    rows = con.execute(
-        "SELECT DISTINCT column_name FROM duckdb_columns() WHERE list_contains(?, table_name)",
-        [sorted(words)],
-    )
-    return [name for (name,) in rows.fetchall()]
 
 
 _BATCH = 10_000  # rows
@@ -193,6 +186,9 @@ def _problem(error: Exception, views: Sequence[View]) -> KbError:
     )
     if (named or about_files) and (damage := broken(named or files)):
         return damage
+    remote = list(dict.fromkeys(view.remote.folder for view in views if view.remote is not None))
+    if remote and about_files:
+        return unreadable(" or ".join(map(str, remote)), line, "publish it again")
     if line.startswith("Out of Memory Error: "):
         return FatalError(line, hint="ask for less at a time")
     if line.startswith("IO Error: "):

@@ -99,7 +99,6 @@ def _exit_with(parent: int) -> None:
 
 
 def timed_out(seconds: float) -> FatalError:
-    """The error of a query that exceeds its time limit."""
     return FatalError(
         f"the query took longer than {seconds:g} s", hint="ask for less, or raise the time limit"
     )

@@ -92,14 +92,11 @@ def _make(con: duckdb.DuckDBPyConnection, views: Sequence[View], system: RemoteF
             continue
         manifest.check_folder(view.files[0].parent)
         with opening(view.files[0].parent, duckdb.Error), reading(view.files):
-            con.execute(f"CREATE VIEW {view.full} AS FROM {scan(view.files)}{_rows(view)}")
+            # Tombstones of people are for this data root's own commands.
+            shown = f" WHERE NOT starts_with(key, '{PERSON}')" if view.lists_tombstones else ""
+            con.execute(f"CREATE VIEW {view.full} AS FROM {scan(view.files)}{shown}")
     for name, view in bare(views).items():
         con.execute(f"CREATE VIEW main.{name} AS FROM {view.full}")
-
-
-def _rows(view: View) -> str:
-    """Which rows a view shows: tombstones of people are for this data root's own commands."""
-    return f" WHERE NOT starts_with(key, '{PERSON}')" if view.lists_tombstones else ""
 
 
 def catalog(views: Iterable[View]) -> list[ViewInfo]:

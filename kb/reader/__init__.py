@@ -1,7 +1,7 @@
 """Reads collected or downloaded data in Python: `data = kb.load("release/")`, made for notebooks.
 
     data.tables                         all tables
-    data["youtube_videos"]              a table: .to_pandas(), .to_polars(), .to_table(), .schema
+    data["youtube_videos"]              a table: .to_pandas(), .to_polars(), .to_arrow(), .schema
     data.sql("SELECT …")                a result, with the same conversions
     data.page("Creeper")                a wiki page: .screenshot(), .boxes("table").draw()
     data.thread("abc123")               a post and its comments, nested

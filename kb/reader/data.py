@@ -12,9 +12,8 @@ from kb.artifacts import remote_release, table_catalog
 from kb.artifacts.table_catalog import Catalog, View
 from kb.core.errors import UsageError
 from kb.reader import clips, html, thread, wiki_page
-from kb.reader.error_hints import with_hints
 from kb.reader.open_tables import OpenTables
-from kb.reader.tables import QueryResult, Tables, TableView
+from kb.reader.tables import QueryResult, Tables, TableView, with_hints
 from kb.search.ranking import Only, day_given
 
 Place = str | os.PathLike[str]
@@ -37,9 +36,10 @@ def load(
     written or sent, and no key or profile is needed.
 
     A release may also be at any address that fsspec knows. Of its tables only what is asked for
-    is read; each page is verified by its checksum. Nothing is kept on this machine, unless an
-    address such as `blockcache::s3://…` says where (`storage_options={"blockcache":
-    {"cache_storage": "cache"}}`). `storage_options` are fsspec's.
+    is read. The pages of a table are verified by their checksums, but not for `sql` and what is
+    made by it. Nothing is kept on this machine, unless an address such as `blockcache::s3://…`
+    says where (`storage_options={"blockcache": {"cache_storage": "cache"}}`). `storage_options` are
+    fsspec's.
 
     Raises UsageError for a folder that does not exist, FatalError for one without tables or without
     permission to read it, DamagedData if a file is missing, MissingExtra without the package that

@@ -55,5 +55,4 @@ class OpenTables:
             return self.con.sql(sql, params=list(parameters)).to_arrow_table()
 
     def folders(self) -> list[str]:
-        """The folders of the tables."""
         return sorted({str(one.home) for one in self.views})

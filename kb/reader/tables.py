@@ -19,7 +19,6 @@ from kb.artifacts.table_catalog import View, bare
 from kb.core.cached_property import cached_property
 from kb.core.errors import MissingExtra, UsageError
 from kb.reader import html
-from kb.reader.error_hints import with_hints
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
 from kb.store.tables.remote_files import first_rows, parquet_dataset, reading_at
@@ -28,7 +27,32 @@ if TYPE_CHECKING:
     import pandas
     import polars
 
+from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+from kb.core.errors import KbError
+
 _SHOWN = 5  # rows in a notebook
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def with_hints(function: Callable[P, T]) -> Callable[P, T]:
+    """Adds the hints of a function's errors to tracebacks, which show notes only."""
+
+    @wraps(function)
+    def inner(*args: P.args, **kwargs: P.kwargs) -> T:
+        try:
+            return function(*args, **kwargs)
+        except KbError as error:
+            if error.hint and error.hint not in getattr(error, "__notes__", ()):
+                error.add_note(error.hint)
+            raise
+
+    return inner
 
 
 class RowSet:
@@ -42,6 +66,10 @@ class RowSet:
     def to_table(self, columns: Sequence[str] | None = None) -> pa.Table:
         """All rows as a pyarrow.Table, of all or some columns. Raises DamagedData."""
         raise NotImplementedError
+
+    def to_arrow(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """All rows as a pyarrow.Table, of all or some columns. Raises DamagedData."""
+        return self.to_table(columns)
 
     def head(self, rows: int = _SHOWN) -> pa.Table:
         """The first rows as a pyarrow.Table."""

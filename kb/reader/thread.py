@@ -139,9 +139,10 @@ def find(opened: OpenTables, post_id: str) -> Thread:
         missing = _reasons(opened, "reddit_missing")
         post = _filled(opened, rows, "reddit_posts", "post_id", _POST, key)[0]
         table = f"{spine.schema}.reddit_comments"
+        sql = f"FROM {table} WHERE post_id = ? ORDER BY created_utc, comment_id"
         comments = [
             row
-            for row in (_comments(opened, table, key) if table in opened else [])
+            for row in (opened.rows(sql, [key]).to_pylist() if table in opened else [])
             if f"t1_{row['comment_id']}" not in removed
         ]
         filled = _filled(opened, comments, "reddit_comments", "comment_id", _COMMENT, key)
@@ -154,11 +155,6 @@ def find(opened: OpenTables, post_id: str) -> Thread:
         f"unknown post {key!r}",
         hint='data["reddit_posts"] lists the ids; rejected posts are not included',
     )
-
-
-def _comments(opened: OpenTables, view: str, key: str) -> list[dict[str, Any]]:
-    sql = f"FROM {view} WHERE post_id = ? ORDER BY created_utc, comment_id"
-    return opened.rows(sql, [key]).to_pylist()
 
 
 def _filled(

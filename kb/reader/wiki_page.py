@@ -11,10 +11,9 @@ from kb import query
 from kb.artifacts.table_catalog import View
 from kb.core.errors import KbError, UsageError
 from kb.reader import html, screenshots
-from kb.reader.error_hints import with_hints
 from kb.reader.open_tables import OpenTables
 from kb.reader.screenshots import Box
-from kb.reader.tables import QueryResult
+from kb.reader.tables import QueryResult, with_hints
 
 if TYPE_CHECKING:
     from PIL.Image import Image

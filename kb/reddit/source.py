@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import SplitResult
 
+from kb.core.publication import RecordedWay
 from kb.core.source import Source
 
 if TYPE_CHECKING:
@@ -64,6 +65,10 @@ class Reddit(Source):
         "reddit.spans",
         "reddit.min_score",
     )
+    ways = {
+        "dumps": RecordedWay("score_source", "dump"),
+        "api": RecordedWay("score_source", "live", ages=True),
+    }
     ids_only = True
     title = "Reddit"
     shown = ("reddit/posts", "reddit/comments")

@@ -4,14 +4,20 @@ release(run)     gate → describe each folder → gate over what was written
 describe(run)    the files around the data alone (also after a purge)
 """
 
-import logging
-from collections.abc import Sequence
+from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import orjson
 import pyarrow as pa
+from duckdb import DuckDBPyConnection
 
 from kb.artifacts import domain_binding, freshness, manifest
 from kb.artifacts.release_folder import (
     TOMBSTONES,
+    ReleasedTable,
     ReleaseFolder,
     read,
     tombstone_lines,
@@ -22,7 +28,8 @@ from kb.core.licences import KNOWN
 from kb.core.progress import Task
 from kb.core.sources import PUBLISHED, exported_by, made_of
 from kb.core.summary import Summary
-from kb.release import folders, provenance, sample
+from kb.release import folders, provenance
+from kb.release.folders import sample_name
 from kb.release.gate import GateProblem, check
 from kb.release.metadata import measure
 from kb.release.metadata.card import card, citation, datasheet, law
@@ -31,14 +38,14 @@ from kb.release.metadata.measure import Facts
 from kb.release.metadata.zenodo import deposit
 from kb.schema import table
 from kb.store.artifact_registry import SUMS
-from kb.store.atomic import write_text
+from kb.store.atomic import write_text, writing
 from kb.store.layout import Layout
 from kb.store.lock import RELEASES
 from kb.store.state import tombstones
+from kb.store.tables import database
 from kb.store.tables.checksums import listed
 from kb.store.tables.reading import reading
-
-_log = logging.getLogger(__name__)
+from kb.store.tables.shard_writer import order
 
 
 def release(run: Run, only: Sequence[str] = ()) -> Summary:
@@ -47,22 +54,11 @@ def release(run: Run, only: Sequence[str] = ()) -> Summary:
     Raises ReleaseRefused with `.problems`, UsageError.
     """
     with domain_binding.writing(run, *RELEASES):
-        return _release(run, only)
-
-
-def _release(run: Run, only: Sequence[str]) -> Summary:
-    exports = exported(run, only)
-    refuse(check.check(run, exports))
-    lacking = " and ".join(run.profile.release.unsigned())
-    if lacking:
-        _log.warning(
-            "the profile has no %s; `kb release publish` refuses a release without it:"
-            " add [[release.creators]] and release.contact",
-            lacking.replace("a ", "").replace(" and ", " and no "),
-        )
-    facts = [write(run, folder) for folder in exports]
-    refuse(check.check_made(run, [read(folder.path, folder.source) for folder in exports]))
-    freshness.note_described(run, (folder.source for folder in exports))
+        exports = exported(run, only)
+        refuse(check.check(run, exports))
+        facts = [write(run, folder) for folder in exports]
+        refuse(check.check_made(run, [read(folder.path, folder.source) for folder in exports]))
+        freshness.note_described(run, (folder.source for folder in exports))
     return Summary(
         command="release",
         folders=len(exports),
@@ -93,9 +89,10 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
     at, exports = Layout(run.root), folders.in_root(run.root)
     there = {folder.source for folder in exports}
     wanted = only or PUBLISHED
+    lost = "was exported and is not there; run `{}`, or name the other folders with --only"
     refuse(
         [
-            GateProblem("missing", str(at.release(source)), _lost(source))
+            GateProblem("missing", str(at.release(source)), lost.format(exported_by(source)))
             for source in wanted
             if source not in there and manifest.read(run.root, f"release/{source}")
         ]
@@ -121,11 +118,6 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
         hint="run `kb build`, which makes what is out of date",
     )
     return exports
-
-
-def _lost(source: str) -> str:
-    made = exported_by(source)
-    return f"was exported and is not there; run `{made}`, or name the other folders with --only"
 
 
 def refuse(problems: Sequence[GateProblem], hint: str = "nothing was published") -> None:
@@ -173,7 +165,7 @@ def _describe(run: Run, folder: ReleaseFolder, task: Task) -> Facts:
         write_text(folder.path / name, text)
         task.advance()
     _tombstones(run, folder)
-    sample.write(folder, run.profile.release.sample_mb)
+    write_samples(folder, run.profile.release.sample_mb)
     write_text(folder.path / SUMS, listed(folder.files()))
     provenance.record(run.root, folder, facts, version)
     task.advance(3)
@@ -186,3 +178,72 @@ def _tombstones(run: Run, folder: ReleaseFolder) -> None:
     parts = [tombstones.read(run.root, source) for source in made_of(folder.source)]
     rows = pa.concat_tables([part.select(declared.names(released=True)) for part in parts])
     write_text(folder.path / TOMBSTONES, tombstone_lines(rows))
+
+
+_GROUPS = 5_000  # groups: a sample is for reading
+
+
+def write_samples(folder: ReleaseFolder, megabytes: float) -> list[Path]:
+    """<table>.sample.json for each table, together at most `megabytes`: a JSON list with a row a
+    line, times in ISO 8601. No Parquet: whoever reads `*.parquet` would have these rows twice.
+
+    The tables of a folder share a column (a page, a post, a video). Its values are taken in the
+    order of their MD5, so that the sample is spread over the data and the same each time.
+    """
+    shared = _shared(folder.parts)
+    data = sum(shard.stat().st_size for part in folder.parts for shard in part.shards)
+    with database.asking() as con:
+        lead = next((part for part in folder.parts if part.table.key == (shared,)), folder.parts[0])
+        con.execute(
+            f'CREATE TEMP TABLE chosen AS SELECT DISTINCT "{shared}" AS k,'
+            f' md5("{shared}"::VARCHAR) AS h FROM read_parquet(?) ORDER BY h',
+            [[str(shard) for shard in lead.shards]],
+        )
+        total = con.execute("SELECT count(*) FROM chosen").fetchall()[0][0]
+        budget = megabytes * 1e6
+        take = min(_GROUPS, max(1, int(total * min(1.0, 0.8 * budget / max(1, data)))))
+        while True:
+            written = [_sample(con, folder, part, shared, take) for part in folder.parts]
+            size = sum(path.stat().st_size for path in written)
+            if size <= budget or take == 1:
+                return written
+            # Few rows compress worse than many: what was too much tells how much is right.
+            take = max(1, min(take - 1, int(take * 0.9 * budget / size)))
+
+
+def _sample(
+    con: DuckDBPyConnection, folder: ReleaseFolder, part: ReleasedTable, shared: str, take: int
+) -> Path:
+    rows = con.sql(
+        f'SELECT t.* FROM read_parquet(?) t WHERE t."{shared}" IN (SELECT k FROM chosen'
+        f" ORDER BY h LIMIT {take})",
+        params=[[str(shard) for shard in part.shards]],
+    ).to_arrow_table()
+    rows = rows.sort_by([(name, "ascending") for name in order(part.table)])
+    path = folder.path / sample_name(part.table)
+    columns = [_values(rows[name]) for name in rows.column_names]
+    with writing(path) as temporary, temporary.open("wb") as file:
+        file.write(b"[")
+        for number, row in enumerate(zip(*columns, strict=True)):
+            file.write(b",\n" if number else b"\n")
+            line = dict(zip(rows.column_names, row, strict=True))
+            file.write(orjson.dumps(line, option=orjson.OPT_UTC_Z))
+        file.write(b"\n]\n")
+    return path
+
+
+def _values(column: pa.ChunkedArray[Any]) -> list[Any]:
+    """Python's values; of a 32-bit number its own digits: 0.12, not 0.11999999731779099."""
+    if not pa.types.is_float32(column.type):
+        return column.to_pylist()
+    return [None if text is None else float(text) for text in column.cast(pa.string()).to_pylist()]
+
+
+def _shared(parts: tuple[ReleasedTable, ...]) -> str:
+    """The column that all tables of the folder have and that is a key of one;
+    else the first's first key.
+    """
+    for name in ("page_id", "post_id", "video_id"):
+        if all(name in part.table.names(released=True) for part in parts):
+            return name
+    return parts[0].table.key[0]

@@ -66,7 +66,6 @@ def is_made(name: str, source: str) -> bool:
 
 
 def sample_name(declared: Table) -> str:
-    """The file with some rows of a table."""
     return f"{declared.short}.sample.json"
 
 

@@ -56,9 +56,11 @@ class Changes(msgspec.Struct, frozen=True):
 
 def changes(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> Changes:
     """What is new and what is gone. Raises DamagedData for a note that can't be read."""
-    before = _before(root, folder.source, version)
-    if before is None:
+    noted = parquet_files(Layout(root).released(folder.source))
+    lower = [path for path in noted if _number(path.stem) < _number(version)]
+    if not lower:
         return Changes()
+    before = max(lower, key=lambda path: _number(path.stem))
     parquet.check(before)
     hint = "remove it; changes since that version will be unknown"
     with opening(before, pa.ArrowException, duckdb.Error, ValueError, hint=hint):
@@ -82,18 +84,13 @@ def changes(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> Ch
 
 def record(root: Path, folder: ReleaseFolder, facts: Facts, version: str) -> None:
     """Record the keys of this version, for the next release."""
-    about = {"built": facts.built.strftime("%Y-%m-%d"), "tombstones": facts.tombstones}
+    built = facts.built.strftime("%Y-%m-%d") if facts.built else ""
+    about = {"built": built, "tombstones": facts.tombstones}
     keys = _keys(folder).replace_schema_metadata({_ABOUT: json.dumps(about).encode()})
     path = Layout(root).released(folder.source) / f"{version}.parquet"
     path.parent.mkdir(parents=True, exist_ok=True)
     with writing(path) as fresh:
         parquet.write(fresh, keys)
-
-
-def _before(root: Path, source: str, version: str) -> Path | None:
-    noted = parquet_files(Layout(root).released(source))
-    lower = [path for path in noted if _number(path.stem) < _number(version)]
-    return max(lower, key=lambda path: _number(path.stem), default=None)
 
 
 def _number(version: str) -> tuple[int, ...]:

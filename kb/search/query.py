@@ -22,6 +22,7 @@ from kb.search.tantivy_index import PassageIndex
 
 MOST = 32  # terms of one question; what is typed after them is left out
 _TERM = re.compile(r'(?P<sign>(?<!\S)[+-])?(?:"(?P<phrase>[^"]*)"?|(?P<word>[^\s"]+))(?P<any>\*)?')
+_BETWEEN = re.compile(r"[,;:!?/|&=\u3001\u3002\uff0c\uff1b]+")
 # What questions are made with. Titles are questions too, and would match these alone.
 _SMALL = {
     "a", "about", "am", "an", "and", "any", "are", "as", "at", "be", "been", "but", "by",
@@ -68,23 +69,26 @@ def question(text: str) -> Question:
     run: list[str] = []
     for match in _TERM.finditer(clean(text)):
         sign, phrase = match["sign"], match["phrase"]
-        word = match["word"] if phrase is None else phrase
-        prefix = bool(match["any"]) or (phrase is None and word.endswith("*"))
-        kinds = [unicodedata.category(one) for one in word]
-        kept = "".join(
-            one if kind[0] in "LNM" or kind == "Co" else " "
-            for one, kind in zip(word, kinds, strict=True)
-        ).split()
-        if not kept:
-            continue
-        term = Term(" ".join(kept), prefix)
-        if sign == "-":
-            barred[term] = None
-            continue
-        terms[term] = None
-        run += kept
-        if sign == "+" or phrase is not None:
-            needed[term] = None
+        # "wolf,tame" is two words; what else stands inside of one holds it together (e-mail).
+        parts = _BETWEEN.split(match["word"]) if phrase is None else [phrase]
+        for number, word in enumerate(parts, 1):
+            ends = phrase is None and word.endswith("*")
+            prefix = ends or (bool(match["any"]) and number == len(parts))
+            kinds = [unicodedata.category(one) for one in word]
+            kept = "".join(
+                one if kind[0] in "LNM" or kind == "Co" else " "
+                for one, kind in zip(word, kinds, strict=True)
+            ).split()
+            if not kept:
+                continue
+            term = Term(" ".join(kept), prefix)
+            if sign == "-":
+                barred[term] = None
+                continue
+            terms[term] = None
+            run += kept
+            if sign == "+" or phrase is not None:
+                needed[term] = None
     if not terms:
         raise UsageError(
             f"the query {text!r} contains no word to search for",

@@ -174,11 +174,17 @@ STEMMERS = {
 }  # fmt: skip
 
 
+# Scripts that put no spaces between words: each sign is a word, so that words of several are found
+# as phrases.
+_UNSPACED = r"\p{Han}\p{Hiragana}\p{Katakana}\p{Thai}\p{Lao}\p{Khmer}\p{Myanmar}"
+_WORD = rf"[{_UNSPACED}]|[\p{{Alphabetic}}\p{{N}}--[{_UNSPACED}]]+"
+
+
 def analyzer(stemmer: str) -> tantivy.TextAnalyzer:
     """A text's words: runs of letters and digits, small, without accents, and stemmed unless
     `stemmer` is "".
     """
-    made = tantivy.TextAnalyzerBuilder(Tokenizer.simple())
+    made = tantivy.TextAnalyzerBuilder(Tokenizer.regex(_WORD))
     made = made.filter(Filter.lowercase()).filter(Filter.ascii_fold())
     return (made.filter(Filter.stemmer(stemmer)) if stemmer else made).build()
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import SplitResult, urlunsplit
 
+from kb.core.publication import RecordedWay
 from kb.core.source import Source
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ class Wiki(Source):
     paths = (("pages", "screenshot_path"), ("images", "path"))
     licensed = ("pages", "images")
     licence = ""
-    scraped = True
+    ways = {"listed": RecordedWay(raw="titles"), "named": RecordedWay(raw="titles", absent=True)}
     extra = "wiki"
     title = "Wiki"
     shown = ("wiki/pages", "wiki/elements", "wiki/images")
@@ -143,9 +144,9 @@ class Wiki(Source):
         return gaps(con, folder)
 
     def writers(self) -> Mapping[str, Writer]:
-        from kb.export import minedojo_wiki, wiki_tar
+        from kb.export import minedojo, wiki_tar
 
-        return {"parquet": wiki_tar.export, "minedojo": minedojo_wiki.wiki}
+        return {"parquet": wiki_tar.export, "minedojo": minedojo.wiki}
 
     def purge_rules(self) -> PurgeRules:
         from kb.wiki.purge import RULES

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import SplitResult, parse_qs
 
+from kb.core.publication import RecordedWay
 from kb.core.source import Source
 
 if TYPE_CHECKING:
@@ -92,7 +93,16 @@ class YouTube(Source):
         "youtube.language",
         "youtube.translate",
     )
-    scraped = True
+    ways = {
+        "searched": RecordedWay(raw="search"),
+        "listed": RecordedWay(raw="playlist_items"),
+        "api": RecordedWay("metadata_origin", "api", ages=True),
+        "files": RecordedWay("metadata_origin", "file"),
+        "meant": RecordedWay("topic_evidence", "profile"),
+        "watched": RecordedWay(raw="transcripts"),
+        "subtitles": RecordedWay(raw="ytdlp_subtitles"),
+        "own_transcripts": RecordedWay("transcript_origin", "own"),
+    }
     title = "YouTube"
     shown = ("youtube/videos",)
     hint = "run `kb youtube crawl`, then `kb youtube filter`"

@@ -114,6 +114,8 @@ def test_help_lists_every_group(kb: Any) -> None:
     assert answer.stderr == ""
     for name, line in TREE.items():
         assert re.search(rf"^  {name} +{re.escape(line)}$", answer.stdout, re.MULTILINE), name
+    titles = re.findall(r"^(\w+):$", answer.stdout, re.MULTILINE)
+    assert titles[1:7] == ["Collect", "Build", "Look", "Publish", "Maintain", "More"]
 
 
 @pytest.mark.parametrize("words", ["", "youtube", "youtube crawl", "pairs", "query"])

@@ -45,11 +45,12 @@ def film(
     gop: int = 48,
     pixels: str = "yuv420p",
     numbers: Sequence[int] | None = None,
+    format_options: dict[str, str] | None = None,
 ) -> Film:
     """Writes frames at these ticks of `base` (s)."""
     width, height = size
     numbers = range(len(ticks)) if numbers is None else numbers
-    with av.open(str(path), "w") as out:
+    with av.open(str(path), "w", options=format_options or {}) as out:
         stream = out.add_stream(codec, rate=Fraction(30))
         stream.width, stream.height, stream.pix_fmt = width, height, pixels
         stream.codec_context.gop_size = gop

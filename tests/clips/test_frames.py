@@ -9,6 +9,7 @@ import av
 import numpy as np
 import pytest
 
+from kb.clips.clip_sources import video_files
 from kb.clips.frames import UndecodableVideo, frames_at
 from tests.clips.films import Film, film, number_of, turned
 
@@ -97,11 +98,14 @@ def test_ten_bits(plain: Callable[..., Film]) -> None:
     assert got[0].dtype == np.uint8
 
 
-def test_the_first_frame_is_shown_until_the_second(plain: Callable[..., Film]) -> None:
-    """A film that begins after second 0, as where the sound begins earlier."""
-    made = plain("v.mkv", ticks=range(20, 80))
-    got = list(frames_at(made.path, [0.0, 0.5, 0.81, 0.85, 0.89]))
-    assert [number_of(image) for image in got] == [0, 0, 0, 1, 2]
+@pytest.mark.parametrize("name", ["v.mkv", "v.ts", "v.mp4", "v.mpg"])
+def test_times_are_those_of_the_film_whenever_its_clock_begins(tmp_path: Path, name: str) -> None:
+    """MPEG's containers begin at 0.5 or 1.4 s of their own clock."""
+    codec = "mpeg2video" if name == "v.mpg" else "libx264"
+    options = {"movflags": "frag_keyframe+empty_moov"} if name == "v.mp4" else None
+    made = film(tmp_path / name, codec, range(20, 80), Fraction(1, 25), format_options=options)
+    got = list(frames_at(made.path, [0.0, 0.5, 0.81, 0.85, 2.39, 3.0]))
+    assert [number_of(image) for image in got] == [0, 12, 20, 21, 59]
 
 
 def test_an_edit_list_that_cuts_the_beginning(plain: Callable[..., Film]) -> None:
@@ -117,8 +121,9 @@ def test_an_edit_list_that_cuts_the_beginning(plain: Callable[..., Film]) -> Non
     assert [number_of(image) for image in got] == list(range(30, 130))
 
 
-def test_far_times_are_reached_by_a_seek(plain: Callable[..., Film]) -> None:
-    made = plain(ticks=range(2500), size=(160, 90))
+@pytest.mark.parametrize("name", ["v.mp4", "v.ts"])
+def test_far_times_are_reached_by_a_seek(plain: Callable[..., Film], name: str) -> None:
+    made = plain(name, ticks=range(2500), size=(160, 90))
     times = [0.5, 30.02, 30.5, 62.0, 99.9, 99.98]
     got = [number_of(image) for image in frames_at(made.path, times)]
     assert got == [int(time * 25) for time in times]
@@ -182,3 +187,24 @@ def test_a_file_that_is_no_film_is_one_error(tmp_path: Path, content: bytes | No
         path.write_bytes(content)
     with pytest.raises(UndecodableVideo):
         list(frames_at(path, [0.0]))
+
+
+def test_films_are_found_by_the_names_that_programs_give(tmp_path: Path) -> None:
+    names = {
+        "aaaaaaaaaaa": ["aaaaaaaaaaa.f140.webm", "aaaaaaaaaaa.f137.mp4"],
+        "bbbbbbbbbbb": ["A pot-bbbbbbbbbbb.mkv"],
+        "ccccccccccc": ["Clay [youtube-ccccccccccc].mp4", "Clay [ccccccccccc].f248.webm"],
+        "ddddddddddd": ["ddddddddddd/video.ts"],
+    }
+    for files in names.values():
+        for size, name in enumerate(files):
+            (tmp_path / name).parent.mkdir(exist_ok=True)
+            (tmp_path / name).write_bytes(b"x" * (size + 1))
+    (tmp_path / "Another-eeeeeeeeeee.mp4").write_bytes(b"x")
+    found = video_files([tmp_path], names)
+    assert {key: path.relative_to(tmp_path).as_posix() for key, path in found.items()} == {
+        "aaaaaaaaaaa": "aaaaaaaaaaa.f137.mp4",
+        "bbbbbbbbbbb": "A pot-bbbbbbbbbbb.mkv",
+        "ccccccccccc": "Clay [youtube-ccccccccccc].mp4",
+        "ddddddddddd": "ddddddddddd/video.ts",
+    }

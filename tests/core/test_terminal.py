@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from kb.cli.framework.options import Bars
 from kb.core import terminal
-from kb.query.output import write
+from kb.query.formats import write
 
 HOSTILE = "a\x1b]0;t\x07\x9b31m\u202eb\r\nkb: all is well\u2028c\ud800"
 

@@ -96,6 +96,23 @@ VIDEOS = {
         [{"clip": A, "by": "Kiln Road"}, {"clip": B, "by": "description"}]
     ),
     "columns without a header": f"{A};A pot;KilnRoad\n{B};Description;x\n",
+    "names of ActivityNet": json.dumps({f"v_{A}": {"duration": 82.7}, f"v_{B}": {"duration": 1}}),
+    "videos of MSR-VTT": json.dumps(
+        {
+            "info": {"year": "2016"},
+            "videos": [
+                {"video_id": f"video{n}", "id": n, "url": f"https://www.youtube.com/watch?v={key}"}
+                for n, key in enumerate((A, B))
+            ],
+        }
+    ),
+    "ids of clips": json.dumps(
+        [{"videoID": f"{A}_000002_000012"}, {"videoID": f"{B}_000010_000020"}]
+    ),
+    "a long field": f'id,description\n{A},"{"x" * 200_000}"\n{B},y\n',
+    "UTF-16 without a mark": f"Video ID,x\r\n{A},1\r\n{B},2\r\n".encode("utf-16-le"),
+    "a list below data": json.dumps({"data": {"videos": [{"videoId": A}, {"videoId": B}]}}),
+    "links of Markdown": f"- [A pot](https://youtu.be/{A}?t=1)\n- <https://youtu.be/{B}>\n",
     "gzip": gzip.compress(f"{A}\n{B}\n".encode()),
 }
 

@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 
 from kb.core.errors import SettingError
+from kb.store.full_disk import full_disk_is_resumable
 
 
 def square(number: int) -> int:
@@ -49,3 +50,9 @@ def linger_once(folder: str) -> str:
 def pid_of(number: int) -> int:
     """Who did it."""
     return os.getpid()
+
+
+def fill_up(path: str) -> None:
+    """Writes where there is no room."""
+    with full_disk_is_resumable(Path(path)), Path(path).open("wb") as file:
+        file.write(b"x" * (1 << 20))

@@ -7,6 +7,7 @@ import logging
 import os
 import re
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -19,7 +20,14 @@ import pytest
 from kb.cli.framework.exit_codes import describe
 from kb.core import dask_engine, signals
 from kb.core.engine import make_executor, map_in_order
-from kb.core.errors import FatalError, Interrupted, MissingExtra, SettingError, Unreachable
+from kb.core.errors import (
+    DiskFull,
+    FatalError,
+    Interrupted,
+    MissingExtra,
+    SettingError,
+    Unreachable,
+)
 
 sys.path.insert(0, str(Path(__file__).parent))
 import tasks
@@ -323,3 +331,48 @@ def test_a_late_worker_that_is_fit_takes_over_from_one_that_died(own, tmp_path):
 
         own.when_begun(change)
         assert future.result() == "done"
+
+
+def test_a_worker_that_hangs_is_named(own, tmp_path, monkeypatch):
+    monkeypatch.setattr(dask_engine, "ANSWER_S", 1.0)
+    own.worker()
+    with make_executor("dask", 1, own.address, tmp_path) as pool:
+        assert pool.submit(tasks.square, 3).result() == 9
+    own.processes["worker"].send_signal(signal.SIGSTOP)
+    try:
+        with (
+            pytest.raises(SettingError, match="does not answer within 1 s"),
+            make_executor("dask", 1, own.address, tmp_path),
+        ):
+            pass
+    finally:
+        own.processes["worker"].send_signal(signal.SIGCONT)
+
+
+def test_a_worker_without_lorecrawl_is_named_at_once(own, tmp_path):
+    (tmp_path / "other" / "kb").mkdir(parents=True)
+    (tmp_path / "other" / "kb" / "__init__.py").touch()
+    own.worker(code=str(tmp_path / "other"))
+    with (
+        pytest.raises(SettingError, match="can't run this Lorecrawl"),
+        make_executor("dask", 1, own.address, tmp_path),
+    ):
+        pass
+
+
+def test_tls_without_certificates_is_exit_2():
+    with pytest.raises(SettingError, match="no certificates are set"):
+        dask_engine.check("tls://10.0.0.1:8786")
+
+
+def test_the_disk_of_one_worker_that_is_full_is_named(own, tmp_path):
+    """The error keeps its kind, so that the command ends resumable, and says where."""
+    own.worker()
+    with (
+        make_executor("dask", 1, own.address, tmp_path) as pool,
+        pytest.raises(DiskFull) as error,
+    ):
+        pool.submit(tasks.fill_up, "/dev/full").result()
+    message, _, code = describe(error.value)
+    assert code == 3
+    assert "(on the Dask worker tcp://127.0.0.1:" in message

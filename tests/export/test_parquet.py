@@ -1,6 +1,7 @@
 """Export: released columns only, sorted, whole, and the same bytes whatever the clean parts."""
 
 import hashlib
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 
 from kb.core.errors import FatalError
 from kb.export import parquet
+from kb.export.rows import check_rows, json_list, sorted_rows
 from kb.schema import table
 
 
@@ -103,3 +105,23 @@ def test_nothing_to_export(tmp_path: Path, run_at) -> None:
         parquet.export(run_at(tmp_path), "youtube")
     assert caught.value.hint == "run `kb youtube filter` first"
     assert not (tmp_path / "release").exists()
+
+
+def test_rows_come_sorted_out_of_all_files(tmp_path: Path, make_rows, fill) -> None:
+    with pytest.raises(FatalError):
+        check_rows(tmp_path, "youtube/videos")
+    rows = make_rows("youtube/videos", 20)
+    fill(tmp_path, "youtube/videos", rows, 3)
+    check_rows(tmp_path, "youtube/videos")
+    read = [row["video_id"] for row in sorted_rows(tmp_path, "youtube/videos", ["video_id"])]
+    assert read == sorted(rows["video_id"].to_pylist())
+
+
+@pytest.mark.parametrize("items", [[], ["é"], [1, {"a": None}]])
+def test_a_json_list_appears_only_when_it_is_complete(tmp_path: Path, items: list[object]) -> None:
+    path = tmp_path / "list.json"
+    with json_list(path) as add:
+        for item in items:
+            add(item)
+        assert not path.exists()
+    assert json.loads(path.read_text(encoding="ascii")) == items

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -11,6 +10,7 @@ from kb.core import context, engine
 from kb.core.errors import DamagedData, FatalError
 from kb.filters.filter_run import run_clean
 from kb.sandbox.world import World
+from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.state.frontier import Frontier
 from tests.faults import Sandbox
@@ -166,12 +166,12 @@ def test_few_bytes_start_no_worker_process_that_nobody_asked_for(
 ) -> None:
     started = []
 
-    class Pool(engine.ProcessPoolExecutor):
-        def __init__(self, workers: int, **options: Any) -> None:
+    class Pool(engine.Processes):
+        def __init__(self, workers: int) -> None:
             started.append(workers)
-            super().__init__(workers, **options)
+            super().__init__(workers)
 
-    monkeypatch.setattr(engine, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(engine, "Processes", Pool)
     monkeypatch.setattr(context, "_SMALL", small)
     run = dataclasses.replace(run_at(root, workers=2), asked=asked)
     assert run_clean(run, "youtube")["kept"] > 0
@@ -199,3 +199,13 @@ def test_where_all_rows_are_rejected_the_most_frequent_reason_is_named(tmp_path:
         assert (summary["kept"], summary["pending"]) == (0, 0)
         assert "views: below" in summary["error"]
         assert job.rows("SELECT count(*) AS n FROM clean.youtube_rejected")[0]["n"] > 0
+
+
+def test_authors_that_were_hashed_with_two_keys_are_refused(root: Path) -> None:
+    at = Layout(root)
+    for digest in ("a" * 32, "b" * 32):  # raw folders of two machines, copied together
+        run_clean(run_at(root), "youtube")
+        at.key_mark("youtube", digest).touch()
+    with pytest.raises(FatalError, match="with 2 keys") as error:
+        run_clean(run_at(root), "youtube")
+    assert error.value.exit_code == 1

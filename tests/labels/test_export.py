@@ -16,7 +16,7 @@ from kb.core.context import Run
 from kb.labels.export import CONFIG, README, TASKS, export
 from kb.labels.questions import KINDS, PAIRS, UNSURE, YES
 from kb.query import connect, select
-from kb.release.metadata.judgements import judgements
+from kb.release.metadata.quality import judgements
 from kb.store.tables.shard_writer import write_table
 from tests.inprocess import Here
 from tests.labels.answers import exported, items, judgement

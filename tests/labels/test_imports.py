@@ -17,7 +17,7 @@ from kb.labels.export import export
 from kb.labels.imports import agreement
 from kb.labels.questions import PAIRS
 from kb.query import connect, select
-from kb.release.metadata.pair_quality import pair_quality
+from kb.release.metadata.quality import pair_quality
 from kb.verify.root import verify
 from tests.inprocess import Here
 from tests.labels.answers import exported, items, judgement
@@ -145,6 +145,26 @@ def test_answers_that_no_question_has_are_counted(root: Path, here: Here) -> Non
     assert questions["on_time"]["answers"] == {"late": 1}
     assert (questions["visible"]["n"], questions["visible"]["share"]) == (0, None)
     assert (questions["described"]["n"], questions["described"]["share"]) == (1, 0)
+
+
+def test_an_odd_judgement_keeps_no_other_from_being_taken(root: Path, here: Here) -> None:
+    one, two, three, four, *_ = items(root.parent / "project")
+    of_version_1 = judgement("ann@example.org", visible="yes") | {"was_cancelled": None}
+    nobody = judgement(1, visible="no") | {"created_at": 1_700_000_000, "updated_at": "soon"}
+    del nobody["completed_by"]
+    odd = [judgement(1) | {"result": None}, judgement(2) | {"result": [None, {"value": 5}]}]
+    moment = judgement("ben@example.org", visible="yes") | {"updated_at": 1_700_000_000_123}
+    given = [(one, [of_version_1]), (two, [nobody]), (three, odd), (four, [moment])]
+    file = exported(root.parent / "e.json", given)
+    done = here("label", "import", str(file), "--data", str(root), "--json")
+    summary = json.loads(done.out.splitlines()[-1])
+    assert (done.code, summary["labels"], summary["skipped"]) == (0, 3, 1)
+    rows = {row["item_id"]: row for row in _labels(root)}
+    assert rows[two["item_id"]]["annotator"] == 0
+    assert rows[two["item_id"]]["labelled_at"].timestamp() == 1_700_000_000
+    assert rows[four["item_id"]]["labelled_at"].timestamp() == pytest.approx(1_700_000_000.123)
+    assert len({row["annotator"] for row in rows.values()}) == 3
+    assert all(b"example.org" not in data for data in _bytes(root).values())
 
 
 @pytest.mark.parametrize(

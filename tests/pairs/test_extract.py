@@ -93,7 +93,7 @@ def test_every_pair(keywords, with_section, tools, videos, rules):
         assert (
             row["segment_start_s"]
             <= row["match_start_s"]
-            <= row["match_end_s"]
+            < row["match_end_s"]
             <= row["segment_end_s"]
             <= end
         )
@@ -235,6 +235,30 @@ def test_matches_after_the_end_of_the_video_make_no_pair(tools) -> None:
         tools,
     )
     assert made.num_rows == counts.totals["outside"] == 1
+
+
+@pytest.mark.parametrize(
+    ("cues", "match", "segment"),
+    [
+        ([(1.0, 2.0, "so a creeper came", [1.0, 30.0, 30.5, 31.0])], (30.5, 31.0), (1.0, 32.0)),
+        ([(5.0, 1.0, "see the creeper", [5.0, 5.5, 6.0])], (6.0, 7.0), (5.0, 7.0)),
+        ([(5.0, 1.0, "a creeper", [5.0, 6.0]), (6.25, 1.0, "x")], (6.0, 6.25), (5.0, 6.25)),
+        ([(5.0, 9.0, "creeper came", [2.0, 5.0])], (2.0, 3.0), (2.0, 14.0)),
+        ([(5.0, 1.0, "creeper came by", [5.0, 5.0, 5.5])], (5.0, 5.5), (5.0, 6.0)),
+        ([(5.0, 0.0, "creeper")], (5.0, 6.0), (5.0, 6.0)),
+        ([(5.0, 0.0, "creeper"), (5.5, 1.0, "x")], (5.0, 5.5), (5.0, 5.5)),
+    ],
+)
+def test_a_cue_holds_its_words_and_a_match_has_a_length(tools, cues, match, segment) -> None:
+    (row,) = rows_of(tools, transcripts(("v", "asr", cues)), [60.0])
+    assert (row["match_start_s"], row["match_end_s"]) == match
+    assert (row["segment_start_s"], row["segment_end_s"]) == segment
+
+
+def test_words_after_the_end_of_the_video_make_no_pair(tools) -> None:
+    cues = [(1.0, 2.0, "the creeper the creeper", [1.0, 2.0, 70.0, 71.0])]
+    (row,) = rows_of(tools, transcripts(("v", "asr", cues)), [60.0])
+    assert row["match_start_s"] == 2.0
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,17 @@
 """Damaged files are named, whatever part of a query meets them."""
 
+import threading
 from pathlib import Path
+from typing import Any
 
+import duckdb
 import pytest
 
 from kb import query
 from kb.artifacts import manifest
-from kb.core.errors import DamagedData, UsageError
+from kb.core.errors import DamagedData, FatalError, UsageError
+from kb.query.isolated import QueryReply, run_isolated
+from kb.query.limits import Limits, limited
 from tests.query.conftest import rows
 
 
@@ -95,3 +100,54 @@ def test_an_unknown_name_is_told_with_the_nearest_alone(
     assert guess in said
     assert never not in said
     assert len(said) < 250
+
+
+def test_a_query_that_does_not_end_is_ended(kb: Any, root: Path) -> None:
+    endless = "SELECT count(*) FROM range(9999999) a, range(9999999) b WHERE a.range % 9 > b.range"
+    answer = kb("query", endless, "--data", str(root), "--timeout", "0.5", "--out", "x.csv")
+    assert answer.returncode == 1
+    assert "the query took longer than 0.5 s; ask for less" in answer.stderr
+    assert not (root.parent / "x.csv").exists()
+    # The next one is not bound by what was left of the first.
+    assert kb("query", "SELECT 1", "--data", str(root)).returncode == 0
+
+
+def test_nothing_of_a_query_runs_on_when_it_has_answered() -> None:
+    """A thread with the connection in its hands at the end of Python is told as leaked memory."""
+    before = set(threading.enumerate())
+    con = duckdb.connect()
+    with limited(con, Limits(seconds=60, memory=1 << 30)):
+        con.execute("SELECT 1").fetchall()
+    assert set(threading.enumerate()) == before
+
+
+def ask(sql: str, *, seconds: float = 30, **given: int) -> QueryReply:
+    bounds = {"rows": 10, "characters": 1000, "cell": 100, **given}
+    limits = Limits(seconds=seconds, memory=1 << 30, threads=2)
+    return run_isolated(sql, [], limits=limits, **bounds)
+
+
+def test_rows_and_characters_are_bounded() -> None:
+    reply = ask("FROM range(100)", rows=3)
+    assert (reply.lines, reply.more) == (["range\n", "0\n", "1\n", "2\n"], True)
+    assert ask("SELECT 7 AS n") == QueryReply(["n\n", "7\n"])
+    reply = ask("SELECT repeat('x', 900) AS text FROM range(3)", cell=900, characters=1000)
+    assert (len(reply.lines), reply.more) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("sql", "error"),
+    [
+        ("SELECT nonsense", UsageError),
+        ("COPY (SELECT 1) TO 'there.csv'", UsageError),
+        ("SELECT count(*) FROM range(9999999) a, range(9999999) b WHERE a.range % 9 > b.range",
+         FatalError),
+    ],
+)  # fmt: skip
+def test_errors_keep_their_class(
+    sql: str, error: type[Exception], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(error):
+        ask(sql, seconds=0.5)
+    assert not list(tmp_path.iterdir())

@@ -1,16 +1,22 @@
 """Tables and their conversions."""
 
+import gc
+import shutil
 import sys
 from pathlib import Path
 
+import duckdb
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
 import kb
-from kb.core.errors import DamagedData, MissingExtra, UsageError
+from kb.core.errors import DamagedData, FatalError, MissingExtra, UsageError
+from kb.reader.open_tables import OpenTables
+from kb.reader.tables import with_hints
 from kb.store.artifact_registry import SUMS
 from kb.store.tables.checksums import listed
+from kb.store.tables.shard_writer import write_table
 
 RELEASED = {
     "pairs",
@@ -34,6 +40,8 @@ def test_every_table_of_a_release_and_its_ways_out(release: Path) -> None:
     shards = sorted((release / "youtube").glob("videos-*.parquet"))
     whole = pq.read_table(shards[0])
     assert videos.to_table().equals(whole)
+    assert videos.to_arrow(["video_id"]).equals(whole.select(["video_id"]))
+    assert data.sql("FROM youtube_videos").to_arrow().num_rows == whole.num_rows
     assert videos.schema.names == whole.schema.names
     assert videos.schema.field("fps").metadata[b"doc"]
     assert len(videos) == videos.count_rows() == whole.num_rows
@@ -111,3 +119,88 @@ def test_a_package_that_is_not_installed_is_named(
     with pytest.raises(MissingExtra, match=f"{package} is not installed") as caught:
         getattr(kb.load(folder)["reddit_posts"], way)()
     assert caught.value.hint == f"install the package {package}"
+
+
+def test_a_missing_shard_is_named_and_never_less_rows(folder: Path) -> None:
+    assert len(kb.load(folder)["reddit_posts"]) == 12
+    (folder / "posts-00001-of-00003.parquet").unlink()
+    for place in (folder, folder.parent):
+        with pytest.raises(DamagedData, match=r"posts-00001-of-00003\.parquet is missing"):
+            kb.load(place)
+    root = folder.parent / "root"
+    shutil.copytree(folder, root / "release" / "reddit")
+    with pytest.raises(DamagedData, match=r"posts-00001-of-00003\.parquet is missing"):
+        kb.load(root)
+
+
+def test_a_missing_table_is_told_by_the_checksums(folder: Path) -> None:
+    names = sorted(path.name for path in folder.iterdir())
+    (folder / "SHA256SUMS").write_text("".join(f"{'0' * 64}  {name}\n" for name in names))
+    assert len(kb.load(folder)["reddit_comments"]) == 5
+    (folder / "comments-00000-of-00001.parquet").unlink()
+    with pytest.raises(DamagedData, match=r"comments-00000-of-00001\.parquet is missing"):
+        kb.load(folder)
+    for path in folder.glob("*.parquet"):
+        path.unlink()
+    with pytest.raises(DamagedData, match="is missing"):
+        kb.load(folder.parent)
+
+
+def test_a_folder_of_no_tables_and_no_folder(tmp_path: Path, folder: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(FatalError, match=r"no tables in .*, and it is not a release"):
+        kb.load(tmp_path / "empty")
+    shutil.copytree(folder, tmp_path / "empty" / "demo" / "release" / "reddit")
+    with pytest.raises(UsageError, match="is not a data root or a release") as caught:
+        kb.load(tmp_path / "empty")
+    assert str(tmp_path / "empty" / "demo") in caught.value.hint
+    with pytest.raises(UsageError, match="there is no "):
+        kb.load(tmp_path / "nowhere")
+    with pytest.raises(UsageError, match="is not a folder"):
+        kb.load(folder / "posts-00000-of-00003.parquet")
+
+
+def test_its_connection_is_closed_with_it() -> None:
+    """Threads of an open one would call Python, to read at an address, while Python exits."""
+    opened = OpenTables([])
+    con = opened.con
+    assert con.execute("SELECT 1").fetchall() == [(1,)]
+    del opened
+    gc.collect()
+    with pytest.raises(duckdb.ConnectionException):
+        con.execute("SELECT 1")
+
+
+def test_what_people_wrote_is_escaped(tmp_path: Path, make_rows) -> None:
+    evil = '<script>alert("1")</script>\x1b[31m'
+    given = {"post_id": ["p1"], "title": [evil], "body": [evil]}
+    posts = make_rows("reddit/posts", 1, **given)
+    write_table(tmp_path / "clean/reddit/posts/part-00000.parquet", posts, "reddit/posts")
+    given = {"comment_id": ["c1"], "post_id": ["p1"], "parent_id": ["t3_p1"], "body": [evil]}
+    comments = make_rows("reddit/comments", 1, **given)
+    write_table(tmp_path / "clean/reddit/comments/part-0.parquet", comments, "reddit/comments")
+    data = kb.load(tmp_path)
+    assert data.thread("p1").replies[0].body == evil
+    for shown in (data["reddit_posts"], data.sql("FROM reddit_comments"), data.thread("p1")):
+        text = shown._repr_html_()
+        assert "&lt;script&gt;" in text
+        assert "<script" not in text
+        assert "\x1b" not in text
+    assert "\x1b" not in str(data.thread("p1"))
+
+
+def test_a_hint_becomes_a_note_once() -> None:
+    @with_hints
+    def inner() -> None:
+        raise UsageError("no such table", hint="see data.tables")
+
+    with pytest.raises(UsageError) as caught:
+        with_hints(inner)()
+    assert caught.value.__notes__ == ["see data.tables"]
+
+
+def test_other_errors_and_results_are_unchanged() -> None:
+    assert with_hints(len)([1, 2]) == 2
+    with pytest.raises(TypeError) as caught:
+        with_hints(len)(3)
+    assert not hasattr(caught.value, "__notes__")

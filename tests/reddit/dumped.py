@@ -43,6 +43,20 @@ def post(key, **fields):
     }
 
 
+def comment(key, **fields):
+    return {
+        "id": key,
+        "subreddit": "Minecraft",
+        "author": "brisk_otter",
+        "body": f"comment {key}",
+        "link_id": "t3_a",
+        "parent_id": "t3_a",
+        "score": 7,
+        "created_utc": 1_600_000_000,
+        **fields,
+    }
+
+
 def write(path, lines, frames=1, cut=0):
     """A dump of JSON objects and bytes, in so many frames; `cut` bytes are missing at its end."""
     texts = [line if isinstance(line, bytes) else json.dumps(line).encode() for line in lines]

@@ -80,6 +80,7 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
             "transcript_kind": ("manual", "asr", "translated")[i % 3],
             "word_count": 500 + spread("w", i) % 3000,
             "license": "youtube",
+            "metadata_origin": "api",
             "fetched_at": START + timedelta(hours=i),
         }
         for i in range(n)

@@ -13,7 +13,8 @@ import pytest
 import kb
 from kb.core.context import Run
 from kb.core.licences import KNOWN
-from kb.release.build import describe, release
+from kb.release.build import describe, release, write_samples
+from kb.release.folders import in_root
 from kb.store.state import tombstones
 from tests.release.conftest import a_run
 from tests.release.made import build
@@ -104,3 +105,18 @@ def test_duties_are_those_of_the_licence(tmp_path: Path, spdx: str, alike: bool)
     ):
         assert ("alike" in text or "under the same licence" in text) is alike
         assert KNOWN[spdx].short in text
+
+
+def test_sample_is_bounded_and_whole_groups(tmp_path: Path) -> None:
+    build(tmp_path, sources=("reddit",), n=5000)
+    folder = in_root(tmp_path)[0]
+    total = sum(path.stat().st_size for path in folder.data)
+    written = write_samples(folder, total / 4 / 1e6)
+    assert sum(path.stat().st_size for path in written) <= total / 4
+    posts, comments = (
+        [row["post_id"] for row in json.loads(path.read_text(encoding="utf-8"))]
+        for path in sorted(written, reverse=True)
+    )
+    posts = set(posts)
+    assert set(comments) == posts
+    assert len(comments) == 3 * len(posts)

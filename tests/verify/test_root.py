@@ -51,7 +51,9 @@ def test_a_whole_root_is_whole(root: Path) -> None:
 
 def test_keys_restored_tables_and_notes_of_releases_are_known(root: Path) -> None:
     (root / "state/reddit.key").write_text("k")
-    Layout(root).key_mark("reddit", "d" * 32).write_text("")
+    mark = Layout(root).key_mark("reddit", "d" * 32)
+    mark.parent.mkdir(parents=True, exist_ok=True)
+    mark.touch()
     shutil.copytree(root / "clean/youtube/videos", root / "restored/youtube/videos")
     noted = pa.table({"table": ["pairs"], "key": [b"1"]})
     for path in (root / "state/releases/pairs/1.0.0.parquet", root / "restored/missing.parquet"):

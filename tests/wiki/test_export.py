@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from kb.core.errors import DamagedData, FatalError
-from kb.export import minedojo_wiki, wiki_tar
+from kb.export import minedojo, wiki_tar
 from kb.schema import table
 from kb.store.tables.shard_writer import write_table
 
@@ -38,7 +38,7 @@ TEXT = {
     "properties": {"text": {"type": "string", "minLength": 1}, "bbox": BOX},
 }
 WORDS = {"type": ["string", "null"], "minLength": 1}
-PUBLISHED = {  # the layout as published, see kb/export/minedojo_wiki.py
+PUBLISHED = {  # the layout as published, see kb/export/minedojo.py
     "type": "object",
     "required": ["metadata", "tables", "images", "sprites", "texts"],
     "additionalProperties": False,
@@ -222,13 +222,13 @@ def files_below(folder):
 
 
 def test_minedojo_samples_are_the_first_pages(run, monkeypatch):
-    monkeypatch.setattr(minedojo_wiki, "_SAMPLES", 1)
-    minedojo_wiki.wiki(run)
+    monkeypatch.setattr(minedojo, "_SAMPLES", 1)
+    minedojo.wiki(run)
     assert [path.name for path in (run.root / "export/minedojo/wiki_samples").iterdir()] == ["One"]
 
 
 def test_minedojo_layout(run):
-    minedojo_wiki.wiki(run)
+    minedojo.wiki(run)
     root = run.root / "export/minedojo/wiki_full"
     folders = sorted(path.parent.relative_to(root).as_posix() for path in root.rglob("data.json"))
     assert folders == ["%2ETwo", "One"]
@@ -284,7 +284,7 @@ def test_texts_stand_once_and_in_no_table(run, make_rows):
         **columns,
     )
     put(run.root, rows, "wiki/elements")
-    minedojo_wiki.wiki(run)
+    minedojo.wiki(run)
     data = json.loads((run.root / "export/minedojo/wiki_full/One/data.json").read_text())
     texts = [text["text"] for text in data["texts"]]
     assert texts == ["Uses", shown[1][3], "one", "Uses", "own words only", "of a child"]
@@ -307,14 +307,14 @@ def test_no_path_in_data_leads_out_of_the_data_root(run, path):
     ]
     place = rows.column_names.index("path")
     write_table(part, rows.set_column(place, "path", pa.array(paths, pa.string())), "wiki/images")
-    for write in (wiki_tar.export, minedojo_wiki.wiki):
+    for write in (wiki_tar.export, minedojo.wiki):
         with pytest.raises(DamagedData, match="which is not in"):
             write(run)
 
 
 def test_nothing_to_export_and_lost_files(run, run_on, tmp_path):
     empty = run_on(tmp_path / "empty", "https://wiki.example")
-    for write in (wiki_tar.export, minedojo_wiki.wiki):
+    for write in (wiki_tar.export, minedojo.wiki):
         with pytest.raises(FatalError, match="nothing to export"):
             write(empty)
     (run.root / "raw/wiki/images/aaaa.png").unlink()
@@ -342,13 +342,13 @@ def test_nothing_to_export_and_lost_files(run, run_on, tmp_path):
     ],
 )
 def test_folder_name(title, url, expected):
-    assert minedojo_wiki.folder_name(url, title) == expected
+    assert minedojo.folder_name(url, title) == expected
     assert all(step not in ("", ".", "..") for step in expected.split("/"))
 
 
 def test_long_names_stay_apart():
     one, two = (
-        minedojo_wiki.folder_name(f"https://w.example/wiki/{'é' * 300}{end}", f"{'é' * 300}{end}")
+        minedojo.folder_name(f"https://w.example/wiki/{'é' * 300}{end}", f"{'é' * 300}{end}")
         for end in "ab"
     )
     assert one != two

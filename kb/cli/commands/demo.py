@@ -22,13 +22,13 @@ from kb.cli.framework.messages import fail, find_command
 from kb.cli.framework.options import CLUSTER, Options, pipeline, without_scores
 from kb.core import signals
 from kb.core.context import Run
-from kb.core.errors import KbError, MissingExtra, SettingError, UsageError
+from kb.core.errors import MissingExtra, SettingError, UsageError
 from kb.core.sources import SOURCES, made_of
 from kb.core.summary import Summary
 from kb.store.layout import TOP, Layout
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Callable, Collection, Sequence
 
     from kb.sandbox.domain import Domain
 
@@ -90,7 +90,8 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
     domain = domain_of(profile)
     words = next((one.name for one in domain.keywords), profile.title)
     with Sandbox(World(domain=domain, n_named=PAGES, **size)) as services:
-        settings = services.settings() | _demo_model(options)
+        _say(options, "the tiny toxicity model (made once, the same on every machine)")
+        settings = services.settings() | _tiny_model(lambda why: _say(options, f"left out: {why}"))
         os.environ |= settings  # worker processes read them too
         mark = demo_mark.read(root)
         if mark is None and is_root(root):
@@ -100,7 +101,12 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
         if mark is not None and mark.finished:
             _remove(root)
         demo_mark.write(root, finished=False)
-        run = _demo_run(options, settings)
+        # In so small a world one process is done before others have imported what they need.
+        single = 1 if options.engine == "local" else None
+        run = replace(options, workers=options.workers or single).make_run(dotenv=False)
+        run = replace(run, asked=options.workers is not None)
+        if "KB_TOXICITY_MODEL" not in settings:
+            run = replace(run, profile=without_scores(run.profile))
         plan = pipeline(run, "demo")
         given = {"reddit import": {"files": dumps(services.world.reddit, run.root / _DUMPS)}}
         steps = [step for step in plan.STEPS if step not in without]
@@ -118,26 +124,15 @@ def _remove(root: Path) -> None:
             shutil.rmtree(root / _REMOVED)
 
 
-def _demo_model(options: Options) -> dict[str, str]:
-    """The tiny toxicity model's setting; none where its packages are not installed."""
+def _tiny_model(missing: Callable[[str], None]) -> dict[str, str]:
+    """The tiny toxicity model's setting; none, after a word, where its packages are missing."""
     from kb.sandbox import toxicity
 
-    _say(options, "the tiny toxicity model (made once, the same on every machine)")
     try:
         return toxicity.settings()
     except MissingExtra as error:
-        _say(options, f"left out: {error}; {error.hint}")
+        missing(f"{error}; {error.hint}")
         return {}
-
-
-def _demo_run(options: Options, settings: dict[str, str]) -> Run:
-    # In so small a world one process is done before others have imported what they need.
-    single = 1 if options.engine == "local" else None
-    run = replace(options, workers=options.workers or single).make_run(dotenv=False)
-    run = replace(run, asked=options.workers is not None)
-    if "KB_TOXICITY_MODEL" in settings:
-        return run
-    return replace(run, profile=without_scores(run.profile))
 
 
 def _all(
@@ -163,10 +158,7 @@ def _all(
         of_step = replace(run, workers=2) if step == "wiki crawl" and not run.asked else run
         try:
             command: Any = find_command(step.split())
-            if step == "release" and not run.profile.toxicity.on:
-                summary = Summary(left_out="a release needs toxicity scores")
-            else:
-                summary = Summary(command.function(of_step, **given.get(step, {})) or {})
+            summary = Summary(command.function(of_step, **given.get(step, {})) or {})
         except MissingExtra as error:  # the other steps work without it
             summary = Summary(left_out=f"{error}; {error.hint}")
         done[step] = dict(summary)
@@ -196,7 +188,7 @@ def _missing_section(run: Run, step: str) -> str | None:
 
 def _queries(queries: list[tuple[str, str, list[str]]], root: Path) -> None:
     from kb.query import connect, find_views, select
-    from kb.query.output import for_people
+    from kb.query.formats import for_people
 
     names = {view.full for view in find_views(root)}
     with contextlib.closing(connect(root)) as db:
@@ -310,9 +302,13 @@ def sandbox(
     with Sandbox(world) as services:
         given = {
             "KB_DATA": options.data and str(options.data.absolute()),
-            "KB_PROFILE": options.profile and _anywhere(options.profile),
+            "KB_PROFILE": options.profile,
         }
-        settings = services.settings() | _sandbox_model(wanted=model)
+        if options.profile and Path(options.profile).is_file():  # COMMAND may run anywhere
+            given["KB_PROFILE"] = str(Path(options.profile).absolute())
+        settings = services.settings()
+        if model:
+            settings |= _tiny_model(lambda why: fail(f"no KB_TOXICITY_MODEL: {why}"))
         settings |= {name: value for name, value in given.items() if value}
         if env is not None:  # for readers of `.env` and for `set -a; . FILE`
             _write(env, "".join(f"{k}={shlex.quote(v)}\n" for k, v in settings.items()))
@@ -339,25 +335,6 @@ def _domain(options: Options) -> Domain:
     profile = load_profile(load_settings(kb_profile=options.profile).kb_profile or DEFAULT)
     refuse(profile)
     return domain_of(profile)
-
-
-def _sandbox_model(*, wanted: bool) -> dict[str, str]:
-    """The tiny model's setting; none, with a line on stderr, where its extra is missing."""
-    if not wanted:
-        return {}
-    from kb.sandbox import toxicity
-
-    try:
-        return toxicity.settings()
-    except KbError as error:
-        fail(f"no KB_TOXICITY_MODEL: {error}", hint=error.hint)
-        return {}
-
-
-def _anywhere(profile: str) -> str:
-    """A profile's name, or the absolute path of its file."""
-    path = Path(profile)
-    return str(path.absolute()) if path.is_file() else profile
 
 
 def _write(path: Path, text: str) -> None:

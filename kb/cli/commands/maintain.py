@@ -1,4 +1,4 @@
-"""`kb refresh`, `kb purge` and `kb verify`: what keeps a data root fresh, lawful and intact."""
+"""`kb merge`, `kb refresh`, `kb purge`, `kb verify`: what keeps a data root whole and lawful."""
 
 from __future__ import annotations
 
@@ -252,4 +252,44 @@ def verify(
         error = DamagedData(f"{place} has problems: {counts}", hint=hint)
         error.summary = summary
         raise error
+    return summary
+
+
+merge_app = group("Bring the data roots of several machines into one.")
+
+
+@command(
+    merge_app,
+    raw=True,
+    json="folders, files, present, bytes, requests, path",
+    examples=[
+        "kb merge part-1 part-2 part-3 --data data    after crawls with --part on three machines",
+        "kb merge /mnt/other/data                     what another machine has collected since",
+    ],
+)
+def merge(
+    options: Options,
+    roots: Annotated[
+        list[Path], typer.Argument(metavar="ROOT...", help="Data roots to read; they stay as is.")
+    ],
+) -> Summary:
+    """Bring raw answers, tombstones, scores and what was spent into the data root of --data.
+
+    Each answer and file is there once, whatever was merged before; after an interruption the same
+    command resumes. The next crawl takes the answers into its state, and `kb SOURCE filter` reads
+    them all as one. What was purged on one machine is purged from what the others bring. Roots of
+    another profile, host or key of authors are refused.
+    """
+    from kb.artifacts import domain_binding, merge_roots
+    from kb.store.layout import Layout
+
+    run = options.make_run(needs="root")
+    if options.profile is None and domain_binding.remembered(run.root) is None:
+        bound = next(filter(None, map(domain_binding.remembered, roots)), None)
+        named = (bound.file or bound.name) if bound else None
+        run = replace(options, profile=named).make_run()
+    summary = merge_roots.merge(run, roots)
+    for source in SOURCES:
+        if Layout(run.root).purge(source).exists() and getattr(run.profile, source) is not None:
+            pipeline(run, "purge").purge(run, source, None)
     return summary

@@ -151,7 +151,9 @@ def check(
         what = "keywords and services were not tried"
         findings.append(Finding(NOTE, path.name, 0, "", what, "fix the errors first"))
     if not options.json:
-        typer.echo(_table(findings) if findings else f"{path}: no problems found")
+        typer.echo(f"{path}:" if findings else f"{path}: no problems found")
+        if findings:
+            typer.echo(_table(findings))
         _show_hits(hits)
     summary = Summary(
         command="profile check",

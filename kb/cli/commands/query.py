@@ -116,8 +116,8 @@ def query(
     """
     from kb.artifacts import remote_release, table_catalog
     from kb.query import catalog, connect, find_views, select
+    from kb.query.formats import choose, write
     from kb.query.limits import for_people, limited
-    from kb.query.output import choose, write
 
     if [tables, sql is not None, file is not None].count(True) != 1:
         raise UsageError(

@@ -83,6 +83,9 @@ def youtube_crawl(
             )
 
         return estimate(run, ids=ids, part=which)
+    from kb.cli.commands.doctor import warn_of_space
+
+    warn_of_space(run, "youtube")
     summary: Summary = pipeline(run, "youtube").crawl(run, only.value if only else None, ids, which)
     return summary
 
@@ -134,7 +137,8 @@ def check(
     youtube_app,
     name="import",
     limit="Stop after N more files (exit code 3); the next run resumes.",
-    json="crawled, subtitles, playlists, files, known_files, left_out_by, null_columns",
+    json="crawled, subtitles, playlists, files, known_files, left_out_by, left_out_files,"
+    " null_columns",
     checks=True,
     examples=[
         "kb youtube import ~/Videos/minecraft          files that yt-dlp wrote there",
@@ -210,6 +214,9 @@ def wiki_crawl(
         from kb.wiki.crawl.connector import plan_crawl
 
         return plan_crawl(run, titles)
+    from kb.cli.commands.doctor import warn_of_space
+
+    warn_of_space(run, "wiki")
     summary: Summary = pipeline(run, "wiki").crawl(run, titles)
     return summary
 
@@ -269,6 +276,9 @@ def reddit_crawl(run: Run, since: Since = None, until: Until = None, plan: Plan 
     begin, end = _span(since, until)
     if plan:
         return plan_crawl(run)
+    from kb.cli.commands.doctor import warn_of_space
+
+    warn_of_space(run, "reddit")
     return crawl(run, since=begin, until=end)
 
 

@@ -2,7 +2,7 @@
 
 import ipaddress
 import re
-from urllib.parse import SplitResult, urlsplit
+from urllib.parse import urlsplit
 
 _CONTACT = re.compile(
     r"[^\s@<>]+@[^\s@<>]+\.[^\s@<>.]|https?://[^\s/]+\.[^\s/.]|\bwww\.[^\s/]+\.\w"
@@ -23,19 +23,15 @@ def root_of(value: str, example: str) -> str:
         raise ValueError("must not hold a user name or password")
     if "?" in value or "#" in value:
         raise ValueError("must be a root, without ? or #")
-    if not _has_port(parts):
+    try:
+        unusable = parts.port == 0
+    except ValueError:
+        unusable = True
+    if unusable:
         raise ValueError("must have a port from 1 to 65535, or none")
     if in_the_clear(value):
         raise ValueError(_NOT_HTTPS)
     return value.rstrip("/")
-
-
-def _has_port(parts: SplitResult) -> bool:
-    """Whether the port is one that can be connected to, or is left to the scheme."""
-    try:
-        return parts.port != 0
-    except ValueError:
-        return False
 
 
 def is_loopback(url: str) -> bool:

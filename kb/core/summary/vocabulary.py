@@ -58,6 +58,7 @@ WORDS: dict[str, Word] = {
     "youtube import.files": Word("Files that were imported in this run."),
     "known_files": Word("Files that were imported before.", "{n} files imported before"),
     "left_out_by": Word("Files that were left out, by reason."),
+    "left_out_files": Word("The first files of each reason by name, with what is wrong with them."),
     "null_columns": Word("Columns that imported files leave null, with the number of videos."),
     "duplicates": Word(
         "Older or repeated answers; only the newest one is used.", "{n} older answers"
@@ -214,6 +215,9 @@ WORDS: dict[str, Word] = {
     "folders": Word("Folders of a release.", "{n} folders"),
     "made": Word("Artifacts that were made.", "{n} made", always=True),
     "current": Word("Artifacts that were up to date.", "{n} up to date", always=True),
+    "merge.folders": Word("Data roots that were read.", "{n} data roots"),
+    "merge.files": Word("Files that were copied.", "{n} files", always=True),
+    "merge.requests": Word("Requests of other machines that were added.", "{n} requests"),
     "rows": Word("Rows of tables.", "{n} rows"),
     "scores": Word("Scores removed because no text needs them any more.", "{n} scores"),
     "purged": Word("Items removed for good.", "{n} removed for good", always=True),
@@ -258,6 +262,8 @@ WORDS: dict[str, Word] = {
     "without": Word("Sections of the report that have no data.", "without {n}"),
     "sandbox_model": Word("Whether scores are those of the sandbox's model.", "sandbox model: {n}"),
     "problems": Word("Why the release was refused."),
+    "doctor.checks": Word("Each thing: state (ok, note, problem), what, found, fix."),
+    "doctor.problems": Word("What stands in the way of a crawl.", "{n} problems", always=True),
     "sources": Word("Each source's rows, passages, links or deposit."),
     "left_out": Word("Why a step of the demo was left out.", "left out: {n}"),
     "assumed": Word("Assumptions of the plan.", "assumed: {n}"),

@@ -87,8 +87,17 @@ def import_files(run: Run, job: ImportJob, files: Sequence[Path]) -> Summary:
     before = cursors()
 
     def summary() -> Summary:
-        fresh = (now.things - old.things for now, old in zip(cursors(), before, strict=True))
-        return _summary(cursors(), sum(fresh))
+        now = cursors()
+        return Summary(
+            command="reddit import",
+            source="reddit",
+            counted="posts and comments",
+            crawled=sum(one.things for one in now) - sum(one.things for one in before),
+            lines=sum(one.lines for one in now),
+            bad_lines=sum(one.bad_lines for one in now),
+            truncated_files=sum(one.truncated for one in now),
+            requests=0,
+        )
 
     todo = []
     for cursor, one in zip(before, jobs.values(), strict=True):
@@ -113,7 +122,8 @@ def import_files(run: Run, job: ImportJob, files: Sequence[Path]) -> Summary:
 def _import(run: Run, jobs: list[ImportJob]) -> None:
     """Import files side by side, or the lines of one file after the other where files are few.
 
-    With a limit everything is read in order, as it counts records of all files.
+    The workers of a cluster read whole files where they lie: lines that are sent to them cost more
+    than they save. With a limit everything is read in order, as it counts records of all files.
     """
     size = sum(Path(job.file).stat().st_size for job in jobs)
     workers = 1 if run.limit else run.processes(size)
@@ -126,7 +136,7 @@ def _import(run: Run, jobs: list[ImportJob]) -> None:
         jobs = [msgspec.structs.replace(job, lease=str(leased.absolute())) for job in jobs]
         if run.limit:
             results = _in_sequence(jobs)
-        elif len(jobs) < workers:
+        elif run.engine == "local" and len(jobs) < workers:
             results = _in_sequence(jobs, executor, executor.window)
         else:
             most = int(run.settings.kb_import_memory_gb * 1e9)
@@ -191,16 +201,3 @@ def _side_by_side(
             yield waiting.popleft()[0].result()
     while waiting:
         yield waiting.popleft()[0].result()
-
-
-def _summary(cursors: list[DumpCursor], fresh: int) -> Summary:
-    return Summary(
-        command="reddit import",
-        source="reddit",
-        counted="posts and comments",
-        crawled=fresh,
-        lines=sum(cursor.lines for cursor in cursors),
-        bad_lines=sum(cursor.bad_lines for cursor in cursors),
-        truncated_files=sum(cursor.truncated for cursor in cursors),
-        requests=0,
-    )

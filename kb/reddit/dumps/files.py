@@ -20,7 +20,7 @@ import json
 import os
 import struct
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import add
 from pathlib import Path
@@ -31,6 +31,7 @@ import zstandard
 
 from kb.core.context import Run
 from kb.core.errors import SettingError
+from kb.reddit.parse import answer_tree
 
 # Every chunk is searched several times, so it should fit the processor's cache (see tests/bench).
 CHUNK = 512 << 10  # decompressed bytes of a chunk, about
@@ -39,6 +40,13 @@ _LARGEST = 256 << 20  # decompressed bytes of a block of zst_blocks; Arctic Shif
 _HEAD = 18  # bytes of the longest header of a zstd frame
 _WORKSPACE = 32 << 20  # memory besides the window: a chunk and copies of it
 _FRAME, _SKIPPED = b"\x28\xb5\x2f\xfd", b"\x2a\x4d\x18"
+_PACKED = {  # what archives of earlier years and people use, and what unpacks it
+    b"BZh": "bunzip2 -k",
+    b"\xfd7zXZ\0": "unxz -k",
+    b"]\0\0": "unlzma -k",
+    b"PK\3\4": "unzip",
+    b"7z\xbc\xaf": "7z x",
+}
 _GZIP, _BOM = b"\x1f\x8b\x08", b"\xef\xbb\xbf"
 
 
@@ -115,15 +123,24 @@ def _reader(path: Path) -> Read:
             while head and not (text := head.removeprefix(_BOM).strip()):
                 head = file.read(CHUNK)
             if not head or text.startswith(b"{"):
+                file.seek(0)
+                if file.readline(CHUNK).removeprefix(_BOM).strip() == b"{":
+                    raise SettingError(
+                        f"{path} is not a dump: its records take several lines each",
+                        hint="write one a line, as `jq -c . FILE` does",
+                    )
                 return _of_plain
     except OSError as error:
         raise SettingError(
             f"cannot read {path}: {error.strerror}", hint="give paths of dumps that exist"
         ) from None
+    unpack = next((command for mark, command in _PACKED.items() if head.startswith(mark)), None)
     raise SettingError(
         f"{path} is not a dump: it is neither zstd, zst_blocks nor gzip, and does not start with"
         " a JSON object",
-        hint="name RS_* and RC_* files, or files of one subreddit",
+        hint=f"unpack it first: {unpack} {path}"
+        if unpack
+        else "name RS_* and RC_* files, or files of one subreddit",
     )
 
 
@@ -300,6 +317,19 @@ def read_object(line: bytes) -> dict[str, Any] | None:
     return None if brackets > DEEPEST and _is_deeper(value, DEEPEST) else value
 
 
+def records_of(value: dict[str, Any]) -> Iterable[dict[str, Any]]:
+    """The posts and comments of a line: itself, or those of an answer of an API, which may be an
+    archive's ({"data": […]}) or Reddit's own.
+    """
+    data = value.get("data")
+    if "subreddit" in value or not isinstance(data, (dict, list)):
+        return (value,)
+    if isinstance(data, list):
+        return [one for one in data if isinstance(one, dict)]
+    found = (thing.data for thing in answer_tree.things(value) if thing.kind != "more")
+    return [{**one, "replies": ""} if "replies" in one else one for one in found]
+
+
 def _is_deeper(value: Any, levels: int) -> bool:
     """Whether more than `levels` lists and objects stand within each other; without recursion."""
     level = [value] if isinstance(value, (dict, list)) else []
@@ -379,5 +409,6 @@ def _holds_records(file: Path) -> bool:
         return False
     if start is None:
         return file.stat().st_size > 0
-    records = filter(None, map(read_object, start.splitlines()))
+    objects = filter(None, map(read_object, start.splitlines()))
+    records = (record for one in objects for record in records_of(one))
     return any("subreddit" in one and ("title" in one or "body" in one) for one in records)

@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from ahocorasick_rs import BytesAhoCorasick
 
-from kb.reddit.dumps.files import Chunk, read_object
+from kb.reddit.dumps.files import Chunk, read_object, records_of
 from kb.reddit.parse import answer_tree
 from kb.schema.decode import in_batches
 from kb.store.atomic import replacing_folder, write_bytes
@@ -72,9 +72,11 @@ class SubredditSearch:
             if record is None:
                 if data[first:stop].strip():
                     bad.append(first)
-            elif self._takes(record):
-                taken += 1
-                take(offset + stop - begin, record)
+                continue
+            wanted = [one for one in records_of(record) if self._takes(one)]
+            taken += bool(wanted)
+            for one in wanted:
+                take(offset + stop - begin, one)
         every = offset < CHECKED or 2 * taken >= lines
         if len(hits) < lines and (every or well_formed < lines):
             at = begin

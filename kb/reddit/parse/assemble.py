@@ -53,7 +53,10 @@ def assemble(newest: dict[str, pa.Table]) -> dict[str, pa.Table]:
     things = newest_of(newest)
     is_post = pc.starts_with(things["fullname"], "t3_")
     posts, comments = things.filter(is_post), things.filter(pc.invert(is_post))
-    posts = with_unread(posts, comments, _marks(newest))
+    named = [part.select(["fullname", "post_id", "state"]) for part in newest.values()]
+    states = pa.concat_tables(named)
+    marks = states.filter(pc.is_in(states["state"], value_set=pa.array(MARKS)))
+    posts = with_unread(posts, comments, marks)
     posts = _named(posts)
     return {"reddit/posts": posts, "reddit/comments": _comments(_named(comments), posts)}
 
@@ -79,14 +82,6 @@ def newest_of(answers: dict[str, pa.Table]) -> pa.Table:
     rows = rows.append_column("real", pc.not_equal(rows["state"], "stub"))
     latest = newest(rows, ["fullname"], ["real", "fetched_at", "rank"])
     return latest.drop_columns(["rank", "real"]).combine_chunks()
-
-
-def _marks(newest: dict[str, pa.Table]) -> pa.Table:
-    """Which parts of trees are known, of all kinds of answers."""
-    rows = pa.concat_tables(
-        [part.select(["fullname", "post_id", "state"]) for part in newest.values()]
-    )
-    return rows.filter(pc.is_in(rows["state"], value_set=pa.array(MARKS)))
 
 
 def _named(rows: pa.Table) -> pa.Table:

@@ -92,9 +92,13 @@ def _age(run: Run, source: str, part: ReleasedTable) -> list[GateProblem]:
     if days is None or "fetched_at" not in part.table.names(released=True):
         return []
     limit = clock.now() - timedelta(days=days)
+    # The terms of a service are about what it was asked for, not about files that people have.
+    aging = PUBLISHED[source].aging
+    asked = " OR ".join(f"{column} = '{value}'" for column, value in aging) or "true"
     with database.asking() as con:
         row = con.execute(
-            "SELECT count(*), min(fetched_at)::DATE FROM read_parquet(?) WHERE fetched_at < ?",
+            "SELECT count(*), min(fetched_at)::DATE FROM read_parquet(?)"
+            f" WHERE fetched_at < ? AND ({asked})",
             [[str(path) for path in part.shards], limit],
         ).fetchone()
     if not row or not row[0]:
@@ -107,16 +111,14 @@ def _age(run: Run, source: str, part: ReleasedTable) -> list[GateProblem]:
 
 def _unscored(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) -> list[GateProblem]:
     """Texts without a toxicity score, in clean/ and as released."""
+    if not run.profile.toxicity.on:
+        return []  # the card says so
     shards = {part.table.name: part.shards for part in readable}
     problems = []
     for declared in released_tables(folder.source):
         where = f"{folder.source}/{declared.short}"
         clean = _count_unscored(Layout(run.root).rows(declared.name), {*declared.names()})
-        command = (
-            f"run `kb {folder.source} filter` and `kb {folder.source} export` again"
-            if run.profile.toxicity.on
-            else "the release is incomplete, toxicity is off in the profile"
-        )
+        command = f"run `kb {folder.source} filter` and `kb {folder.source} export` again"
         problems += [
             GateProblem(
                 "toxicity", where, f"{rows:,} rows have no toxicity score of {text}; {command}"

@@ -20,12 +20,11 @@ from kb import __version__
 from kb.core.context import Run
 from kb.core.installation import install_extra, lock_digest, software_address
 from kb.core.licences import licence
-from kb.core.publication import Publication
 from kb.core.source import Source
 from kb.core.sources import PUBLISHED
 from kb.release import provenance
-from kb.release.metadata.measure import ColumnFacts, Facts, TableFacts
-from kb.release.metadata.templates import SANDBOX_NOTE, about, language, md, name, render
+from kb.release.metadata.measure import Facts, TableFacts
+from kb.release.metadata.templates import about, language, md, name, notes, render
 from kb.release.provenance import Changes
 
 WIDTH = 40  # of the longest bar, in characters
@@ -53,8 +52,8 @@ def picture(facts: Facts) -> list[Bar]:
     of = PUBLISHED[facts.source]
     if isinstance(of, Source) and of.stages:
         return _bars(_funnel(facts, of))
-    keyword = _column(facts, of)
-    return _bars(list(keyword.top) if keyword is not None else [])
+    main = [column for one in facts.tables if one.table.short == of.main for column in one.columns]
+    return _bars([one for fact in main if fact.column.name == of.pictured for one in fact.top])
 
 
 def _funnel(facts: Facts, source: Source) -> list[tuple[str, int]]:
@@ -77,12 +76,6 @@ def _bars(steps: list[tuple[str, int]]) -> list[Bar]:
     return [Bar(name, n, "█" * max(1, round(WIDTH * n / most))) for name, n in steps if n]
 
 
-def _column(facts: Facts, of: Publication) -> ColumnFacts | None:
-    main = next((one for one in facts.tables if one.table.short == of.main), None)
-    columns = main.columns if main is not None else ()
-    return next((one for one in columns if one.column.name == of.pictured), None)
-
-
 # The hub's size categories, a power of ten each.
 SIZES = (
     *("n<1K", "1K<n<10K", "10K<n<100K", "100K<n<1M", "1M<n<10M", "10M<n<100M", "100M<n<1B"),
@@ -91,7 +84,6 @@ SIZES = (
 
 
 def size_category(rows: int) -> str:
-    """The one of SIZES."""
     return SIZES[min(max(len(str(rows)) - 3, 0), len(SIZES) - 1)]
 
 
@@ -103,7 +95,7 @@ def card(run: Run, facts: Facts, changed: Changes) -> str:
     return render(
         "card.md",
         **_in_markdown(run, facts),
-        title=about(run.profile, facts.source).title,
+        title=about(run.profile, facts).title,
         language=language(run),
         size_category=size_category(facts.rows),
         tags=_search_words(run, facts),
@@ -119,7 +111,6 @@ def card(run: Run, facts: Facts, changed: Changes) -> str:
 
 
 def datasheet(run: Run, facts: Facts) -> str:
-    """The datasheet."""
     return render(
         "datasheet.md",
         **_in_markdown(run, facts),
@@ -137,7 +128,7 @@ def citation(run: Run, facts: Facts) -> str:
         version=__version__,
         address=software_address(),
         lock=lock_digest(),
-        about=about(run.profile, facts.source),
+        about=about(run.profile, facts),
         facts=facts,
         published=run.profile.release.published_at(facts.source),
         release=run.profile.release,
@@ -149,7 +140,7 @@ def bibtex(run: Run, facts: Facts) -> str:
     """How to cite the folder."""
     return render(
         "citation.bib",
-        about=about(run.profile, facts.source),
+        about=about(run.profile, facts),
         facts=facts,
         key=name(run, facts).replace("-", "_"),
         published=run.profile.release.published_at(facts.source),
@@ -162,7 +153,7 @@ def law(run: Run, facts: Facts) -> str:
     """LICENSE. Names of licences are the wiki's own words, so each stays on its line."""
     return render(
         "licence.txt",
-        about=about(run.profile, facts.source),
+        about=about(run.profile, facts),
         facts=facts,
         law=licence(facts.licence),
     )
@@ -171,11 +162,11 @@ def law(run: Run, facts: Facts) -> str:
 def _in_markdown(run: Run, facts: Facts) -> dict[str, Any]:
     section = run.profile.release
     return {
-        "about": about(run.profile, facts.source, md),
+        "about": about(run.profile, facts, md),
         "contact": section.contact or section.homepage or "the depositor of this record",
         "facts": facts,
         "law": licence(facts.licence),
-        "note": SANDBOX_NOTE,
+        "notes": notes(facts),
         "install": install_extra(PUBLISHED[facts.source].extra),
         "release": section,
         "software": _software(),
@@ -185,7 +176,7 @@ def _in_markdown(run: Run, facts: Facts) -> dict[str, Any]:
 
 
 def _search_words(run: Run, facts: Facts) -> list[str]:
-    words = about(run.profile, facts.source).words
+    words = about(run.profile, facts).words
     return list(dict.fromkeys((run.profile.name, *words, *run.profile.release.keywords)))
 
 

@@ -2,22 +2,25 @@
 
 Source: https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html and
 croissant-rai-spec.html. Made without mlcroissant, which the tests use to validate it and to load
-every record.
+every record. What a folder was made of, by which steps and software, is in terms of W3C's PROV-O
+(https://www.w3.org/TR/prov-o/).
 """
+
+from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from datetime import datetime
 from typing import Any
 
 from kb.core.config.profile.products import Creator
 from kb.core.context import Run
 from kb.core.licences import licence
-from kb.core.sources import PUBLISHED
+from kb.core.sources import SOURCES, made_of
 from kb.release.metadata.card import bibtex
-from kb.release.metadata.lineage import CONTEXT as PROV
-from kb.release.metadata.lineage import lineage
 from kb.release.metadata.measure import DataFile, Facts, TableFacts
-from kb.release.metadata.templates import SANDBOX_NOTE, about, day, language, name
+from kb.release.metadata.templates import about, dataset_name, day, language, name, notes
+from kb.release.provenance import made_with
 from kb.schema.tables import Column
 
 PARQUET = "application/x-parquet"
@@ -54,7 +57,7 @@ CONTEXT: dict[str, Any] = {
     "name": {"@container": "@language"},
     "parentField": "cr:parentField",
     "path": "cr:path",
-    "prov": PROV,
+    "prov": "http://www.w3.org/ns/prov#",
     "recordSet": "cr:recordSet",
     "references": "cr:references",
     "regex": "cr:regex",
@@ -71,21 +74,27 @@ CONTEXT: dict[str, Any] = {
 
 def croissant(run: Run, facts: Facts) -> str:
     """The whole document as text."""
-    prose, section = about(run.profile, facts.source), run.profile.release
+    prose, section = about(run.profile, facts), run.profile.release
     published = section.published_at(facts.source)
+    files = [
+        *(file for table in facts.tables for file in _files(table)),
+        *map(_archive, facts.others),
+    ]
+    for file in files:
+        if published.files and "contentUrl" in file:  # absolute, as the profile says where
+            file["contentUrl"] = f"{published.files}/{file['name']}"
     document = {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
         "conformsTo": CONFORMS,
         "name": name(run, facts),
-        "description": prose.summary + (f" {SANDBOX_NOTE}" if facts.sandbox else ""),
+        "description": " ".join((prose.summary, *notes(facts))),
         "license": licence(facts.licence).url,
         "version": section.version,
         "citeAs": bibtex(run, facts),
         "creator": [_creator(one) for one in section.creators],
         "keywords": list(dict.fromkeys((run.profile.name, *prose.words, *section.keywords))),
-        "datePublished": day(facts.built),
-        "dateModified": day(facts.built),
+        **({"datePublished": day(facts.built)} if facts.built else {}),
         "inLanguage": language(run),
         **({"url": section.homepage} if section.homepage else {}),
         **({"identifier": f"https://doi.org/{published.doi}"} if published.doi else {}),
@@ -99,23 +108,10 @@ def croissant(run: Run, facts: Facts) -> str:
         },
         **lineage(run, facts),
         **_responsible(run, facts),
-        "distribution": [
-            _addressed(one, published.files)
-            for one in (
-                *(file for table in facts.tables for file in _files(table)),
-                *map(_archive, facts.others),
-            )
-        ],
+        "distribution": files,
         "recordSet": [_records(table) for table in facts.tables],
     }
     return json.dumps(document, ensure_ascii=False, indent=1) + "\n"
-
-
-def _addressed(file: dict[str, Any], place: str | None) -> dict[str, Any]:
-    """The file with an absolute `contentUrl` where the profile says what that will be."""
-    return (
-        file | {"contentUrl": f"{place}/{file['name']}"} if place and "contentUrl" in file else file
-    )
 
 
 def _creator(creator: Creator) -> dict[str, Any]:
@@ -136,13 +132,11 @@ def _not_for(uses: Iterable[str]) -> list[str]:
 
 
 def _responsible(run: Run, facts: Facts) -> dict[str, Any]:
-    prose = about(run.profile, facts.source)
+    prose = about(run.profile, facts)
     emails, phones = (sum(counts[i] for counts in facts.personal.values()) for i in (1, 2))
     fields = {
         "rai:dataCollection": prose.collection,
-        "rai:dataCollectionType": ["Web API", "Web scraping"]
-        if PUBLISHED[facts.source].scraped
-        else ["Web API"],
+        "rai:dataCollectionType": list(prose.kinds),
         "rai:dataCollectionRawData": prose.raw,
         "rai:dataCollectionMissingData": prose.absent,
         "rai:dataPreprocessingProtocol": list(prose.processing),
@@ -275,3 +269,78 @@ def _described(column: Column) -> str:
     if column.why_null:
         parts.append(f"Null: {column.why_null}.")
     return " ".join(parts)
+
+
+def lineage(run: Run, facts: Facts) -> dict[str, Any]:
+    """`prov:wasDerivedFrom` and `prov:wasGeneratedBy` of a folder."""
+    return {
+        "prov:wasDerivedFrom": _origins(run, facts.source),
+        "prov:wasGeneratedBy": _activities(run, facts),
+    }
+
+
+def _origins(run: Run, source: str) -> list[dict[str, Any]]:
+    """The service that a source reads, or the data sets that others are made of."""
+    if source not in SOURCES:
+        return [
+            {"@type": "prov:Entity", "prov:label": dataset_name(run.profile, one)}
+            for one in made_of(source)
+        ]
+    of = SOURCES[source]
+    entity = {"@type": "prov:Entity", "prov:label": of.title}
+    if address := of.origin(run.profile):
+        entity["url"] = address
+    return [entity]
+
+
+def _activities(run: Run, facts: Facts) -> list[dict[str, Any]]:
+    """A step each, in order. Times are those of the data; a step without them has none."""
+    prose = about(run.profile, facts)
+    steps: list[tuple[str, str, tuple[datetime, datetime] | None]] = [
+        ("collection", prose.collection, facts.read),
+        ("processing", " ".join(prose.processing), None),
+        *(
+            ("annotation", f"Toxicity was scored by {model} {revision} in {precision}.", None)
+            for model, revision, precision in facts.models
+        ),
+        ("release", f"Version {run.profile.release.version} was checked and described.", None),
+    ]
+    return [
+        {
+            "@type": "prov:Activity",
+            "prov:label": label,
+            "description": text,
+            **(
+                {
+                    "prov:startedAtTime": times[0].isoformat(),
+                    "prov:endedAtTime": times[1].isoformat(),
+                }
+                if times
+                else {}
+            ),
+            "prov:wasAssociatedWith": _agent(run),
+        }
+        for label, text, times in steps
+    ]
+
+
+def _agent(run: Run) -> dict[str, Any]:
+    """The software, with what decides its results."""
+    used = made_with(run)
+    software, profile = used["software"], used["profile"]
+    return {
+        "@type": "prov:SoftwareAgent",
+        "prov:label": software["name"],
+        "softwareVersion": software["version"],
+        **({"url": software["url"]} if "url" in software else {}),
+        "additionalProperty": [
+            {"@type": "sc:PropertyValue", "name": name, "value": value}
+            for name, value in (
+                ("lock_sha256", software["lock_sha256"]),
+                ("profile", profile["name"]),
+                ("profile_sha256", profile["sha256"]),
+                ("seed", profile["seed"]),
+            )
+            if value != ""
+        ],
+    }

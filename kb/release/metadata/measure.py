@@ -65,20 +65,33 @@ class TableFacts:
 
     @property
     def size(self) -> int:
-        """Bytes of all shards."""
         return sum(file.size for file in self.files)
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
-    """All of a folder. `rejected` is (stage, reason) → rows; `spans` are dates of the material
-    itself.
-
-    `gaps` are sentences on what these very rows lack, `quality` on how good they are.
+class Way:
+    """A way by which rows of a source came, as the data root records it. `counts` are a table, its
+    rows that came so, and all of its rows; `undated` of them don't say when they were read.
     """
 
     source: str
-    built: datetime
+    name: str
+    counts: tuple[tuple[str, int, int], ...] = ()
+    read: Span | None = None
+    undated: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """All of a folder. `built` is SOURCE_DATE_EPOCH, None without it; `read` and `made` are dates
+    of reading and of the material itself; `rejected` is (stage, reason) → rows.
+
+    `unscored`: the toxicity of no text was scored. `gaps` are sentences on what these very rows
+    lack, `quality` on how good they are.
+    """
+
+    source: str
+    built: datetime | None
     tables: tuple[TableFacts, ...]
     others: tuple[DataFile, ...]
     licence: str
@@ -90,18 +103,18 @@ class Facts:
     pending: int
     models: tuple[tuple[str, str, str], ...]
     tombstones: int
+    ways: tuple[Way, ...] = ()
+    unscored: bool = False
     personal: dict[tuple[str, str], tuple[int, int, int]] = field(default_factory=dict)
     gaps: tuple[str, ...] = ()
     quality: tuple[str, ...] = ()
 
     @property
     def rows(self) -> int:
-        """Rows of all tables."""
         return sum(table.rows for table in self.tables)
 
     @property
     def size(self) -> int:
-        """Bytes of all data files."""
         return sum(table.size for table in self.tables) + sum(file.size for file in self.others)
 
     @property
@@ -130,11 +143,15 @@ def _facts(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> Facts:
     read = _span(con, _times(folder, "fetched_at")) or _span(
         con, _read_times(run.root, made_of(folder.source))
     )
-    of = PUBLISHED[folder.source]
+    of, sources, built = (
+        PUBLISHED[folder.source],
+        made_of(folder.source),
+        run.settings.source_date_epoch,
+    )
     made = _span(con, _times(folder, "published_at", "created_utc", "revision_timestamp"))
     return Facts(
         source=folder.source,
-        built=_built(run, read, made),
+        built=None if built is None else datetime.fromtimestamp(built, UTC),
         tables=tables,
         others=tuple(
             DataFile(path.name, path.stat().st_size, None, digest(path)) for path in folder.others
@@ -147,7 +164,10 @@ def _facts(con: DuckDBPyConnection, run: Run, folder: ReleaseFolder) -> Facts:
         failed=_count(Layout(run.root).clean(folder.source, "failed")),
         pending=_count(Layout(run.root).clean(folder.source, "pending")),
         models=models(run.root, folder.source),
-        tombstones=sum(len(tombstones.keys(run.root, one)) for one in made_of(folder.source)),
+        tombstones=sum(len(tombstones.keys(run.root, one)) for one in sources),
+        ways=tuple(way for one in sources for way in _ways(con, run.root, one)),
+        unscored=not run.profile.toxicity.on
+        or any("toxicity" in filtered(run.root, one) for one in sources),
         personal=personal_counts(folder),
         gaps=tuple(of.gaps(con, folder)),
         quality=of.quality(con, run.root, folder),
@@ -221,11 +241,35 @@ def _models(root: Path, source: str) -> tuple[tuple[str, str, str], ...]:
         return tuple(rows.fetchall())
 
 
-def _built(run: Run, *spans: Span | None) -> datetime:
-    """SOURCE_DATE_EPOCH, or the newest time in the data: never the time of this run."""
-    if run.settings.source_date_epoch is not None:
-        return datetime.fromtimestamp(run.settings.source_date_epoch, UTC)
-    return next((span[1] for span in spans if span), datetime(1970, 1, 1, tzinfo=UTC))
+def _ways(con: DuckDBPyConnection, root: Path, source: str) -> Iterator[Way]:
+    """How the clean rows of a source came: those of its ways that left a record here."""
+    at, of = Layout(root), SOURCES[source]
+    if not at.rows(f"{source}/{of.main}"):
+        return
+    for name, recorded in of.ways.items():
+        if recorded.raw:
+            answers = any(at.raw(source, recorded.raw).glob("*.ndjson.zst*"))
+            if answers != recorded.absent and at.raw(source).is_dir():
+                yield Way(source, name)
+            continue
+        counts, known, undated = [], [], 0
+        for declared in sorted(released_tables(source), key=lambda one: one.short != of.main):
+            files = at.rows(declared.name)
+            if not files or recorded.column not in declared.names():
+                continue
+            came = f"FILTER ({recorded.column} = '{recorded.value}')"
+            total, n, dated, low, high = con.execute(
+                f"SELECT count(*), count(*) {came}, count(fetched_at) {came},"
+                f" {_LOW.format('fetched_at')} {came}, {_HIGH.format('fetched_at')} {came}"
+                f" FROM {scan(files)}"
+            ).fetchall()[0]
+            if n:
+                counts.append((declared.short, n, total))
+                known += [time.replace(tzinfo=UTC) for time in (low, high) if time is not None]
+                undated += n - dated
+        if counts:
+            read = (min(known), max(known)) if known else None
+            yield Way(source, name, tuple(counts), read, undated)
 
 
 def _table(con: DuckDBPyConnection, part: ReleasedTable) -> TableFacts:

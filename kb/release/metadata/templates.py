@@ -17,7 +17,7 @@ import functools
 import json
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -29,12 +29,13 @@ from kb.core.config.profile import Profile
 from kb.core.context import Run
 from kb.core.sources import SOURCES
 from kb.core.templates import environment
-from kb.release.metadata.measure import Facts
+from kb.release.metadata.measure import Facts, Way
 
 SANDBOX_NOTE = (
     "Made with the sandbox's tiny toxicity model, whose scores mean nothing about real texts: "
     "for trying the software only, not for publication."
 )
+UNSCORED_NOTE = "Toxicity: not scored. No text was scored, and none was left out for its toxicity."
 # What ends a line, moves a cursor or turns the direction of what follows.
 _UNSEEN = re.compile(r"[\s\x00-\x1f\x7f-\x9f\u2028\u2029\u200e\u200f\u202a-\u202e\u2066-\u2069]+")
 # An underscore inside a word is no markup: game_label stays as it is.
@@ -44,7 +45,6 @@ _BIBTEX = {"\\": r"\textbackslash{}", **{sign: f"\\{sign}" for sign in "{}&%$#_"
 
 
 def day(moment: datetime) -> str:
-    """2026-11-20."""
     return moment.strftime("%Y-%m-%d")
 
 
@@ -92,6 +92,11 @@ def folded(text: str) -> str:
     return json.dumps(text, ensure_ascii=False)
 
 
+def notes(facts: Facts) -> list[str]:
+    """What must stand on the first screen of a card, and in the metadata."""
+    return [SANDBOX_NOTE] * facts.sandbox + [UNSCORED_NOTE] * facts.unscored
+
+
 def language(run: Run) -> str:
     """Language of the material as the profile gives it: ISO 639, two letters or three."""
     return run.profile.youtube.language if run.profile.youtube else "en"
@@ -103,7 +108,6 @@ def name(run: Run, facts: Facts) -> str:
 
 
 def dataset_name(profile: Profile, source: str) -> str:
-    """The same of any release folder."""
     return f"lorecrawl-{profile.name}-{source}"
 
 
@@ -130,7 +134,10 @@ def render(name: str, **values: Any) -> str:
 
 
 class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One source in sentences: for card, datasheet, Croissant's RAI part and the deposit."""
+    """One source in sentences: for card, datasheet, Croissant's RAI part and the deposit.
+
+    `kinds` are Croissant's types of collection.
+    """
 
     title: str
     summary: str
@@ -148,35 +155,78 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     words: tuple[str, ...]
     tasks: tuple[str, ...]
     attribution: str
+    kinds: tuple[str, ...] = ()
 
 
-def about(profile: Profile, source: str, show: Callable[[str], str] = line) -> About:
-    """The sentences on a source, each in one line: those that are true of any domain, then the
-    profile's own. `show` writes the profile's words, such as `md` for Markdown.
+class AboutWay(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What follows from one way by which rows came: [ways.<name>] of a source's sentences."""
+
+    collection: str
+    kind: str
+    biases: tuple[str, ...] = ()
+    limits: tuple[str, ...] = ()
+    upkeep: str = ""
+
+
+def about(profile: Profile, facts: Facts, show: Callable[[str], str] = line) -> About:
+    """The sentences on a folder, each in one line: those that are true of any domain, what follows
+    from the recorded ways, then the profile's own. `show` writes the profile's words, such as `md`
+    for Markdown.
     """
-    neutral, own = _neutral(source, show(profile.title)), profile.release
+    values = {"topic": show(profile.title), "scored": not facts.unscored, "profile": profile}
+    neutral = msgspec.convert(_rendered(_sentences(facts.source), values), About)
+    ways = [
+        msgspec.convert(
+            _rendered(_sentences(one.source)["ways"][one.name], values | _said(one)), AboutWay
+        )
+        for one in facts.ways
+    ]
+    own = profile.release
     return msgspec.structs.replace(
         neutral,
-        biases=(*neutral.biases, *map(show, own.biases)),
-        limits=(*neutral.limits, *map(show, own.limits)),
+        collection=line(" ".join([neutral.collection, *(one.collection for one in ways)])),
+        kinds=tuple(dict.fromkeys([*(one.kind for one in ways), *neutral.kinds])),
+        upkeep=line(" ".join([neutral.upkeep, *(one.upkeep for one in ways)])),
+        biases=(*neutral.biases, *_of(ways, "biases"), *map(show, own.biases)),
+        limits=(*neutral.limits, *_of(ways, "limits"), *map(show, own.limits)),
         uses=(*neutral.uses, *map(show, own.uses)),
         avoid=(*neutral.avoid, *map(show, own.avoid)),
     )
 
 
+def _of(ways: Iterable[AboutWay], name: str) -> list[str]:
+    return list(dict.fromkeys(sentence for one in ways for sentence in getattr(one, name)))
+
+
+def _said(way: Way) -> dict[str, Any]:
+    """What the sentences of a way may name: `rows` that came so, and when they were `read`."""
+    parts = [
+        f"all {total:,} {table}" if n == total else f"{n:,} of {total:,} {table} ({n / total:.1%})"
+        for table, n, total in way.counts
+    ]
+    return {
+        "rows": " and ".join(parts),
+        "read": span(way.read) if way.read else "",
+        "undated": f"{way.undated:,}" if way.undated else "",
+    }
+
+
 @functools.cache
-def _neutral(source: str, topic: str) -> About:
+def _sentences(source: str) -> dict[str, Any]:
     path = TEMPLATES / "about" / f"{source}.toml"
     if not path.is_file():  # a source may bring its own
         path = SOURCES[source].folder / "about.toml"
-    sentences = {
-        name: _render(text, topic)
-        for name, text in tomllib.loads(path.read_text(encoding="utf-8")).items()
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+def _rendered(sentences: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Every sentence filled, in one line; a list leaves out those that come to nothing."""
+
+    def fill(text: str) -> str:
+        return line(ENVIRONMENT.from_string(text).render(values))
+
+    return {
+        name: fill(text) if isinstance(text, str) else [said for one in text if (said := fill(one))]
+        for name, text in sentences.items()
+        if name != "ways"
     }
-    return msgspec.convert(sentences, About)
-
-
-def _render(text: str | list[str], topic: str) -> str | list[str]:
-    if isinstance(text, list):
-        return [line(ENVIRONMENT.from_string(one).render(topic=topic)) for one in text]
-    return line(ENVIRONMENT.from_string(text).render(topic=topic))

@@ -15,7 +15,7 @@ from kb.core.context import Run
 from kb.core.installation import software_address
 from kb.core.licences import licence
 from kb.release.metadata.measure import Facts
-from kb.release.metadata.templates import SANDBOX_NOTE, about, day, language, name, span
+from kb.release.metadata.templates import about, day, language, name, notes, span
 
 # Two letters, as profiles write them, and the three that Zenodo asks for.
 _CODES = """
@@ -80,7 +80,7 @@ class DepositMetadata(_Part):
     title: Text
     description: Text
     creators: tuple[DepositCreator, ...] = Field(min_length=1)
-    publication_date: str = Field(pattern=r"^\d{4}-\d{2}-\d{2}$")
+    publication_date: str | None = Field(None, pattern=r"^\d{4}-\d{2}-\d{2}$")
     access_right: Literal["open"] = "open"
     license: Text
     version: str = Field(pattern=r"^\d+\.\d+\.\d+$")
@@ -101,7 +101,7 @@ class Document(_Part):
 
 def deposit(run: Run, facts: Facts) -> str:
     """zenodo.json as text."""
-    section, prose = run.profile.release, about(run.profile, facts.source)
+    section, prose = run.profile.release, about(run.profile, facts)
     metadata = DepositMetadata(
         title=prose.title,
         description=_description(run, facts),
@@ -109,12 +109,12 @@ def deposit(run: Run, facts: Facts) -> str:
             DepositCreator(name=one.name, affiliation=one.affiliation, orcid=one.orcid)
             for one in section.creators
         ),
-        publication_date=day(facts.built),
+        publication_date=day(facts.built) if facts.built else None,
         license=licence(facts.licence).zenodo,
         version=section.version,
         language=three_letters(language(run)),
         keywords=tuple(dict.fromkeys((run.profile.title, *prose.words, *section.keywords))),
-        notes=SANDBOX_NOTE if facts.sandbox else None,
+        notes=" ".join(notes(facts)) or None,
         communities=tuple(Community(identifier=one) for one in section.communities) or None,
         related_identifiers=_related(section.homepage) or None,
     )
@@ -140,7 +140,7 @@ def _related(homepage: str | None) -> tuple[Related, ...]:
 
 def _description(run: Run, facts: Facts) -> str:
     """HTML, as Zenodo shows it."""
-    prose = about(run.profile, facts.source)
+    prose = about(run.profile, facts)
     tables = "".join(
         (
             f"<li><b>{html.escape(table.table.short)}</b>:"

@@ -6,15 +6,13 @@ not ours to answer for, and a part that was sent is not sent again either way.
 """
 
 import contextlib
-import io
 import logging
-import threading
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import Any, cast
 
 from kb import __version__
 from kb.core import clock, signals
@@ -36,6 +34,7 @@ PUBLIC = "https://huggingface.co"
 KIND = "dataset"
 MAIN = "main"
 THREADS = 4  # files on their way at a time
+PACK = 16  # files between two looks at whether the run is asked to end
 TIMEOUT_S = (10.0, 300.0)  # seconds to connect, and between two bytes of an answer
 _SHOWN = 400  # characters of a message
 _GO_ON = "the same command resumes"
@@ -152,24 +151,27 @@ class Hub:
         self,
         repo: str,
         parent: str,
-        files: Mapping[str, tuple[Path | bytes, str | None]],
+        files: Mapping[str, Path | bytes],
         removed: Sequence[str],
         title: str,
         sent: Callable[[int], None],
     ) -> str:
-        """A new revision after `parent` with these files (path → its place and, where known, its
-        SHA-256) and without those removed; its id.
+        """A new revision after `parent` with these files (path → its place or content) and without
+        those removed; its id.
 
         Large files go first; those that the hub has already, from an earlier run too, are not sent.
-        `sent` is told the bytes that left. Raises Interrupted in the midst of a file.
+        `sent` is told the bytes that left. Raises Interrupted between two packs of files.
         """
-        from huggingface_hub import CommitOperationDelete
+        from huggingface_hub import CommitOperationAdd, CommitOperationDelete
 
         with self._errors(repo):
-            added = [_addition(path, *what, sent) for path, what in files.items()]
-            self._api.preupload_lfs_files(repo, added, repo_type=KIND, num_threads=THREADS)
-            signals.stop.check()
-            operations = [*added, *map(CommitOperationDelete, removed)]
+            added = [CommitOperationAdd(path, content) for path, content in files.items()]
+            for start in range(0, len(added), PACK):
+                pack = added[start : start + PACK]
+                self._api.preupload_lfs_files(repo, pack, repo_type=KIND, num_threads=THREADS)
+                sent(sum(one.upload_info.size for one in pack))
+                signals.stop.check()
+            operations: list[Any] = [*added, *map(CommitOperationDelete, removed)]
             done = self._api.create_commit(
                 repo,
                 operations,
@@ -332,60 +334,3 @@ def _limited(headers: Any) -> Stopped:
         hint="run the same command then",
         reset_at=back,
     )
-
-
-def _addition(
-    path: str, content: Path | bytes, sha256: str | None, sent: Callable[[int], None]
-) -> Any:
-    """A file of a commit that tells how much of it left, and stops when the run is asked to end."""
-    from huggingface_hub import CommitOperationAdd
-
-    count = _Count(sent)
-
-    class WatchedAddition(CommitOperationAdd):
-        """Opens its file watched."""
-
-        @contextlib.contextmanager
-        def as_file(self, with_tqdm: bool = False) -> Iterator[BinaryIO]:
-            """The bytes to send."""
-            if isinstance(content, bytes):
-                yield io.BytesIO(content)
-                return
-            with _WatchedFile(content, count) as file:
-                yield cast("BinaryIO", file)
-
-    one = WatchedAddition(path, content)
-    if sha256 is not None:
-        one.upload_info.sha256 = bytes.fromhex(sha256)  # the gate has just compared it
-    return one
-
-
-class _Count:
-    """How far a file has been read. What is read again, for another try, is not told twice."""
-
-    _lock = threading.Lock()  # several files leave at a time
-
-    def __init__(self, sent: Callable[[int], None]) -> None:
-        self._sent, self._farthest = sent, 0
-
-    def reach(self, place: int) -> None:
-        """The file was read up to here."""
-        with self._lock:
-            if place > self._farthest:
-                self._sent(place - self._farthest)
-                self._farthest = place
-
-
-class _WatchedFile(io.BufferedReader):
-    """A file on its way out."""
-
-    def __init__(self, path: Path, count: _Count) -> None:
-        super().__init__(io.FileIO(path))
-        self._count = count
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        """The next bytes. Raises Interrupted."""
-        signals.stop.check()
-        data = super().read(-1 if size is None else size)
-        self._count.reach(self.tell())
-        return data

@@ -26,9 +26,8 @@ from kb.release.gate import GateProblem, check
 from kb.release.metadata.measure import models
 from kb.release.publish import repository, upload
 from kb.release.publish.hub import PUBLIC, check_installed, check_name
-from kb.release.publish.service import TIMEOUT_S, stray
 from kb.release.publish.upload import Upload, document_of
-from kb.release.publish.zenodo import Zenodo
+from kb.release.publish.zenodo import TIMEOUT_S, Zenodo, stray
 from kb.store.artifact_registry import SUMS
 from kb.store.lock import RELEASES, writer
 from kb.store.tables.reading import SANDBOX_MODEL
@@ -93,7 +92,13 @@ def _deposit(
             signals.stop.check()
             deposits[folder.source] = Upload(run, service, folder).go(publish=publish)
         except KbError as error:
-            error.args = (_with_folder(folder, error, deposits),)
+            public = [
+                f"{source} ({one['doi'] or one['id']})"
+                for source, one in deposits.items()
+                if one["state"] == "published"
+            ]
+            before = f"; published before that: {', '.join(public)}" if public else ""
+            error.args = (f"{folder.source}: {error}{before}",)
             error.summary = _summary(deposits)
             raise
     return _summary(deposits)
@@ -150,18 +155,6 @@ def _summary(deposits: dict[str, dict[str, Any]]) -> Summary:
             source: {name: what for name, what in one.items() if name != "uploaded"}
             for source, one in deposits.items()
         },
-    )
-
-
-def _with_folder(folder: ReleaseFolder, error: KbError, deposits: dict[str, dict[str, Any]]) -> str:
-    """The error with the folder it is about, and with what is public already."""
-    public = [
-        f"{source} ({one['doi'] or one['id']})"
-        for source, one in deposits.items()
-        if one["state"] == "published"
-    ]
-    return f"{folder.source}: {error}" + (
-        f"; published before that: {', '.join(public)}" if public else ""
     )
 
 

@@ -4,11 +4,14 @@ One repository with a folder each, not one each: `load_dataset("ORG/NAME", confi
 table, and one tag names a version of all. A run makes at most one revision, so that readers see all
 of it or nothing; large files that an interrupted run has sent are there for the next one. What a
 folder no longer holds is removed from the newest revision; older ones keep it until `squash`.
+
+`load_dataset` reads the card at the root only. So the metadata of the folders' cards are joined
+there, with the folders' names before those of the files.
 """
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,18 +23,17 @@ from kb.core.errors import FatalError, SettingError
 from kb.core.sources import PUBLISHED
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase, plan
-from kb.release.publish.hub import MAIN, Hub, Revision, check_name
-from kb.release.publish.records import Records, record_key
-from kb.release.publish.repository_card import CARD, metadata_of, repository_card
-from kb.release.publish.upload import document_of, local_files
+from kb.release.metadata.card import SIZES
+from kb.release.publish.hub import MAIN, PACK, Hub, Revision, check_name
+from kb.release.publish.upload import Records, document_of, local_files, record_key
 from kb.store.artifact_registry import SUMS
 from kb.store.tables.checksums import digest
 
+CARD = "README.md"
 _VERSION = re.compile(r"v\d+\.\d+\.\d+")
 # What a repository may hold that somebody made on the site and that has no data yet.
 _BARE = {".gitattributes", ".gitignore", "LICENSE", CARD}
 _SHA256 = 64  # characters of a digest; git's have 40
-_PACK = 256  # files that one request of the package names
 
 
 def send(
@@ -63,7 +65,7 @@ def send(
         for path in local_files(folder)
     }
     mine = _names(exports) if only else {*PUBLISHED, *_names(exports)}
-    others = sorted(_folders(newest.files) - mine)
+    others = sorted(one for one in {*PUBLISHED} - mine if f"{one}/{SUMS}" in newest.files)
     tag = f"v{_version(exports)}"
     cards = {folder.path.name: (folder.path / CARD).read_text("utf-8") for folder in exports}
     cards |= {one: service.text(repo, newest.id, f"{one}/{CARD}") for one in others}
@@ -75,15 +77,15 @@ def send(
         for path in newest.files
         if "/" in path and path.partition("/")[0] in mine and path not in wanted
     ]
-    files: dict[str, tuple[Path | bytes, str | None]] = {
-        path: (wanted[path], digests[path]) for path in changed
-    }
+    files: dict[str, Path | bytes] = {path: wanted[path] for path in changed}
     if newest.files.get(CARD) != _git_oid(card):
-        files[CARD] = (card, None)
+        files[CARD] = card
     head = newest.id
     if files or gone:
         signals.stop.check()
-        size = sum(wanted[path].stat().st_size for path in changed)
+        size = sum(
+            len(one) if isinstance(one, bytes) else one.stat().st_size for one in files.values()
+        )
         with run.progress.task(f"upload {repo}", size, "bytes") as task:
             head = service.commit(repo, newest.id, files, gone, f"Version {tag[1:]}", task.advance)
     older, tags = service.older(repo), service.tags(repo)
@@ -95,9 +97,11 @@ def send(
         if tag in tags:
             service.untag(repo, tag)  # the same version, made again
         service.tag(repo, tag, head)
+    left: dict[str, str] = known.get("files", {})
+    kept = {path: what for path, what in left.items() if path.partition("/")[0] in others}
     records.write(
         record_key(endpoint, repo),
-        {"repository": repo, "files": digests | _kept(known, others), "revision": head, "tag": tag},
+        {"repository": repo, "files": digests | kept, "revision": head, "tag": tag},
     )
     more = {"older_revisions": older, "older_tags": ", ".join(sorted({*tags} - {tag}))}
     return Summary(_summary(service.root, repo, tag, head, exports, files, gone) | more)
@@ -123,7 +127,7 @@ def planned(
         new = [path for path in inside if there.get(path) != digests[path]]
         size = sum((folder.path / path.partition("/")[2]).stat().st_size for path in new)
         large = sum((folder.path / path.partition("/")[2]) in folder.data for path in new)
-        requests = 2 * large + 2 * -(-len(new) // _PACK)  # bytes and a check; modes and addresses
+        requests = 2 * large + 2 * -(-len(new) // PACK)  # bytes and a check; modes and addresses
         phases.append(PlanPhase(f"upload {folder.source}", len(new), requests, gb=size / 1e9))
     mine = _names(exports) if only else {path.partition("/")[0] for path in there}
     removed = [path for path in there if path not in digests and path.partition("/")[0] in mine]
@@ -243,19 +247,8 @@ def _git_oid(data: bytes) -> str:
     return hashlib.sha1(b"blob %d\0" % len(data) + data, usedforsecurity=False).hexdigest()
 
 
-def _folders(files: Mapping[str, str]) -> set[str]:
-    """The release folders that a revision holds."""
-    return {one for one in PUBLISHED if f"{one}/{SUMS}" in files}
-
-
 def _names(exports: Sequence[ReleaseFolder]) -> set[str]:
     return {folder.path.name for folder in exports}
-
-
-def _kept(known: Mapping[str, Any], others: Sequence[str]) -> dict[str, str]:
-    """What is recorded of the folders that this run left alone."""
-    files: Mapping[str, str] = known.get("files", {})
-    return {path: what for path, what in files.items() if path.partition("/")[0] in others}
 
 
 def _summary(
@@ -291,3 +284,112 @@ def _summary(
         removed=len(gone),
         sources=sources,
     )
+
+
+def metadata_of(card: str) -> dict[str, Any]:
+    """The YAML of a folder's card as plain values."""
+    from huggingface_hub import DatasetCard
+
+    data: Any = DatasetCard(card, ignore_metadata_errors=True).data
+    return dict(data.to_dict())
+
+
+def joined(title: str, cards: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """The metadata of a repository, of its folders' in their order: lists without repeats, every
+    config with its folder, and one default.
+    """
+    configs, infos = [], []
+    for folder, card in cards.items():
+        mine = [_in_folder(folder, config) for config in card.get("configs", [])]
+        infos += _infos(card.get("dataset_info"), mine)
+        configs += mine
+    for config in configs:
+        config.pop("default", None)
+    if configs:
+        configs[0]["default"] = True
+    lists = {
+        name: list(dict.fromkeys(one for card in cards.values() for one in _list(card.get(name))))
+        for name in ("license", "language", "size_categories", "task_categories", "tags")
+    }
+    sizes = [one for one in SIZES if one in lists["size_categories"]]
+    lists["size_categories"] = sizes[-1:] or lists["size_categories"]
+    whole = {
+        "license": lists.pop("license"),
+        "pretty_name": title,
+        **lists,
+        "configs": configs,
+        "dataset_info": infos,
+    }
+    return {name: what for name, what in whole.items() if what}
+
+
+def repository_card(
+    repo: str, title: str, about: str, version: str, cards: Mapping[str, Mapping[str, Any]]
+) -> str:
+    """The text of README.md."""
+    from huggingface_hub import DatasetCardData
+
+    whole = joined(title, cards)
+    names = [config["config_name"] for config in whole.get("configs", [])]
+    rows = "\n".join(
+        f"| [{folder}]({folder}/README.md) | {card.get('pretty_name', folder)}"
+        f" | {', '.join(config['config_name'] for config in card.get('configs', []))}"
+        f" | {', '.join(_list(card.get('license')))} |"
+        for folder, card in cards.items()
+    )
+    first = names[0] if names else ""
+    return f"""---
+{DatasetCardData(**whole).to_yaml().rstrip()}
+---
+
+# {title}
+
+{about} Version {version}.
+
+Each folder is a release of its own, with its own licence, card, datasheet, metadata and checksums.
+
+| folder | what it holds | tables | licence |
+| --- | --- | --- | --- |
+{rows}
+
+```python
+from datasets import load_dataset
+
+rows = load_dataset("{repo}", "{first}", split="train")  # any table above; streaming=True works too
+```
+
+```sh
+hf download {repo} --repo-type dataset --local-dir release
+kb verify release     # whether every file is as it was published
+kb restore release    # the content, with your own keys or dumps
+```
+
+Rows that were removed since an earlier version are listed in each folder's `tombstones.ndjson`;
+remove them from your copies, too.
+"""
+
+
+def _in_folder(folder: str, config: Mapping[str, Any]) -> dict[str, Any]:
+    """A config whose files lie in a folder."""
+    files = [
+        {**one, "path": [f"{folder}/{path}" for path in _list(one["path"])]}
+        if isinstance(one.get("path"), list)
+        else {**one, "path": f"{folder}/{one['path']}"}
+        for one in config.get("data_files", [])
+    ]
+    return {**config, "data_files": files}
+
+
+def _infos(infos: Any, configs: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """What a card says of its tables, each with the config's name: a card with one may leave it
+    out.
+    """
+    names = [str(config["config_name"]) for config in configs]
+    listed = [infos] if isinstance(infos, Mapping) else infos or []
+    return [{"config_name": names[0], **one} if len(names) == 1 else dict(one) for one in listed]
+
+
+def _list(value: Any) -> list[Any]:
+    if value is None:
+        return []
+    return list(value) if isinstance(value, list | tuple) else [value]

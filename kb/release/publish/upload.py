@@ -8,17 +8,19 @@ the meantime with these files is recorded, not published again.
 import json
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core import signals
 from kb.core.context import Run
+from kb.core.errors import DamagedData
 from kb.core.summary.plan import PlanPhase
 from kb.release.folders import DEPOSIT
 from kb.release.metadata.zenodo import Document
-from kb.release.publish.records import Records, record_key
-from kb.release.publish.service import Forbidden, Gone, doi, page
-from kb.release.publish.zenodo import Zenodo, md5
+from kb.release.publish.zenodo import Forbidden, Gone, Zenodo, doi, md5, page
 from kb.store.artifact_registry import SUMS
+from kb.store.atomic import write_text
+from kb.store.layout import Layout
 from kb.store.tables.checksums import digest
 
 
@@ -163,7 +165,6 @@ class Upload:
 
 
 def _shown(state: str, record: dict[str, Any], uploaded: int = 0) -> dict[str, Any]:
-    """What the summary says of a deposit."""
     return {
         "state": state,
         "id": record["id"],
@@ -175,3 +176,55 @@ def _shown(state: str, record: dict[str, Any], uploaded: int = 0) -> dict[str, A
 
 def _md5_of(file: dict[str, Any]) -> str:
     return str(file.get("checksum", "")).removeprefix("md5:")
+
+
+def record_key(address: str, name: str) -> str:
+    """The key of a folder or repository at a service. It begins with the host: the ports of a
+    loopback service change with each start, hosts don't.
+    """
+    return f"{urlsplit(address).hostname}/{name}"
+
+
+class Records:
+    """`state/deposits.json`: what was uploaded where, by service and folder or repository.
+
+    Ids and digests, no token.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.path = Layout(root).deposits
+
+    def all(self) -> dict[str, Any]:
+        """Every entry. Raises DamagedData."""
+        if not self.path.exists():
+            return {}
+        try:
+            state = json.loads(self.path.read_text(encoding="utf-8"))
+        except ValueError:
+            state = None
+        if not isinstance(state, dict) or not all(
+            isinstance(one, dict) and _is_entry(one) for one in state.values()
+        ):
+            raise DamagedData(
+                f"{self.path} is damaged",
+                hint="restore it, or move it away: then new drafts are made,"
+                " also of what was published before",
+            )
+        return state
+
+    def get(self, key: str) -> dict[str, Any]:
+        return dict(self.all().get(key, {}))
+
+    def write(self, key: str, entry: dict[str, Any]) -> None:
+        write_text(
+            self.path, json.dumps(self.all() | {key: entry}, indent=1, sort_keys=True) + "\n"
+        )
+
+
+def _is_entry(entry: dict[str, Any]) -> bool:
+    """Whether an entry of the state reads as one of ours: of a deposit or of a repository."""
+    if "repository" in entry:
+        return isinstance(entry["repository"], str) and isinstance(entry.get("files"), dict)
+    return all(isinstance(entry[name], int) for name in ("id", "draft") if name in entry) and (
+        "id" in entry or "published" not in entry
+    )

@@ -40,6 +40,7 @@ CREATE TABLE offsets (kind TEXT NOT NULL, segment TEXT NOT NULL, offset INTEGER 
 MIGRATIONS = {1: "CREATE INDEX items_by_order ON items (kind, seq);"}
 # Of an item in progress: one that had failed before keeps its reason until it is answered.
 PUT_BACK = "status = CASE WHEN reason IS NULL THEN 'todo' ELSE 'error' END"
+MERGED = "merged "  # what cursors of other machines' ledgers begin with
 SYNCHRONOUS = "FULL"  # a commit is on disk when it returns
 UNREADABLE = (msgspec.DecodeError, TypeError, RecursionError, UnicodeDecodeError)
 
@@ -188,6 +189,52 @@ class State:
                 "UPDATE ledger SET outcome = ?, units = units * ? WHERE id = ?",
                 (outcome, int(sent), row),
             )
+
+    def add_ledger(self, other: "State", name: str) -> int:
+        """Add another state's ledger, each request once; how many were new.
+
+        The cursor MERGED + `name` keeps how far it was read, and which of our rows came of it. What
+        `other` has from a third machine may have come here on another way.
+        """
+        columns = "at, day, bucket, units, endpoint, outcome"
+        with self.transaction(), other._access():
+            known, ours = self.cursor(MERGED + name, [0, []])
+            (last,) = other._db.execute("SELECT coalesce(max(id), 0) FROM ledger").fetchone()
+            (first,) = self._db.execute("SELECT coalesce(max(id), 0) + 1 FROM ledger").fetchone()
+            after = known if known <= last else 0
+            third = " OR ".join(f"id BETWEEN {a} AND {b}" for a, b in other.merged()) or "FALSE"
+            chosen = f"SELECT {columns} FROM ledger WHERE id > ? AND "
+            self._db.executemany(
+                f"INSERT INTO ledger ({columns}) VALUES (?, ?, ?, ?, ?, ?)",
+                other._db.execute(f"{chosen} NOT ({third})", (after,)),
+            )
+            self._db.execute(f"CREATE TEMP TABLE third AS SELECT {columns} FROM ledger LIMIT 0")
+            self._db.executemany(
+                "INSERT INTO third VALUES (?, ?, ?, ?, ?, ?)",
+                other._db.execute(f"{chosen} ({third})", (after,)),
+            )
+            self._db.execute(
+                f"INSERT INTO ledger ({columns}) SELECT {columns} FROM (SELECT *, row_number() OVER"
+                f" (PARTITION BY {columns}) AS number FROM third) AS new WHERE number > (SELECT"
+                " count(*) FROM ledger AS old WHERE old.bucket = new.bucket AND old.day = new.day"
+                " AND old.at = new.at AND old.endpoint = new.endpoint AND old.units = new.units"
+                " AND old.outcome IS new.outcome AND old.id < ?)",
+                (first,),
+            )
+            self._db.execute("DROP TABLE third")
+            (end,) = self._db.execute("SELECT coalesce(max(id), 0) FROM ledger").fetchone()
+            if end >= first or last != known:
+                rows = [*ours, [first, end]] if end >= first else ours
+                self.set_cursor(MERGED + name, [last, rows])
+            return int(end - first + 1)
+
+    def merged(self) -> list[tuple[int, int]]:
+        """The first and last id of each stretch of ledger rows that came from other machines."""
+        with self._access():
+            rows = self._db.execute(
+                "SELECT value FROM cursors WHERE name LIKE ?", (f"{MERGED}%",)
+            ).fetchall()
+        return [(a, b) for (value,) in rows for a, b in msgspec.json.decode(value)[1]]
 
     def spent(self, bucket: str, day: str) -> int:
         """Units of a bucket spent on a day."""

@@ -107,6 +107,13 @@ def lift(root: Path, source: str, back: Collection[str], reasons: Collection[str
     return len(rows) - len(kept)
 
 
+def unite(root: Path, source: str, other: Path) -> None:
+    """Add the tombstones of another data root, people's included. Raises DiskFull."""
+    theirs = _files(other, source)
+    if theirs and _union([*_files(root, source), *theirs]) != _union(_files(root, source)):
+        _write(root, source, _union([*_files(root, source), *theirs]))
+
+
 def heal(root: Path, source: str) -> None:
     """Make both files hold every tombstone. Call it under the writer's lock. Raises DiskFull."""
     files = _files(root, source)

@@ -1,6 +1,6 @@
 """Counts kept, rejected, failed and pending rows in clean/<source> for all summaries."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -58,17 +58,26 @@ def _keys(folder: Path, tables: Mapping[str, str], stage: str = "") -> dict[str,
 
 
 def span(
-    files: Iterable[Path], column: str, limit: datetime
+    files: Iterable[Path],
+    column: str,
+    limit: datetime,
+    of: Sequence[tuple[str, str]] = (),
 ) -> tuple[datetime | None, datetime | None, int]:
-    """The first and last time of a column, and how many are before `limit`.
+    """The first and last time of a column, and how many are before `limit`: of all rows, or
+    of those with one of the values `of` columns.
 
     Nothing for files without that column. Raises DamagedData.
     """
     having = [path for path in files if column in pq.read_schema(path).names]
     if not having:
         return None, None, 0
+    names = {name for path in having for name in pq.read_schema(path).names}
+    counted = " OR ".join(f"{name} = '{value}'" for name, value in of if name in names) or "true"
     with reading(having), database.over(having) as con:
-        sql = f"min({column}) AS first, max({column}) AS last, count(*) FILTER ({column} < ?) AS n"
+        sql = (
+            f"min({column}) AS first, max({column}) AS last,"
+            f" count(*) FILTER ({column} < ? AND ({counted})) AS n"
+        )
         rows = con.sql(f"SELECT {sql} FROM {scan(having)}", params=[limit]).to_arrow_table()
     row = rows.to_pylist()[0]
     return row["first"], row["last"], row["n"]

@@ -252,14 +252,11 @@ def question(run: Run, cost: QuestionCost) -> OnlineAnswer:
             api.close()
         finally:
             ledger.close()
-    titles = [_title(one) for one in answer.get("items", [])]
+    items = answer.get("items", [])
+    titles = [terminal.shown(str(one.get("snippet", {}).get("title", ""))) for one in items]
     searched = f"a search for {terminal.shown(words)}"
     if not titles:
         fix = "search for words that channels of the domain use in their names"
         return OnlineAnswer(ERROR, "youtube.keywords", f"{searched} finds no channel", fix, WRONG)
     shown = ", ".join(titles[:3])
     return OnlineAnswer(NOTE, "youtube.keywords", f"{searched} finds channels such as {shown}")
-
-
-def _title(item: dict[str, Any]) -> str:
-    return terminal.shown(str(item.get("snippet", {}).get("title", "")))

@@ -21,6 +21,9 @@ from kb.crawl.id_list import IdRules
 _ID = re.compile(r"[A-Za-z0-9_-]{11}")
 _FIRST = re.compile(r"([A-Za-z0-9_-]{11})(?![A-Za-z0-9_-])")  # people add "?t=30" behind anything
 _ARCHIVED = re.compile(r"youtube ([A-Za-z0-9_-]{11})")  # a line of yt-dlp's download archive
+_OF_DATA_SET = re.compile(  # ActivityNet's names, and those of clips in Kinetics and VATEX
+    r"v_([A-Za-z0-9_-]{11})|([A-Za-z0-9_-]{11})_\d{6}_\d{6}"
+)
 _WORD = re.compile(r"[A-Za-z]?[a-z]{10}")
 _BULLET = re.compile(r"(?:[-*•]|\d+[.)])\s+")
 _PLAIN = re.compile(  # most addresses of most lists; the long way takes many times as long
@@ -54,10 +57,13 @@ def video_of(text: str) -> str | None:
         return text
     if plain := _PLAIN.fullmatch(text):
         return _id(plain[1])
+    if named := _OF_DATA_SET.fullmatch(text):
+        return named[1] or named[2]
     if archived := _ARCHIVED.fullmatch(text):
         return archived[1]
-    named = {video_of_address(word.strip(_AROUND)) for word in text.split()} - {None}
-    return named.pop() if len(named) == 1 else None
+    words = text.replace("](", " ").split()  # a link of Markdown
+    found = {video_of_address(word.strip(_AROUND)) for word in words} - {None}
+    return found.pop() if len(found) == 1 else None
 
 
 def is_unmistakable(text: str) -> bool:
@@ -65,7 +71,7 @@ def is_unmistakable(text: str) -> bool:
     text = text.strip(_AROUND)
     if _ID.fullmatch(text):
         return not _WORD.fullmatch(text)
-    return video_of_address(text) is not None
+    return _OF_DATA_SET.fullmatch(text) is not None or video_of_address(text) is not None
 
 
 def video_of_address(address: str) -> str | None:

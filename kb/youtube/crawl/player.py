@@ -88,11 +88,9 @@ def largest_stream(streams: Any) -> tuple[int | None, int | None, int | None]:
     for kind in ("adaptiveFormats", "formats"):
         listed = streams.get(kind) if isinstance(streams, dict) else None
         for stream in listed if isinstance(listed, list) else ():
-            size: list[Any] = (
-                [stream.get(name) for name in ("width", "height")]
-                if isinstance(stream, dict)
-                else []
-            )
+            size: list[Any] = []
+            if isinstance(stream, dict) and not is_storyboard(stream):
+                size = [stream.get(name) for name in ("width", "height")]
             if len(size) == 2 and all(isinstance(edge, int) and edge > 0 for edge in size):
                 fps = stream.get("fps")
                 sizes.append(
@@ -102,6 +100,11 @@ def largest_stream(streams: Any) -> tuple[int | None, int | None, int | None]:
         return None, None, None
     _, fps, width, height = max(sizes)
     return width, height, fps or None
+
+
+def is_storyboard(stream: dict[str, Any]) -> bool:
+    """Whether what yt-dlp lists as a format is sheets of small pictures, or has no picture."""
+    return stream.get("vcodec") == "none" or "mhtml" in (stream.get("ext"), stream.get("protocol"))
 
 
 def _named(node: Any, name: str) -> Iterator[Any]:

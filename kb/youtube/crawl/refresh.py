@@ -20,7 +20,6 @@ import msgspec
 
 from kb.core import clock
 from kb.core.config.profile.collecting import YouTubeSection
-from kb.core.config.profile.collecting import YouTubeSection as Profile
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase as Step
@@ -59,13 +58,6 @@ COUNT = Phase(
     bucket=quota.STATISTICS,
     limited=True,
 )
-
-
-class Due(NamedTuple):
-    """Ids of videos that are due, by the call that reads them."""
-
-    statistics: list[str]
-    metadata: list[str]
 
 
 class _VideoId(msgspec.Struct, gc=False):
@@ -115,10 +107,10 @@ def newest(root: Path, kind: str) -> dict[str, Reading]:
 def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
     """What a refresh would read again now, and its units by bucket. Sends and writes nothing."""
     purged = tombstones.keys(run.root, "youtube")
-    due = _due(run, run.profile.section(YouTubeSection), purged, older_than)
+    metadata, counts = _due(run, run.profile.section(YouTubeSection), purged, older_than)
     phases = [
-        _step("videos to refresh", REFRESH, len(due.metadata)),
-        _step("statistics to refresh", STATISTICS, len(due.statistics)),
+        _step("videos to refresh", REFRESH, len(metadata)),
+        _step("statistics to refresh", STATISTICS, len(counts)),
     ]
     assumed = [
         f"{PACK} videos a call",
@@ -133,27 +125,29 @@ def _step(name: str, kind: str, items: int) -> Step:
     return Step(name, items, requests=calls, units=calls, gb=calls * BYTES_A_CALL[kind] / 1e9)
 
 
-def _due(run: Run, profile: Profile, purged: Collection[str], older_than: int | None) -> Due:
-    """Videos whose metadata, or counts, are older than so many days; by default what the profile
-    allows for the metadata.
+def _due(
+    run: Run, profile: YouTubeSection, purged: Collection[str], older_than: int | None
+) -> tuple[list[str], list[str]]:
+    """Videos whose metadata, and those whose counts alone, are older than so many days; by default
+    what the profile allows for the metadata.
     """
     days = profile.max_age_days if older_than is None else older_than
     oldest = clock.now() - timedelta(days=days)
     too_old = clock.now() - timedelta(days=max(days, profile.max_age_days))
     in_full, filed = newest(run.root, RAW_VIDEOS), newest(run.root, RAW_INFO)
     statistics = newest(run.root, RAW_STATISTICS)
-    due = Due([], [])
+    metadata, counts = list[str](), list[str]()
     for key in {**in_full, **filed}:
         if key in purged:
             continue
         full = in_full.get(key)
         counted = max(times[key].at for times in (in_full, filed, statistics) if key in times)
         if clock.parse((full or filed[key]).at) < too_old:
-            due.metadata.append(key)
+            metadata.append(key)
         elif clock.parse(counted) < oldest or older_than == 0:
             # With 0 days also what was read in this very second.
-            (due.metadata if full is None else due.statistics).append(key)
-    return due
+            (metadata if full is None else counts).append(key)
+    return metadata, counts
 
 
 def refresh(run: Run, older_than: int | None = None) -> Summary:
@@ -188,8 +182,8 @@ class YouTubeRefresh(YouTubeConnector):
         if not self._goes_on:
             due = _due(self.run, self.profile, self.opened.purged, self._older_than)
             with frontier.transaction():
-                frontier.replace(STATISTICS, due.statistics)
-                frontier.replace(REFRESH, due.metadata)
+                for phase, keys in zip((REFRESH, STATISTICS), due, strict=True):
+                    frontier.replace(phase, keys)
                 frontier.set_cursor(ROUND, self._older_than)
         if not any(frontier.ready(phase.kind) for phase in self.chosen):
             days = self.profile.max_age_days if self._older_than is None else self._older_than

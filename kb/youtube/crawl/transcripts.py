@@ -21,13 +21,16 @@ from youtube_transcript_api import YouTubeTranscriptApi
 from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.config.settings import Settings
 from kb.core.errors import Retryable
+from kb.core.languages import one_name
 from kb.net.rate import Pace
 from kb.net.retry import PATIENCE_S, attempt, blocked
 from kb.net.session import Door, HttpSession, failure, refusal
 from kb.youtube.crawl import player
 from kb.youtube.ytdlp import subtitles
+from kb.youtube.ytdlp.tracks import TrackLanguage, language_of
 
 SITE = "https://www.youtube.com/"
+EMPTY_TRIES = 2  # of a track without text in one run
 REDIRECTS = 5  # in a row
 # names of requests in the ledger
 _ENDPOINTS = {"/watch": "watch", "/youtubei/v1/player": "player", "/api/timedtext": "timedtext"}
@@ -61,7 +64,7 @@ class Fetcher:
         self._session.max_redirects = REDIRECTS
         self._session.mount("", SiteDoor(settings.kb_youtube_web, before))
         self._session.hooks["response"].append(self._inspect)
-        self._page, self._answer, self._needs_token = "", None, False
+        self._page, self._answer, self._needs_token, self._is_empty = "", None, False, False
         self._api = YouTubeTranscriptApi(http_client=self._session)
 
     def close(self) -> None:
@@ -76,11 +79,16 @@ class Fetcher:
         no fact about the video, and Retryable after the last try.
         """
         self._pace.wait()
+        empty = 0
 
         def once() -> dict[str, Any]:
+            nonlocal empty
             try:
                 return self._once(video_id, second)
             except Retryable as error:
+                empty += self._is_empty
+                if empty == EMPTY_TRIES:  # it stays so for hours
+                    return {"video_id": video_id, "outcome": "failed", "reason": error.reason}
                 if probe and error.throttled:
                     raise blocked(
                         f"YouTube still turns this address away ({error})", error.after
@@ -92,7 +100,7 @@ class Fetcher:
         )
 
     def _once(self, video_id: str, second: bool) -> dict[str, Any]:
-        self._page, self._answer, self._needs_token = "", None, False
+        self._page, self._answer, self._needs_token, self._is_empty = "", None, False, False
         answer: dict[str, Any] = {
             "video_id": video_id,
             "outcome": "ok",
@@ -129,7 +137,11 @@ class Fetcher:
         ) as error:
             # An empty body of the timed text raises the parser's own error.
             if not (self._needs_token and isinstance(error, ParseError)):
-                raise Retryable(_reason(error)) from None
+                # Without the address, which holds the page's key.
+                code = str(getattr(error, "reason", "")).split(" ")[0]
+                raise Retryable(
+                    f"HTTP {code} from YouTube" if code.isdigit() else type(error).__name__
+                ) from None
             answer |= {"outcome": "po_token"}
         except (requests.RequestException, urllib3.exceptions.HTTPError) as error:
             # Of an address that leads nowhere the site's own answers are to blame, not the video.
@@ -159,7 +171,7 @@ class Fetcher:
             if second and (translate or not track.is_generated):
                 continue
             try:
-                shown = track.translate(language) if translate else track
+                shown = track.translate(_code_of(language, track)) if translate else track
             except (lib.NotTranslatable, lib.TranslationLanguageNotAvailable):
                 continue
             cues = (self._with_word_times(track) if shown is track else None) or [
@@ -192,17 +204,13 @@ class Fetcher:
             return None
 
     def _by_preference(self, tracks: Any) -> Iterator[tuple[Any, bool]]:
-        language = self._profile.language
+        wanted = TrackLanguage(self._profile.language)
         listed = list(tracks)
-        own = [
-            track
-            for track in listed
-            if track.language_code == language or track.language_code.startswith(f"{language}-")
-        ]
+        own = [track for track in listed if wanted.spoken(track.language_code)]
         own.sort(
             key=lambda track: (
                 track.is_generated,
-                track.language_code != language,
+                language_of(track.language_code) != language_of(wanted.name),
                 track.language_code,
             )
         )
@@ -236,7 +244,14 @@ class Fetcher:
                 self._answer = None
         elif path == "/api/timedtext":
             # The body of such a track is empty for whoever sends no token.
-            self._needs_token = _asks_for_token(response.url) and not response.content
+            self._is_empty = response.ok and not response.content.strip()
+            self._needs_token = _asks_for_token(response.url) and self._is_empty
+
+
+def _code_of(language: str, track: Any) -> str:
+    """The site's own code of a language that it translates to."""
+    codes: list[str] = [one.language_code for one in track.translation_languages]
+    return next((code for code in codes if one_name(code) == one_name(language)), language)
 
 
 def _asks_for_token(address: str) -> bool:
@@ -286,9 +301,3 @@ class SiteDoor(Door):
         if self._root and url.startswith(f"{self._root}/"):
             return SITE + url.removeprefix(f"{self._root}/")
         return url
-
-
-def _reason(error: Exception) -> str:
-    """A short reason without the address, which holds the page's key."""
-    code = str(getattr(error, "reason", "")).split(" ")[0]
-    return f"HTTP {code} from YouTube" if code.isdigit() else type(error).__name__

@@ -34,7 +34,7 @@ from kb.store.tables.partition import RawKind
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.view_counting import view_rule
 from kb.youtube.ytdlp import info, tracks
-from kb.youtube.ytdlp.tracks import ENGLISH, TrackLanguage
+from kb.youtube.ytdlp.tracks import ENGLISH, TrackLanguage, language_of
 
 COMPLETE, ABSENT = "complete", "absent"
 MISMATCH, NEGATIVE, UNORDERED = "mismatch", "negative", "unordered"
@@ -186,8 +186,8 @@ def assemble(
     `words` counts the words of each list of texts; `language` chooses among imported tracks.
     Adds to the parsed columns: `link`, `imported` (whether a file tells of it), `width`, `height`
     (px; the largest stream's when known, else the embed frame's), `fps`, `view_rule`,
-    `age_restricted`, `game_label_id`, `game_label`, `transcript_outcome` (null: not asked),
-    `transcript_kind`, `word_count`.
+    `metadata_origin`, `age_restricted`, `game_label_id`, `game_label`, `transcript_outcome` (null:
+    not asked), `transcript_kind`, `word_count`.
     """
     videos = one_row_each(latest.get("videos"), latest.get("ytdlp_info"), latest.get("statistics"))
     outcomes = tracks.with_imported(
@@ -218,10 +218,11 @@ def unanswered(root: Path) -> Iterator[tuple[str, str]]:
 def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
     side = aligned(transcripts, "video_id", column(videos, "video_id"))
     outcome = column(side, "outcome")
+    from_file: Any = pa.scalar(False)
     if FROM_FILE in videos.column_names:
         # Nobody will read the label of a video that only a file tells of: keywords decide.
-        alone = pc.and_(column(videos, FROM_FILE), pc.is_null(outcome))
-        outcome = pc.if_else(alone, tracks.NOT_IMPORTED, outcome)
+        from_file = column(videos, FROM_FILE)
+        outcome = pc.if_else(pc.and_(from_file, pc.is_null(outcome)), tracks.NOT_IMPORTED, outcome)
         videos = videos.drop_columns([FROM_FILE])
     else:
         nowhere = pa.repeat(pa.scalar(False), videos.num_rows)
@@ -248,6 +249,7 @@ def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
         "word_count": pc.if_else(had, column(side, "word_count"), pa.scalar(None, pa.int64())),
         "problems": _renamed(column(videos, "problems")),
     }
+    own["metadata_origin"] = pc.if_else(from_file, "file", pa.array(["api"] * videos.num_rows))
     for name, values in own.items():
         videos = put(videos, name, values)
     return videos.append_column("view_rule", view_rule(videos))
@@ -303,10 +305,14 @@ def _tracks(transcripts: pa.Table, words: Callable[[Any], pa.Array[Any]]) -> pa.
     automatic = pc.fill_null(pc.equal(column(transcripts, "kind"), "asr"), False)
     one_each = lists(pa.repeat(pa.scalar(1), len(flat)), flat.field("text"))
     starts, verdict = checked(cues, automatic, words(one_each))
-    fields = [flat.field("start_s"), _lengths(cues, flat, original), flat.field("text"), starts]
+    begin, length = _stretched(cues, flat.field("start_s"), _lengths(cues, flat, original), starts)
+    fields = [begin, length, flat.field("text"), starts]
     names = ["start_s", "duration_s", "text", "word_start_s"]
     made = pa.StructArray.from_arrays(fields, names=names)
+    given = column(transcripts, "language")
+    languages = [one and language_of(one) for one in given.to_pylist()]
     own = {
+        "language": pa.array(languages, given.type),
         "cues": lists(pc.list_value_length(cues), made),
         "word_times": pc.if_else(automatic, verdict, pa.scalar(None, pa.string())),
     }
@@ -332,6 +338,35 @@ def _lengths(cues: pa.Array[Any], flat: Any, automatic: pa.Array[Any]) -> pa.Arr
         length.slice(0, len(length) - 1),
     )
     return pa.concat_arrays([before_last, length.slice(len(length) - 1)])
+
+
+def _stretched(
+    cues: pa.Array[Any], start: pa.Array[Any], length: pa.Array[Any], words: pa.Array[Any]
+) -> tuple[pa.Array[Any], pa.Array[Any]]:
+    """Start and length (s) of cues that hold all their words, the last one until the next cue
+    begins but at most a second.
+    """
+    times = pa.table({"cue": pc.list_parent_indices(words), "at": pc.list_flatten(words)})
+    times = times.group_by("cue").aggregate([("at", "min"), ("at", "max")])
+    place = pc.index_in(
+        pa.array(range(len(start)), pa.int64()), times["cue"].combine_chunks().cast(pa.int64())
+    )
+    first, last = (times[f"at_{side}"].combine_chunks().take(place) for side in ("min", "max"))
+    track = pc.list_parent_indices(cues)
+    same = pc.equal(track.slice(1), track.slice(0, max(len(track) - 1, 0)))
+    nothing = pa.scalar(None, start.type)
+    following = pa.concat_arrays(
+        [pc.if_else(same, start.slice(1), nothing), pa.nulls(min(len(start), 1), start.type)]
+    )
+    until = pc.add(last, 1)
+    is_later = pc.fill_null(pc.greater(following, last), False)
+    until = pc.if_else(is_later, pc.min_element_wise(until, following), until)
+    end = pc.add(start, length)
+    late = pc.fill_null(pc.greater_equal(last, end), False)
+    early = pc.fill_null(pc.less(first, start), False)
+    begin = pc.if_else(early, first, start)
+    stretched = pc.round(pc.subtract(pc.if_else(late, until, end), begin), 3)
+    return begin, pc.if_else(pc.or_(late, early), stretched, length)
 
 
 def _renamed(problems: pa.Array[Any]) -> pa.Array[Any]:

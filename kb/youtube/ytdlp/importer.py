@@ -7,7 +7,7 @@ as the disk lists them, a few at a time.
 
 import hashlib
 import os
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -27,10 +27,11 @@ from kb.store.state import tombstones
 from kb.youtube.crawl.connector import YouTubeConnector
 from kb.youtube.crawl.reduce import RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES
 from kb.youtube.parse.channels import ChannelFilter
-from kb.youtube.ytdlp import info, subtitles
+from kb.youtube.ytdlp import info, lenient, subtitles
 
 AT_ONCE = 256  # answers that are written and synced together
 AT_ONCE_BYTES = 8 << 20
+NAMED = 20  # files left out for one reason that are named
 LARGEST = 1 << 30  # bytes of a file; one larger is not yt-dlp's
 BROKEN_INFO, BROKEN_SUBTITLES = "broken_info", "broken_subtitles"
 NAMELESS, FOREIGN, PURGED, UNREADABLE = "without_video_id", "other_sites", "purged", "unreadable"
@@ -91,6 +92,7 @@ class _Import:
         self._bytes = 0
         self.counts: Counter[str] = Counter()
         self.left_out: Counter[str] = Counter()
+        self.named: defaultdict[str, list[str]] = defaultdict(list)
         self.null: Counter[str] = Counter()
 
     def read(self, folders: Sequence[Path]) -> None:
@@ -115,7 +117,7 @@ class _Import:
         named = info.subtitle_name(name)
         if named is None and not name.endswith(info.INFO):
             if (reason := info.left_out_as(name)) is not None:
-                self.left_out[reason] += 1
+                self._leave_out(reason, name)
             return
         try:
             about = entry.stat()
@@ -131,17 +133,25 @@ class _Import:
                 made = list(self._info(data, params, changed))
             else:
                 made = [self._subtitles(entry, named, data, params, changed)]
-        except OSError:
-            self.left_out[UNREADABLE] += 1
-        except ValueError:
-            self.left_out[BROKEN_INFO if named is None else BROKEN_SUBTITLES] += 1
+        except OSError as error:
+            self._leave_out(UNREADABLE, name, error.strerror or "")
+        except ValueError as error:
+            kind = BROKEN_INFO if named is None else BROKEN_SUBTITLES
+            self._leave_out(kind, name, str(error).splitlines()[0])
         except _LeftOut as reason:
-            self.left_out[str(reason)] += 1
+            self._leave_out(str(reason), name)
         else:
             self._waiting += made
             self._bytes += len(data)
             self._known.add(key)
             self.counts["imported_files"] += 1
+
+    def _leave_out(self, reason: str, name: str, why: str = "") -> None:
+        """Count a file that is not imported, and name the first of each reason."""
+        self.left_out[reason] += 1
+        if self.left_out[reason] <= NAMED:
+            shown = name.encode(errors="surrogateescape").decode(errors="replace")
+            self.named[reason].append(f"{shown} ({why})" if why else shown)
 
     def _info(
         self, data: bytes, params: dict[str, Any], changed: datetime
@@ -179,13 +189,13 @@ class _Import:
         params: dict[str, Any],
         changed: datetime,
     ) -> tuple[str, Envelope]:
-        text = data.decode("utf-8-sig")  # UnicodeDecodeError is a ValueError
+        text = lenient.text_of(data).removeprefix("\ufeff")
         if not subtitles.read(named.format, text).cues:
             raise ValueError("no cue in it")
         video = None
         if named.video_id is None or self._left_out:
             video = _video_beside(Path(entry.path), named.stem)
-        video_id = named.video_id or (video and video["id"])
+        video_id = named.video_id or (video and video["id"]) or named.or_else
         if video_id is None:
             raise _LeftOut(NAMELESS)
         theirs = self._left_out.theirs(RAW_INFO, {}, video or {})
@@ -226,7 +236,7 @@ class _Import:
         if not self.left_out:
             return "there is no info.json and no subtitle file"
         reason, count = self.left_out.most_common(1)[0]
-        return f"{reason.replace('_', ' ')} ({count:,} files)"
+        return f"{reason.replace('_', ' ')} ({count:,} files), such as {self.named[reason][0]}"
 
     def summary(self) -> Summary:
         """What was imported, what was left out by reason, and which columns stay null."""
@@ -240,6 +250,7 @@ class _Import:
             files=self.counts["imported_files"],
             known_files=self.counts["known_files"],
             left_out_by=dict(self.left_out.most_common()),
+            left_out_files={reason: self.named[reason] for reason in self.left_out},
             null_columns=dict(sorted(self.null.items())),
             requests=0,
         )
@@ -255,6 +266,10 @@ def unfilled_columns(summary: Summary) -> list[str]:
     if left_out := summary["left_out_by"]:
         counts = (f"{name.replace('_', ' ')} {n:,}" for name, n in left_out.items())
         lines.append(f"files left out: {', '.join(counts)}")
+        for reason, names in summary["left_out_files"].items():
+            more = left_out[reason] - len(names)
+            others = f", and {more:,} more" if more else ""
+            lines.append(f"  {reason.replace('_', ' ')}: {', '.join(names)}{others}")
     if nulls := summary["null_columns"]:
         videos = summary["crawled"]
         every = [name for name, n in nulls.items() if n == videos]

@@ -18,7 +18,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 
@@ -27,15 +26,19 @@ from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog
 from kb.youtube.crawl import player
+from kb.youtube.ytdlp import lenient
 
 INFO = ".info.json"
 UNFINISHED, OTHER_FILES, OTHER_SUBTITLES = "unfinished_downloads", "other_files", "other_subtitles"
 VIDEO_ID = re.compile(r"[A-Za-z0-9_-]{11}")
 
+# Behind the language YouTube's id of a track with a name may stand.
 _SUBTITLES = re.compile(
-    r"(?P<stem>.+)\.(?P<language>[A-Za-z]{2,3}(?:-[A-Za-z0-9]+)*)\.(?P<format>vtt|srv3|json3)"
+    r"(?P<stem>.+)\.(?P<language>[a-z]{2,3}(?:-[a-z0-9_-]+)?)\.(?P<format>vtt|srv3|json3)",
+    re.IGNORECASE,
 )
-_IN_BRACKETS = re.compile(r"\[([A-Za-z0-9_-]{11})\]$")
+_IN_BRACKETS = re.compile(r"\[(?:youtube[-_= ])?([A-Za-z0-9_-]{11})\]$", re.IGNORECASE)
+_BEHIND_TITLE = re.compile(r".+-([A-Za-z0-9_-]{11})")  # youtube-dl's default
 _UNFINISHED = re.compile(r"\.(?:part|ytdl|part-Frag\d+|temp|temp\.[a-z0-9]+)$")
 _MEDIA = re.compile(
     r".+\.(?:3gp|aac|avi|flac|flv|gif|jpe?g|m4[av]|mhtml|mk[av]|mov|mp[34]|og[gv]|opus|png|ts|wav"
@@ -46,10 +49,14 @@ _TEXT_TRACKS = re.compile(r".+\.(?:ass|lrc|sbv|srt|srv[123]|ttml|vtt|json3)", re
 
 
 class SubtitleName(NamedTuple):
-    """What the name of a subtitle file says; `video_id` is None where the name has none."""
+    """What the name of a subtitle file says; `video_id` is None where the name has none.
+
+    `or_else` is what may be an id, or the end of a title.
+    """
 
     stem: str
     video_id: str | None
+    or_else: str | None
     language: str
     format: str
 
@@ -60,16 +67,18 @@ def subtitle_name(name: str) -> SubtitleName | None:
     if match is None:
         return None
     stem = match["stem"]
-    in_brackets = _IN_BRACKETS.search(stem)
-    if in_brackets is not None:
-        video_id: str | None = in_brackets[1]
-    else:
-        video_id = stem if VIDEO_ID.fullmatch(stem) else None
-    return SubtitleName(stem, video_id, match["language"], match["format"])
+    video_id = stem if VIDEO_ID.fullmatch(stem) else None
+    if in_brackets := _IN_BRACKETS.search(stem):
+        video_id = in_brackets[1]
+    behind = _BEHIND_TITLE.fullmatch(stem)
+    language = match["language"]
+    if language.isupper():  # EN, EN-GB
+        language = language[:3].lower() + language[3:]
+    return SubtitleName(stem, video_id, behind and behind[1], language, match["format"].lower())
 
 
 def left_out_as(name: str) -> str | None:
-    """Why a file that is neither info nor subtitle_name is left out; None for media files, which
+    """Why a file that is neither info nor subtitles is left out; None for media files, which
     belong there.
     """
     if _UNFINISHED.search(name):
@@ -141,10 +150,7 @@ def read(data: bytes) -> InfoContents:
 
     Raises ValueError for what is no JSON object, or cut off.
     """
-    try:
-        record = msgspec.json.decode(data)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ValueError(f"not JSON: {error}") from None
+    record = lenient.json_value(lenient.text_of(data))
     if not isinstance(record, dict):
         raise ValueError("no JSON object")  # noqa: TRY004 (a fact about the file)
     contents = InfoContents([], [])
@@ -158,8 +164,10 @@ def _collect(record: dict[str, Any], into: InfoContents) -> None:
     if site is not None and not str(site).lower().startswith("youtube"):
         return
     if kind in ("playlist", "multi_video"):
-        entries = [one for one in record.get("entries") or () if isinstance(one, dict)]
-        listed = [_kept(one, _entry_fields()) for one in entries if _is_id(one.get("id"))]
+        given = record.get("entries")
+        entries = [one for one in given if isinstance(one, dict)] if isinstance(given, list) else []
+        own = _fields("ytdlp_playlists", "entries[]")
+        listed = [_kept(one, own) for one in entries if _is_id(one.get("id"))]
         if isinstance(record.get("id"), str):
             into.playlists.append({**_kept(record, _fields("ytdlp_playlists")), "entries": listed})
         for one in entries:
@@ -174,11 +182,18 @@ def _is_id(value: Any) -> bool:
 
 def _video(record: dict[str, Any]) -> dict[str, Any]:
     width, height, fps = player.largest_stream({"formats": record.get("formats")})
-    if width is None:  # of the stream that was chosen for download
+    if width is None and not player.is_storyboard(record):  # chosen for download
         width, height, fps = (record.get(name) for name in ("width", "height", "fps"))
     manual, automatic = record.get("subtitles"), record.get("automatic_captions")
+    kept = {
+        # Some versions write whole numbers as 30.0, and lengths in parts of a second.
+        name: round(value)
+        if isinstance(value, float) and (value.is_integer() or name == "duration")
+        else value
+        for name, value in _kept(record, _fields("ytdlp_info")).items()
+    }
     return {
-        **_kept(record, _fields("ytdlp_info")),
+        **kept,
         "largest_stream": {"width": width, "height": height, "fps": fps},
         "lists_tracks": isinstance(manual, dict) and isinstance(automatic, dict),
         "manual_tracks": _languages(manual),
@@ -195,14 +210,10 @@ def _kept(record: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
 
 
 @cache
-def _fields(kind: str) -> tuple[str, ...]:
-    return tuple(raw.raw(f"youtube/{kind}")["properties"])
-
-
-@cache
-def _entry_fields() -> tuple[str, ...]:
-    declared = raw.at("youtube/ytdlp_playlists", "entries[]") or {}
-    return tuple(declared["properties"])
+def _fields(kind: str, at: str = "") -> tuple[str, ...]:
+    name = f"youtube/{kind}"
+    declared = raw.at(name, at) if at else raw.raw(name)
+    return tuple((declared or {})["properties"])
 
 
 def read_at(record: dict[str, Any]) -> datetime | None:
@@ -232,7 +243,11 @@ def rows(lines: Iterable[bytes], most: int = ROWS) -> Iterator[pa.Table]:
 def _as_videos(got: pa.Table) -> pa.Table:
     categories: list[Any] = got["categories"].to_pylist()
     statuses: list[Any] = got["live_status"].to_pylist()
+    handle = pc.invert(pc.match_substring_regex(got["uploader_id"], r"^UC[A-Za-z0-9_-]{22}$"))
+    uploader_id = pc.if_else(handle, pa.scalar(None, pa.string()), got["uploader_id"])
     own: dict[str, Any] = {
+        "channel_id": pc.coalesce(got["channel_id"], uploader_id),
+        "channel_title": pc.coalesce(got["channel_title"], got["uploader"]),
         "published_at": pc.coalesce(got["published_at"], _days(got["upload_date"])),
         "category_id": pa.array(
             [_CATEGORIES.get(str(next(iter(names or ()), ""))) for names in categories], pa.int64()
@@ -249,7 +264,16 @@ def _as_videos(got: pa.Table) -> pa.Table:
         ),
         "missing": pa.repeat(pa.scalar(False), got.num_rows),
     }
-    done = ("upload_date", "categories", "live_status", "license_name", "age_limit", *own)
+    done = (
+        "uploader",
+        "uploader_id",
+        "upload_date",
+        "categories",
+        "live_status",
+        "license_name",
+        "age_limit",
+        *own,
+    )
     got = got.drop_columns([name for name in done if name in got.column_names])
     for name, column in own.items():
         got = got.append_column(name, column)

@@ -5,26 +5,34 @@ reads: one cue a line, in the track's order.
             where YouTube answers with its plain form (<text start dur>), that is read
     json3   the same as events with `segs`; `aAppend` for `a`
     vtt     what the rolling display shows: a cue repeats the line before it, and cues of 10 ms hold
-            only the repetition; <00:00:18.239><c> no</c> before each word
+            only the repetition; <00:00:18.239><c> no</c> before each word. Identifiers of cues,
+            notes, styles and regions are no speech (W3C WebVTT, section 4)
+
+A value that can't be read costs that value, or the line that can't be placed without it; what is
+not of the form at all raises ValueError.
 
 Automatic tracks have the time of every word. A vtt file does not tell how long a line stays once
 the next one is there; automatic cues are cut there anyway (kb.youtube.parse.assemble).
 """
 
 import html
+import math
 import re
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
-import msgspec
+from kb.youtube.ytdlp import lenient
 
-_TAG = re.compile(r"<[^>]*>")  # as youtube-transcript-api takes them out
+_TAG = re.compile(r"</?(?:[A-Za-z][^<>]*)?>|<[\d:.]+>")
 _WORD = re.compile(r"\S+")
 _TIME = r"(?:(\d+):)?(\d\d):(\d\d)\.(\d\d\d)"
-_TIMING = re.compile(rf"{_TIME}[ \t]+-->[ \t]+{_TIME}(?:[ \t].*)?")
+_TIMING = re.compile(rf"{_TIME}[ \t]*-->[ \t]*{_TIME}(?:[ \t].*)?")
 _MARK = re.compile(r"<(?:(\d+):)?(\d\d):(\d\d)\.(\d\d\d)>")
+# What XML can't hold, as such or as a reference.
+_NO_CHARACTER = re.compile(
+    r"[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]|&#(?:[xX]([0-9a-fA-F]+)|([0-9]+));"
+)
 _REPETITION_MS = 10
 
 
@@ -51,6 +59,8 @@ Parts = list[tuple[int, str]]
 
 
 class _Line(NamedTuple):
+    """`start` is -1 where it can't be read."""
+
     start: int
     end: int
     parts: Parts
@@ -59,18 +69,27 @@ class _Line(NamedTuple):
 def read(form: str, text: str) -> CaptionTrack:
     """The track in a file of the form vtt, srv3 or json3. Raises ValueError for anything else."""
     lines, timed = {"vtt": _vtt, "srv3": _srv3, "json3": _json3}[form](text.removeprefix("\ufeff"))
-    cues = [_cue(line, timed) for line in lines]
-    return CaptionTrack([cue for cue in cues if cue.text.strip()], timed)
+    placed = [line for line in lines if line.start >= 0]
+    if lines and not placed:
+        raise ValueError("no line has a time that can be read")
+    cues = []
+    for line in placed:
+        said = "".join(piece for _, piece in line.parts)
+        starts = [start for start, piece in line.parts for _ in piece]
+        words = [starts[word.start()] / 1000 for word in _WORD.finditer(said)]
+        if words:
+            length = max(0, line.end - line.start) / 1000
+            cues.append(Cue(line.start / 1000, length, said, words if timed else None))
+    return CaptionTrack(cues, timed)
 
 
-def _cue(line: _Line, timed: bool) -> Cue:
-    text = "".join(piece for _, piece in line.parts)
-    starts = [start for start, piece in line.parts for _ in piece]
-    for tag in reversed(list(_TAG.finditer(text))):
-        text = text[: tag.start()] + text[tag.end() :]
-        del starts[tag.start() : tag.end()]
-    words = [starts[word.start()] / 1000 for word in _WORD.finditer(text)] if timed else None
-    return Cue(line.start / 1000, max(0, line.end - line.start) / 1000, text, words)
+def _whole(value: Any, otherwise: int = 0) -> int:
+    """A number of ms, however it is written."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        return otherwise
+    return round(number) if math.isfinite(number) and abs(number) < 1e12 else otherwise
 
 
 # -- srv3 ------------------------------------------------------------------------------------------
@@ -78,69 +97,79 @@ def _cue(line: _Line, timed: bool) -> Cue:
 
 def _srv3(text: str) -> tuple[list[_Line], bool]:
     try:
-        root = ElementTree.fromstring(text)
+        root = ElementTree.fromstring(_NO_CHARACTER.sub(_replaced, text))
     except ElementTree.ParseError as error:
         raise ValueError(f"not XML: {error}") from None
     if root.tag == "transcript":
-        return [_plain_line(line) for line in root.iter("text")], False
+        return list(_plain_lines(root)), False
     if root.tag != "timedtext":
         raise ValueError(f"<{root.tag}> in place of <timedtext>")
     lines, timed = [], False
     for line in root.iter("p"):
+        start = _whole(line.get("t", 0), -1)
         if line.get("a") == "1":
             continue
-        start, words = int(line.get("t", "0")), line.findall("s")
+        words = line.findall("s")
         parts = [(start, line.text or "")]
         for word in words:
-            at = start + int(word.get("t", "0"))
+            at = start + _whole(word.get("t", 0))
             parts += [(at, "".join(word.itertext())), (at, word.tail or "")]
             timed = timed or "t" in word.attrib or "ac" in word.attrib
         if words:  # line breaks between the elements belong to the file, not to the text
             parts = [part for part in parts if part[1].strip() or "\n" not in part[1]]
-        lines.append(_Line(start, start + int(line.get("d", "0")), parts))
+        lines.append(_Line(start, start + _whole(line.get("d", 0)), parts))
     return lines, timed
 
 
-def _plain_line(line: ElementTree.Element) -> _Line:
-    start = round(float(line.get("start", "")) * 1000)
-    length = round(float(line.get("dur", "0")) * 1000)
-    return _Line(start, start + length, [(start, html.unescape(line.text or ""))])
+def _replaced(match: re.Match[str]) -> str:
+    """U+FFFD for a character that XML can't hold; other references as they are."""
+    hexadecimal, decimal = match.groups()
+    if not (hexadecimal or decimal):
+        return "\ufffd"
+    code = int(hexadecimal, 16) if hexadecimal else int(decimal)
+    held = code in (9, 10, 13) or 0x20 <= code < 0xD800 or 0xE000 <= code < 0xFFFE
+    return match[0] if held or 0x10000 <= code <= 0x10FFFF else "\ufffd"
+
+
+def _plain_lines(root: ElementTree.Element) -> Iterator[_Line]:
+    """Of the plain form, which escapes its text twice: tags stand in it once."""
+    for line in root.iter("text"):
+        start = _seconds(line.get("start"))
+        end = start + max(_seconds(line.get("dur", 0)), 0)
+        yield _Line(start, end, [(start, html.unescape(_TAG.sub("", line.text or "")))])
+
+
+def _seconds(value: Any) -> int:
+    """Seconds as ms, -1 for what is none."""
+    try:
+        number = float(value) * 1000
+    except (TypeError, ValueError):
+        return -1
+    return round(number) if math.isfinite(number) else -1
 
 
 # -- json3 -----------------------------------------------------------------------------------------
 
 
-class _Segment(msgspec.Struct, gc=False):
-    utf8: str | None = ""
-    tOffsetMs: int = 0
-    acAsrConf: Any = None
-
-
-class _Event(msgspec.Struct, gc=False):
-    tStartMs: int = 0
-    dDurationMs: int = 0
-    aAppend: int = 0
-    segs: list[_Segment] = []
-
-
-class _Events(msgspec.Struct, gc=False):
-    events: list[_Event]
-
-
 def _json3(text: str) -> tuple[list[_Line], bool]:
-    try:
-        events = msgspec.json.decode(text, type=_Events).events
-    except msgspec.DecodeError as error:
-        raise ValueError(f"not json3: {error}") from None
+    document = lenient.json_value(text)
+    events = document.get("events") if isinstance(document, dict) else None
+    if not isinstance(events, list):
+        raise ValueError("not json3: it has no events")  # noqa: TRY004 (a fact about the file)
     lines, timed = [], False
     for event in events:
-        if event.aAppend == 1 or not event.segs:
+        if not isinstance(event, dict) or not isinstance(event.get("segs"), list):
             continue
-        start = event.tStartMs
-        parts = [(start + segment.tOffsetMs, segment.utf8 or "") for segment in event.segs]
-        marked = (one.tOffsetMs or one.acAsrConf is not None for one in event.segs)
-        timed = timed or any(marked)
-        lines.append(_Line(start, start + event.dDurationMs, parts))
+        start = _whole(event.get("tStartMs", 0), -1)
+        if _whole(event.get("aAppend")) == 1:
+            continue
+        parts = []
+        for segment in event["segs"]:
+            if isinstance(segment, dict):
+                offset, said = _whole(segment.get("tOffsetMs")), segment.get("utf8")
+                parts.append((start + offset, said if isinstance(said, str) else ""))
+                timed = timed or bool(offset) or segment.get("acAsrConf") is not None
+        lines.append(_Line(start, start + _whole(event.get("dDurationMs")), parts))
     return lines, timed
 
 
@@ -170,45 +199,35 @@ def _vtt(text: str) -> tuple[list[_Line], bool]:
     if not cues and "-->" in text:
         raise ValueError("no timing can be read")
     timed = any(row.timed for cue in cues for row in cue.rows)
-    repeats = any(
-        cue.rows
-        and before.rows
-        and cue.end - cue.start <= _REPETITION_MS
-        and [row.text for row in cue.rows] == [before.rows[-1].text]
-        for before, cue in pairwise(cues)
-    )
-    if timed or repeats:
-        return _without_repetition(cues), timed
-    return [_Line(cue.start, cue.end, _in_one(cue.rows)) for cue in cues], False
+    return _without_repetition(cues, timed), timed
 
 
 def _cues(text: str) -> Iterator[_Shown]:
-    start = end = -1
-    rows: list[_Row] = []
+    """Only what stands between a timing and a line that is truly empty is shown: YouTube's cues
+    hold lines of one space.
+    """
+    shown: _Shown | None = None
     for line in re.split(r"\r\n?|\n", text):
-        if timing := _TIMING.fullmatch(line.rstrip()):
-            if start >= 0:
-                yield _Shown(start, end, rows)
-            start, end = _ms(timing.groups()[:4]), _ms(timing.groups()[4:])
-            rows = []
-        elif start >= 0 and (row := _row(line, start)).text:
-            rows.append(row)
-    if start >= 0:
-        yield _Shown(start, end, rows)
+        timing = _TIMING.fullmatch(line.strip(" \t"))
+        if timing or not line or line.lstrip().startswith("-->"):
+            if shown is not None:
+                yield shown
+            groups = timing.groups() if timing else ()
+            shown = _Shown(_ms(groups[:4]), _ms(groups[4:]), []) if timing else None
+        elif shown is not None and (row := _row(line, shown.start)).text:
+            shown.rows.append(row)
+    if shown is not None:
+        yield shown
 
 
 def _row(line: str, start: int) -> _Row:
-    parts: Parts = []
-    at, done = start, 0
+    pieces, at, done = [], start, 0
     for mark in _MARK.finditer(line):
-        parts.append((at, _plain(line[done : mark.start()])))
+        pieces.append((at, line[done : mark.start()]))
         at, done = _ms(mark.groups()), mark.end()
-    parts.append((at, _plain(line[done:])))
+    pieces.append((at, line[done:]))
+    parts = [(at, html.unescape(_TAG.sub("", piece))) for at, piece in pieces]
     return _Row(parts, "".join(text for _, text in parts).strip(), len(parts) > 1)
-
-
-def _plain(text: str) -> str:
-    return html.unescape(_TAG.sub("", text))
 
 
 def _ms(groups: tuple[str | None, ...]) -> int:
@@ -216,19 +235,27 @@ def _ms(groups: tuple[str | None, ...]) -> int:
     return ((hours * 60 + minutes) * 60 + seconds) * 1000 + rest
 
 
-def _without_repetition(cues: list[_Shown]) -> list[_Line]:
-    """Each line once: from the cue that shows it first to the end of the last that still does."""
+def _without_repetition(cues: list[_Shown], timed: bool) -> list[_Line]:
+    """Each line once: from the cue that shows it first to the end of the last that still does.
+
+    In a track without word times people may say a line twice: there only what a cue of 10 ms
+    repeats counts as shown on, and the first row of the cue right behind such a one.
+    """
     lines: list[_Line] = []
-    shown, until = [""], -1
+    shown, until, after_brief = [""], -1, False
     for start, end, rows in cues:
         if not rows:
             continue
         texts, new = [row.text for row in rows], rows
-        if lines and start <= until and not rows[0].timed:
+        brief = end - start <= _REPETITION_MS
+        is_rolling = timed or brief or (after_brief and len(rows) > 1)
+        after_brief = False
+        if lines and start <= until and not rows[0].timed and is_rolling:
             same = texts == shown and not any(row.timed for row in rows)
             if same or texts[0] == shown[-1]:
                 lines[-1] = lines[-1]._replace(end=end)
                 new = [] if same else rows[1:]
+                after_brief = brief
         if new:
             lines.append(_Line(start, end, _in_one(new)))
         shown, until = texts, end
@@ -236,7 +263,7 @@ def _without_repetition(cues: list[_Shown]) -> list[_Line]:
 
 
 def _in_one(rows: list[_Row]) -> Parts:
-    parts = list(rows[0].parts) if rows else []
+    parts = list(rows[0].parts)
     for row in rows[1:]:
         (at, text), *others = row.parts
         parts += [(at, f"\n{text}"), *others]

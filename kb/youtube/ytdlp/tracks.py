@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core.languages import one_name
 from kb.schema.coerce import records
 from kb.schema.decode import ColumnReader, in_batches, problems
 from kb.schema.tables import table
@@ -28,6 +29,20 @@ _RICHEST = ("json3", "srv3", "vtt")
 _FACTS = ("player_width", "player_height", "player_fps", "game_label_id", "game_label")
 
 
+# A language as BCP 47 writes it; what else stands behind one is YouTube's id of a named track.
+_WITHOUT_ID = re.compile(
+    r"[a-z]{2,3}(?:-[A-Z][a-z]{3})?(?:-(?:[A-Z]{2}|\d{3}))?(?:-(?:[a-z0-9]{5,8}|\d[a-z0-9]{3}))*"
+)
+_ID = re.compile(r"(.+?)-[A-Za-z0-9_-]{11}")
+
+
+def language_of(name: str) -> str:
+    """The language of a track by its name: `en` of `en-Qx_9zR4b-1k`, `he` of `iw`."""
+    if not _WITHOUT_ID.fullmatch(name) and (with_id := _ID.fullmatch(name)):
+        name = with_id[1]
+    return one_name(name)
+
+
 class TrackLanguage(NamedTuple):
     """The profile's language, and whether translations to it are taken."""
 
@@ -36,7 +51,8 @@ class TrackLanguage(NamedTuple):
 
     def spoken(self, name: str) -> bool:
         """Whether a track's language is the wanted one, or a variant of it."""
-        return name == self.name or name.startswith(f"{self.name}-")
+        own, wanted = language_of(name), language_of(self.name)
+        return own == wanted or own.startswith(f"{wanted}-")
 
 
 ENGLISH = TrackLanguage()
@@ -80,7 +96,7 @@ def kind_of(name: str, timed: bool, listed: ListedTracks | None) -> TrackKind:
     if timed or name in known.automatic:
         return TrackKind("asr", name, "asr")
     # Regions are written in capitals ("en-GB"); "en-de" is yt-dlp's name of a translation.
-    if match := re.fullmatch(r"[a-z]{2,3}-([a-z]{2,3}(?:-[A-Za-z0-9]+)?)", name):
+    if match := re.fullmatch(r"[a-z]{2,3}-([a-z]{2,3}(?:-[A-Za-z0-9]+)?)", language_of(name)):
         return TrackKind("translated", match[1], "manual")
     return TrackKind("manual", name, "manual")
 
@@ -157,7 +173,8 @@ def _chosen(
         kind = kind_of(name, timed, listed.get(video))
         if not wanted.spoken(name) or (kind.kind == "translated" and not wanted.translate):
             continue
-        order = (kind.kind == "translated", kind.original == "asr", name != wanted.name)
+        is_variant = language_of(name) != language_of(wanted.name)
+        order = (kind.kind == "translated", kind.original == "asr", is_variant)
         rank = (*order, name, _RICHEST.index(form))
         if video not in best or rank < best[video][0]:
             best[video] = (rank, kind, row)
@@ -195,7 +212,7 @@ def _outcomes(outcomes: list[_Found]) -> pa.Table:
         "video_id": [one[0] for one in outcomes],
         "outcome": [one[1] for one in outcomes],
         "kind": [kind and kind.kind for kind in kinds],
-        "language": [kind and kind.language for kind in kinds],
+        "language": [kind and language_of(kind.language) for kind in kinds],
         "original_kind": [kind and kind.original for kind in kinds],
         "cues": [one[3] and json.loads(one[3]) for one in outcomes],
         "fetched_at": [one[4] for one in outcomes],

@@ -76,6 +76,7 @@ APPLIES = {
     "refresh youtube": {"limit", "wait"},
     "refresh reddit": {*CLUSTER, "limit", "wait", "again"},
     "demo": CLUSTER,
+    "doctor": {"engine", "scheduler"},
 }
 
 

@@ -1,8 +1,12 @@
 """Dumps are found, decompressed and cut into lines; what is damaged is counted."""
 
+import bz2
 import gzip
+import io
 import json
+import lzma
 import struct
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -33,9 +37,22 @@ from tests.reddit.dumped import (
 )
 
 
+def zipped(data: bytes) -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("RS", data)
+    return file.getvalue()
+
+
 @pytest.mark.parametrize(
     "data",
-    [b"plain text\n", b"[1, 2]\n", b"\xff\xfe{\0", b"PK\x03\x04", b"\x89PNG\r\n\x1a\n"],
+    [
+        b"plain text\n",
+        b"[1, 2]\n",
+        b"\xff\xfe{\0",
+        b"\x89PNG\r\n\x1a\n",
+        b'{\n "id": "a",\n "title": "t"\n}\n',
+    ],
 )
 def test_a_named_file_that_is_no_dump_is_wrong_usage(tmp_path: Path, data: bytes) -> None:
     (tmp_path / "x.zst").write_bytes(data)
@@ -44,6 +61,16 @@ def test_a_named_file_that_is_no_dump_is_wrong_usage(tmp_path: Path, data: bytes
     with pytest.raises(SettingError, match="nowhere"):
         took(tmp_path / "data", [tmp_path / "nowhere"])
     assert not (tmp_path / "data").exists()
+
+
+@pytest.mark.parametrize(
+    ("pack", "command"), [(bz2.compress, "bunzip2"), (lzma.compress, "unxz"), (zipped, "unzip")]
+)
+def test_what_unpacks_other_containers_is_named(tmp_path: Path, pack: Any, command: str) -> None:
+    (tmp_path / "RS").write_bytes(pack(b'{"id": "a"}\n'))
+    with pytest.raises(SettingError) as wrong:
+        took(tmp_path / "data", [tmp_path / "RS"])
+    assert command in wrong.value.hint
 
 
 def test_folders_are_searched_and_other_files_counted(

@@ -10,7 +10,7 @@ from hypothesis import strategies as some
 from kb.reddit.crawl.importer import import_dumps
 from kb.reddit.dumps.files import Chunk
 from kb.reddit.dumps.search import CHECKED, ById, IdIndex, SubredditSearch, write_index
-from tests.reddit.dumped import imported, post, run_in, write
+from tests.reddit.dumped import comment, imported, post, run_in, write
 
 
 def test_a_space_after_the_colon_and_none(tmp_path):
@@ -38,6 +38,19 @@ def test_every_spelling_of_the_name_in_any_order(tmp_path, order, own, others):
     lines = [named[0], *[other] * 3_000, *named[1:3], *[other] * 3_000, named[3]]
     import_dumps(run_in(tmp_path), [write(tmp_path / "RS.zst", lines[::order])])
     assert sorted(data["id"] for _, data in imported(tmp_path)) == ["a", "b", "c", "d"]
+
+
+def test_a_page_of_an_api_is_read_as_its_records(tmp_path):
+    """An archive's answer, and Reddit's own listing with nested replies."""
+    inner = {"kind": "Listing", "data": {"children": [{"kind": "t1", "data": comment("r")}]}}
+    nested = comment("b") | {"replies": inner}
+    things = [{"kind": "t3", "data": post("a")}, {"kind": "t1", "data": nested}]
+    listing = {"kind": "Listing", "data": {"after": None, "children": things}}
+    other = post("x", subreddit="gardening")
+    pages = [listing, {"data": [post("c"), other]}, {"data": {"children": 5}}, {"data": []}]
+    summary = import_dumps(run_in(tmp_path), [write(tmp_path / "page.json", pages)])
+    assert (summary["crawled"], summary["bad_lines"]) == (4, 0)
+    assert sorted(data["id"] for _, data in imported(tmp_path)) == ["a", "b", "c", "r"]
 
 
 LINE = some.one_of(

@@ -1,6 +1,7 @@
 """Released rows are the clean ones, scored and fresh."""
 
 import shutil
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -119,22 +120,45 @@ def test_rows_too_old(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ]
 
 
-def test_toxicity_off_is_reported_as_incomplete(tmp_path: Path) -> None:
-    def edit(name: str, made: Rows) -> None:
-        for row in made:
-            row.update(
-                {"toxicity_title": None, "toxicity_description": None}
-                if name == "youtube/videos"
-                else {}
-            )
+@pytest.mark.parametrize(
+    ("table", "column", "own"),
+    [("youtube/videos", "metadata_origin", "file"), ("reddit/posts", "score_source", "dump")],
+)
+def test_rows_of_own_files_and_dumps_have_no_age(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, table: str, column: str, own: str
+) -> None:
+    source = table.partition("/")[0]
+    columns = {column: own, "fetched_at": datetime(2020, 1, 1, tzinfo=UTC)}
 
-    build(tmp_path, edit, ("youtube",))
+    def edit(name: str, made: Rows) -> None:
+        for row in made if name.startswith(f"{source}/") else []:
+            row.update({name: value for name, value in columns.items() if name in row})
+
+    build(tmp_path / "own", edit, (source,))
+    release(a_run(tmp_path / "own"))
+    columns[column] = {"file": "api", "dump": "live"}[own]
+    build(tmp_path / "served", edit, (source,))
+    assert any(line.startswith(f"age: {table}: ") for line in refused(tmp_path / "served"))
+
+
+def test_a_release_without_scores_says_so(tmp_path: Path) -> None:
+    def edit(name: str, made: Rows) -> None:
+        for row in made if name == "youtube/videos" else []:
+            row.update({"toxicity_title": None, "toxicity_description": None})
+
+    build(tmp_path, edit, ("youtube", "pairs"))
     profile = tmp_path / "mine.toml"
     profile.write_text('name = "mine"\ntitle = "Mine"\ntoxicity = "off"\n')
-    assert all(
-        "the release is incomplete, toxicity is off in the profile" in line
-        for line in refused(tmp_path, profile=profile)
-    )
+    release(a_run(tmp_path, profile=profile))
+    for source in ("youtube", "pairs"):
+        folder = tmp_path / "release" / source
+        screen = (folder / "README.md").read_text().partition("|  |  |")[0]
+        assert "Toxicity: not scored" in screen
+        for name in ("DATASHEET.md", "croissant.json", "zenodo.json"):
+            text = (folder / name).read_text()
+            assert "Toxicity: not scored" in text
+            assert "passed the toxicity stage" not in text
+            assert "Detoxify" not in text
 
 
 def test_damaged_scores_are_a_line(tmp_path: Path) -> None:

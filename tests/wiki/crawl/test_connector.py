@@ -27,7 +27,7 @@ from kb.core.errors import (
     Unreachable,
 )
 from kb.core.progress import Silent
-from kb.export import minedojo_wiki, wiki_tar
+from kb.export import minedojo, wiki_tar
 from kb.filters.filter_run import run_clean
 from kb.sandbox.world import World
 from kb.store.rawlog import rawlog
@@ -246,7 +246,7 @@ def test_lost_images_and_captures_are_asked_for_again(whole, copied, damage):
     released = {path.name: path.read_bytes() for path in root.glob("release/wiki/*.tar")}
     for path in (sprite, original, shot):
         damage(root / path)
-    for write in (wiki_tar.export, minedojo_wiki.wiki):
+    for write in (wiki_tar.export, minedojo.wiki):
         with pytest.raises(DamagedData, match=r"is (empty|not there|not what was)") as told:
             write(copied)
         assert told.value.hint.startswith("run `kb wiki crawl`")

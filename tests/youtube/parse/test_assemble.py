@@ -152,6 +152,17 @@ def test_a_cue_whose_times_do_not_fit_keeps_its_text(times: object, why: str) ->
     assert row["word_times"] == why
 
 
+def test_a_cue_holds_its_words() -> None:
+    row = track(
+        "asr", [1, 2, "a b c", [0.5, 2.5, 4]], [4.25, 1, "d e", [4.5, 5.5]], [9, 1, "f g", [9, 9.5]]
+    )
+    assert [(cue["start_s"], cue["duration_s"]) for cue in row["cues"]] == [
+        (0.5, 3.75),
+        (4.25, 2.25),
+        (9, 1),
+    ]
+
+
 @pytest.mark.parametrize("kind", ["manual", "translated"])
 def test_other_tracks_have_none(kind: str) -> None:
     row = track(kind, [0, 1, "said twice", [0, 0.5]])

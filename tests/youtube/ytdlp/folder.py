@@ -114,7 +114,7 @@ def vtt(lines: list[Line], *, automatic: bool, words: bool = True) -> str:
     cues: list[tuple[int, int, list[str]]] = []
     for number, line in enumerate(lines):
         if not automatic:
-            cues.append((line.start, line.end, line.text.split("\n")))
+            cues.append((line.start, line.end, _vtt_text(line.text).split("\n")))
             continue
         before = lines[number - 1] if number else None
         above = before.text if before is not None and before.end > line.start else " "

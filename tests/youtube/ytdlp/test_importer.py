@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from kb.youtube.ytdlp.info import playlists
-from kb.youtube.ytdlp.tracks import ListedTracks, TrackKind, kind_of
+from kb.youtube.ytdlp.tracks import ListedTracks, TrackKind, TrackLanguage, kind_of, language_of
 from tests.youtube.crawl.test_fetch import CRAWL
 from tests.youtube.job import Job
 from tests.youtube.ytdlp.folder import FORMS, info, spoken, video_id, vtt, write_video
@@ -33,7 +33,7 @@ def test_a_root_of_files_alone_goes_through_every_stage(job: Job) -> None:
         assert (row["category_id"], row["topic_evidence"]) == (20, "keywords")
         assert (row["transcript_kind"], row["word_count"]) == ("asr", 16)
         assert (row["view_count"], row["license"]) == (54_321, None)
-        assert row["view_rule"] == "playback_start"
+        assert (row["view_rule"], row["metadata_origin"]) == ("playback_start", "file")
         assert f"{row['fetched_at']:%Y-%m-%d}" == "2026-09-21"
     assert tracks[0]["cues"] == tracks[1]["cues"] == tracks[2]["cues"]
     assert [cue["text"] for cue in tracks[0]["cues"]][:2] == [
@@ -43,6 +43,13 @@ def test_a_root_of_files_alone_goes_through_every_stage(job: Job) -> None:
     job.done("youtube", "export")
     likely = job.done("pairs")
     assert likely["pairs"] > 0
+    assert job.done("release")["folders"] == 2  # read 60 days ago, unscored, by nobody named
+    card = (job.root / "release/youtube/README.md").read_text()
+    assert "Toxicity: not scored" in card.partition("|  |  |")[0]
+    assert "described all 3 videos; their dates are 2026-09-21." in " ".join(card.split())
+    assert not any(
+        word in card for word in ("keyword search", "watch pages", "terms ask", "| Built")
+    )
     job.profile(("[youtube]\n", '[youtube]\nimported_topic = "known"\n'))
     job.done("youtube", "filter")
     assert {row["topic_evidence"] for row in job.rows(VIDEOS)} == {"profile"}
@@ -233,6 +240,71 @@ def test_the_order_and_names_of_a_folder_do_not_matter(job: Job) -> None:
     assert (filtered["kept"], filtered["pending"]) == (3, 1)
 
 
+def test_files_of_other_versions_of_the_program_are_read(job: Job) -> None:
+    """Names of youtube-dl and of people, tracks with names, channels as uploaders."""
+    folder, channel = job.place / "videos", "UC" + "x" * 22
+    folder.mkdir()
+    track = vtt(spoken("we build a farm", "in minecraft today"), automatic=False)
+    about: dict[str, dict[str, Any]] = {
+        "My best title-{}": {"channel": None, "channel_id": None, "uploader": "Ann"},
+        "Title [youtube-{}]": {"uploader_id": channel, "uploader": "Ben"},
+        "{}": {"uploader_id": "@ben", "uploader": None},
+    }
+    languages = ("EN", "en-Qx_9zR4b-1k", "en-abcdefghi-k")
+    storyboard = {"ext": "mhtml", "vcodec": "none", "width": 3200, "height": 1800, "fps": 0.5}
+    sheet = {"protocol": "mhtml", "width": 1600, "height": 1600}
+    formats = [storyboard, {"width": 720, "height": 1280, "fps": 25}, sheet]
+    for number, (name, changes) in enumerate(about.items()):
+        key, language = video_id(number), languages[number]
+        record = info(
+            key, formats=formats, automatic_captions={}, subtitles={language: []}, **changes
+        )
+        for left in {"channel", "channel_id"} - changes.keys():
+            del record[left]
+        (folder / f"{number}.info.json").write_text(json.dumps(record))
+        suffix = "VTT" if language == "EN" else "vtt"
+        (folder / f"{name.format(key)}.{language}.{suffix}").write_text(track)
+    job.profile(("min_aspect_ratio = 1.0", "min_aspect_ratio = 0.1"))
+    assert job.done("youtube", "import", str(folder))["subtitles"] == 3
+    job.done("youtube", "filter")
+    rows = job.rows(VIDEOS)
+    assert [(row["channel_title"], row["channel_id"]) for row in rows] == [
+        ("Ann", None),
+        ("Ben", channel),
+        (None, None),
+    ]
+    assert {(row["width"], row["height"], row["transcript_kind"]) for row in rows} == {
+        (720, 1280, "manual")
+    }
+    assert [row["language"] for row in job.rows(TRACKS)] == ["en"] * 3
+
+
+def test_an_odd_value_in_a_file_costs_that_value(job: Job) -> None:
+    """And a file that can't be read at all is named with the reason."""
+    folder = job.place / "videos"
+    folder.mkdir()
+    odd = {
+        "utf-8-sig": ('"like_count": 1234', '"like_count": 1e999'),
+        "utf-16": ('"average_rating": null', '"average_rating": NaN'),
+        "utf-8": ('"title": "', '"title": "\\ud83c '),
+        "utf-16-le": ('"duration": 321', '"duration": 321.7'),
+    }
+    for number, (encoding, change) in enumerate(odd.items()):
+        text = json.dumps(info(video_id(number)))
+        assert change[0] in text
+        path = folder / f"{video_id(number)}.info.json"
+        path.write_bytes(text.replace(*change).encode(encoding))
+    (folder / f"{video_id(0)}.en.srv3").write_bytes("<timedtext><bo".encode("utf-16"))
+    summary = job.done("youtube", "import", str(folder))
+    assert summary["crawled"] == 4
+    assert summary["left_out_files"]["broken_subtitles"][0].startswith(
+        f"{video_id(0)}.en.srv3 (not XML"
+    )
+    job.kb("youtube", "filter")
+    pending = {row["key"] for row in job.rows("SELECT key FROM clean.youtube_pending")}
+    assert pending == {video_id(number) for number in range(4)}  # without their transcripts
+
+
 def test_raw_keeps_subtitles_verbatim_and_no_address_of_an_info_json(job: Job) -> None:
     folder = job.place / "videos"
     key = write_video(folder, 1, tuple(FORMS))
@@ -259,6 +331,25 @@ def test_the_first_playlist_by_id_counts_and_uploads_are_none(job: Job) -> None:
         (folder / f"{key}.info.json").write_text(json.dumps({**about, "entries": entries}))
     job.done("youtube", "import", str(folder))
     assert playlists(job.root) == {video_id(5): "PLsecond", video_id(6): "PLfirst"}
+
+
+@pytest.mark.parametrize(
+    ("name", "language"),
+    [
+        *(
+            (name, name)
+            for name in ("en", "en-GB", "zh-Hans", "es-419", "ca-valencia", "sr-Latn-RS")
+        ),
+        *((f"en-{name}", "en") for name in ("Qx_9zR4b-1k", "AbCdEfGhIjK", "a-b-c-d-e-f")),
+        ("pt-BR-eEY6OEpapPo", "pt-BR"),
+        *(("iw", "he"), ("iw-IL", "he-IL"), ("in", "id"), ("ji", "yi"), ("no", "nb"), ("nn", "nn")),
+    ],
+)
+def test_the_language_of_a_track(name: str, language: str) -> None:
+    assert language_of(name) == language
+    assert TrackLanguage(language).spoken(name)
+    assert TrackLanguage(name.partition("-")[0]).spoken(language)
+    assert not TrackLanguage("nl").spoken(name)
 
 
 @pytest.mark.parametrize(

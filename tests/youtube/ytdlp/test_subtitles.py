@@ -1,5 +1,8 @@
 """One track in yt-dlp's three forms gives what the crawl's client reads in the plain form."""
 
+import json
+from html import escape
+
 import pytest
 from youtube_transcript_api._transcripts import _TranscriptParser
 
@@ -65,7 +68,8 @@ def test_automatic_tracks_keep_the_start_of_every_word(form: str, name: str) -> 
 @pytest.mark.parametrize("form", FORMS)
 def test_manual_tracks_are_as_they_are(form: str) -> None:
     track = subtitles.read(form, FORMS[form](MANUAL, automatic=False))
-    assert [cue[:3] for cue in track.cues] == crawled(MANUAL)
+    own = [(one.start / 1000, one.length / 1000, one.text) for one in MANUAL]
+    assert [cue[:3] for cue in track.cues] == own
     assert not track.timed
     assert {cue.word_start_s for cue in track.cues} == {None}
 
@@ -97,6 +101,96 @@ def test_colours_of_older_files_are_no_words() -> None:
     assert [(cue.text, cue.word_start_s) for cue in track.cues] == [
         ("all right here", [0.03, 0.24, 0.719])
     ]
+
+
+BLOCKS = """WEBVTT - a kiln
+Kind: captions
+
+STYLE
+::cue { color: red }
+
+REGION
+id:below
+width:40%
+
+NOTE bisque, or is it
+glaze?
+
+1
+00:01.000-->00:02.000
+NOTE what she says
+STYLE matters: 1 --> 2
+
+intro to glazing
+00:00:03.000 --> 00:00:04.000 align:start
+<v Ann>Load <i>the</i> kiln
+
+which is no speech any more
+00:00:05.000 --> 00:00:06.000
+\N{SPACE}
+47
+
+47
+ -->
+"""
+
+
+def test_only_what_stands_in_a_cue_is_speech() -> None:
+    for text in (BLOCKS, BLOCKS.replace("\n", "\r\n"), BLOCKS.replace("\n", "\r")):
+        assert [cue.text for cue in subtitles.read("vtt", text).cues] == [
+            "NOTE what she says\nSTYLE matters: 1 --> 2",
+            "Load the kiln",
+            "47",
+        ]
+
+
+def test_a_line_that_is_said_twice_stays_beside_a_brief_cue() -> None:
+    times = (("00.000", "01.000"), ("01.000", "01.010"), ("01.010", "02.000"), ("02.000", "03.000"))
+    cues = "".join(f"00:{a} --> 00:{b}\nGo\n\n" for a, b in times)
+    track = subtitles.read("vtt", f"WEBVTT\n\n{cues}")
+    assert [cue[:2] for cue in track.cues] == [(0, 1.01), (1.01, 0.99), (2, 1)]
+
+
+SAID = "if a < b and c > d, I <3 it"
+
+
+@pytest.mark.parametrize(
+    ("form", "text"),
+    [
+        ("vtt", f"WEBVTT\n\n00:01.000 --> 00:02.000\n{escape(SAID, quote=False)}"),
+        ("srv3", f'<timedtext><body><p t="1000" d="1000">{escape(SAID)}</p></body></timedtext>'),
+        (
+            "srv3",
+            f'<transcript><text start="1">{escape(f"<b>{escape(SAID)}</b>")}</text></transcript>',
+        ),
+        ("json3", json.dumps({"events": [{"tStartMs": 1000, "segs": [{"utf8": SAID}]}]})),
+    ],
+)
+def test_signs_in_speech_are_no_tags(form: str, text: str) -> None:
+    assert [cue.text for cue in subtitles.read(form, text).cues] == [SAID]
+
+
+@pytest.mark.parametrize(
+    ("form", "text", "cues"),
+    [
+        ("srv3", '<p t="1000" d="1.7">a</p><p t="x" d="5">b</p><p t="3e3" d="nan">c</p>', "ac"),
+        ("srv3", '<p t="1" d="9">a&#xD83C;</p><p t="2" d="9">&#0;b\x0b</p>', "ab"),
+        ("json3", '{"tStartMs": 1.7, "segs": null}, {"tStartMs": 1, "segs": [{"utf8": "a"}]}', "a"),
+        ("json3", '{"tStartMs": 1e999, "segs": [{"utf8": "b"}]}, {"segs": [{"utf8": "a"}]}', "a"),
+        ("json3", '{"dDurationMs": NaN, "segs": [null, {"utf8": 5}, {"utf8": "a\\ud83c"}]}', "a"),
+        (
+            "json3",
+            '{"tStartMs": "7", "aAppend": "x", "segs": [{"utf8": "a", "tOffsetMs": []}]}',
+            "a",
+        ),
+    ],
+)
+def test_an_odd_value_costs_that_value(form: str, text: str, cues: str) -> None:
+    whole = {
+        "srv3": f"<timedtext><body>{text}</body></timedtext>",
+        "json3": f'{{"events": [{text}]}}',
+    }
+    assert [cue.text.strip("\ufffd") for cue in subtitles.read(form, whole[form]).cues] == [*cues]
 
 
 @pytest.mark.parametrize(

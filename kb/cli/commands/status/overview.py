@@ -183,7 +183,7 @@ def _age(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     shown = {f"{schema}.{source}_{short}" for short in SOURCES[source].tables}
     files = [file for view in catalog.views if view.full in shown for file in view.files]
     with reading.reading(files):
-        oldest, newest, old = span(files, "fetched_at", limit)
+        oldest, newest, old = span(files, "fetched_at", limit, SOURCES[source].aging)
     return {
         "oldest": f"{oldest:%Y-%m-%dT%H:%M:%SZ}" if oldest else None,
         "newest": f"{newest:%Y-%m-%dT%H:%M:%SZ}" if newest else None,

@@ -171,7 +171,7 @@ def _meant(profile: Profile, data: dict[str, Any]) -> Iterator[Remark]:
             what = f"'pairs.include' holds the everyday word \"{word}\""
             yield WARNING, "pairs.include", what, fix
     if not profile.toxicity.on:
-        fix = "the release gate reports it as incomplete"
+        fix = "the card of a release says so"
         yield NOTE, "toxicity", "'toxicity' is off: no text is scored", fix
     contact = profile.release.contact
     if contact and contact != FILL_IN and not is_contact(contact):

@@ -363,7 +363,10 @@ class RedditSection(Section):
     about = "Reddit: which posts are kept, what their links show"
 
     subreddit: str = Field(
-        pattern=r"^[A-Za-z0-9_]{2,21}$", description="name without r/", examples=["Minecraft"]
+        # reddit.com is the subreddit of everything that was posted in 2005
+        pattern=r"^([A-Za-z0-9_]{2,21}|[Rr]eddit\.com)$",
+        description="name without r/",
+        examples=["Minecraft"],
     )
     search: tuple[str, ...] = Field(
         (), description="search terms in the subreddit, besides its listings"

@@ -170,7 +170,7 @@ class Toxicity(Section):
     about = 'Toxicity: how texts are scored; toxicity.toxicity = "off" leaves the scores out'
 
     toxicity: Literal["on", "off"] = Field(
-        "on", description="off: no text is scored; the release gate reports it"
+        "on", description="off: no text is scored, and the release says so"
     )
     thresholds: Thresholds = Field(
         Thresholds(), description="maximum score that is kept, per source"
@@ -226,6 +226,36 @@ class PublishedAt(Section):
     )
 
 
+class Datasheet(Section):
+    """Answers to questions of the datasheet that only the authors know."""
+
+    funding: str | None = Field(None, description="who funded the collection")
+    collectors: str | None = Field(
+        None, description="who collected the data, and how they were paid for it"
+    )
+    ethics_review: str | None = Field(
+        None, description="reviews by an ethics board, with their outcome"
+    )
+    impact: str | None = Field(
+        None, description="analysis of the impact on people whom the data is about"
+    )
+    sensitive_data: str | None = Field(
+        None, description="what in the data may be sensitive, such as health or beliefs"
+    )
+    third_parties: str | None = Field(
+        None, description="to whom the data is given outside of the authors' organisation"
+    )
+    third_party_rights: str | None = Field(
+        None, description="limits that rights of third parties put on the data"
+    )
+    export_controls: str | None = Field(
+        None, description="export controls and other regulation that applies"
+    )
+    erratum: str | None = Field(None, description="where corrections are listed")
+    contributing: str | None = Field(None, description="how others can extend the data set")
+    uses_so_far: str | None = Field(None, description="what the data was used for already")
+
+
 class Release(Section):
     """The release part of a profile (Zenodo deposit metadata; Datasheets for Datasets)."""
 
@@ -239,7 +269,7 @@ class Release(Section):
         description="version of the data: raise it for each published release",
     )
     creators: tuple[Creator, ...] = Field(
-        (Creator(name="Lorecrawl contributors"),), min_length=1, description="who made the data set"
+        (Creator(name="Authors not stated"),), min_length=1, description="who made the data set"
     )
     homepage: str | None = Field(
         None,
@@ -287,10 +317,14 @@ class Release(Section):
         description="DOI and address of each folder, where they are known before it is published:"
         " [release.published.youtube]",
     )
+    datasheet: Datasheet = Field(
+        Datasheet(), description="answers of the authors for the datasheet; in whole sentences"
+    )
     max_age_days: int | None = Field(
         None,
         ge=1,
-        description="older rows are refused; a source's own max_age_days takes precedence",
+        description="rows that were read through a service's API longer ago are refused; a"
+        " source's own max_age_days takes precedence",
     )
     emails_per_thousand: float = Field(
         0.2,

@@ -67,7 +67,9 @@ def test_a_placeholder_in_the_settings_is_seen_unless_all_is_local(
     for name in ("KB_WIKI_URL", "KB_REDDIT_ENDPOINT", "KB_YOUTUBE_WEB", "KB_YOUTUBE_ENDPOINT"):
         monkeypatch.delenv(name, raising=False)
     assert typed("profile", "check", str(path)) == 2
-    assert "KB_CONTACT is the placeholder you@example.com" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert f"{path}:\n" in shown
+    assert "KB_CONTACT is the placeholder you@example.com" in shown
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 for card and datasheet. There is no single score.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,6 @@ from duckdb import DuckDBPyConnection
 
 from kb.artifacts.measures import pair_figures, read_measures
 from kb.artifacts.release_folder import ReleaseFolder
-from kb.release.metadata.judgements import judgements, share_text
 from kb.store.layout import Layout
 
 _SHOWN = 5  # other languages that are named
@@ -33,9 +32,7 @@ def pair_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> 
             " what another one says (`duplicate_of`), by MinHash of runs of five words, where a"
             " third of 112 hashes agree."
         ),
-        *_recurring(figures["recurring_text"]),
-        _languages(figures["languages"]),
-        *_verbs(figures["verbs"]),
+        *_texts(figures["recurring_text"], figures["languages"], figures["verbs"]),
         _speech_recognition(heard) if heard else _NOT_MEASURED,
         _TEXTS_ALONE,
         *judgements(samples, "pair"),
@@ -56,26 +53,23 @@ def _times(words: dict[str, Any], error: dict[str, Any]) -> str:
     return sentence
 
 
-def _recurring(share: dict[str, Any]) -> Iterator[str]:
-    if share["n"]:
+def _texts(
+    recurring: dict[str, Any], languages: dict[str, dict[str, Any]], verbs: dict[str, Any]
+) -> Iterator[str]:
+    """What the texts of the pairs are like."""
+    if recurring["n"]:
         yield (
-            f"Recurring text: in {_pairs(share)} more than half of the words lie in runs of at"
+            f"Recurring text: in {_pairs(recurring)} more than half of the words lie in runs of at"
             " least six words that at least three videos of the channel have, and one in twenty of"
-            f" them; on average {share['mean_share']:.1%} of the words do (`recurring_share`)."
+            f" them; on average {recurring['mean_share']:.1%} of the words do (`recurring_share`)."
         )
-
-
-def _languages(languages: dict[str, dict[str, Any]]) -> str:
     (main, most), *others = languages.items()
     named = ", ".join(f"{code} {one['hits']:,}" for code, one in others[:_SHOWN])
     rest = f"; others: {named}" if named else ""
-    return f"Languages: {_pairs(most)} have texts in `{main}` (`language`){rest}."
-
-
-def _verbs(share: dict[str, Any]) -> Iterator[str]:
-    if share["n"]:
+    yield f"Languages: {_pairs(most)} have texts in `{main}` (`language`){rest}."
+    if verbs["n"]:
         yield (
-            f"Verbs: {_pairs(share)} have a verb of a word list at most five words from the"
+            f"Verbs: {_pairs(verbs)} have a verb of a word list at most five words from the"
             " keyword (`has_verb`), a rule of thumb."
         )
 
@@ -110,3 +104,42 @@ def _speech_recognition(section: dict[str, Any]) -> str:
             f" {later['p25']:.2f} and {later['p75']:.2f} s later than in the manual one."
         )
     return sentence
+
+
+def task_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> tuple[str, ...]:
+    return tuple(judgements(read_measures(Layout(root).pairs), "task"))
+
+
+def judgements(measures: Mapping[str, Any], kind: str) -> Iterator[str]:
+    """A sentence for each question about a "pair" or "task" that has an answer, or that nobody has
+    judged any. `measures` are the sections of pairs/measures.json.
+    """
+    section = measures.get("labels", {}).get(kind)
+    if not section or not section["items"]:
+        yield f"Not judged yet: nobody has looked at a sample of these {kind}s."
+        return
+    people, items = section["annotators"], section["items"]
+    who = f"{people} people" if people > 1 else "one person"
+    yield (
+        f"Judged by people: {who} judged {items:,} {kind}{'s' if items > 1 else ''} of a stratified"
+        f" sample; the shares are those of all {kind}s."
+    )
+    for one in section["questions"].values():
+        if one.get("n"):
+            good = one["good"][0].upper() + one["good"][1:]
+            yield f"{one['question']} {good} for {share_text(one)}{_kappa(one['agreement'])}."
+
+
+def _kappa(agreement: dict[str, Any] | None) -> str:
+    if agreement is None or agreement["kappa"] is None:
+        return ""
+    name = {"cohen": "Cohen's", "fleiss": "Fleiss'"}[agreement["method"]]
+    return f"; {name} kappa {agreement['kappa']:.2f} over {agreement['items']:,}"
+
+
+def share_text(share: Mapping[str, Any]) -> str:
+    """ "95.0% (95 % interval 94.5% to 95.5%, n = 7,000)"; "none" of nothing."""
+    if share["share"] is None:
+        return "none"
+    low, high, n = share["low"], share["high"], share["n"]
+    return f"{share['share']:.1%} (95 % interval {low:.1%} to {high:.1%}, n = {n:,})"

@@ -1,0 +1,211 @@
+"""`kb merge`: the data roots of several machines become one.
+
+    raw            answers and files, each once; an open segment as far as it can be read
+    tombstones     of all roots, the oldest of each key
+    state          what each machine has spent; notes of imported dumps; the key of authors
+    annotations    scores
+
+Items and cursors are not copied: the next crawl reads the new segments into its state, as it does
+with its own after it was killed. Everything else is made again from these. Each file appears
+complete or not at all, so the same command resumes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from pathlib import Path
+
+import msgspec
+
+from kb.artifacts import domain_binding
+from kb.artifacts.table_catalog import existing, is_root
+from kb.core.context import Run
+from kb.core.errors import OtherService, SettingError, WriterLocked
+from kb.core.sources import SOURCES
+from kb.core.summary import Summary
+from kb.store import leftovers, lock
+from kb.store.atomic import write_bytes, writing
+from kb.store.full_disk import full_disk_is_resumable
+from kb.store.layout import Layout
+from kb.store.rawlog import rawlog
+from kb.store.state import service_binding, tombstones
+from kb.store.state.frontier import Frontier
+
+
+def merge(run: Run, others: Sequence[Path]) -> Summary:
+    """Bring these roots into the run's; the purges of sources that are to be finished then have a
+    list (`Layout.purge`). Raises SettingError, OtherService and WriterLocked before
+    anything is written; DiskFull.
+    """
+    roots = [existing(one).resolve() for one in others]
+    for root in roots:
+        if root == run.root.resolve() or roots.count(root) > 1:
+            raise SettingError(f"{root} is named twice", hint="name each data root once")
+        if not is_root(root):
+            raise SettingError(f"{root} is not a data root", hint="name folders with raw/ in them")
+        if pid := lock.another(root):
+            raise WriterLocked(f"a process (pid {pid}) writes to {root}", hint="wait for its end")
+    _check(run, roots)
+    run.root.mkdir(parents=True, exist_ok=True)
+    counts: Counter[str] = Counter()
+    with domain_binding.writing(run, *SOURCES), full_disk_is_resumable(run.root):
+        for source in SOURCES:
+            for root in roots:
+                tombstones.unite(run.root, source, root)
+            purged, before = _begin_purge(run.root, source), counts["files"]
+            for root in sorted(roots, key=lambda root: _has_others(root, source)):
+                files = list(_files(root, source))
+                name = f"merge {source} of {root}"
+                with run.progress.task(name, total=len(files), unit="files") as task:
+                    for path in files:
+                        counts.update(_bring(path, root, run.root))
+                        task.advance(1, copied=counts["files"])
+                _note(root, run.root, source)
+                counts["requests"] += _spent(root, run.root, source)
+            if purged and counts["files"] == before:  # nothing came that may hold it
+                Layout(run.root).purge(source).unlink()
+        domain_binding.note_if_stored(run.root, run.profile)
+    return Summary(
+        command="merge",
+        folders=len(roots),
+        files=counts["files"],
+        present=counts["present"],
+        bytes=counts["bytes"],
+        requests=counts["requests"],
+        path=str(run.root),
+    )
+
+
+def _begin_purge(root: Path, source: str) -> bool:
+    """List what was purged on any machine as a purge that is not finished: what another machine
+    brings may hold it. False where there is nothing, or such a list already.
+    """
+    keys = tombstones.read(root, source).select(["key", "reason"]).to_pylist()
+    path = Layout(root).purge(source)
+    if not keys or path.exists():
+        return False
+    reasons = {row["key"]: row["reason"] for row in keys}
+    write_bytes(path, msgspec.json.encode(reasons, order="sorted"))
+    return True
+
+
+def _check(run: Run, roots: Sequence[Path]) -> None:
+    """Raises OtherService for a root of another profile, host, subreddit or key of authors."""
+    hosts: dict[tuple[str, str], tuple[Path, str]] = {}
+    keys: dict[tuple[str, str], Path] = {}
+    for root in (run.root, *roots):
+        domain_binding.check(root, run.profile)
+        for source in SOURCES:
+            for name, value in service_binding.noted(root, source).items():
+                first, known = hosts.setdefault((source, name), (root, value))
+                if known != value:
+                    raise OtherService(
+                        f"{root} holds {source} data of {name} {value}, and {first} of {known}",
+                        hint="merge roots of the same services",
+                    )
+            for mark in Layout(root).key_marks(source):
+                keys[source, mark.name] = root
+            of_source = [(name, at) for (one, name), at in keys.items() if one == source]
+            if len(of_source) > 1:
+                raise OtherService(
+                    f"the authors of {of_source[0][1]} and {of_source[1][1]} were hashed with two"
+                    f" keys",
+                    hint=f"copy {Layout(run.root).key(source).name} to each machine before its"
+                    " first crawl, and collect again on all but one",
+                )
+
+
+def _files(root: Path, source: str) -> Iterator[Path]:
+    """What is brought over: captured files before the answers that name them."""
+    raw, own = Layout(root).raw(source), {"tombstones.parquet"}
+    paths = [path for path in sorted(raw.rglob("*")) if path.is_file() and path.name not in own]
+    paths = [path for path in paths if not leftovers.is_left(path.relative_to(root).parts)]
+    segments = [path for path in paths if path.name.endswith((rawlog.SUFFIX, rawlog.OPEN))]
+    answers = set(segments)
+    yield from (path for path in paths if path not in answers and ".damaged-" not in path.name)
+    yield from segments
+    for folder in (Layout(root).importing(source), Layout(root).annotations(source)):
+        for path in sorted(folder.rglob("*")):
+            if path.is_file() and not leftovers.is_left(path.relative_to(root).parts):
+                yield path
+
+
+def _bring(path: Path, root: Path, home: Path) -> dict[str, int]:
+    """Copy a file unless it is there; what was done."""
+    place = home / path.relative_to(root)
+    size = path.stat().st_size
+    if path.name.endswith(rawlog.OPEN):
+        frames = rawlog.Frames(path, mending=True)
+        for _ in frames:
+            pass
+        size, place = frames.good, place.with_name(rawlog.base_name(path))
+    if not size and path.suffix != ".sha256":
+        return {"present": 1}
+    if place.relative_to(home).parts[0] == "annotations":
+        place = place.with_name(f"part-{_digest(path, size)[:12]}.parquet")
+    there = next((one for one in (place, Path(f"{place}.open")) if one.exists()), None)
+    if there is not None:
+        known = there.stat().st_size
+        common = min(known, size)
+        if _digest(there, common) == _digest(path, common):
+            if known >= size:
+                return {"present": 1}
+        elif rawlog.SUFFIX not in place.name:
+            return {"present": 1}  # captured again, or a note of the same dump: the first stays
+        else:
+            stem = place.name.removesuffix(rawlog.SUFFIX)
+            there = place.with_name(f"{stem}-{_digest(path, size)[:8]}{rawlog.SUFFIX}")
+            place = there
+            if place.exists():
+                return {"present": 1}
+        place = there
+    place.parent.mkdir(parents=True, exist_ok=True)
+    with writing(place) as temporary, path.open("rb") as old, temporary.open("wb") as new:
+        left = size
+        while left and (data := old.read(min(left, 1 << 20))):
+            new.write(data)
+            left -= len(data)
+    return {"files": 1, "bytes": size}
+
+
+def _digest(path: Path, size: int) -> str:
+    """SHA-256 of the first `size` bytes."""
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while size and (data := file.read(min(size, 1 << 20))):
+            digest.update(data)
+            size -= len(data)
+    return digest.hexdigest()
+
+
+def _note(root: Path, home: Path, source: str) -> None:
+    """Services and the key of authors, where the root does not have them yet."""
+    theirs, ours = Layout(root), Layout(home)
+    if theirs.identity(source).is_file() and not ours.identity(source).is_file():
+        write_bytes(ours.identity(source), theirs.identity(source).read_bytes())
+    if theirs.key(source).is_file() and not ours.key(source).is_file():
+        write_bytes(ours.key(source), theirs.key(source).read_bytes(), mode=0o600)
+
+
+def _has_others(root: Path, source: str) -> bool:
+    """Whether a root has merged others itself; those that it has come first."""
+    path = Layout(root).state(source)
+    if not path.is_file():
+        return False
+    with closing(Frontier(path, readonly=True)) as theirs:
+        return bool(theirs.merged())
+
+
+def _spent(root: Path, home: Path, source: str) -> int:
+    """Add what the other machine has spent, each request once; how many were new."""
+    path = Layout(root).state(source)
+    if not path.is_file():
+        return 0
+    with (
+        closing(Frontier(path, readonly=True)) as theirs,
+        closing(Frontier(Layout(home).state(source))) as ours,
+    ):
+        return ours.add_ledger(theirs, str(path))

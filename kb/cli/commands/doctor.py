@@ -1,0 +1,273 @@
+"""`kb doctor`: whether this machine has what a long crawl needs, one line for each thing."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.metadata
+import os
+import platform
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from kb.cli.framework.command import command, group
+from kb.cli.framework.messages import show, warn
+from kb.cli.framework.options import Options
+from kb.core import terminal
+from kb.core.errors import DamagedData, FatalError, KbError, MissingExtra, SettingError
+from kb.core.sources import SOURCES
+from kb.core.summary import Summary
+
+if TYPE_CHECKING:
+    from kb.core.config.settings import Settings
+    from kb.core.context import Run
+
+app = group("Check what a long crawl needs: programs, disk, model, credentials, services.")
+
+OK, NOTE, PROBLEM = "ok", "note", "problem"
+Line = tuple[str, str, str, str]  # state, what, what was found, what to do
+_FILES = 1024  # open files of a crawl with its browsers and of an index
+_PACKAGES = ("duckdb", "numpy", "pyarrow", "selenium", "torch", "typer", "zstandard")
+_REMOTE = ("nfs", "nfs4", "cifs", "smb3", "9p", "fuse.sshfs", "lustre", "gpfs", "beegfs", "ceph")
+
+
+@command(
+    app,
+    raw=True,
+    uses=("engine", "scheduler"),
+    resumable=False,
+    json="checks (each state, what, found, fix), problems",
+    examples=[
+        "kb doctor                                this machine, the data root and the settings",
+        "kb doctor --online                       and each service of the profile, asked once",
+        "kb doctor --engine dask --scheduler tcp://10.0.0.1:8786     and each worker",
+    ],
+)
+def doctor(
+    options: Options,
+    online: Annotated[
+        bool,
+        typer.Option("--online", help="Ask each service of the profile once (1 search unit)."),
+    ] = False,
+) -> Summary:
+    """Print one line for each thing that a long crawl needs, with what to do where it is missing.
+
+    Secrets are never shown, so the output can go into a bug report. The exit code is 1 if something
+    stands in the way; credentials that are not set and a data root that is yet to be made don't.
+    """
+    lines: list[Line] = []
+    for line in _all(options, online):
+        lines.append(line)
+        if not options.json:
+            state, what, found, fix = line
+            show(f"{state:<8} {what}: {found}" + (f"; {fix}" if fix else ""))
+    names = ("state", "what", "found", "fix")
+    problems = sum(state == PROBLEM for state, *_ in lines)
+    summary = Summary(
+        command="doctor",
+        checks=[dict(zip(names, line, strict=True)) for line in lines],
+        problems=problems,
+    )
+    if not problems:
+        return summary
+    first = next(line for line in lines if line[0] == PROBLEM)
+    error = FatalError(f"{first[1]}: {first[2]}", hint=first[3])
+    error.summary = summary
+    raise error
+
+
+def _all(options: Options, online: bool) -> Iterator[Line]:
+    yield from _installation()
+    try:
+        run = replace(options, engine=type(options.engine).local, scheduler=None).make_run()
+    except KbError as error:
+        yield PROBLEM, "settings", str(error), error.hint
+        return
+    for name in sorted(run.settings.model_fields_set & {"kb_now", "source_date_epoch"}):
+        yield NOTE, name.upper(), f"set to {getattr(run.settings, name)}", "dates are not today's"
+    yield OK, "profile", f"{run.profile.name} ({run.profile.path})", ""
+    yield from _root(run)
+    yield from _clock(run)
+    yield from _programs(run)
+    yield from _settings(run.settings)
+    if options.engine != "local":
+        yield from _workers(options, run)
+    if online:
+        from kb.cli.commands.profile_files import ask
+        from kb.core.config.profile.base import ERROR, WARNING
+
+        for finding, _, _ in ask(run):
+            state = PROBLEM if finding.level in (ERROR, WARNING) else OK
+            yield state, finding.file.replace("online: ", "service "), finding.what, finding.fix
+
+
+def _installation() -> Iterator[Line]:
+    from kb import __version__
+    from kb.core.installation import code_digest
+
+    yield OK, "Lorecrawl", f"{__version__} (code {code_digest()[:12]})", ""
+    python = f"{platform.python_version()} at {sys.executable}"
+    if (3, 11) <= sys.version_info < (3, 15):
+        yield OK, "Python", python, ""
+    else:
+        yield PROBLEM, "Python", python, "use Python 3.11 to 3.14"
+    versions = []
+    for name in _PACKAGES:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            versions.append(f"{name} {importlib.metadata.version(name)}")
+    yield OK, "packages", ", ".join(versions), ""
+    yield OK, "machine", f"{platform.platform()}, {os.cpu_count()} processors", ""
+    with contextlib.suppress(ImportError):
+        import resource
+
+        limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+        few = limit < _FILES
+        fix = f"raise it: ulimit -n {4 * _FILES}" if few else ""
+        yield PROBLEM if few else OK, "open files", f"{limit:,} at most", fix
+
+
+def _root(run: Run) -> Iterator[Line]:
+    """Write access, file system and free space of the data root or of where it would be made."""
+    place = next(one for one in (run.root, *run.root.parents) if one.exists())
+    what = "data root" if place == run.root else "data root (yet to be made)"
+    kind = _file_system(place)
+    found = f"{run.root}" + (f" on {kind}" if kind else "")
+    try:
+        with tempfile.NamedTemporaryFile(dir=place, prefix=".doctor-", suffix=".tmp") as file:
+            import fcntl
+
+            fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        fix = "make it writable, or name another with --data"
+        yield PROBLEM, what, f"{found}: {error.strerror or error}", fix
+        return
+    if kind in _REMOTE:
+        yield NOTE, what, found, "a network's file system: one machine may write to it at a time"
+    else:
+        yield OK, what, found, ""
+    free = shutil.disk_usage(place).free
+    needed, sources = 0.0, []
+    for source, gb in _planned(run):
+        needed += gb * 1e9
+        sources.append(f"{source} {gb:.1f} GB")
+    plan = f"{terminal.size(free)} free"
+    plan += f"; crawls need about {terminal.size(int(needed))} ({', '.join(sources)})"
+    if needed > free:
+        fix = "free some, or take another --data"
+        yield PROBLEM, "disk", plan, fix
+    else:
+        yield OK, "disk", plan if sources else f"{terminal.size(free)} free", ""
+
+
+def warn_of_space(run: Run, source: str) -> None:
+    """Say in one line that a crawl may need more than is free; `--limit` asks for less anyway."""
+    place = next(one for one in (run.root, *run.root.parents) if one.exists())
+    free = shutil.disk_usage(place).free
+    needed = next((gb * 1e9 for one, gb in _planned(run) if one == source), 0)
+    if needed > free and run.limit is None:
+        warn(
+            f"the crawl needs about {terminal.size(int(needed))}, and {terminal.size(free)} are"
+            f" free at {place}; it stops resumable when the disk is full"
+        )
+
+
+def _planned(run: Run) -> Iterator[tuple[str, float]]:
+    """What the crawl of each source of the profile would add to raw/, in GB; sends nothing."""
+    for source in SOURCES:
+        if getattr(run.profile, source, None) is None:
+            continue
+        plan: Any
+        if source == "youtube":
+            from kb.youtube.plan import plan
+        elif source == "wiki":
+            from kb.wiki.crawl.connector import plan_crawl as plan
+        elif source == "reddit":
+            from kb.reddit.plan import plan_crawl as plan
+        else:
+            continue
+        with contextlib.suppress(KbError):  # a damaged state: `kb verify` tells
+            yield source, float(plan(run)["gb"])
+
+
+def _file_system(place: Path) -> str:
+    """The kind of file system that a folder is on, where Linux tells."""
+    try:
+        mounts = [line.split() for line in Path("/proc/mounts").read_text().splitlines()]
+    except OSError:
+        return ""
+    path = str(place.resolve())
+    inside = [one for one in mounts if path == one[1] or path.startswith(one[1].rstrip("/") + "/")]
+    return max(inside, key=lambda one: len(one[1]))[2] if inside else ""
+
+
+def _clock(run: Run) -> Iterator[Line]:
+    """A clock behind what was written before; `--online` is told by the services' certificates."""
+    now = datetime.now(UTC)
+    written = [Path(__file__), *(run.root / "raw").glob("*/*/*.zst")]
+    newest = datetime.fromtimestamp(max(path.stat().st_mtime for path in written), UTC)
+    found = now.strftime("%Y-%m-%d %H:%M:%S UTC")
+    if (newest - now).total_seconds() > 60:
+        fix = f"set it: a file is of {newest:%Y-%m-%d %H:%M:%S} already, and quotas go by the day"
+        yield PROBLEM, "clock", found, fix
+    else:
+        yield OK, "clock", found, ""
+
+
+def _programs(run: Run) -> Iterator[Line]:
+    """Browser and driver where the profile has a wiki, and the toxicity model."""
+    if run.profile.wiki is not None:
+        from kb.wiki.browser import chromium
+
+        try:
+            programs = chromium.find()
+            yield OK, "browser", f"{programs.browser} with {programs.driver}", ""
+        except MissingExtra as error:
+            yield PROBLEM, "browser", str(error), error.hint
+    if not run.profile.toxicity.on:
+        yield OK, "toxicity model", "off in the profile", ""
+        return
+    from kb.annotate import checkpoint
+
+    try:
+        checkpoint.need_extra()
+        model = checkpoint.find_checkpoint(run.settings)
+        yield OK, "toxicity model", f"{model.model} ({model.path})", ""
+    except (KbError, DamagedData) as error:
+        yield PROBLEM, "toxicity model", str(error), error.hint
+
+
+def _settings(settings: Settings) -> Iterator[Line]:
+    """Which credentials are set, never their values; endpoints that are not the public ones."""
+    for name, field in type(settings).model_fields.items():
+        value = getattr(settings, name)
+        if "SecretStr" in str(field.annotation) or name == "kb_contact":
+            is_set = value is not None
+            yield (
+                OK if is_set else NOTE,
+                name.upper(),
+                "set" if is_set else "not set",
+                "" if is_set else f"needed for: {field.description}",
+            )
+        elif name.endswith(("_endpoint", "_web", "_url")) and value is not None:
+            yield NOTE, name.upper(), f"{value}", "not the public service"
+
+
+def _workers(options: Options, run: Run) -> Iterator[Line]:
+    """A line for each worker of the cluster."""
+    from kb.core.dask_engine import survey
+
+    try:
+        root = run.root if run.root.is_dir() else None
+        for address, threads, why in survey(options.scheduler, root):
+            fix = "install the same there, and start it again" if why else ""
+            found = f"{threads} threads" + (f", {why}" if why else ", as here")
+            yield PROBLEM if why else OK, f"worker {address}", found, fix
+    except (KbError, SettingError) as error:
+        yield PROBLEM, "cluster", str(error), error.hint
