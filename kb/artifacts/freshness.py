@@ -49,10 +49,18 @@ def settings(run: Run, name: str) -> dict[str, Any]:
     file, digests of its lines.
     """
     artifact = ARTIFACTS[name]
-    found = _values(run.profile, artifact.settings, artifact.other_settings)
-    source = name.removeprefix("clean/")
-    if source != name and run.profile.toxicity.on:
-        found[MODEL] = SOURCES[source].model(run)
+    return _values(run.profile, artifact.settings, artifact.other_settings)
+
+
+def _settings_now(run: Run, name: str, made: Manifest) -> dict[str, Any]:
+    """The same with the model whose scores count now: of another model that is not installed the
+    stored scores are used as they are.
+    """
+    found, source = settings(run, name), name.removeprefix("clean/")
+    if source != name and run.profile.toxicity.on and MODEL in made.settings:
+        used = str(made.settings[MODEL])
+        same = used.startswith(f"{run.settings.kb_toxicity_model}@")
+        found[MODEL] = used if same else SOURCES[source].model(run) or used
     return found
 
 
@@ -119,14 +127,12 @@ def reasons(run: Run, name: str, stale: Collection[str] = ()) -> list[str]:
             found.append(one)
         elif manifest.input_digest(root, name, one, find) != made.inputs.get(one):
             found.append("/".join(one.split("/")[:2]))
-    return [*dict.fromkeys(found), *changes(made, settings(run, name))]
+    return [*dict.fromkeys(found), *changes(made, _settings_now(run, name, made))]
 
 
 def changes(made: Manifest, now: Mapping[str, Any]) -> list[str]:
     """What has changed of settings and rules since an artifact was made, in words."""
     before, rules = made.settings, ARTIFACTS[made.artifact].rules if made.artifact != RELEASE else 1
-    if MODEL in now and not now[MODEL]:  # no model: the stored scores are used as they are
-        now = {**now, MODEL: before.get(MODEL, "")}
     found = [
         _change(key, before.get(key), now.get(key))
         for key in dict.fromkeys((*now, *before))
@@ -342,10 +348,13 @@ def warning(run: Run) -> str:
     """A line for commands that only read, "" where everything is current. A root that can't be
     looked through is no reason to fail.
     """
+    if run.profile.path == Path():  # without a profile nothing can be compared
+        return ""
     try:
         if Catalog(run.root.absolute()).is_download:
             return ""
-        names = [one for one in graph(run) if one != RELEASE and not one.startswith("index/")]
+        names = [one for one in graph(run) if one not in (RELEASE, "report")]
+        names = [one for one in names if not one.startswith("index/")]  # a search makes them
         found = {name: why for name, why in plan(run, names).items() if why != [_NEVER_MADE]}
     except (DamagedData, OSError):
         return ""

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import msgspec
 
-from kb.artifacts import table_catalog
+from kb.artifacts import freshness, table_catalog
 from kb.clips.clip_files import (
     CutOptions,
     LeftOut,
@@ -130,6 +130,7 @@ def _inputs(
     shards = table_catalog.read(run.root).files("pairs/pairs")
     if not shards:
         raise FatalError("there are no pairs", hint="run `kb pairs` first, or --data a release")
+    freshness.refuse(run, "pairs")
     has_text = "text" in parquet.open_file(shards[0]).schema_arrow.names
     parquet.check(*shards)
     with reading(shards), database.connect(run.root) as con:
