@@ -38,7 +38,7 @@ QUERIES = [
         "Why were videos left out?",
         (
             "SELECT stage, reason, count(*) AS videos FROM clean.youtube_rejected"
-            " GROUP BY ALL ORDER BY videos DESC, stage, reason LIMIT 8"
+            " GROUP BY ALL ORDER BY videos DESC, stage, reason LIMIT 3"
         ),
         ["clean.youtube_rejected"],
     ),
@@ -46,20 +46,20 @@ QUERIES = [
         "Which words match most clips, and how long are these?",
         """SELECT keyword, keyword_kind, count(*) AS clips,
             round(avg(clip_end_s - clip_start_s), 1) AS seconds
-        FROM release.pairs GROUP BY ALL ORDER BY clips DESC, keyword LIMIT 8""",
+        FROM release.pairs GROUP BY ALL ORDER BY clips DESC, keyword LIMIT 3""",
         ["release.pairs"],
     ),
     (
         "What does a wiki page consist of?",
         """SELECT kind, region, count(*) AS elements
         FROM release.wiki_elements WHERE visible
-        GROUP BY ALL ORDER BY elements DESC, kind, region LIMIT 8""",
+        GROUP BY ALL ORDER BY elements DESC, kind, region LIMIT 3""",
         ["release.wiki_elements"],
     ),
     (
         "What is posted, and how much is it talked about?",
         """SELECT type, count(*) AS posts, round(avg(score)) AS score, sum(num_comments) AS comments
-        FROM release.reddit_posts GROUP BY ALL ORDER BY posts DESC, type""",
+        FROM release.reddit_posts GROUP BY ALL ORDER BY posts DESC, type LIMIT 3""",
         ["release.reddit_posts"],
     ),
     (
@@ -70,7 +70,7 @@ QUERIES = [
             sum(count) FILTER (source = 'reddit') AS threads
         FROM links.links JOIN links.entities USING (entity)
             LEFT JOIN release.wiki_pages ON wiki_page_id = page_id
-        GROUP BY ALL ORDER BY sum(count) DESC, entity LIMIT 8""",
+        GROUP BY ALL ORDER BY sum(count) DESC, entity LIMIT 3""",
         ["links.links", "links.entities", "release.wiki_pages"],
     ),
 ]

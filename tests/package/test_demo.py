@@ -49,6 +49,12 @@ def test_every_step_was_done(demo: Path) -> None:
     assert done["youtube filter"]["crawled"] == 300
 
 
+def test_the_output_fits_on_a_page(demo: Path) -> None:
+    lines = (demo / "demo.out").read_text().splitlines()
+    assert len(lines) < 80
+    assert [line for line in lines if line.startswith("youtube filter: 300 videos crawled")]
+
+
 def test_the_users_own_settings_and_credentials_are_left_alone(demo: Path) -> None:
     for path in demo.rglob("*"):
         assert path.name == ".env" or not path.is_file() or b"a-real-" not in path.read_bytes(), (

@@ -23,6 +23,7 @@ from kb.cli.framework.options import CLUSTER, Options, pipeline, without_scores
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import MissingExtra, SettingError, UsageError
+from kb.core.progress import Progress
 from kb.core.sources import SOURCES, made_of
 from kb.core.summary import Summary
 from kb.store.layout import TOP, Layout
@@ -39,7 +40,7 @@ demo_app = group("Run the whole job on the sandbox in minutes: no key, no networ
 _KEPT = {"kb_data", "kb_now", "source_date_epoch"}
 _DUMPS = "dumps"
 _REMOVED = ".demo.old"  # what a demo that starts over moves out of the way
-_ANSWERS = 3
+_ANSWERS = 2
 
 
 @command(
@@ -107,6 +108,8 @@ def play(options: Options, without: Collection[str] = (), **size: Any) -> Summar
         run = replace(run, asked=options.workers is not None)
         if "KB_TOXICITY_MODEL" not in settings:
             run = replace(run, profile=without_scores(run.profile))
+        if not sys.stderr.isatty():  # each step is a line of stdout, which is enough
+            run = replace(run, progress=Progress())
         plan = pipeline(run, "demo")
         given = {"reddit import": {"files": dumps(services.world.reddit, run.root / _DUMPS)}}
         steps = [step for step in plan.STEPS if step not in without]
@@ -150,9 +153,8 @@ def _all(
 
     done = Summary()
     for step in steps:
-        print(f"\n== kb {step}", flush=True)
         if missing := _missing_section(run, step):
-            print(f"left out: the profile has no [{missing}]", flush=True)
+            print(f"{step}: left out: the profile has no [{missing}]", flush=True)
             continue
         # A browser mostly waits for a page, so two take half the time of one.
         of_step = replace(run, workers=2) if step == "wiki crawl" and not run.asked else run
@@ -160,7 +162,7 @@ def _all(
             command: Any = find_command(step.split())
             summary = Summary(command.function(of_step, **given.get(step, {})) or {})
         except MissingExtra as error:  # the other steps work without it
-            summary = Summary(left_out=f"{error}; {error.hint}")
+            summary = Summary(command=step, left_out=f"{error}; {error.hint}")
         done[step] = dict(summary)
         print(summary.line(), flush=True)
     _queries(queries, run.root)

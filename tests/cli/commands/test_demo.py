@@ -51,7 +51,7 @@ def begun(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Run]]:
     """begun(folder, …) → the Run of a demo there, of which no step is done."""
     runs: list[Run] = []
     monkeypatch.setattr(demo, "_all", lambda steps, queries, words, run, *rest: runs.append(run))
-    monkeypatch.setattr(demo, "_model", lambda options: {})
+    monkeypatch.setattr(demo, "_tiny_model", lambda missing: {})
 
     def begin(data: Path, **options: Any) -> list[Run]:
         play(Options(data=data, quiet=True, **options), **DEMO)
@@ -64,11 +64,11 @@ def test_a_demo_without_scores_is_released_and_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """As where torch is not installed."""
-    monkeypatch.setattr(demo, "_model", lambda options: {})
+    monkeypatch.setattr(demo, "_tiny_model", lambda missing: {})
     sources = [f"{source} {step}" for source in ("wiki", "reddit") for step in STEPS]
     without = {*sources, "reddit import", "refresh reddit", "reddit reconstruct", "report"}
     done = play(Options(data=tmp_path, quiet=True), without, **DEMO)
-    assert done["release"]["folders"] == 3
+    assert done["release"]["folders"] == 4
     card = (tmp_path / "demo/release/youtube/README.md").read_text()
     assert "Toxicity: not scored" in card
     assert "left_out" not in done["index"]
