@@ -45,7 +45,7 @@ _SETTINGS = {
     "tasks": ("tasks", "youtube.topic_keywords", "keywords", "pairs.include"),
     "links": ("keywords", "pairs.include", "pairs.exclude", "pairs.near_words"),
 }
-_RULES = {"pairs": 6, "tasks": 1, "links": 1}
+_RULES = {"pairs": 7, "tasks": 1, "links": 1}
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def _declared() -> Iterator[Artifact]:
             f"index-{source}",
             reads=texts,
             settings=("youtube.language",),
-            rules=5,
+            rules=6,
         )
         yield Artifact(f"restored/{source}", (), "kb restore", "restored")
     for name in ("pairs", "tasks", "links"):
