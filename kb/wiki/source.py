@@ -52,7 +52,7 @@ class Wiki(Source):
         *("markup.animation", "markup.animation_active", "markup.animation_group"),
         *("markup.fact", "markup.fact_field", "markup.fact_value", "markup.fact_subject"),
         *("markup.recipe", "markup.slot", "markup.slot_row", "markup.slot_output"),
-        "markup.quantity",
+        *("markup.quantity", "markup.title", "markup.folded", "markup.formula", "markup.fraction"),
     )
     linked = ("pages", "elements")
     indexed = ("pages", "elements", "cells", "images")

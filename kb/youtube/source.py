@@ -48,7 +48,7 @@ class YouTube(Source):
     unfiltered = ("second_tracks",)
     crawl_settings = (
         *("keywords", "search_pages", "uploads", "transcripts_per_hour"),
-        *("max_age_days", "max_tries"),
+        *("max_age_days", "max_tries", "searches_per_day", "units_per_day"),
     )
     waiting = {
         "transcript": "import their transcripts or run `kb youtube crawl`; with"
