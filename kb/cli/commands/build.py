@@ -1,17 +1,26 @@
-"""`kb build`: makes what is out of date, in order, and says why."""
+"""`kb build`: makes what is out of date, in order, and says why; `kb update`: crawls first."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Any
 
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.messages import show
-from kb.cli.framework.options import CLUSTER, pipeline
+from kb.cli.framework.messages import find_command, show
+from kb.cli.framework.options import CLUSTER, Plan, pipeline
 from kb.core.context import Run
-from kb.core.errors import FatalError, KbError, NothingKept, Stopped
-from kb.core.sources import PUBLISHED
+from kb.core.errors import (
+    DiskFull,
+    FatalError,
+    Interrupted,
+    KbError,
+    NothingKept,
+    SettingError,
+    Stopped,
+)
+from kb.core.sources import PUBLISHED, SOURCES
 from kb.core.summary import Summary
 
 app = group("Make everything that is out of date, in order.")
@@ -153,3 +162,137 @@ def _make_one(run: Run, name: str) -> None:
         locks = [f"release-{one}" for one in (of, owner) if one]
         with domain_binding.writing(run, *locks):
             layouts.export(run, of, layout)
+
+
+update_app = group("Do what is due: crawl what is new, refresh, purge, build.")
+
+
+@command(
+    update_app,
+    uses=(*CLUSTER, "wait"),
+    json="sources (the summaries of each source's steps), made, current, failed, steps",
+    planned=("sources",),
+    needs_data=True,
+    checks=True,
+    examples=[
+        "kb update                      for a timer: see docs/recurring.md",
+        "kb update reddit --wait        one source; sleep until its limit is reset",
+        "kb update --plan               what it would ask for, and what it would make",
+    ],
+)
+def update(
+    run: Run,
+    sources: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[SOURCE]...", help="youtube, wiki or reddit. [default: all crawled ones]"
+        ),
+    ] = None,
+    plan: Plan = False,
+) -> Summary:
+    """Bring a data root up to date, as a timer does: crawl what is new, read again what is older
+    than the services' terms allow, purge what was deleted there, then build.
+
+    Only sources that this data root has crawled through a service. Where a quota or limit ends a
+    source, the others and the build go on, the exit code is 3, and the next run goes on there.
+    """
+    chosen = _crawled_sources(run, sources or [])
+    if plan:
+        return _planned_update(run, chosen)
+    done: dict[str, dict[str, Any]] = {name: {} for name in chosen}
+    failures: list[tuple[str, KbError]] = []
+    for name, step in ((one, step) for one in chosen for step in _steps_of(one)):
+        if any(name in failed.split() for failed, _ in failures):
+            continue
+        run.progress.say(f"kb {step}")
+        # An unfinished round goes on; a finished one is followed by the next.
+        as_run = replace(run, again=step.endswith(" crawl"))
+        try:
+            command_: Any = find_command(step.split())
+            done[name][step] = command_.function(as_run)
+        except (Interrupted, DiskFull):
+            raise
+        except KbError as error:
+            failures.append((step, error))
+            run.progress.say(f"kb {step}: {error}")
+    summary = Summary(command="update", sources=done)
+    try:
+        summary |= {name: value for name, value in build(run).items() if name != "command"}
+    except (Interrupted, DiskFull):
+        raise
+    except KbError as error:
+        failures.append(("build", error))
+        summary |= {
+            name: value for name, value in (error.summary or {}).items() if name != "command"
+        }
+    if not failures:
+        return summary
+    step, first = min(failures, key=lambda one: isinstance(one[1], Stopped))
+    kind = type(first) if isinstance(first, Stopped) else FatalError
+    ended = kind(f"kb {step}: {first}", hint=first.hint or "the next run goes on there")
+    ended.summary = summary
+    raise ended
+
+
+def _steps_of(source: str) -> list[str]:
+    """The commands that ask the service, in order."""
+    refresh = [f"refresh {source}"] if SOURCES[source].refreshed else []
+    return [f"{source} crawl", *refresh, f"purge {source}"]
+
+
+def _crawled_sources(run: Run, asked: list[str]) -> list[str]:
+    """The sources that were crawled through a service, with their credentials.
+
+    Raises SettingError, FatalError without any, MissingCredential.
+    """
+    from kb.store.layout import Layout
+    from kb.store.tables import reading
+
+    if unknown := [name for name in asked if name not in SOURCES]:
+        raise SettingError(
+            f"there is no source {unknown[0]!r}", hint=f"known: {', '.join(SOURCES)}"
+        )
+    crawled = []
+    for name in SOURCES:
+        if (state := Layout(run.root).state(name)).is_file():
+            with reading.state(state) as frontier:
+                if frontier.requests()[0]:
+                    crawled.append(name)
+    chosen = [name for name in crawled if not asked or name in asked]
+    if lacking := [name for name in asked if name not in crawled]:
+        raise FatalError(
+            f"{run.root} has not crawled {lacking[0]} through its service",
+            hint=f"run `kb {lacking[0]} crawl` first",
+        )
+    if not chosen:
+        raise FatalError(
+            f"{run.root} has not crawled any service",
+            hint="run a crawl first; `kb build` makes what is out of date",
+        )
+    for name in chosen:
+        if credential := SOURCES[name].credential:
+            run.settings.need(credential)
+    return chosen
+
+
+def _planned_update(run: Run, chosen: list[str]) -> Summary:
+    """What the crawls and refreshes would ask for, and what a build would make now."""
+    from kb.artifacts import freshness
+
+    phases, assumed = [], []
+    for name in chosen:
+        for step in _steps_of(name)[:-1]:  # what was deleted is known after a refresh
+            command_: Any = find_command(step.split())
+            planned = command_.function(run, plan=True)
+            phases += [{**one, "phase": f"{step}: {one['phase']}"} for one in planned["phases"]]
+            assumed += [planned["assumed"]] if planned.get("assumed") else []
+    found = freshness.plan(run, freshness.graph(run))
+    for line in freshness.lines(found):
+        show(line)
+    sums = {
+        name: round(sum(one.get(name, 0) for one in phases), 3)
+        for name in ("requests", "units", "hours", "gb")
+    }
+    steps = [{"artifact": name, "reasons": why} for name, why in found.items()]
+    about = {"command": "update --plan", "source": "", **sums, "steps": steps}
+    return Summary(about, phases=phases, assumed=", ".join(dict.fromkeys(assumed)) or None)
