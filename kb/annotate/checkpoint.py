@@ -67,7 +67,6 @@ class Checkpoint:
 
 
 def models_folder(name: str) -> Path:
-    """The folder of a fetched model."""
     return cache_root() / "models" / name
 
 

@@ -15,12 +15,13 @@ from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, Retryable, SettingError
 from kb.core.summary import Summary
+from kb.net import bounded
 from kb.net.retry import attempt
 from kb.net.session import HttpSession, failure, send
 from kb.store.atomic import sync_file, sync_folder
 from kb.store.full_disk import full_disk_is_resumable
 
-PIECE = 1 << 16  # bytes; of a connection that breaks only whole pieces are kept
+MODEL_BYTES, MODEL_S = 4 << 30, 24 * 3600.0  # at most, of one file
 
 
 def fetch(
@@ -123,7 +124,7 @@ def _receive(session: HttpSession, address: str, part: Path, task: Any) -> None:
 def _write(response: Any, part: Path, mode: str, task: Any) -> int:
     received = 0
     with full_disk_is_resumable(part), part.open(mode) as file:
-        for piece in response.iter_content(PIECE):
+        for piece in bounded.parts(response, most=MODEL_BYTES, seconds=MODEL_S):
             signals.stop.check()
             file.write(piece)
             received += len(piece)

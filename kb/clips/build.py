@@ -19,6 +19,7 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from itertools import compress, groupby
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
@@ -36,23 +37,33 @@ from kb.clips.clip_sources import cut, frame_times, video_files
 from kb.clips.frames import UndecodableVideo
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
-from kb.core.errors import FatalError, UsageError
+from kb.core.errors import UsageError
 from kb.core.installation import require
 from kb.core.summary import Summary
+from kb.pairs.draw import asking, checked
 from kb.store.atomic import write_bytes, write_text
-from kb.store.tables import database, parquet
-from kb.store.tables.reading import reading, scan
+from kb.store.tables import database
+from kb.store.tables.reading import reading
 
 _VIDEOS = 16  # of a shard
 _JPEG_SHARE = 0.1  # of the bytes of a frame, for the plan
 MISSING, SHORT, UNDECODABLE = "missing", "short", "undecodable"
 
 
-def plan(
-    run: Run, folders: Sequence[Path], options: CutOptions, keyword: str, sample: int | None
-) -> Summary:
+class Chosen(NamedTuple):
+    """Which pairs: of a keyword, of a file with `pair_id`, by a condition in DuckDB's SQL on the
+    columns of pairs and quality (or of the file), a sample of so many.
+    """
+
+    keyword: str = ""
+    pairs: Path | None = None
+    where: str = ""
+    sample: int | None = None
+
+
+def plan(run: Run, folders: Sequence[Path], options: CutOptions, chosen: Chosen) -> Summary:
     """What a run would cut: files, clips, hours and size. Decodes and writes nothing."""
-    rows, files = _inputs(run, folders, keyword, sample)
+    rows, files = _inputs(run, folders, chosen)
     there = [row for row in rows if row["video_id"] in files]
     height, width = options.size
     share = _JPEG_SHARE if options.format == "webdataset" else 1
@@ -68,12 +79,7 @@ def plan(
 
 
 def build(
-    run: Run,
-    folders: Sequence[Path],
-    out: Path,
-    options: CutOptions,
-    keyword: str,
-    sample: int | None,
+    run: Run, folders: Sequence[Path], out: Path, options: CutOptions, chosen: Chosen
 ) -> Summary:
     """Cut the clips that are not cut yet. pairs = clips + missing + short + undecodable.
 
@@ -81,7 +87,7 @@ def build(
     Interrupted; the same call resumes.
     """
     place = table_catalog.outside(run.root, out)
-    rows, files = _inputs(run, folders, keyword, sample)
+    rows, files = _inputs(run, folders, chosen)
     by_video = [list(own) for _, own in groupby(rows, key=lambda row: str(row["video_id"]))]
     shards = {
         f"clips-{at // _VIDEOS:05d}": shard
@@ -119,39 +125,37 @@ def build(
     )
 
 
-def _inputs(
-    run: Run, folders: Sequence[Path], keyword: str, sample: int | None
-) -> tuple[list[Row], dict[str, Path]]:
+def _inputs(run: Run, folders: Sequence[Path], chosen: Chosen) -> tuple[list[Row], dict[str, Path]]:
     """The pairs by video and time, and the files of their videos."""
     require("clips", "av", "numpy", "PIL", "tokenizers")
     for folder in folders:
         if not folder.is_dir():
             raise UsageError(f"--videos {folder} is not a folder")
-    shards = table_catalog.read(run.root).files("pairs/pairs")
-    if not shards:
-        raise FatalError("there are no pairs", hint="run `kb pairs` first, or --data a release")
-    has_text = "text" in parquet.open_file(shards[0]).schema_arrow.names
-    parquet.check(*shards)
-    with reading(shards), database.connect(run.root) as con:
+    catalog = table_catalog.read(run.root)
+    asked = asking(catalog, chosen.pairs, chosen.where)
+    values = {
+        "keyword": chosen.keyword,
+        "seed": str(run.seed),
+        "sample": 1 << 62 if chosen.sample is None else chosen.sample,
+    }
+    with reading(catalog.files("pairs/pairs")), database.connect(run.root) as con:
         rows: list[Row] = (
             con.sql(
                 f"""
-            SELECT pair_id, video_id, keyword, keyword_kind, clip_start_s, clip_end_s,
-                {"text" if has_text else "NULL::VARCHAR"} AS text
-            FROM {scan(shards)} WHERE $keyword = '' OR lower(keyword) = lower($keyword)
+            SELECT pair_id, video_id, keyword, keyword_kind, clip_start_s, clip_end_s, text
+            FROM ({checked(con, asked, chosen.where)})
+            WHERE $keyword = '' OR lower(keyword) = lower($keyword)
             QUALIFY row_number() OVER (ORDER BY md5($seed || ' ' || pair_id), pair_id) <= $sample
             ORDER BY video_id, clip_start_s, pair_id""",
-                params={
-                    "keyword": keyword,
-                    "seed": str(run.seed),
-                    "sample": 1 << 62 if sample is None else sample,
-                },
+                params=values,
             )
             .to_arrow_table()
             .to_pylist()
         )
+    if not rows and chosen.keyword:
+        raise UsageError(f"no pair has the keyword {chosen.keyword!r}")
     if not rows:
-        raise UsageError(f"no pair has the keyword {keyword!r}")
+        raise UsageError("no pair meets the condition")
     return rows, video_files(folders, {row["video_id"] for row in rows})
 
 

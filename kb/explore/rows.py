@@ -235,7 +235,6 @@ class CurrentTables:
 
 
 def quoted(column: str) -> str:
-    """A column's name in SQL."""
     return '"' + column.replace('"', '""') + '"'
 
 

@@ -48,7 +48,6 @@ class SearchPage:
 
     @property
     def suggested(self) -> str:
-        """The address of the same search for the suggestion."""
         return f"/search?{urlencode({**self.asked, 'words': self.suggestion})}"
 
 
@@ -81,7 +80,7 @@ def read(root: Path, query: Mapping[str, str]) -> SearchPage:
     try:
         least = float(asked["least"] or 0)
     except ValueError:
-        raise UsageError(f"the least score is {asked['least']!r}, not a number") from None
+        raise UsageError(f"the minimum score is {asked['least']!r}, not a number") from None
     only = Only(
         kinds=(asked["kind"],) if asked["kind"] else (),
         since=day_given("since", asked["since"]),
@@ -127,5 +126,5 @@ def screenshot(root: Path, query: Mapping[str, str]) -> bytes:
     """The PNG of the page that an address names. Raises UsageError, DamagedData."""
     shown = surroundings(root, parse_reference(query.get("ref", ""))).screenshot
     if shown is None:
-        raise UsageError("there is no screenshot of it")
+        raise UsageError("the page has no screenshot")
     return stored_png(shown.home, shown.path)[0]

@@ -300,7 +300,6 @@ class ThresholdRows:
 
     @property
     def _size(self) -> int:
-        """How many rows are kept."""
         return self.numbers.num_rows - self.rejected.num_rows
 
     def _kept(self, places: Iterable[int]) -> Mapping[int, tuple[str, str]]:

@@ -21,6 +21,7 @@ from kb.core.summary import Summary
 from kb.core.templates import environment
 from kb.labels.questions import Labeling, LabelQuestion
 from kb.pairs import transcripts
+from kb.pairs.draw import with_ids
 from kb.pairs.transcript_batch import Text
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
@@ -34,15 +35,20 @@ _LONGEST_S = 60  # of a clip that people watch before they judge
 _AROUND = 200  # characters of the transcript before and after the text
 
 
-def export(run: Run, labeling: Labeling, sample: int, seed: int, out: Path) -> Summary:
-    """Write the project to `out`. The same tables and seed give the same bytes.
+def export(
+    run: Run, labeling: Labeling, sample: int, seed: int, out: Path, pairs: Path | None = None
+) -> Summary:
+    """Write the project to `out`. The same tables and seed give the same bytes. `pairs`: a file
+    with the ids of those that may be drawn.
 
     Raises UsageError for a folder that is no such project or inside the data, FatalError where
     there is nothing to judge, DamagedData, DiskFull.
     """
     place = table_catalog.outside(run.root, out)
     if place.exists() and not (place / CONFIG).is_file():
-        raise UsageError(f"--out {out} exists and is not such a project", hint="name a new folder")
+        raise UsageError(
+            f"--out {out} exists and is not a labelling project", hint="name a new folder"
+        )
     files = table_catalog.read(run.root).files(labeling.table)
     if not files:
         raise FatalError(
@@ -50,7 +56,10 @@ def export(run: Run, labeling: Labeling, sample: int, seed: int, out: Path) -> S
             hint=f"run `{labeling.command}` first",
         )
     has_text = "text" in parquet.open_file(files[0]).schema_arrow.names
-    rows = _drawn(run.root, files, labeling, sample, seed, has_text)
+    where = "text IS NOT NULL" if has_text else "true"
+    if pairs is not None:
+        where += f" AND pair_id IN (SELECT pair_id FROM {scan([with_ids(pairs)])})"
+    rows = _drawn(run.root, files, labeling, sample, seed, where)
     around = _surroundings(run.root, files, rows) if has_text and rows else {}
     questions = [one for one in labeling.questions if has_text or not one.of_text]
     tasks = [{"data": _data(row, labeling, around)} for row in rows]
@@ -68,10 +77,9 @@ def export(run: Run, labeling: Labeling, sample: int, seed: int, out: Path) -> S
 
 
 def _drawn(
-    root: Path, files: list[Path], labeling: Labeling, sample: int, seed: int, has_text: bool
+    root: Path, files: list[Path], labeling: Labeling, sample: int, seed: int, where: str
 ) -> list[dict[str, Any]]:
     """Rows of the sample, each with `item_id`, `stratum` and `weight`."""
-    where = "text IS NOT NULL" if has_text else "true"
     parquet.check(*files)
     with reading(files), database.connect(root) as con:
         found = con.sql(

@@ -190,7 +190,7 @@ def _tasks(path: Path) -> list[_Task]:
         raise UsageError(f"{path} can't be read: {error.strerror}") from None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise UsageError(
-            f"{path} is not an export of such a project: {error}",
+            f"{path} is not an export of a labelling project: {error}",
             hint="export the project from Label Studio as JSON (not JSON-MIN)",
         ) from None
 

@@ -26,7 +26,6 @@ class LabelQuestion:
 
     @property
     def is_number(self) -> bool:
-        """Whether the answer is a number of seconds."""
         return bool(self.compared)
 
 

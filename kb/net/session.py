@@ -1,7 +1,8 @@
 """The one way out: every request of ours and of the libraries we use goes through `HttpSession`.
 
 A request goes, in this order: is its host one that was asked for, and may it be asked in the clear
-→ the ledger's row → out → the row's outcome. Redirects are requests of their own.
+→ the ledger's row → out → the row's outcome. Redirects are requests of their own. Answers are
+bounded in bytes and time (kb.net.bounded). What is asked of this machine goes through no proxy.
 Nothing is tried again here: that is kb.net.retry's, for what `failure` and `refusal` call
 Retryable.
 """
@@ -16,10 +17,10 @@ import urllib3
 from requests.adapters import HTTPAdapter
 
 from kb import __version__
-from kb.core.config.addresses import in_the_clear
+from kb.core.config.addresses import in_the_clear, is_loopback
 from kb.core.config.settings import Settings
 from kb.core.errors import FatalError, ItemFinal, KbError, Retryable
-from kb.net import redact
+from kb.net import bounded, redact
 from kb.net.retry import retry_after
 
 PRODUCT = "lorecrawl"  # our name in the User-Agent and in robots.txt
@@ -109,6 +110,15 @@ class Door(HTTPAdapter):
         self._hosts = None if hosts is None else frozenset(hosts)
         self._ledger, self._stray = ledger, stray or _stray
 
+    def init_poolmanager(self, *arguments: Any, **options: Any) -> None:
+        """Pools of connections that are watched."""
+        super().init_poolmanager(*arguments, **options)
+        bounded.watched(self.poolmanager)
+
+    def proxy_manager_for(self, proxy: str, **options: Any) -> Any:
+        """The same through a proxy."""
+        return bounded.watched(super().proxy_manager_for(proxy, **options))
+
     def send(self, request: requests.PreparedRequest, *arguments: Any, **options: Any) -> Any:
         """One request on the wire.
 
@@ -116,8 +126,13 @@ class Door(HTTPAdapter):
         """
         self.check(request.url or "")
         note = self._ledger(request) if self._ledger is not None else None
+        if is_loopback(request.url or ""):
+            options["proxies"] = None
+            request.headers.pop("Proxy-Authorization", None)
         try:
             response = self.pass_on(request, *arguments, **options)
+            if response.is_redirect or not options.get("stream"):
+                bounded.read(response)
         except BaseException as error:
             if note is not None:
                 note(type(error).__name__)
@@ -163,15 +178,13 @@ class PerThread:
 
 
 def send(session: requests.Session, method: str, url: str, **options: Any) -> requests.Response:
-    """One request, its answer whole unless `stream` is given.
+    """One request, its answer complete unless `stream` is given (then read it by `bounded.parts`).
 
     Raises what `failure` and `refusal` make of it. Any other status is the
     caller's to judge. Messages hold no secret, as they may end in a log or a table.
     """
     try:
         response = session.request(method, url, **options)
-        if not options.get("stream"):
-            response.content  # noqa: B018  an answer that breaks off raises here
     except requests.RequestException as error:
         raise failure(error, url) from None
     refused = refusal(response, url)

@@ -92,7 +92,6 @@ class Matches(NamedTuple):
     last: np.ndarray
 
     def take(self, which: np.ndarray) -> Matches:
-        """Some of them."""
         return Matches(*(column[which] for column in self))
 
 

@@ -24,21 +24,9 @@ _NAMED = 10  # keywords or forms that a finding names
 LONGEST = 64  # characters of a phrase, so that it always fits in a text
 
 _SAME = {
-    "sheep",
-    "fish",
-    "salmon",
-    "cod",
-    "squid",
-    "deer",
-    "bread",
-    "ice",
-    "sand",
-    "gravel",
-    "lava",
-    "water",
-    "dirt",
-    "wool",
-}
+    "sheep", "fish", "salmon", "cod", "squid", "deer", "bread", "ice", "sand", "gravel", "lava",
+    "water", "dirt", "wool",
+}  # fmt: skip
 _ODD = {
     "wolf": "wolves",
     "leaf": "leaves",
@@ -62,9 +50,9 @@ _ODD = {
 }
 # Words that end like "man" and "men" and mean no man.
 _NO_MEN = {
-    *("human", "german", "roman", "norman", "shaman", "talisman", "ottoman", "caiman"),
-    *("specimen", "regimen", "abdomen", "acumen", "bitumen", "stamen", "ramen"),
-}
+    "human", "german", "roman", "norman", "shaman", "talisman", "ottoman", "caiman", "specimen",
+    "regimen", "abdomen", "acumen", "bitumen", "stamen", "ramen",
+}  # fmt: skip
 _SINGULAR = {plural: singular for singular, plural in _ODD.items()}
 
 

@@ -72,7 +72,6 @@ class Keywords:
 
     @cached_property
     def owner(self) -> np.ndarray:
-        """`of` as an array."""
         return np.asarray(self.of, np.int64)
 
 

@@ -37,10 +37,10 @@ _ENOUGH = 0.1  # share of function words that decides the language
 _FOLDER = Path(__file__).with_name("data")
 # What is spoken most in videos; each language more costs time and memory for every text.
 _LANGUAGES = (
-    *("arabic", "chinese", "dutch", "english", "french", "german", "hindi", "indonesian"),
-    *("italian", "japanese", "korean", "polish", "portuguese", "russian", "spanish", "swedish"),
-    *("turkish", "vietnamese"),
-)
+    "arabic", "chinese", "dutch", "english", "french", "german", "hindi", "indonesian", "italian",
+    "japanese", "korean", "polish", "portuguese", "russian", "spanish", "swedish", "turkish",
+    "vietnamese",
+)  # fmt: skip
 
 
 class BatchQuality(NamedTuple):

@@ -172,7 +172,6 @@ class Text:
 
     @cached_property
     def codes(self) -> np.ndarray:
-        """The bytes of `raw` as numbers."""
         return np.frombuffer(self.raw, np.uint8)
 
     @cached_property
@@ -261,7 +260,6 @@ class Text:
 
     @property
     def word_count(self) -> int:
-        """Words of all transcripts."""
         return max(0, len(self.words) - self._walls)
 
 

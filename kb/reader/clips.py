@@ -7,6 +7,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import cast
 
+import pyarrow as pa
+import pyarrow.parquet as pq
+
 from kb import query
 from kb.artifacts.table_catalog import View
 from kb.clips.clip_files import CutOptions
@@ -70,21 +73,35 @@ class Clips(QueryResult):
         return torch_dataset(rows, source, seed=seed, rank=rank, world_size=world_size)
 
 
-def find(opened: OpenTables, keyword: str | None, where: str = "") -> Clips:
+def find(
+    opened: OpenTables, keyword: str | None, where: str = "", drawn: Path | None = None
+) -> Clips:
     """The clips of a keyword, in any case of its letters, or of all; by video and start.
 
     Columns: pair_id, keyword, keyword_kind, video_id, title and figures of the video, the clip's
     start and end (s), `url` that starts there, `text` (null where it was not restored),
     token_count, transcript_kind, timing, and the columns of pairs_quality. `where`: a condition on
-    them in DuckDB's SQL. Raises UsageError where there are no pairs, no such keyword, or the
+    them in DuckDB's SQL; `drawn`: a file of `kb pairs draw`, whose `split` is a column then. Raises
+    UsageError where there are no pairs, no such keyword, or the
     condition is wrong.
     """
     ranked = opened.ranked("pairs")
     if not ranked:
         raise UsageError("the data contain no pairs", hint="load the folder of the pairs' release")
     pairs = ranked[0]
+    every = f"({_sql(opened, pairs, ranked, keyword)})"
+    if drawn is not None:
+        try:
+            ids = pq.read_table(drawn, columns=["pair_id", "split"])
+        except (OSError, pa.ArrowException) as error:
+            raise UsageError(
+                f"{drawn} is no file of drawn pairs",
+                hint="give pairs.parquet of `kb pairs draw`",
+            ) from error
+        opened.con.register("drawn_pairs", ids)
+        every += " JOIN drawn_pairs USING (pair_id)"
     asked = f"""
-        SELECT * FROM ({_sql(opened, pairs, ranked, keyword)}) WHERE {where or "true"}
+        SELECT * FROM {every} WHERE {where or "true"}
         ORDER BY video_id, clip_start_s, pair_id"""
     clips = Clips(query.select(opened.con, asked, views=opened.views).read_all())
     if len(clips) or where or keyword is None:

@@ -108,18 +108,27 @@ class Data:
         return thread.find(self._opened, post_id)
 
     @with_hints
-    def clips(self, keyword: str | None = None, /, where: str = "") -> clips.Clips:
+    def clips(
+        self,
+        keyword: str | None = None,
+        /,
+        where: str = "",
+        *,
+        pairs: str | os.PathLike[str] | None = None,
+    ) -> clips.Clips:
         """The clips of a keyword, or of all, with their videos' titles and figures, available
         texts, and what is known of their quality.
 
             data.clips("creeper").to_pandas()[["title", "url", "text"]]
             data.clips("creeper", "timing = 'word' AND duplicate_of IS NULL AND language = 'en'")
             data.clips("creeper").torch(videos="films")     # a PyTorch dataset; docs/train.md
+            data.clips(None, "split = 'train'", pairs="draw/pairs.parquet")  # of `kb pairs draw`
 
         `where` is a condition in DuckDB's SQL. `text` is null in a release alone. Raises UsageError
         with the nearest keywords.
         """
-        return clips.find(self._opened, keyword, where)
+        drawn = Path(pairs) if pairs is not None else None
+        return clips.find(self._opened, keyword, where, drawn)
 
     @with_hints
     def search(

@@ -135,7 +135,6 @@ class ReportData:
         return [int(n) for n in rows[0]] if rows else [0] * len(tests)
 
     def top(self, name: str, column: str, n: int) -> list[tuple[str, int]]:
-        """The most frequent values."""
         return self.rows(
             name,
             f'SELECT "{column}"::VARCHAR, count(*) AS n FROM {{t}} WHERE "{column}" IS NOT NULL'

@@ -111,7 +111,6 @@ class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     @cached_property
     def parsed(self) -> Type:
-        """Its type."""
         return parse_type(self.type)
 
     @property
@@ -148,7 +147,6 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     @property
     def short(self) -> str:
-        """The name without its source: "videos"."""
         return self.name.partition("/")[2]
 
     @cached_property

@@ -69,7 +69,6 @@ class Ranked(NamedTuple):
 
     @property
     def score(self) -> float:
-        """The higher the better."""
         return -self.minus
 
 

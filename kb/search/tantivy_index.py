@@ -125,7 +125,6 @@ class PassageIndex:
         )
 
     def keys(self, keys: Iterable[str]) -> Query:
-        """Passages of these keys."""
         return Query.term_set_query(self.schema, KEY, list(keys))
 
     def best(self, query: Query, most: int) -> list[IndexHit]:

@@ -17,6 +17,7 @@ from kb.store.atomic import followed, settle_folder
 from kb.store.layout import Layout
 from kb.store.tables import database
 
+PART = ".part"  # of a segment or download that is not complete: `.NAME.part`
 _FILE = re.compile(r"\..+\.(tmp|filled\.parquet)|\.filled\.parquet")
 _FOLDER = re.compile(r"\.(?P<name>.+)\.(new|old)|\.(sort|shot)-.+")
 
@@ -28,7 +29,7 @@ def is_left(parts: Iterable[str]) -> bool:
         or _FOLDER.fullmatch(name)
         or name.endswith(".lease")
         or name.startswith(f"{database.SPILL}-")
-        or (name.startswith(".") and name.endswith(".work"))
+        or (name.startswith(".") and name.endswith((".work", PART)))
         for name in parts
     )
 
@@ -88,7 +89,8 @@ def _remove_temporary_below(folder: Path) -> None:
     for where, folders, files in os.walk(folder):
         _spilled(Path(where))
         for name in files:
-            if _FILE.fullmatch(name) or name.endswith(".lease"):
+            published = name.endswith(PART) and Path(where, name[1 : -len(PART)]).exists()
+            if published or _FILE.fullmatch(name) or name.endswith(".lease"):
                 Path(where, name).unlink(missing_ok=True)
         for name in sorted(folders):
             if _FOLDER.fullmatch(name):

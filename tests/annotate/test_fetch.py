@@ -8,15 +8,16 @@ from pathlib import Path
 import pytest
 
 from kb.annotate.checkpoint import PUBLISHED, Published, find_checkpoint
-from kb.annotate.fetch import PIECE, fetch
+from kb.annotate.fetch import fetch
 from kb.core import clock
 from kb.core.config.profile import load_profile
 from kb.core.config.settings import load_settings
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, MissingModel, SettingError, Unreachable
+from kb.net.bounded import PART
 
 BIG = hashlib.sha256(b"seed").digest() * 100_000  # 3.2 MB
-KEPT = len(BIG) // 2 // PIECE * PIECE  # of a download that is cut in the middle
+KEPT = len(BIG) // 2 // PART * PART  # of a download that is cut in the middle
 SMALL = b'{"model_type": "bert"}'
 VOCAB = b"[PAD]\n[UNK]\n"
 

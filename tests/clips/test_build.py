@@ -15,6 +15,8 @@ from pathlib import Path
 
 import duckdb
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
@@ -66,7 +68,7 @@ def _shards(out: Path) -> Iterator[tuple[str, bytes]]:
 
 def test_every_pair_is_a_clip_or_has_a_reason(run: Run, places, tmp_path: Path) -> None:
     root, films = places
-    summary = build.build(run, [films], tmp_path / "out", OPTIONS, "", None)
+    summary = build.build(run, [films], tmp_path / "out", OPTIONS, build.Chosen())
     counts = {name: summary[name] for name in ("clips", "missing", "short", "undecodable")}
     assert counts == {"clips": 2, "missing": 2, "short": 2, "undecodable": 2}
     with (tmp_path / "out/left_out.csv").open() as file:
@@ -78,7 +80,7 @@ def test_every_pair_is_a_clip_or_has_a_reason(run: Run, places, tmp_path: Path) 
 
 def test_frames_are_those_of_the_clip(run: Run, places, tmp_path: Path) -> None:
     root, films = places
-    build.build(run, [films], tmp_path / "out", OPTIONS, "", None)
+    build.build(run, [films], tmp_path / "out", OPTIONS, build.Chosen())
     files = dict(_shards(tmp_path / "out"))
     for key in {name.partition(".")[0] for name in files}:
         row, about = _pairs(root)[key], json.loads(files[f"{key}.json"])
@@ -94,7 +96,7 @@ def test_frames_are_those_of_the_clip(run: Run, places, tmp_path: Path) -> None:
 
 def test_archives_have_the_shape_that_models_take(run: Run, places, tmp_path: Path) -> None:
     options = CutOptions(frames=16, format="npz")
-    build.build(run, [places[1]], tmp_path, options, "", None)
+    build.build(run, [places[1]], tmp_path, options, build.Chosen())
     archives = list((tmp_path / IDS[0]).glob("*.npz"))
     assert len(archives) == 2
     with np.load(archives[0], allow_pickle=False) as one:
@@ -111,15 +113,15 @@ def test_a_second_run_cuts_nothing_and_a_changed_film_is_cut_again(
     mine.mkdir()
     for path in films.iterdir():
         (mine / path.name).write_bytes(path.read_bytes())
-    first = build.build(run, [mine], tmp_path / "out", OPTIONS, "", None)
+    first = build.build(run, [mine], tmp_path / "out", OPTIONS, build.Chosen())
     (tar,) = (tmp_path / "out").glob("*.tar")
     before = tar.stat().st_mtime_ns, tar.read_bytes()
-    assert build.build(run, [mine], tmp_path / "out", OPTIONS, "", None) == first
+    assert build.build(run, [mine], tmp_path / "out", OPTIONS, build.Chosen()) == first
     assert tar.stat().st_mtime_ns == before[0]
     (mine / f"{IDS[2]}.mp4").write_bytes((mine / f"A film [{IDS[0]}].mp4").read_bytes())
-    again = build.build(run, [mine], tmp_path / "out", OPTIONS, "", None)
+    again = build.build(run, [mine], tmp_path / "out", OPTIONS, build.Chosen())
     assert (again["clips"], again["undecodable"]) == (4, 0)
-    assert build.build(run, [films], tmp_path / "fresh", OPTIONS, "", None)["clips"] == 2
+    assert build.build(run, [films], tmp_path / "fresh", OPTIONS, build.Chosen())["clips"] == 2
     (fresh,) = (tmp_path / "fresh").glob("*.tar")
     assert fresh.read_bytes() == before[1]
 
@@ -142,7 +144,7 @@ def test_a_film_that_changes_while_it_is_read_has_no_clips(
     thread = threading.Thread(target=touch)
     thread.start()
     try:
-        summary = build.build(run, [mine], tmp_path / "out", OPTIONS, "", None)
+        summary = build.build(run, [mine], tmp_path / "out", OPTIONS, build.Chosen())
     finally:
         stop.set()
         thread.join()
@@ -152,24 +154,40 @@ def test_a_film_that_changes_while_it_is_read_has_no_clips(
     assert reasons[IDS[3]] == "the file changed meanwhile"
     left = {name.partition(".")[0] for name, _ in _shards(tmp_path / "out")}
     assert {_pairs(run.root)[key]["video_id"] for key in left} == {IDS[0]}
-    assert build.build(run, [mine], tmp_path / "out", OPTIONS, "", None)["clips"] == 4
+    assert build.build(run, [mine], tmp_path / "out", OPTIONS, build.Chosen())["clips"] == 4
 
 
 def test_a_plan_says_what_is_there(run: Run, places, tmp_path: Path) -> None:
-    planned = build.plan(run, [places[1]], OPTIONS, "", None)
+    planned = build.plan(run, [places[1]], OPTIONS, build.Chosen())
     assert (planned["pairs"], planned["missing"], planned["videos"]) == (8, 2, 3)
-    one = build.plan(run, [places[1]], OPTIONS, "", 1)
+    one = build.plan(run, [places[1]], OPTIONS, build.Chosen(sample=1))
     assert one["pairs"] == 1
 
 
 def test_what_is_wrong_is_said_before_anything_is_cut(run: Run, places, tmp_path: Path) -> None:
     root, films = places
     with pytest.raises(UsageError, match="only reads"):
-        build.build(run, [films], root / "clips", OPTIONS, "", None)
+        build.build(run, [films], root / "clips", OPTIONS, build.Chosen())
     with pytest.raises(UsageError, match="not a folder"):
-        build.build(run, [tmp_path / "none"], tmp_path / "out", OPTIONS, "", None)
-    with pytest.raises(UsageError, match="no pair has the keyword"):
-        build.build(run, [films], tmp_path / "out", OPTIONS, "no such thing", None)
+        build.build(run, [tmp_path / "none"], tmp_path / "out", OPTIONS, build.Chosen())
+    for chosen, message in (
+        (build.Chosen("no such thing"), "no pair has the keyword"),
+        (build.Chosen(where="token_count > 999"), "no pair meets the condition"),
+        (build.Chosen(where="nothing = 1"), "is not a valid condition"),
+        (build.Chosen(pairs=tmp_path / "none.parquet"), "not a Parquet file with a column pair_id"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            build.build(run, [films], tmp_path / "out", OPTIONS, chosen)
+
+
+def test_only_the_pairs_of_a_file_or_condition_are_cut(run: Run, places, tmp_path: Path) -> None:
+    root, films = places
+    every = sorted(_pairs(root))
+    pq.write_table(pa.table({"pair_id": every[:3]}), tmp_path / "drawn.parquet")
+    drawn = build.Chosen(pairs=tmp_path / "drawn.parquet")
+    assert build.plan(run, [films], OPTIONS, drawn)["pairs"] == 3
+    narrower = drawn._replace(where=f"pair_id <> '{every[0]}'")
+    assert build.plan(run, [films], OPTIONS, narrower)["pairs"] == 2
 
 
 def test_tokens_are_those_of_clip() -> None:

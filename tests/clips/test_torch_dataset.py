@@ -65,7 +65,7 @@ def source(
         return {"videos": films}
     out = tmp_path_factory.mktemp("shards")
     options = CutOptions(**SMALL, format=request.param)
-    build.build(replace(a_run(root), workers=1), [films], out, options, "", None)
+    build.build(replace(a_run(root), workers=1), [films], out, options, build.Chosen())
     return {"shards": out}
 
 
@@ -221,7 +221,9 @@ def test_what_is_wrong_is_one_error(root: Path, films: Path, tmp_path: Path) -> 
         with pytest.raises(UsageError) as caught:
             clips.torch(**wrong)
         assert match in f"{caught.value} {caught.value.hint}"
-    build.build(replace(a_run(root), workers=1), [films], tmp_path / "s", CutOptions(8), "", None)
+    build.build(
+        replace(a_run(root), workers=1), [films], tmp_path / "s", CutOptions(8), build.Chosen()
+    )
     with pytest.raises(UsageError, match="8 frames of 160x256"):
         clips.torch(shards=tmp_path / "s")
 

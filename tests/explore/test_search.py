@@ -89,7 +89,7 @@ def test_a_misspelt_word_gets_a_suggestion(pages: Explored) -> None:
     ("path", "said"),
     [
         ("/search?words=x&since=monday", "since is 'monday'; write it like 2023-01-31"),
-        ("/search?words=x&least=much", "the least score is 'much', not a number"),
+        ("/search?words=x&least=much", "the minimum score is 'much', not a number"),
         ("/search?words=x&source=usenet", "unknown source 'usenet'"),
         ("/document?ref=nothing", "invalid reference 'nothing'"),
         ("/document?ref=wiki:999999999", "unknown page '999999999'"),

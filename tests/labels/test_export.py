@@ -109,7 +109,7 @@ def test_other_folders_are_not_replaced(judged: Run, tmp_path: Path, here: Here)
     words = ("label", "export", "pairs", "--data", str(judged.root))
     done = here(*words, "--out", str(tmp_path / "mine"))
     assert done.code == 2
-    assert "is not such a project" in done.said
+    assert "is not a labelling project" in done.said
     assert (tmp_path / "mine" / "README.md").read_text() == "mine"
     assert here(*words, "--out", str(tmp_path / "mine" / "new")).code == 0
     assert here(*words, "--out", str(tmp_path / "mine" / "new"), "--seed", "1").code == 0

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from kb.net import retry
+from kb.net import bounded, retry
 from kb.sandbox.world import World
 from tests.faults import Sandbox
 from tests.inprocess import Here
@@ -19,6 +19,7 @@ def sandbox() -> Iterator[Sandbox]:
         yield running
 
 
+@pytest.mark.parametrize("body", [DEEP, " " * 200_000], ids=["deep", "large"])
 @pytest.mark.parametrize("status", [200, 400])
 @pytest.mark.parametrize(
     ("source", "path"),
@@ -30,7 +31,7 @@ def sandbox() -> Iterator[Sandbox]:
     ],
     ids=["Data API", "Reddit's token", "Reddit's API", "MediaWiki's API"],
 )
-def test_an_answer_nested_too_deep_is_one_line(
+def test_an_answer_that_is_too_deep_or_too_large_is_one_line(
     sandbox: Sandbox,
     here: Here,
     tmp_path: Path,
@@ -38,12 +39,14 @@ def test_an_answer_nested_too_deep_is_one_line(
     source: str,
     path: str,
     status: int,
+    body: str,
 ) -> None:
     monkeypatch.setattr(retry, "FIRST_S", 0.0001)
+    monkeypatch.setattr(bounded, "ANSWER_BYTES", 199_999)
     monkeypatch.setattr("kb.wiki.crawl.http_client.TRIES", 2)
     sandbox.faults.clear()
     headers = {"Content-Type": "application/json"}
-    sandbox.faults.add(path, service=source, status=status, times=None, body=DEEP, headers=headers)
+    sandbox.faults.add(path, service=source, status=status, times=None, body=body, headers=headers)
     settings = sandbox.settings() | {"KB_DATA": str(tmp_path / "data")}
     done = here(source, "crawl", "--limit", "1", env=settings)
     assert done.code in (1, 3), done.err

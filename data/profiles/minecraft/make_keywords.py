@@ -135,7 +135,6 @@ SAID = {
     "sculk": ("skulk",),
     "wooden": ("wood",),
 }
-ALONE = {"axe", "pickaxe"}  # of these words what is said is a word of its own: "pick", "ax"
 # "At the end portal" is no end, and "the nether portal" is a portal.
 THERE = {"end": ("the", "at the", "in the"), "nether": ("the",)}
 
@@ -222,11 +221,9 @@ def said(name: str) -> list[str]:
     own = key.split()
     ways = [(word, *SAID.get(word, ())) for word in own]
     forms = [" ".join(way) for way in product(*ways)]
-    if key in ALONE:  # "pick" and "ax" alone say little
-        forms = [form for form in forms if form not in ("pick", "ax")]
     if len(own) > 1:
         forms += [f"{way} {form}" for form in forms for way in THERE.get(own[0], ())]
-    return [form for form in forms if form != key]
+    return [form for form in forms if form not in (key, "pick")]  # which alone says little
 
 
 def main(data: Path) -> None:

@@ -37,12 +37,13 @@ class FrameFit(StrEnum):
     app,
     uses=("workers",),
     json="pairs, clips, missing, short, undecodable, videos, path",
-    planned=("videos", "keyword", "sample", "size", "frames", "format"),
+    planned=("videos", "keyword", "pairs", "where", "sample", "size", "frames", "format"),
     needs_data=True,
     examples=[
         "kb clips --videos films --plan                    files, hours and size; cuts nothing",
         "kb clips --videos films --out clips               webdataset shards, 16 frames per clip",
         "kb clips --videos films --keyword creeper --sample 100 --format npz",
+        "kb clips --videos films --pairs draw/pairs.parquet   those that `kb pairs draw` drew",
     ],
 )
 def clips(
@@ -76,6 +77,18 @@ def clips(
     keyword: Annotated[
         str, typer.Option("--keyword", metavar="K", help="Only pairs of this keyword.")
     ] = "",
+    pairs: Annotated[
+        Path | None,
+        typer.Option(
+            "--pairs", metavar="FILE", help="Only these pairs: Parquet, as `kb pairs draw` writes."
+        ),
+    ] = None,
+    where: Annotated[
+        str,
+        typer.Option(
+            "--where", metavar="SQL", help="Only pairs that meet a condition on their columns."
+        ),
+    ] = "",
     sample: Annotated[
         int | None, typer.Option("--sample", min=1, metavar="N", help="Random sample of N pairs.")
     ] = None,
@@ -101,6 +114,7 @@ def clips(
         run.profile.clips.jpeg_quality,
     )
     folders = [one.expanduser() for one in videos]
+    chosen = build.Chosen(keyword, pairs, where, sample)
     if plan:
-        return build.plan(run, folders, options, keyword, sample)
-    return build.build(run, folders, out, options, keyword, sample)
+        return build.plan(run, folders, options, chosen)
+    return build.build(run, folders, out, options, chosen)

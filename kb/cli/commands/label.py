@@ -11,6 +11,7 @@ import typer
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show_row
 from kb.core.context import Run
+from kb.core.errors import SettingError
 from kb.core.summary import Summary
 from kb.core.summary.intervals import interval_text
 
@@ -43,6 +44,12 @@ def export(
     seed: Annotated[
         int, typer.Option("--seed", min=0, metavar="N", help="Another seed draws another sample.")
     ] = 0,
+    pairs: Annotated[
+        Path | None,
+        typer.Option(
+            "--pairs", metavar="FILE", help="Only these pairs: Parquet, as `kb pairs draw` writes."
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="DIR", help="Write there. [default: label-WHAT]"),
@@ -58,8 +65,10 @@ def export(
     from kb.labels import questions
     from kb.labels.export import export
 
+    if pairs is not None and what is not JudgedKind.pairs:
+        raise SettingError("--pairs names pairs, and these are tasks", hint="leave it out")
     labeling = {JudgedKind.pairs: questions.PAIRS, JudgedKind.tasks: questions.TASKS}[what]
-    return export(run, labeling, sample, seed, out or Path(f"label-{what}"))
+    return export(run, labeling, sample, seed, out or Path(f"label-{what}"), pairs)
 
 
 @command(

@@ -86,6 +86,71 @@ def pairs(
 
 @command(
     app,
+    json="pairs, out_of, keywords, most_of_a_keyword, videos, hours, train, validation, test, path",
+    planned=("n", "per_keyword", "per_video", "max_videos", "where", "seed"),
+    needs_data=True,
+    examples=[
+        "kb pairs draw 640000                        as many as the paper sampled",
+        "kb pairs draw 10000 --per-video 20 --plan   what would be drawn; writes nothing",
+        "kb pairs draw 5000 --where \"language = 'en' AND duplicate_of IS NULL\" --seed 1",
+    ],
+)
+def draw(
+    run: Run,
+    n: Annotated[int, typer.Argument(metavar="N", min=1, help="How many pairs to draw.")],
+    per_keyword: Annotated[
+        int, typer.Option("--per-keyword", min=0, metavar="M", help="At most M of a keyword.")
+    ] = 0,
+    per_video: Annotated[
+        int, typer.Option("--per-video", min=0, metavar="K", help="At most K of a video.")
+    ] = 0,
+    max_videos: Annotated[
+        int,
+        typer.Option(
+            "--max-videos",
+            min=0,
+            metavar="V",
+            help="Draw from V videos: those with the most pairs, of which rare keywords count"
+            " more.",
+        ),
+    ] = 0,
+    where: Annotated[
+        str,
+        typer.Option(
+            "--where",
+            metavar="SQL",
+            help="Only pairs that meet this condition on the columns of pairs, quality, scores and"
+            " labels.",
+        ),
+    ] = "",
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", metavar="S", help="Another seed draws others; default: profile's."),
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Write the draw there.")] = Path(
+        "draw"
+    ),
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Print what would be drawn; write nothing.")
+    ] = False,
+) -> Summary:
+    """Draw N pairs at random, spread evenly over keywords, with a split for training.
+
+    All pairs of a rare keyword are drawn, and up to a common number of a frequent one; within a
+    keyword they are spread evenly over videos. No limits apply unless asked for. pairs.parquet has
+    the columns of pairs and quality and `split` (train, validation, test: 90, 5 and 5 %, whole
+    channels and whole clusters of duplicates on one side), videos.txt the videos that they need,
+    README.md what was drawn.
+    """
+    from kb.pairs.draw import Limits
+    from kb.pairs.draw import draw as drawn
+
+    limits = Limits(per_keyword, per_video, max_videos)
+    return drawn(run, n, limits, where, run.seed if seed is None else seed, out, plan=plan)
+
+
+@command(
+    app,
     uses=("wait", "pipeline"),
     json="speech_recognition, videos_with_both_tracks, videos_compared, fetched, failed, requests",
     planned=("sample",),

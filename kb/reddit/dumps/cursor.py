@@ -19,11 +19,11 @@ import msgspec
 from kb.core import signals
 from kb.store.atomic import sync_folder, write_bytes
 from kb.store.layout import Layout
+from kb.store.leftovers import PART
 from kb.store.rawlog import rawlog
 from kb.store.state import json_files
 
 KIND = "dumps"
-PART = ".part"
 _LEASE = ".lease"
 _ROUND = "again"
 _START = 1 << 16  # bytes of a dump that are compared at its beginning
@@ -113,11 +113,17 @@ def recover_segments(root: Path) -> None:
 
 
 def publish_segment(base: Path, cursor: DumpCursor) -> None:
-    """Rename a noted segment to its final name, unless that has happened."""
+    """Rename a noted segment to its final name. Where one of that name is there, it has the same
+    content: `--again` reads what was imported before.
+    """
     part = hidden(base, cursor.segment)
-    if cursor.segment and part.exists() and not (base / cursor.segment).exists():
+    if not cursor.segment or not part.exists():
+        return
+    if (base / cursor.segment).exists():
+        part.unlink()
+    else:
         os.rename(part, base / cursor.segment)
-        sync_folder(base)
+    sync_folder(base)
 
 
 def begin_round(root: Path, names: Iterable[str]) -> None:

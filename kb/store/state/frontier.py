@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from kb.net import redact
 from kb.store.state.crawl_state import PUT_BACK, UNREADABLE, State, as_json
 
 ROUND = "refresh: older than"  # the cursor of a refresh that was asked for by --older-than
@@ -100,7 +101,11 @@ class Frontier(State):
         return None if row is None else Item(kind, row[0], self._decode(kind, row[1]))
 
     def mark(self, kind: str, keys: Iterable[str], status: str, reason: str | None = None) -> None:
-        """Set the status of known keys, one after the other; failed ones go to the queue's end."""
+        """Set the status of known keys, one after the other; failed ones go to the queue's end.
+
+        A reason may be a service's words, which may repeat our request: it is kept without secrets.
+        """
+        reason = redact.text(reason) if reason else reason
         with self.transaction():
             self._db.executemany(
                 "UPDATE items SET status = ?1, reason = ?2, seq = CASE ?1 WHEN 'error'"

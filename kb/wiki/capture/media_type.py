@@ -1,13 +1,15 @@
 """Detects media type, size and frames of an image file by its bytes, never by its name.
 
 Sizes come from headers. Only files within `max_pixels` are decoded further, for the frames of an
-animation. SVG is read as text; its scripts never run.
+animation, as long as its frames have no more than MAX_PIXELS together. SVG is read as text; its
+scripts never run.
 """
 
 import io
 import re
 import warnings
 from dataclasses import dataclass
+from typing import Any
 
 _MAGIC = (
     (b"\x89PNG\r\n\x1a\n", "image/png"),
@@ -31,6 +33,8 @@ _EXTENSION = {
     "image/vnd.microsoft.icon": "ico",
 }
 MAX_FRAMES = 5000
+MAX_PIXELS = 2_000_000_000  # of all frames together: seconds of decoding
+_MAX_SIDE = 1 << 30  # px; a longer side is no size
 
 
 @dataclass(frozen=True)
@@ -70,36 +74,50 @@ def inspect(data: bytes, max_pixels: int) -> ImageFile | None:
         return None
     if kind == "image/svg+xml":
         return ImageFile(kind, *_svg_size(data[:4096]))
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
     with warnings.catch_warnings():
-        # Pillow warns about large sizes. Nothing above the limit is decoded, only its size read.
-        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        # Pillow warns about large sizes, of which nothing is decoded, and about odd metadata.
+        warnings.simplefilter("ignore")
         try:
             with Image.open(io.BytesIO(data)) as image:
                 width, height = image.size
-                frames = _frames(image) if width * height <= max_pixels else ()
+                frames = _frames(image, width * height) if width * height <= max_pixels else ()
                 return ImageFile(kind, width, height, frames)
         except Image.DecompressionBombError:
             return ImageFile(kind, *_header_size(kind, data))
-        except (UnidentifiedImageError, OSError, SyntaxError, ValueError, EOFError):
+        except MemoryError:
+            raise
+        except Exception:  # noqa: BLE001  Pillow's plugins raise anything for a broken file
             return None
 
 
-def _frames(image: object) -> tuple[int | None, ...]:
-    """Durations of the frames of a GIF, APNG or WebP in ms; none for a still image."""
+def _frames(image: Any, pixels: int) -> tuple[int | None, ...]:
+    """Durations of the frames of a GIF, APNG or WebP in ms; none for a still image, nor for one
+    whose frames, of so many pixels each, are too many to be decoded.
+    """
     count = getattr(image, "n_frames", 1)
     if count <= 1 or not getattr(image, "is_animated", False):
         return ()
+    count = min(count, MAX_FRAMES)
+    if count * pixels > MAX_PIXELS:
+        return ()
     durations: list[int | None] = []
-    for index in range(min(count, MAX_FRAMES)):
+    for index in range(count):
         try:
-            image.seek(index)  # type: ignore[attr-defined]
-        except (EOFError, OSError, SyntaxError, ValueError):
+            image.seek(index)
+            duration = image.info.get("duration")
+            durations.append(None if duration is None else _whole(duration))
+        except MemoryError:
+            raise
+        except Exception:  # noqa: BLE001  as above
             break  # truncated: count the frames that are present
-        duration = image.info.get("duration")  # type: ignore[attr-defined]
-        durations.append(None if duration is None else round(duration))
     return tuple(durations)
+
+
+def _whole(number: float) -> int | None:
+    """A whole number that a table holds; None for any other."""
+    return round(number) if 0 <= number < _MAX_SIDE else None
 
 
 def _header_size(kind: str, data: bytes) -> tuple[int | None, int | None]:
@@ -115,10 +133,12 @@ def _svg_size(data: bytes) -> tuple[int | None, int | None]:
     """Width and height of the svg element where they are plain numbers of pixels."""
     head = re.search(rb"<svg\b[^>]*>", data)
     sides = [
-        re.search(rb"\s" + name + rb"""\s*=\s*["']\s*(\d+(?:\.\d+)?)(?:px)?\s*["']""", head[0])
+        re.search(
+            rb"\s" + name + rb"""\s*=\s*["']\s*(\d{1,20}(?:\.\d{1,20})?)(?:px)?\s*["']""", head[0]
+        )
         if head
         else None
         for name in (b"width", b"height")
     ]
-    width, height = (round(float(match[1])) if match else None for match in sides)
+    width, height = (_whole(float(match[1])) if match else None for match in sides)
     return width, height

@@ -18,7 +18,7 @@ from kb.core import clock
 from kb.core.config.addresses import is_loopback
 from kb.core.context import Run
 from kb.core.errors import Blocked, ItemFinal, Retryable
-from kb.net import retry
+from kb.net import bounded, retry
 from kb.net.rate import Pace
 from kb.net.session import (
     PRODUCT,
@@ -83,6 +83,7 @@ TRIES = 6
 # and AWS WAF's (https://docs.aws.amazon.com/waf/latest/developerguide/waf-captcha-and-challenge-how-it-works.html).
 _CHALLENGES = ("cf-mitigated", "x-amzn-waf-action")
 FILE_PAUSE = 0.1
+ROBOTS_BYTES = 500 << 10  # of a robots.txt that are read (RFC 9309, 2.5)
 
 
 class WikiHosts:
@@ -129,7 +130,7 @@ class WikiHosts:
                 lambda: self._fetch(robots_url(self.root), {}), service="the wiki"
             )
             self.foreign_robots = answer.content.lstrip()[:1] == b"<"
-            text = answer.content.decode("utf-8", "replace")
+            text = answer.content[:ROBOTS_BYTES].decode("utf-8", "replace")
             self._robots = Robots.of_answer(answer.status_code, text, self.agent)
         except ItemFinal:
             self._robots = Robots.of_answer(404, "", self.agent)
@@ -223,24 +224,28 @@ class WikiHosts:
         Retryable.
         """
         self._files.wait()
-        content, digest = bytearray(), hashlib.sha256()
-        with self._fetch(url, {}, stream=True) as response:
-            wanted = response.headers.get("content-length")
-            if wanted and wanted.isdigit() and int(wanted) > limit:
-                raise ItemFinal("too_large", wanted)
-            try:
-                for part in response.iter_content(1 << 16):
-                    content += part
-                    digest.update(part)
-                    if len(content) > limit:
-                        raise ItemFinal("too_large", f"more than {limit}")
-            except requests.RequestException as error:
-                raise failure(error, url) from None
-        data = bytes(content)
-        image = inspect(data)
-        if image is None:
-            kind = response.headers.get("content-type", "").partition(";")[0].strip().lower()
-            raise NotAnImage if kind == "text/html" else ItemFinal("not_a_picture")
-        path = folder / f"{digest.hexdigest()}.{image.extension}"
-        sidefiles.write_named(path, data)
-        return digest.hexdigest(), image, len(data)
+        data, content = b"", bytearray()
+        try:
+            with self._fetch(url, {}, stream=True) as response:
+                wanted = response.headers.get("content-length", "")
+                if re.fullmatch("[0-9]{1,18}", wanted) and int(wanted) > limit:
+                    raise ItemFinal("too_large", wanted)
+                try:
+                    for part in bounded.parts(response, most=limit, seconds=bounded.ANSWER_S):
+                        content += part
+                except bounded.TooLarge:
+                    raise ItemFinal("too_large", f"more than {limit}") from None
+                except requests.RequestException as error:
+                    raise failure(error, url) from None
+            data = bytes(content)
+            content.clear()
+            image = inspect(data)
+            if image is None:
+                kind = response.headers.get("content-type", "").partition(";")[0].strip().lower()
+                raise NotAnImage if kind == "text/html" else ItemFinal("not_a_picture")
+            name = hashlib.sha256(data).hexdigest()
+            sidefiles.write_named(folder / f"{name}.{image.extension}", data)
+            return name, image, len(data)
+        finally:
+            content.clear()  # an error keeps the frames that it came through
+            data = b""

@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 import pytest
 
 from kb.core.errors import Interrupted, LimitReached
-from kb.core.progress import LineProgress
+from kb.core.progress import LineProgress, Silent
 from kb.core.signals import stop
 from kb.crawl.purge import purge_answers
 from kb.reddit.crawl.importer import import_dumps
@@ -20,7 +20,9 @@ from kb.reddit.dumps import cursor
 from kb.reddit.dumps.import_file import ImportJob, import_file
 from kb.reddit.parse.anonymize import load_key
 from kb.reddit.purge import RULES
+from kb.store import lock
 from kb.store.rawlog import rawlog
+from kb.verify.root import verify
 from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.reddit.dumped import imported, post, run_in, write
@@ -52,6 +54,22 @@ def test_again_writes_over_nothing(tmp_path):
     assert import_dumps(run_in(tmp_path, again=True), [dump])["crawled"] == 100
     assert len(ids(tmp_path)) == 150, "what a later round reads the same is there once"
     assert set(ids(tmp_path)) == {one["id"] for one in DAYS}
+    assert not list((tmp_path / "raw").rglob(".*")), "and leaves nothing hidden"
+
+
+def test_what_an_earlier_version_left_of_again_goes_with_the_next_command(tmp_path):
+    dump = write(tmp_path / "RS.zst", DAYS)
+    import_dumps(run_in(tmp_path), [dump])
+    (segment,) = rawlog.segments(tmp_path, "reddit", "dumps")
+    left = segment.with_name(f".{segment.name}.part")
+    shutil.copy(segment, left)
+    unfinished = segment.with_name(f".000009{segment.name[6:]}.part")
+    shutil.copy(segment, unfinished)
+    (leftover, other) = sorted(verify(tmp_path, Silent()).of("leftovers"), key=lambda one: one.path)
+    assert (leftover.path, other.path) == tuple(sorted((left, unfinished)))
+    with lock.writer(tmp_path, "reddit"):
+        assert not left.exists()
+        assert unfinished.exists()  # its note may still name it: the next import decides
 
 
 def test_again_goes_on_where_it_was_stopped(tmp_path):

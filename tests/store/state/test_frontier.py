@@ -5,6 +5,7 @@ import sqlite3
 import pytest
 
 from kb.core.errors import DamagedData, OtherService
+from kb.net import redact
 from kb.store.rawlog import rawlog
 from kb.store.state import frontier as module
 from kb.store.state import service_binding
@@ -132,3 +133,16 @@ def test_a_root_keeps_to_its_services(tmp_path):
         service_binding.remember(tmp_path, "reddit", subreddit="terraria")
     with pytest.raises(OtherService, match=r"127\.0\.0\.1, not oauth\.reddit\.com"):
         service_binding.remember(tmp_path, "reddit", host="https://oauth.reddit.com")
+
+
+def test_a_reason_in_a_services_words_holds_no_secret(tmp_path):
+    """A service may repeat the request, and the key in it, in its error."""
+    redact.know(["a-very-secret-key"])
+    frontier = open_frontier(tmp_path)
+    frontier.add("video", ["a", "b"])
+    frontier.error("video", "a", "Bad request: /videos?id=a&key=a-very-secret-key was refused")
+    frontier.skip("video", "b", "no a-very-secret-key")
+    frontier.close()
+    for path in (tmp_path / "state").iterdir():
+        assert b"a-very-secret-key" not in path.read_bytes(), path
+    redact.know([])

@@ -1,11 +1,14 @@
 """Media types by bytes, sizes by headers, frames within limits."""
 
 import io
+import random
 import zlib
+from collections import Counter
 
 import pytest
 from PIL import Image
 
+from kb.wiki.capture import media_type as media
 from kb.wiki.capture.media_type import inspect, media_type
 
 
@@ -78,3 +81,41 @@ def test_cut_off_animation_keeps_the_frames_that_are_there():
 def test_the_type_is_in_the_bytes_not_in_the_name():
     assert media_type(picture("JPEG")) == "image/jpeg"
     assert media_type(b"<!DOCTYPE html><svg-like>") is None
+
+
+@pytest.mark.parametrize("digits", [12, 30, 400, 100_000])
+def test_a_size_that_no_table_holds_is_none(digits):
+    found = inspect(b'<svg width="%s" height="20">' % (b"9" * digits), 10_000)
+    assert (found.width, found.height) == (None, 20 if digits < 4000 else None)
+
+
+def test_frames_that_are_too_many_pixels_together_are_not_decoded(monkeypatch):
+    monkeypatch.setattr(media, "MAX_PIXELS", 3 * 64 * 64)
+    few = picture("GIF", (64, 64), frames=3, duration=100)
+    many = picture("GIF", (64, 64), frames=4, duration=100)
+    assert inspect(few, 10_000).frames == (100, 100, 100)
+    assert inspect(many, 10_000).frames == ()
+
+
+KINDS = ("PNG", "JPEG", "WEBP", "GIF", "BMP", "TIFF", "ICO", "AVIF")
+
+
+def test_whatever_a_decoder_raises_is_no_picture():
+    """10,000 files: bytes of each format's header and of the rest changed, cut or repeated."""
+    rng = random.Random(51)
+    seen = Counter()
+    for kind in KINDS:
+        base = picture(kind, (33, 21), frames=3 if kind in ("PNG", "GIF", "WEBP") else 1)
+        for _ in range(1250):
+            data = bytearray(base)
+            for _ in range(rng.choice([1, 2, 8])):
+                at = rng.randrange(min(len(data), rng.choice([64, 512, len(data)])))
+                data[at] = rng.choice([0, 1, 0x7F, 0x80, 0xFF, rng.randrange(256)])
+            if rng.random() < 0.3:
+                del data[rng.randrange(8, len(data)) :]
+            found = inspect(bytes(data), 1_000_000)
+            seen[kind, found is None] += 1
+            if found is not None:
+                assert all(one is None or 0 <= one < 2**32 for one in (found.width, found.height))
+                assert all(one is None or 0 <= one < 2**31 for one in found.frames)
+    assert all(seen[kind, True] or seen[kind, False] for kind in KINDS)

@@ -1,0 +1,416 @@
+"""A seeded draw of N pairs, spread evenly over keywords, with a split for training.
+
+Of each keyword all pairs are drawn up to a common number, which is as high as N allows; within a
+keyword they are spread evenly over its videos. Limits by video come first: a video that has too
+many pairs gives those of its rarest keywords. The split keeps a channel, and videos that say nearly
+the same, on one side.
+
+<out>/pairs.parquet    columns of pairs and quality, and `split`
+<out>/videos.txt       ids of the videos, one a line, those with the most pairs first
+<out>/README.md        what was drawn: keywords, limits, hours
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+import duckdb
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from kb.artifacts import table_catalog
+from kb.core.context import Run
+from kb.core.errors import FatalError, UsageError
+from kb.core.installation import np
+from kb.core.summary import Summary
+from kb.pairs import seeded_random
+from kb.pairs.seeded_random import mixed
+from kb.store.atomic import replacing_folder
+from kb.store.tables import database, parquet
+from kb.store.tables.reading import reading, scan
+
+if TYPE_CHECKING:
+    from kb.artifacts.table_catalog import Catalog
+
+PAIRS, VIDEOS, README = "pairs.parquet", "videos.txt", "README.md"
+SPLIT = {"test": 0.05, "validation": 0.05, "train": 0.9}
+_SCORES = ("model", "similarity", "margin", "best_offset_s", "static_share", "frames")
+_LABELS = ("visible", "described", "on_time")  # questions about pairs
+_MEMORY = "250MB"  # of DuckDB, which spills what is more
+_NUMBER = "('0x' || pair_id)::UBIGINT"
+
+
+class Limits(NamedTuple):
+    """What at most is drawn of a keyword and of a video, and of how many videos; 0: no limit."""
+
+    per_keyword: int = 0
+    per_video: int = 0
+    videos: int = 0
+
+
+class Pool(NamedTuple):
+    """What pairs are drawn from, a row each: 64 random bits, keyword and video by number (int32),
+    seconds of the clip; and the names of the keywords and videos.
+    """
+
+    id: np.ndarray
+    keyword: np.ndarray
+    video: np.ndarray
+    seconds: np.ndarray
+    keywords: list[str]
+    videos: list[str]
+
+    def take(self, rows: np.ndarray) -> Pool:
+        """Some of the rows."""
+        id_, keyword, video, seconds = (column[rows] for column in self[:4])
+        return Pool(id_, keyword, video, seconds, self.keywords, self.videos)
+
+
+def chosen_rows(pool: Pool, n: int, limits: Limits, seed: int) -> np.ndarray:
+    """The rows of `n` drawn pairs. Raises UsageError with the largest number that can be drawn."""
+    rows = np.arange(len(pool.id))
+    rank = mixed(pool.id ^ mixed(np.array([seed], np.int64).astype(np.uint64)))
+    available = np.bincount(pool.keyword, minlength=len(pool.keywords))
+    if limits.videos:
+        # A pair is worth the more the rarer its keyword is.
+        worth = np.bincount(pool.video, 1 / available[pool.keyword], len(pool.videos))
+        best = np.argsort(-worth, kind="stable")[: limits.videos]
+        rows = np.flatnonzero(np.isin(pool.video, best))
+    if limits.per_video:
+        rarest = available[pool.keyword[rows]]
+        rows = rows[np.lexsort((rank[rows], rarest, pool.video[rows]))]
+        rows = rows[_places(pool.video[rows]) < limits.per_video]
+    offered = np.bincount(pool.keyword[rows], minlength=len(pool.keywords))
+    if limits.per_keyword:
+        offered = np.minimum(offered, limits.per_keyword)
+    if n > (most := int(offered.sum())):
+        raise UsageError(
+            f"{n:,} pairs can't be drawn: at most {most:,}",
+            hint=f"draw {most}, or loosen the condition and the limits",
+        )
+    quota = _quota(offered, n, seeded_random.video_keys(seed, pool.keywords))
+    order = rows[np.argsort(pool.keyword[rows], kind="stable")]
+    del rows
+    ends = np.searchsorted(pool.keyword[order], np.arange(len(quota)), "right").tolist()
+    chosen = []
+    for keyword, end in enumerate(ends):
+        mine = order[ends[keyword - 1] if keyword else 0 : end]
+        mine = mine[np.lexsort((rank[mine], pool.video[mine]))]
+        # In the first turn each video gives one pair, in the second one more.
+        turn = _places(pool.video[mine])
+        chosen.append(mine[np.lexsort((rank[mine], turn))[: quota[keyword]]])
+    return np.concatenate(chosen)
+
+
+def _places(groups: np.ndarray) -> np.ndarray:
+    """The place of each row in its group; equal groups stand side by side."""
+    number = np.arange(len(groups))
+    new = np.ones(len(groups), bool)
+    new[1:] = groups[1:] != groups[:-1]
+    return number - np.maximum.accumulate(np.where(new, number, 0))
+
+
+def _quota(offered: np.ndarray, n: int, drawn: np.ndarray) -> np.ndarray:
+    """How many pairs each keyword gives: all it has up to a common number, so that they are `n`.
+    `drawn`: random bits of each keyword, which say whose turn it is when the last are given out.
+    """
+    low, high = 0, int(offered.max(initial=0))
+    while low < high:  # the highest level that gives no more than n
+        level = (low + high + 1) // 2
+        low, high = (level, high) if np.minimum(offered, level).sum() <= n else (low, level - 1)
+    quota = np.minimum(offered, low)
+    more = np.flatnonzero(offered > low)
+    quota[more[np.argsort(drawn[more], kind="stable")[: n - int(quota.sum())]]] += 1
+    return quota
+
+
+def sides_of(weights: np.ndarray, groups: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+    """The side of each video, as its place in SPLIT: whole groups in random order, each to the
+    first side that has room for it, the last side for the rest.
+
+    `weights`: pairs of each video; `groups`: its group's number; `drawn`: random bits of each
+    group. With three groups or more no side is empty.
+    """
+    size = np.bincount(groups, weights, len(drawn)).astype(np.int64)
+    room = [int(size.sum() * share) for share in SPLIT.values()]
+    last = len(room) - 1
+    side = np.full(len(drawn), last)
+    order = [group for group in np.argsort(drawn, kind="stable").tolist() if size[group]]
+    for group in order:
+        fits = (one for one in range(last) if size[group] <= room[one])
+        side[group] = chosen = next(fits, last)
+        room[chosen] -= int(size[group])
+    for one in range(last):  # what is left to fill, by the group that leaves least
+        while len(free := [group for group in order if side[group] == last]) > 1:
+            best = min(free, key=lambda group: abs(room[one] - size[group]))
+            if abs(room[one] - size[best]) >= room[one] and (side[order] == one).any():
+                break
+            side[best] = one
+            room[one] -= int(size[best])
+    return side[groups]
+
+
+def draw(
+    run: Run, n: int, limits: Limits, where: str, seed: int, out: Path, *, plan: bool = False
+) -> Summary:
+    """Draw `n` pairs and write them to `out`, or only say what would be drawn.
+
+    The same tables, condition and seed give the same bytes. Raises UsageError for a condition that
+    can't be asked and for more pairs than there are, FatalError without pairs, DamagedData,
+    DiskFull.
+    """
+    place = table_catalog.outside(run.root, out)
+    if not plan and place.exists() and not (place / PAIRS).is_file():
+        raise UsageError(f"--out {out} exists and is not a draw of pairs", hint="name a new folder")
+    catalog = table_catalog.read(run.root)
+    meant, every = asking(catalog, where=where), asking(catalog)
+    with (
+        reading(catalog.files("pairs/pairs")),
+        database.connect(run.root, memory=_MEMORY) as con,
+    ):
+        bare = f"FROM {scan(catalog.files('pairs/pairs'))}"  # without a condition no join
+        pool = _pool(con, checked(con, meant, where) if where else bare)
+        chosen = chosen_rows(pool, n, limits, seed)
+        drawn = pool.take(chosen)
+        sides = _sides(con, catalog, drawn, seed)
+        counts = Counter(np.array(list(SPLIT))[sides[drawn.video]].tolist())
+        of_keyword = np.bincount(drawn.keyword, minlength=len(pool.keywords))
+        of_video = np.bincount(drawn.video, minlength=len(pool.videos))
+        summary = Summary(
+            command="pairs draw",
+            pairs=len(chosen),
+            out_of=len(pool.id),
+            keywords=int((of_keyword > 0).sum()),
+            most_of_a_keyword=int(of_keyword.max(initial=0)),
+            videos=int((of_video > 0).sum()),
+            hours=round(float(drawn.seconds.sum()) / 3600, 2),
+            **{side: counts[side] for side in ("train", "validation", "test")},
+        )
+        if plan:
+            return summary
+        with replacing_folder(place) as folder:
+            _write_pairs(con, every, drawn, sides, folder / PAIRS)
+            order = sorted(np.flatnonzero(of_video), key=lambda v: (-of_video[v], pool.videos[v]))
+            (folder / VIDEOS).write_text("".join(f"{pool.videos[v]}\n" for v in order))
+            drawn_of = [
+                (name, int(count))
+                for name, count in zip(pool.keywords, of_keyword, strict=True)
+                if count
+            ]
+            text = _readme(summary, limits, where, seed, drawn_of)
+            (folder / README).write_text(text, encoding="utf-8")
+    return Summary(summary, path=str(place))
+
+
+def asking(catalog: Catalog, given: Path | None = None, where: str = "") -> str:
+    """SQL of all pairs, or of those in the file `given`, with every column that a condition may
+    name: of pairs and quality, and where there are some of scores and labels.
+
+    Raises UsageError where the condition names scores or labels that are not there, FatalError
+    without pairs.
+    """
+    files = catalog.files("pairs/pairs")
+    if not files:
+        raise FatalError("there are no pairs", hint="run `kb pairs` first, or --data a release")
+    parquet.check(*files)
+    columns, joins = ["p.*"], [f"{scan(files)} AS p"]
+    if "text" not in parquet.open_file(files[0]).schema_arrow.names:
+        columns.append("NULL::VARCHAR AS text")
+    if quality := catalog.files("pairs/quality"):
+        columns.append(f"q.* EXCLUDE ({', '.join(_both(files[0], quality[0]))})")
+        joins.append(f"LEFT JOIN {scan(quality)} AS q ON q.pair_id = p.pair_id")
+    scores = sorted(files[0].parent.glob("scores-*.parquet"))
+    if scores:
+        columns.append(f"s.* EXCLUDE ({', '.join(_both(files[0], scores[0]))})")
+        joins.append(f"LEFT JOIN {scan(scores)} AS s ON s.pair_id = p.pair_id")
+    labels = catalog.files("labels/labels")
+    if labels:
+        # What most people answered, of equals the last by the alphabet.
+        answers = ", ".join(
+            f"max({{'n': n, 'a': answer}}) FILTER (question = '{one}')['a'] AS {one}"
+            for one in _LABELS
+        )
+        columns.append("l.* EXCLUDE (item_id)")
+        joins.append(
+            f"LEFT JOIN (SELECT item_id, {answers} FROM (SELECT item_id, question, answer,"
+            f" count(*) AS n FROM {scan(labels)} WHERE kind = 'pair' GROUP BY ALL)"
+            " GROUP BY item_id) AS l ON l.item_id = p.pair_id"
+        )
+    unquoted = re.sub(r"'[^']*'", "", where)
+    for names, there, made_by in (
+        (_SCORES, scores, "kb pairs score --videos DIR"),
+        (_LABELS, labels, "kb label import FILE"),
+    ):
+        for name in names:
+            if not there and re.search(rf"\b{name}\b", unquoted):
+                what = f"--where names {name}, which this data root does not have"
+                raise UsageError(what, hint=f"run `{made_by}` first")
+    asked = f"SELECT {', '.join(columns)} FROM {' '.join(joins)}"
+    if given is not None:
+        with_split = "split" in parquet.open_file(with_ids(given)).schema_arrow.names
+        asked = (
+            f"SELECT a.*{', g.split' if with_split else ''} FROM ({asked}) AS a"
+            f" JOIN {scan([given])} AS g ON g.pair_id = a.pair_id"
+        )
+    return f"SELECT * FROM ({asked}) WHERE ({where or 'true'})"
+
+
+def with_ids(given: Path) -> Path:
+    """The file, if it has the ids of pairs. Raises UsageError."""
+    try:
+        if "pair_id" in pq.read_schema(given).names:
+            return given
+    except (OSError, pa.ArrowInvalid):
+        pass
+    raise UsageError(
+        f"--pairs {given} is not a Parquet file with a column pair_id",
+        hint="give pairs.parquet of `kb pairs draw`",
+    )
+
+
+def checked(con: duckdb.DuckDBPyConnection, asked: str, where: str) -> str:
+    """The SQL of `asking`. Raises UsageError for a condition that DuckDB does not understand."""
+    try:
+        if len(con.extract_statements(asked)) != 1:
+            raise duckdb.ParserException("it is more than a condition")
+        con.sql(asked)
+    except duckdb.Error as error:
+        raise UsageError(
+            f"--where {where!r} is not a valid condition: {str(error).splitlines()[0]}",
+            hint="write a condition on the columns of pairs and quality, such as language = 'en'",
+        ) from None
+    return asked
+
+
+def _both(one: Path, other: Path) -> list[str]:
+    """The columns that two files have."""
+    mine, theirs = (parquet.open_file(path).schema_arrow.names for path in (one, other))
+    return [name for name in theirs if name in mine]
+
+
+def _pool(con: duckdb.DuckDBPyConnection, asked: str) -> Pool:
+    """The pairs that are asked for, by id."""
+    id_: list[np.ndarray] = [np.zeros(0, np.uint64)]
+    seconds = [np.zeros(0, np.float32)]
+    codes: dict[str, list[np.ndarray]] = {"keyword": [], "video_id": []}
+    known: dict[str, dict[str, int]] = {name: {} for name in codes}
+    sql = (
+        f"SELECT {_NUMBER} AS id, keyword::VARCHAR AS keyword, video_id,"
+        f" (clip_end_s - clip_start_s)::FLOAT AS seconds FROM ({asked})"
+    )
+    for batch in con.sql(sql).to_arrow_reader(1 << 17):
+        id_.append(batch.column("id").to_numpy())
+        seconds.append(batch.column("seconds").to_numpy())
+        for name, numbers in known.items():
+            column = cast("Any", batch.column(name).dictionary_encode())
+            own = [numbers.setdefault(v, len(numbers)) for v in column.dictionary.to_pylist()]
+            codes[name].append(np.array(own, np.int32)[column.indices.to_numpy()])
+    every, lengths = np.concatenate(id_), np.concatenate(seconds)
+    id_.clear()
+    seconds.clear()
+    order = np.argsort(every)  # whatever the order of reading
+    every = every[order]
+    columns: list[np.ndarray] = []
+    names: list[list[str]] = []
+    for name, numbers in known.items():
+        listed = sorted(numbers)
+        place = np.zeros(len(listed), np.int32)
+        place[[numbers[one] for one in listed]] = np.arange(len(listed))
+        read = np.concatenate([np.zeros(0, np.int32), *codes.pop(name)])
+        columns.append(place[read[order]] if len(read) else read)
+        names.append(listed)
+    (keyword, video), (keywords, videos) = columns, names
+    return Pool(every, keyword, video, lengths[order], keywords, videos)
+
+
+def _sides(con: duckdb.DuckDBPyConnection, catalog: Catalog, drawn: Pool, seed: int) -> np.ndarray:
+    """The side of each video by its number."""
+    number = {name: place for place, name in enumerate(drawn.videos)}
+    first = list(range(len(number)))
+
+    def head(video: int) -> int:
+        while first[video] != video:
+            first[video] = first[first[video]]
+            video = first[video]
+        return video
+
+    links: list[tuple[str, str]] = []
+    if "youtube_videos" in (views := table_catalog.bare(catalog.views)):
+        files = views["youtube_videos"].files
+        with reading(files):
+            links += con.execute(
+                f"SELECT min(video_id) OVER (PARTITION BY channel_id), video_id"
+                f" FROM {scan(files)} WHERE channel_id IS NOT NULL"
+            ).fetchall()
+    if quality := catalog.files("pairs/quality"):
+        links += con.execute(
+            f"SELECT DISTINCT duplicate_video_id, video_id FROM {scan(quality)}"
+            " WHERE duplicate_video_id IS NOT NULL"
+        ).fetchall()
+    for pair in links:
+        one, other = (number.setdefault(name, len(number)) for name in pair)
+        first += range(len(first), len(number))
+        low, high = sorted((head(one), head(other)))
+        first[high] = low
+    weights = np.bincount(drawn.video, minlength=len(first))
+    heads = np.array([head(video) for video in range(len(first))], np.int64)
+    return sides_of(weights, heads, seeded_random.video_keys(seed, number))
+
+
+def _columns(con: duckdb.DuckDBPyConnection, asked: str) -> list[str]:
+    return [str(row[0]) for row in con.sql(f"DESCRIBE {asked}").fetchall()]
+
+
+def _write_pairs(
+    con: duckdb.DuckDBPyConnection, asked: str, drawn: Pool, sides: np.ndarray, path: Path
+) -> None:
+    """The drawn pairs by video and time."""
+    names = pa.array(list(SPLIT))
+    split = names.take(pa.array(sides[drawn.video]))
+    con.register("drawn", pa.table({"id": pa.array(drawn.id), "split": split}))
+    kept = [one for one in _columns(con, asked) if one not in (*_SCORES, *_LABELS)]
+    rows = con.sql(
+        f"SELECT {', '.join(kept)}, split FROM ({asked}) JOIN drawn ON drawn.id = {_NUMBER}"
+        " ORDER BY video_id, clip_start_s, pair_id"
+    ).to_arrow_reader(1 << 16)
+    with pq.ParquetWriter(path, rows.schema, compression="zstd") as file:
+        for batch in rows:
+            file.write_batch(batch)
+
+
+def _readme(
+    summary: Summary, limits: Limits, where: str, seed: int, counts: Sequence[tuple[str, int]]
+) -> str:
+    """What was drawn, and how to go on."""
+    most = sorted(counts, key=lambda one: (-one[1], one[0]))
+    named = {
+        "pairs of a keyword": limits.per_keyword,
+        "pairs of a video": limits.per_video,
+        "videos": limits.videos,
+    }
+    limited = ", ".join(f"at most {value:,} {name}" for name, value in named.items() if value)
+    rows = "\n".join(f"| {name} | {count:,} |" for name, count in most)
+    return f"""\
+# A draw of {summary["pairs"]:,} pairs
+
+Drawn from {summary["out_of"]:,} pairs with the seed {seed}{f", where `{where}`" if where else ""}.
+Limits: {limited or "none"}. They are {summary["hours"]:,} hours of {summary["videos"]:,} videos.
+
+| split | pairs |
+|---|---|
+| train | {summary["train"]:,} |
+| validation | {summary["validation"]:,} |
+| test | {summary["test"]:,} |
+
+A channel is on one side of the split, and so are videos that say nearly the same. `{VIDEOS}` lists
+the videos, those with the most pairs first. With their files in a folder,
+`kb clips --pairs {PAIRS} --videos FOLDER` cuts the clips.
+
+| keyword | pairs |
+|---|---|
+{rows}
+"""
