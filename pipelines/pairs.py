@@ -15,7 +15,7 @@ which of a video's overlapping clips are kept.
 
 from pathlib import Path
 
-from kb.annotate.word_count import word_count_of_lists
+from kb.annotate.word_count import word_count
 from kb.artifacts import domain_binding
 from kb.artifacts.measures import check_pairs, write_measure
 from kb.core.config.profile.products import Pairs
@@ -55,7 +55,7 @@ def measure(run: Run, size: int) -> Summary:
     """
     sample, tools = _sample(run, size)
     fetched = fetch_second_tracks(run, sample.ids)
-    tracks = second_tracks(run.root, sample.ids, word_count_of_lists)
+    tracks = second_tracks(run.root, sample.ids, word_count)
     section = measures.measured(run.root, tracks, tools, sample, run.seed)
     path = write_measure(run.root, measures.NAME, section)
     return Summary(

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from kb.annotate import toxicity
-from kb.annotate.word_count import word_count_of_lists
+from kb.annotate.word_count import word_count
 from kb.core.config.profile import Profile
 from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
@@ -96,7 +96,7 @@ def clean(p: Profile) -> Clean:
         kinds=KINDS,
         assemble=partial(
             assemble,
-            words=word_count_of_lists,
+            words=word_count,
             language=TrackLanguage(section.language, section.translate),
         ),
         chains=(rows,),

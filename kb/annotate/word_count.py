@@ -1,4 +1,4 @@
-"""Count the words in text columns."""
+"""Count the words of texts."""
 
 from __future__ import annotations
 
@@ -7,19 +7,16 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+# What `str.split` takes for white space beyond the six spaces of ASCII that Arrow knows
+_OTHER_SPACES = (
+    r"[\x1c-\x1f\x{85}\x{a0}\x{1680}\x{2000}-\x{200a}\x{2028}\x{2029}\x{202f}\x{205f}\x{3000}]"
+)
 
-def word_count_of_lists(lists: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Array[Any]:
-    """Words, as `str.split` separates them, of all texts in each list together (int64).
 
-    Null for a null list, 0 for an empty one.
-    """
-    if isinstance(lists, pa.ChunkedArray):
-        lists = lists.combine_chunks()
-    texts = pc.utf8_trim_whitespace(pc.fill_null(pc.list_flatten(lists).cast(pa.string()), ""))
-    words = pc.list_value_length(pc.utf8_split_whitespace(texts)).cast(pa.int64())
-    words = pc.if_else(pc.equal(texts, ""), 0, words)
-    totals = pa.concat_arrays([pa.array([0], pa.int64()), pc.cumulative_sum(words)])
-    lengths = pc.fill_null(pc.list_value_length(lists), 0).cast(pa.int64())
-    ends = pc.cumulative_sum(lengths)
-    counts = pc.subtract(totals.take(ends), totals.take(pc.subtract(ends, lengths)))
-    return pc.if_else(pc.is_valid(lists), counts, pa.scalar(None, pa.int64()))
+def word_count(texts: pa.Array[Any]) -> pa.Array[Any]:
+    """Words of each text, as `str.split` separates them (int64); 0 for null."""
+    texts = pc.fill_null(texts.cast(pa.string()), "")
+    # Splitting at ASCII's spaces takes half the time of splitting at those of Unicode.
+    texts = pc.ascii_trim_whitespace(pc.replace_substring_regex(texts, _OTHER_SPACES, " "))
+    words = pc.list_value_length(pc.ascii_split_whitespace(texts)).cast(pa.int64())
+    return pc.if_else(pc.equal(texts, ""), 0, words)

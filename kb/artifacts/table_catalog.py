@@ -217,10 +217,16 @@ def address_of(place: str | os.PathLike[str]) -> str:
 
 
 def existing(path: Path) -> Path:
-    """The folder as an absolute path. Raises SettingError, which names the nearest data root."""
+    """The folder as an absolute path; of the folder `restored/` in a data root, that data root.
+
+    Raises SettingError, which names the nearest data root.
+    """
     path = path.expanduser().absolute()
     if not path.is_dir():
         raise empty(path)
+    of_root = path == Layout(path.parent).restored() and not is_root(path)
+    if of_root and any((path / name).is_dir() for name in PUBLISHED):
+        return path.parent
     return path
 
 

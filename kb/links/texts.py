@@ -67,9 +67,9 @@ def in_columns(
 
 
 def in_elements(path: Path) -> Iterator[TextPart]:
-    """The visible text of pages; a file of elements holds whole pages, some hundred of them."""
-    names = ["page_id", "element_id", "parent_id", "kind", "visible", "text", "reading_order"]
-    rows = parquet.read_table(path, columns=names)
+    """The text of pages, shown or folded; a file holds whole pages, some hundred of them."""
+    names = ["page_id", "element_id", "parent_id", "kind", "text", "reading_order"]
+    rows = parquet.read_table(path, columns=[*names, "visible", "folded"])
     rows = rows.sort_by([("page_id", "ascending"), ("reading_order", "ascending")])
     pages, page = np.unique(rows["page_id"].to_numpy(), return_inverse=True)
     taken = np.asarray(_outermost(rows), np.int64)
@@ -86,7 +86,8 @@ def _outermost(rows: pa.Table) -> list[int]:
     keys = list(zip(pages, elements, strict=True))
     parents = {key: (key[0], parent) for key, parent in zip(keys, above, strict=True)}
     kinds = dict(zip(keys, rows["kind"].to_pylist(), strict=True))
-    shown = pc.and_(rows["visible"], pc.is_valid(rows["text"])).to_pylist()
+    read = pc.or_(rows["visible"], rows["folded"])
+    shown = pc.and_(read, pc.is_valid(rows["text"])).to_pylist()
     return [
         row
         for row, key in enumerate(keys)

@@ -29,6 +29,8 @@ COLOURS = {
     "animation": "#e69f00",
     "table": "#009e73",
     "cell": "#56b4e9",
+    "video": "#000000",
+    "audio": "#000000",
 }
 _LINE = 2  # CSS px
 _PNG = b"\x89PNG\r\n\x1a\n"

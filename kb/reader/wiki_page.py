@@ -93,8 +93,8 @@ class Page:
             data.page("Creeper").boxes("table").draw()
 
         A text's box has the boxes of its lines, which are drawn instead of it. Kinds are text,
-        image, sprite, animation, table and cell; any other raises UsageError.
-        `hidden`: include elements that the page does not show.
+        image, sprite, animation, table, cell, video and audio; any other raises UsageError.
+        `hidden`: include elements that the page does not show; folded ones have no boxes.
         """
         if kind is not None and kind not in screenshots.COLOURS:
             kinds = ", ".join(screenshots.COLOURS)
@@ -102,7 +102,7 @@ class Page:
         boxes = [
             screenshots.box(row)
             for row in self.elements
-            if (hidden or row["visible"]) and kind in (None, row["kind"])
+            if (row["visible"] or (hidden and row["x"] is not None)) and kind in (None, row["kind"])
         ]
         return Boxes(self, boxes)
 

@@ -12,7 +12,8 @@ import re
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from functools import partial
-from itertools import accumulate
+from itertools import accumulate, chain
+from operator import itemgetter
 from types import NoneType
 from typing import Any
 
@@ -156,13 +157,15 @@ def _records(values: Sequence[Any], kind: Type, *, clean: bool) -> pa.Array[Any]
     """Raises ValueError, TypeError, IndexError or OverflowError for an odd list."""
     assert kind.item is not None
     fields = kind.item.fields
-    rows = [a_list(row) for value in values if value is not None for row in a_list(value)]
-    if any(len(row) > len(fields) for row in rows):
+    rows = list(chain.from_iterable(a_list(value) for value in values if value is not None))
+    if not set(map(type, rows)) <= {list}:
+        raise TypeError
+    if max(map(len, rows), default=0) > len(fields):
         raise ValueError("a row is too long")
     columns: list[pa.Array[Any]] = []
     for place, (_, inner) in enumerate(fields):
         if inner.item is None:
-            column = flat = pa.array([row[place] for row in rows], inner.arrow())
+            column = flat = pa.array(list(map(itemgetter(place), rows)), inner.arrow())
         else:
             cells = [row[place] if place < len(row) else None for row in rows]
             column = pa.array(cells, inner.arrow())

@@ -69,7 +69,7 @@ def document(opened: OpenTables, place: SourceLocation) -> AgentDocument:
         f" licence {row.get('license') or 'none given'} · {url}"
     )
     chosen = set(made_from[centre]) if centre >= 0 else set()
-    boxes = [box(one) for one in elements if one["element_id"] in chosen]
+    boxes = [box(one) for one in elements if one["element_id"] in chosen and one["x"] is not None]
     return AgentDocument(
         facts,
         plain(row["title"]),

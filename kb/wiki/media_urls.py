@@ -3,9 +3,11 @@
 Thumbnails: https://www.mediawiki.org/wiki/Manual:Thumb.php, /thumb/<file>/<width>px-<name>.
 """
 
+import hashlib
 import re
+from collections.abc import Iterable
 from typing import Any
-from urllib.parse import quote, unquote, urlsplit, urlunsplit
+from urllib.parse import parse_qs, quote, unquote, urlencode, urlsplit, urlunsplit
 
 _CC = re.compile(
     r"//(?:www\.)?creativecommons\.org/licenses/(by(?:-nc)?(?:-nd|-sa)?)/(\d\.\d)", re.IGNORECASE
@@ -18,32 +20,81 @@ _GNU = re.compile(
 )
 
 
+_THUMBNAIL = re.compile(r"(.*?)/thumb(/.+)/[^/]+$")
+_SCALED = re.compile(r"/revision/latest(/.*)?$")
+_BY_NAME = re.compile(r"/Special:(?:FilePath|Redirect/file)/(.+)$", re.IGNORECASE)
+_SPACER = 4  # pixels of a picture that only keeps a place
+
+
 def original(src: str) -> str:
-    """The address of the original image of a thumbnail, or `src` itself."""
+    """The address of the original image of a thumbnail, or `src` itself; of `thumb.php` what
+    names its file.
+    """
     parts = urlsplit(src)
-    path = parts.path
-    if match := re.match(r"(.*?)/thumb(/.+)/[^/]+$", path):
-        path = match[1] + match[2]
-    path = re.sub(r"/revision/latest(/.*)?$", "", path)
-    return urlunsplit(
-        (parts.scheme, parts.netloc, path, parts.query if path == parts.path else "", "")
-    )
+    path, query = parts.path, parts.query
+    if _script(path):
+        name = parse_qs(query).get("f", [""])[0]
+        query = urlencode({"f": name}) if name else query
+    elif match := _THUMBNAIL.match(path):
+        path, query = match[1] + match[2], ""
+    elif _SCALED.search(path):
+        path, query = _SCALED.sub("", path), ""
+    elif _BY_NAME.search(path):
+        query = ""
+    return urlunsplit((parts.scheme, parts.netloc, path, query, ""))
 
 
-def file_title(src: str, file_page: str | None = None) -> str | None:
-    """ "File:Name.png" of an image: by its link to the file page, else by its address."""
+def _script(path: str) -> bool:
+    return path.endswith(("/thumb.php", "/thumb.php5"))
+
+
+def sources(key: str, src: str | None) -> list[str]:
+    """Where the original of a file may be, the best first: never where only a thumbnail is."""
+    given = [key, *([src] if src and original(src) == src.split("#")[0] else [])]
+    scaled = src and _SCALED.search(urlsplit(src).path)
+    given += [src] if src and scaled and not scaled[1] else []
+    return [one for one in given if _on_the_web(one) and not _script(urlsplit(one).path)]
+
+
+def _on_the_web(address: str) -> bool:
+    return address.startswith(("http:", "https:"))
+
+
+def file_key(image: dict[str, Any]) -> str | None:
+    """What an image of an extraction is asked for and found by: the address of its original, or for
+    a picture that is part of the page its file page, else its digest. None for no picture.
+    """
+    src = image.get("src") or ""
+    if _on_the_web(src):
+        return src.split("#")[0] if image.get("poster") else original(src)
+    width, height = image.get("natural") or (0, 0)
+    if not src.startswith("data:image/") or width * height <= _SPACER:
+        return None
+    return image.get("file") or "data:" + hashlib.sha256(src.encode()).hexdigest()
+
+
+def file_title(
+    src: str, file_page: str | None = None, names: Iterable[str] = ("File", "Image")
+) -> str | None:
+    """ "File:Name.png" of an image: by its link to the file page, else by its address. `names` are
+    those of the wiki's namespace of files.
+    """
     if file_page:
         parts = urlsplit(file_page)
-        match = re.search(r"(?:/|title=)((?:File|Image):[^?&#]+)", f"{parts.path}?{parts.query}")
-        if match:
-            return unquote(match[1]).replace("_", " ").replace("Image:", "File:", 1)
-    name = unquote(urlsplit(original(src)).path.rsplit("/", 1)[-1]).replace("_", " ").strip()
-    if (
-        not name
-        or "." not in name
-        or re.search(r"[\[\]{}<>|#]", name)
-        or urlsplit(src).scheme not in ("http", "https")
-    ):
+        spaces = "|".join(re.escape(name.replace(" ", "_")) for name in names)
+        for where in (*parse_qs(parts.query).get("title", []), unquote(parts.path)):
+            named = re.search(rf"(?:^|/)(?:{spaces}):(.+)$", where.replace(" ", "_"), re.IGNORECASE)
+            if named:
+                return f"File:{named[1].replace('_', ' ')}"
+    address = urlsplit(src)
+    if address.scheme not in ("http", "https"):
+        return None
+    named = _BY_NAME.search(address.path)
+    name = named[1] if named else urlsplit(original(src)).path.rsplit("/", 1)[-1]
+    if _script(address.path):
+        name = parse_qs(address.query).get("f", [""])[0]
+    name = unquote(name).replace("_", " ").strip()
+    if not name or "." not in name or re.search(r"[\[\]{}<>|#]", name):
         return None
     return f"File:{name}"
 

@@ -2,7 +2,7 @@
 
 A list's text holds that of its points, a figure's that of its caption: what is inside of a text
 that was taken is not taken again. Tables of contents and boxes of links are left out, and what a
-page does not show.
+page neither shows nor offers to show.
 """
 
 from collections import Counter
@@ -38,7 +38,7 @@ class PageSection:
 
 def passages(_: Profile, root: Path) -> Iterator[Passage]:
     """The passages of all kept pages, by page. Raises DamagedData."""
-    shown = [*_ELEMENT, "text", "visible"]
+    shown = [*_ELEMENT, "text", "visible", "folded"]
     elements = RowsByKey(rows(root, "wiki/elements", shown), "page_id")
     cells = RowsByKey(rows(root, "wiki/cells", _CELL), "page_id")
     images = RowsByKey(rows(root, "wiki/images", ["page_id", "element_id", "alt_text"]), "page_id")
@@ -72,11 +72,13 @@ def sections(
     for one in elements:
         key, text = one["element_id"], plain(one["text"]).strip()
         inside = one["parent_id"] in taken
-        if inside or one["region"] in _LINKS or not one["visible"]:
+        left_out = one["region"] in _LINKS or not (one["visible"] or one.get("folded"))
+        if inside or left_out:
             taken.add(key)
-        if one["region"] in _LINKS or not one["visible"]:
+        if left_out:
             continue
-        level = one["heading_level"]
+        # The parts of an infobox have headings, which begin no section of the page.
+        level = None if one["region"] == "infobox" else one["heading_level"]
         if alts.get(key):
             section.elements.append(key)
             if alts[key] not in section.alts:

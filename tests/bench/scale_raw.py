@@ -342,7 +342,11 @@ def _spoken(chance: random.Random, words: Words) -> dict[str, Any]:
             text = ("[Music]", "♪ " + text + " ♪", text.replace(" ", "’s ", 1))[int(odd * 75)]
         elif not automatic:
             text = text.replace(" ", "\n", 1)
-        cues.append([round(at, 2), length, text])
+        cue: list[Any] = [round(at, 2), length, text]
+        if automatic:  # real automatic tracks have the time of each word
+            times = [round(at + 0.38 * word, 3) for word in range(len(text.split()))]
+            cue.append(times)
+        cues.append(cue)
         place, at = place + size, at + size * 0.38
     kind = "asr" if automatic else "manual"
     return {"kind": kind, "language": "en", "original_kind": kind, "cues": cues}

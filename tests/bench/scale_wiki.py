@@ -171,6 +171,7 @@ def _elements(
             "tag": tag,
             "text": text,
             "visible": True,
+            "folded": False,
             **more,
         }
         elements.append(element)

@@ -82,7 +82,7 @@ def _spoken(number: int, cues: Sequence[tuple[int, str]]) -> dict[str, Any]:
 
 
 def _element(page: int, number: int, text: str) -> dict[str, Any]:
-    about = {"kind": "text", "tag": "p", "region": "content", "visible": True}
+    about = {"kind": "text", "tag": "p", "region": "content", "visible": True, "folded": False}
     place = {"page_id": page, "element_id": number, "reading_order": number}
     return {**place, **about, "text": text}
 

@@ -11,6 +11,7 @@ import kb
 from kb.artifacts.release_folder import tombstone_lines
 from kb.core.errors import KbError, UsageError
 from kb.reader.screenshots import COLOURS
+from kb.store.layout import Layout
 from kb.store.state import tombstones
 from kb.store.tables.shard_writer import write_table
 from tests.cli.test_app import NOT_FOR_HELP, imports_of
@@ -149,6 +150,21 @@ def test_a_thread_has_every_comment_once_under_its_parent(release: Path) -> None
     assert all(one.body is None for _, one in thread.walk())
     assert "missing (deleted or filtered out)" in str(thread)
     assert "missing (deleted" in thread._repr_html_()
+
+
+def test_a_release_and_what_was_restored_of_it(release: Path, root: Path, tmp_path: Path) -> None:
+    """The root that `kb restore` made, or the folder that it names at its end."""
+    place = Layout(tmp_path)
+    shutil.copytree(root / "export" / "reconstructed", place.restored("reddit"))
+    place.restored("pairs").mkdir()
+    shutil.copy(root / "pairs" / "pairs-00000-of-00001.parquet", place.restored("pairs"))
+    post = orphaned(release)
+    for restored in (tmp_path, place.restored()):
+        for places in ((release, restored), (restored, release)):
+            data = kb.load(*places)
+            assert data.thread(post).title
+            assert all(clip["text"] for clip in data.clips("creeper"))
+            assert data.page("Creeper").title == "Creeper"
 
 
 def test_texts_come_from_clean_or_from_what_was_restored(

@@ -109,6 +109,7 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
             "element_id": k,
             "parent_id": None if k == 0 else 0,
             "visible": True,
+            "folded": False,
             "reading_order": k,
             "kind": ("text", "image", "table", "cell", "sprite")[k % 5],
             "tag": ("h1", "img", "table", "td", "span")[k % 5],

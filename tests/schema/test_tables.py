@@ -38,7 +38,7 @@ CONTRACT = {
     "wiki/elements": (
         (
             "page_id element_id parent_id kind tag region heading_level text x y width height"
-            " visible reading_order lines"
+            " visible folded reading_order address lines"
         ),
         "",
     ),

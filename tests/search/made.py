@@ -138,6 +138,7 @@ def wiki(root: Path) -> None:
                     "heading_level": level,
                     "text": text,
                     "visible": True,
+                    "folded": False,
                     "reading_order": order,
                 }
             )

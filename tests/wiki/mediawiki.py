@@ -57,7 +57,8 @@ $wgGenerateThumbnailOnParse = true; $wgNativeImageLazyLoading = true; $wgAllowDi
 $wgExternalLinkTarget = false;
 $wgRawHtml = true;
 $wgMemoryLimit = "512M"; $wgPhpCli = "/usr/bin/php"; $wgUseFileCache = false; $wgRateLimits = [];
-$wgDefaultSkin = "fallback"; wfLoadSkin( 'Vector' ); $wgDefaultSkin = "vector";
+foreach ( [ 'Vector', 'MonoBook', 'MinervaNeue', 'Timeless' ] as $skin ) { wfLoadSkin( $skin ); }
+$wgDefaultSkin = "vector";
 """
 
 ROUTER = """<?php

@@ -17,6 +17,14 @@ W = "https://wiki.example/images"
         (f"{W}/a/ab/Ore.png?version=3", f"{W}/a/ab/Ore.png?version=3"),
         (f"{W}/Ore.png#top", f"{W}/Ore.png"),
         (f"{W}/thumbs/Ore.png", f"{W}/thumbs/Ore.png"),
+        (
+            "https://wiki.example/w/thumb.php?f=Ore.png&width=32",
+            "https://wiki.example/w/thumb.php?f=Ore.png",
+        ),
+        (
+            "https://wiki.example/wiki/Special:FilePath/Ore.png?width=60",
+            "https://wiki.example/wiki/Special:FilePath/Ore.png",
+        ),
     ],
 )
 def test_original(src, expected):
@@ -37,6 +45,29 @@ def test_original(src, expected):
 )
 def test_file_title(src, page, expected):
     assert media_urls.file_title(src, page) == expected
+
+
+@pytest.mark.parametrize(
+    ("src", "page", "expected"),
+    [
+        ("https://wiki.example/w/thumb.php?f=Ore_vein.png&width=32", None, "File:Ore vein.png"),
+        (f"{W}/x.png", "https://wiki.example/wiki/Datei:Erz.png", "File:Erz.png"),
+        (f"{W}/x.png", "https://wiki.example/index.php?title=bild%3AErz_1.png", "File:Erz 1.png"),
+        (f"{W}/x.png", "https://wiki.example/wiki/Datei_alt:Erz.png", "File:Erz.png"),
+        (f"{W}/x.png", "https://wiki.example/wiki/Akte:Erz.png", "File:x.png"),
+    ],
+)
+def test_files_of_a_wiki_in_another_language(src, page, expected):
+    assert media_urls.file_title(src, page, ("File", "Datei", "Bild", "Datei alt")) == expected
+
+
+def test_an_original_is_never_where_only_a_thumbnail_is():
+    thumb = "https://wiki.example/w/thumb.php?f=Ore.png&width=32"
+    assert media_urls.sources(media_urls.original(thumb), thumb) == []
+    scaled = f"{W}/thumb/a/ab/Ore.png/120px-Ore.png"
+    assert media_urls.sources(media_urls.original(scaled), scaled) == [f"{W}/a/ab/Ore.png"]
+    whole = f"{W}/a/ab/Ore.png/revision/latest?cb=2020"
+    assert media_urls.sources(media_urls.original(whole), whole) == [f"{W}/a/ab/Ore.png", whole]
 
 
 @pytest.mark.parametrize(

@@ -307,6 +307,23 @@ def test_regions_headings_and_no_chrome(data):
     assert len({e["reading_order"] for e in by_id.values()}) == len(by_id)
 
 
+def test_nothing_of_a_skin_is_content(mediawiki, programs, section, tmp_path):
+    """A page has the same texts in each of MediaWiki's own skins."""
+    hosts, origins = reach(mediawiki.url, ())
+    start = partial(Browser, programs, hosts=hosts, origins=origins, user_agent="lorecrawl/test")
+    look = partial(start, viewport=(1280, 1024), page_seconds=section.page_seconds)
+    told = {}
+    with Pool(partial(look, before=page.page_script("settle.js")), 70) as pool:
+        for skin in ("vector", "vector-2022", "monobook", "minerva", "timeless"):
+            url = f"{mediawiki.url}/wiki/Regions?useskin={skin}"
+            show = partial(page.capture, url=url, shot=tmp_path / "shot.png", max_height=100_000)
+            seen = pool.use(partial(show, rules=section.rules)).extraction["elements"]
+            texts = [e for e in seen if e["kind"] in ("text", "cell") and e["region"] != "toc"]
+            told[skin] = [(e["text"], e["level"]) for e in texts]
+    assert told["vector"][0] == ("Regions", 1)
+    assert all(texts == told["vector"] for texts in told.values()), told
+
+
 def test_boxes_of_a_tall_wiki_page_hold_their_colour(data):
     run, *_ = data
     (page,) = query(run, "SELECT * FROM pages WHERE title = 'Colours'")

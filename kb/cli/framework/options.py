@@ -149,7 +149,7 @@ class Options:
                 hint="download the release, or use `kb query` or kb.load in Python",
             )
         if exists and not address:
-            existing(root)
+            root = existing(root)
         if needs == "profile":
             loaded, profile = in_demo_root(root, loaded, profile)
         return Run(

@@ -14,7 +14,7 @@ The first screen of a card says how to get the content and shows one picture as 
 read in many places: a bar for each filter stage, or for the most frequent keywords.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 from kb import __version__
 from kb.core.context import Run
@@ -30,14 +30,6 @@ from kb.release.provenance import Changes
 WIDTH = 40  # of the longest bar, in characters
 
 
-class Bar(NamedTuple):
-    """One line of the picture."""
-
-    name: str
-    n: int
-    bar: str
-
-
 def first(facts: Facts) -> dict[str, Any]:
     """What templates/first_screen.md.jinja says of a folder."""
     return {
@@ -47,8 +39,10 @@ def first(facts: Facts) -> dict[str, Any]:
     }
 
 
-def picture(facts: Facts) -> list[Bar]:
-    """How much each stage left over, or how often the most frequent keywords are met."""
+def picture(facts: Facts) -> list[tuple[str, int, str]]:
+    """Lines with a name, a number and a bar: how much each stage left over, or how often the most
+    frequent keywords are met.
+    """
     of = PUBLISHED[facts.source]
     if isinstance(of, Source) and of.stages:
         return _bars(_funnel(facts, of))
@@ -71,9 +65,9 @@ def _funnel(facts: Facts, source: Source) -> list[tuple[str, int]]:
     return steps
 
 
-def _bars(steps: list[tuple[str, int]]) -> list[Bar]:
+def _bars(steps: list[tuple[str, int]]) -> list[tuple[str, int, str]]:
     most = max((n for _, n in steps), default=0)
-    return [Bar(name, n, "█" * max(1, round(WIDTH * n / most))) for name, n in steps if n]
+    return [(name, n, "█" * max(1, round(WIDTH * n / most))) for name, n in steps if n]
 
 
 # The hub's size categories, a power of ten each.

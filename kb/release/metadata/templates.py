@@ -173,7 +173,12 @@ def about(profile: Profile, facts: Facts, show: Callable[[str], str] = line) -> 
     from the recorded ways, then the profile's own. `show` writes the profile's words, such as `md`
     for Markdown.
     """
-    values = {"topic": show(profile.title), "scored": not facts.unscored, "profile": profile}
+    values = {
+        "topic": show(profile.title),
+        "scored": not facts.unscored,
+        "profile": profile,
+        "ways": {one.name for one in facts.ways},
+    }
     neutral = msgspec.convert(_rendered(_sentences(facts.source), values), About)
     ways = [
         msgspec.convert(

@@ -43,3 +43,12 @@ def lists(lengths: pa.Array[Any], values: pa.Array[Any]) -> pa.Array[Any]:
     """The values in lists of these lengths; a null length is an empty list."""
     ends = pc.cumulative_sum(pc.fill_null(lengths, 0).cast(pa.int32()))
     return pa.ListArray.from_arrays(pa.concat_arrays([pa.array([0], pa.int32()), ends]), values)
+
+
+def sums(of: pa.Array[Any]) -> pa.Array[Any]:
+    """The sum of each list of numbers (int64); 0 for an empty one."""
+    flat = pc.list_flatten(of).cast(pa.int64())
+    totals = pa.concat_arrays([pa.array([0], pa.int64()), pc.cumulative_sum(flat)])
+    lengths = pc.list_value_length(of).cast(pa.int64())
+    ends = pc.cumulative_sum(lengths)
+    return pc.subtract(totals.take(ends), totals.take(pc.subtract(ends, lengths)))

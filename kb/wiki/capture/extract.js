@@ -3,7 +3,10 @@
 // Returns {page, elements, cells, facts, recipes}; kb/wiki/parse/tables.py and kb/wiki/parse/facts.py read it.
 const rules = arguments[0];
 const doc = document.documentElement;
-const root = document.querySelector(rules.root) || document.body;
+// The first root in order of preference, and the page's title where it stands outside of that.
+const root = rules.root.map((one) => document.querySelector(one)).find(Boolean) || document.body;
+const heading = document.querySelector(rules.title);
+const roots = heading && !root.contains(heading) && !heading.contains(root) ? [heading, root] : [root];
 const TEXT = new Set(["P", "H1", "H2", "H3", "H4", "H5", "H6", "UL", "OL", "DL", "LI", "DT", "DD", "BLOCKQUOTE",
   "PRE", "FIGCAPTION", "CAPTION", "SUMMARY", "ADDRESS"]);
 const SKIP = new Set(["SCRIPT", "STYLE", "TEMPLATE", "NOSCRIPT", "IFRAME", "OBJECT", "LINK", "META", "svg"]);
@@ -11,13 +14,28 @@ const INLINE = new Set(["A", "ABBR", "B", "BDI", "BR", "CITE", "CODE", "EM", "I"
   "SPAN", "STRONG", "SUB", "SUP", "TIME", "U", "VAR", "WBR", "IMG"]);
 const elements = [], cells = [], facts = [], recipes = [];
 const styles = new Map(), clips = new Map(), placed = new Map(), strokes = new Map();
-let truncated = false, entries = 0, without = null, marked = true;
+const states = new Map(), offers = new Map(), bars = new Map();
+let truncated = false, entries = 0, unread = 0, without = null, named = new Map();
 
-// What JSON and Arrow can't hold becomes U+FFFD.
-const sound = (s) => (typeof s === "string" ? s.toWellFormed().replaceAll("\0", "\uFFFD") : s);
+// What JSON and Arrow can't hold becomes U+FFFD. Characters without width are dropped; joiners stay between letters
+// that join, or in a picture of several.
+const NO_WIDTH = /[\u00ad\u200b\u200e\u200f\u2060\ufeff]/g;
+const JOINER = /(?<!(?![a-zA-Z])[\p{L}\p{M}]|[\p{Extended_Pictographic}\p{Emoji_Modifier}\ufe0f])[\u200c\u200d]|[\u200c\u200d](?!(?![a-zA-Z])[\p{L}\p{M}]|\p{Extended_Pictographic})/gu;
+const sound = (s) => (typeof s === "string" ? s.toWellFormed().replaceAll("\0", "\uFFFD").replace(NO_WIDTH, "").replace(JOINER, "") : s);
 const style = (e) => styles.get(e) || (styles.set(e, getComputedStyle(e)), styles.get(e));
-const isChrome = (e) => SKIP.has(e.tagName) || e.matches(rules.chrome);
+const isChrome = (e) => SKIP.has(e.tagName) || e.matches(rules.chrome) || isBar(e);
 const shown = (e) => e.checkVisibility({ opacityProperty: true, visibilityProperty: true });
+// Links to see, discuss and edit a template ("v t e"), whatever their words.
+function isBar(e) {
+  if (!e.childElementCount || e.childElementCount > 7 || e.tagName === "A") return false;
+  if (!bars.has(e)) {
+    const words = e.textContent.trim();
+    const links = words.length < 40 ? [...e.querySelectorAll("a")] : [];
+    bars.set(e, links.length > 1 && links.length < 6 && links.some((a) => /action=edit|Special:EditPage/.test(a.getAttribute("href") || ""))
+      && (words.match(/\p{L}+/gu) || []).every((word) => word.length === 1 || /^(view|talk|discuss|edit|hist|history)$/i.test(word)));
+  }
+  return bars.get(e);
+}
 const pageWidth = Math.max(doc.scrollWidth, doc.clientWidth), pageHeight = Math.max(doc.scrollHeight, doc.clientHeight);
 const everything = [0, 0, pageWidth, pageHeight];
 
@@ -34,12 +52,76 @@ function clip(e) {
   if (!area) {
     area = clip(e.parentElement);
     const s = style(e);
-    if (s.display !== "inline" && s.display !== "contents" && (s.overflowX !== "visible" || s.overflowY !== "visible")) {
+    if (s.clip !== "auto" && /absolute|fixed/.test(s.position) && /rect\((0px,? ?){4}\)|rect\(1px,? 1px,? 1px,? 1px\)/.test(s.clip)
+      || /^inset\(\s*(50|100)%/.test(s.clipPath)) area = [0, 0, 0, 0];
+    else if (s.display !== "inline" && s.display !== "contents" && (s.overflowX !== "visible" || s.overflowY !== "visible")) {
       area = meet(area, edges(e.getBoundingClientRect()));
     }
     clips.set(e, area);
   }
   return area;
+}
+// Why an element is not shown: "hidden", "folded" where the page itself offers to show it, else "".
+function offered(e) {
+  if (!offers.has(e)) {
+    const box = e.parentElement?.closest(".mw-collapsed, .collapsed, .mw-collapsible");
+    const part = /^(TR|TBODY|THEAD|TFOOT|LI|DT|DD)$/.test(e.tagName) && box?.matches("table, ul, ol, dl");
+    offers.set(e, e.matches(rules.folded) || box && (part || e.parentElement === box) || e.hidden === "until-found"
+      || controlled.has(e.id) || /^mw-customcollapsible-/.test(e.id)
+      || (e.getAttribute("aria-labelledby") || "").split(/\s+/).some((id) => id && document.getElementById(id)?.matches("[role=tab]"))
+      || FOLDS.test(e.getAttribute("class") || ""));
+  }
+  return offers.get(e);
+}
+const FOLDS = /(^|[-_\s])tab(s|ber)?[-_]*(panel|pane|content|body|page)|(^|[-_\s])(spoiler|accordion|collapsible|expandable|foldable)/i;
+const controlled = new Set([...document.querySelectorAll("[aria-controls]")].flatMap((e) => e.getAttribute("aria-controls").split(/\s+/))
+  .concat([...document.querySelectorAll("[role=tab][href^='#'], [data-target^='#'], [data-bs-target^='#'], [data-toggle][href^='#']")]
+    .map((e) => (e.getAttribute("data-target") || e.getAttribute("data-bs-target") || e.getAttribute("href")).slice(1))));
+function stateOf(e) {
+  if (shown(e) || style(e).display === "contents" && (!e.parentElement || shown(e.parentElement))) return "";
+  if (!states.has(e)) states.set(e, whyHidden(e));
+  return states.get(e);
+}
+function whyHidden(e) {
+  let folded = "";
+  for (let a = e; a && a !== doc; a = a.parentElement) {
+    const s = style(a), above = a.parentElement;
+    if (above?.tagName === "DETAILS" && !above.open && a.tagName !== "SUMMARY") { folded = "folded"; continue; }
+    const hides = s.display === "none" || s.contentVisibility === "hidden" || Number(s.opacity) === 0
+      || s.visibility !== "visible" && !(above && style(above).visibility !== "visible");
+    if (!hides) continue;
+    if (!offered(a)) return "hidden";
+    folded = "folded";
+  }
+  return folded || "hidden";
+}
+// What is laid out and yet not on the page: scrolled out of a box or a row of tabs, or put where nobody sees it.
+function whyCut(rects, holder) {
+  let boxes = rects.map(edges).filter((b) => b[2] - b[0] > 1 && b[3] - b[1] > 1), folded = false;
+  for (let a = holder; a && a !== doc && a !== document.body; a = a.parentElement) {
+    if (offered(a)) folded = true;
+    const s = style(a), frame = a.getBoundingClientRect(), b = edges(frame);
+    if (s.clip !== "auto" && s.position === "absolute" || /^inset\(\s*(50|100)%/.test(s.clipPath)) return folded ? "folded" : "hidden";
+    if (s.display === "inline" || s.overflowX === "visible" && s.overflowY === "visible") continue;
+    if (boxes.some((one) => meets(one, b))) continue;
+    const scrolls = /auto|scroll/.test(s.overflowX + s.overflowY) && b[2] - b[0] > 1 && b[3] - b[1] > 1;
+    const range = [b[0] - a.scrollLeft, b[1] - a.scrollTop, b[0] - a.scrollLeft + a.scrollWidth, b[1] - a.scrollTop + a.scrollHeight];
+    if (!folded && !(scrolls && boxes.some((one) => meets(one, range)))) return "hidden";
+    folded = true;
+    boxes = [b];
+  }
+  return folded && boxes.length ? "folded" : "hidden";
+}
+function meets(a, b) {
+  return Math.min(a[2], b[2]) - Math.max(a[0], b[0]) > 1 && Math.min(a[3], b[3]) - Math.max(a[1], b[1]) > 1;
+}
+function stateOfText(node) {
+  if (strokesOf(node).some((b) => b[2] - b[0] > 1 && b[3] - b[1] > 1)) return "";
+  const state = stateOf(node.parentElement);
+  if (state) return state;
+  const range = document.createRange();
+  range.selectNodeContents(node);
+  return whyCut([...range.getClientRects()], node.parentElement);
 }
 function place(rect, holder, seen) {
   const b = meet(edges(rect), clip(holder)), w = b[2] - b[0], h = b[3] - b[1];
@@ -78,34 +160,47 @@ function linesOf(blocks) {
   return lines.map((b) => [b[0], b[1], b[2] - b[0], b[3] - b[1]].map((n) => Math.round(n * 100) / 100)).filter((b) => b[2] > 0 && b[3] > 0);
 }
 
-// Text as shown: chrome and tables left out, hidden parts left out of what is visible itself.
+// Text as shown: chrome, tables and marks of footnotes left out, a formula as its TeX. What is hidden is left out of
+// what is shown itself (`all` takes it too); what is folded belongs to it.
 // `blocks` gets the text nodes, those of each block and behind each break apart.
-function textOf(nodes, seen, pre, blocks) {
+function textOf(nodes, all, pre, blocks) {
   let out = "";
   const line = () => { if (out && !out.endsWith("\n")) out += "\n"; };
   const take = (node, raw) => {
     if (node.nodeType === 3) {
-      out += raw ? node.data : node.data.replace(/[\s​]+/g, " ");
-      if (blocks && /\S/.test(node.data)) blocks[blocks.length - 1].push(node);
+      if (!all && /\S/.test(node.data) && stateOfText(node) === "hidden") return;
+      const data = node.data.replace(NO_WIDTH, "");
+      out += raw ? data : data.replace(/\s+/g, " ");
+      if (blocks && /\S/.test(data)) blocks[blocks.length - 1].push(node);
       return;
     }
-    if (node.nodeType !== 1 || isChrome(node) || node.tagName === "TABLE" || node === without) return;
-    if (!marked && node.matches(rules.reference)) return;
+    if (node.nodeType !== 1 || isChrome(node) || node === without || node.matches(rules.reference)) return;
+    if (!all && stateOf(node) === "hidden") return;
+    const tex = formulaOf(node);
+    if (tex) { out += tex; return; }
+    if (named.has(node)) { out += `${/[\s(]$/.test(out) ? "" : " "}${named.get(node)}`; return; }
+    if (node.tagName === "TABLE") { line(); return; }
     if (node.tagName === "BR") {
       out += "\n";
       if (blocks) blocks.push([]);
       return;
     }
     const s = style(node);
-    if (seen && (s.display === "none" || s.visibility === "hidden" || !shown(node) && s.display !== "contents")) return;
     // The slash of a fraction that stands upright is drawn as a line, if it is there at all.
-    if (node.matches(rules.denominator) && /[^/⁄\s]\s*$/.test(out)) out = `${out.trimEnd()}/`;
-    const block = !s.display.startsWith("inline") && !INLINE.has(node.tagName);
-    const apart = blocks && !/^(inline|contents)/.test(s.display);
+    const under = node.matches(rules.denominator) && /[^/⁄\s]\s*$/.test(out);
+    if (under) out = `${out.trimEnd()}/`;
+    const stacked = under || node.nextElementSibling?.matches(rules.denominator) || node.closest(rules.fraction);
+    const block = !/^(inline|contents|ruby|none)|math$/.test(s.display) && !stacked || s.display === "none" && TEXT.has(node.tagName);
+    const apart = blocks && !/^(inline|contents)/.test(s.display), before = out;
     if (block) line();
     if (apart) blocks.push([]);
+    const from = out.length;
     for (const child of node.childNodes) take(child, raw || s.whiteSpace.startsWith("pre"));
-    if (block) line();
+    if (node.tagName === "SUP" && /[\p{L}\d)\]]$/u.test(out.slice(0, from)) && /^[+\-−]?\d+$/.test(out.slice(from).trim())
+      && !/^\s*[⁄/]/.test(node.nextSibling?.textContent ?? "")) out = `${out.slice(0, from)}^${out.slice(from).trim()}`;
+    // What is put elsewhere and has nothing to say parts no words.
+    if (out.length === from && /absolute|fixed/.test(s.position)) out = before;
+    else if (block) line();
     if (apart) blocks.push([]);
   };
   for (const node of nodes) take(node, pre);
@@ -113,27 +208,37 @@ function textOf(nodes, seen, pre, blocks) {
   if (pre) return out.replace(/^\n+|\s+$/g, "");
   return out.split("\n").map((part) => part.replace(/\s+/g, " ").trim()).filter(Boolean).join("\n");
 }
+// What stands in an element with its state; a text of which nothing is shown is hidden, and taken whole.
+function readText(e, nodes, pre, blocks, state = stateOf(e)) {
+  const text = textOf(nodes, state === "hidden", pre, blocks);
+  return text.trim() || state === "hidden" ? { text, state } : { text: textOf(nodes, true, pre, blocks), state: "hidden" };
+}
+function formulaOf(e) {
+  if (!e.matches(rules.formula)) return "";
+  const tex = e.querySelector("annotation[encoding*='tex' i]")?.textContent
+    ?? [e, ...e.querySelectorAll("math, img")].map((x) => x.getAttribute("alttext") || x.getAttribute("alt")).find(Boolean);
+  return tex ? tex.trim().replace(/^\{\\(?:display|text)style\s+([\s\S]*)\}$/, "$1").trim() : "";
+}
 
 function regionOf(e, inherited) {
   for (const [name, selector] of rules.regions) if (e.matches(selector)) return name;
   return inherited;
 }
+// The nearest caption that belongs to a picture alone: in a frame of several as many captions as pictures, in order.
+const CAPTION = "figcaption, .thumbcaption, .gallerytext", FRAME = "figure, .thumb, .thumbinner, .tsingle, .gallerybox, .wikia-gallery-item";
 function captionOf(img) {
-  const figure = img.closest("figure, .thumb, .gallerybox, .thumbinner");
-  const inFigure = figure && (figure.querySelector("figcaption, .thumbcaption, .gallerytext")
-    || (figure.closest(".gallerybox") || figure).querySelector(".gallerytext"));
-  let found = inFigure;
-  if (!found) {
-    const infobox = img.closest(rules.infobox);
-    if (infobox) {
-      for (let e = img.parentElement; e && e !== infobox.parentElement && !found; e = e.parentElement) {
-        found = e.querySelector("[class*=caption]");
-        if (found && found.contains(img)) found = null;
-        if (e.querySelectorAll("img").length > 1 || e.tagName === "TR") break;
-      }
-    }
+  const box = img.closest(FRAME) ? null : img.closest(rules.infobox);
+  const named = box ? `${CAPTION}, [class*=caption]` : CAPTION;
+  if (img.closest(named) && !img.closest(named).querySelector(FRAME)) return null; // an icon within a caption
+  for (let e = img.parentElement; e && e !== root; e = e.parentElement) {
+    const captions = [...e.querySelectorAll(named)].filter((x) => !x.contains(img) && !x.parentElement.closest(named));
+    const others = [...e.querySelectorAll("img, video, audio")].filter((x) => !captions.some((caption) => caption.contains(x)));
+    const own = captions.length === others.length ? captions[others.indexOf(img)] : null;
+    if (own) return textOf([own], true, false) || null;
+    if (captions.length || others.length > 1 && !e.closest(FRAME) || e.matches(".gallerybox, TR") || e === box) return null;
+    if (!box && !e.parentElement?.closest(FRAME)) return null;
   }
-  return found ? textOf([found], false, false) || null : null;
+  return null;
 }
 function fileOf(img) {
   const link = img.closest("a[href]");
@@ -156,7 +261,10 @@ function backgroundOf(e) {
 function add(kind, e, ctx, more) {
   if (elements.length >= rules.max_elements) { truncated = true; return ctx.parent; }
   const { rect, blocks, ...rest } = more;
-  const where = place(rect || e.getBoundingClientRect(), rect ? e : e.parentElement, ctx.seen ?? shown(e));
+  const state = ctx.state ?? stateOf(e), area = rect || e.getBoundingClientRect(), holder = rect ? e : e.parentElement;
+  const where = place(area, holder, !state);
+  where.folded = state === "folded" || !state && !where.visible && whyCut([area], holder) === "folded";
+  if (where.folded) where.box = null;
   const id = elements.length, lines = blocks ? { lines: where.visible ? linesOf(blocks) : null } : {};
   elements.push({ id, parent: ctx.parent, kind, tag: e.tagName.toLowerCase(), region: ctx.region, level: null,
     text: null, ...where, ...lines, ...rest });
@@ -196,36 +304,138 @@ function framesOf(e) {
     const held = child.getAttribute("data-duration") || child.getAttribute("data-delay") || child.getAttribute("data-interval");
     const sprite = img ? null : [child, ...child.querySelectorAll("*")].find((x) => backgroundOf(x));
     return { ...(img ? picture(img) : { src: sprite ? backgroundOf(sprite) : null, alt: nameOf(child), file: null, loaded: true }),
-      text: textOf([child], false, false) || null, duration: held && /^\d+(\.\d+)?$/.test(held.trim()) ? Number(held) : null };
+      text: textOf([child], true, false) || null, duration: held && /^\d+(\.\d+)?$/.test(held.trim()) ? Number(held) : null };
   });
 }
 
-// Rows of an infobox: a field and its value, several beside each other, or values below their fields.
-// Marks of footnotes are left out.
+// The facts of an infobox: its own tables over their grids, lists of terms, pairs of a name and a value, names in bold.
+// A name that several groups of a box have is told with its group. Rows that can't be read are counted.
 function readFacts(box) {
-  marked = false;
-  readRows(box);
-  marked = true;
-}
-function readRows(box) {
-  const title = box.querySelector(rules.fact_subject), subject = title && textOf(title.childNodes, shown(title), false) || null;
-  let above = [];
-  for (const row of box.querySelectorAll(rules.fact)) {
-    if (isChrome(row)) continue;
-    let fields = [...row.querySelectorAll(rules.fact_field)];
-    const values = [...row.querySelectorAll(rules.fact_value)];
-    if (!fields.length && !above.length && values.length === 2) fields = [values.shift()];
-    const heads = fields.length ? fields : above;
-    above = !values.length && fields.length > 1 ? fields : [];
-    if (values.length !== heads.length) continue;
-    values.forEach((value, number) => {
-      const head = heads[number], seen = shown(value), { visible } = place(value.getBoundingClientRect(), value.parentElement, seen);
-      const pictures = [...value.querySelectorAll("img")].filter((img) => !seen || shown(img)).map(nameOf).filter(Boolean);
-      if (!room()) return;
-      facts.push({ subject, field: textOf(head.childNodes, shown(head), false),
-        value: textOf(value.childNodes, seen, false) || pictures.join("\n"), visible, at: value });
+  const told = [], around = (e) => { const cell = e.parentElement?.closest("td, th"); return cell && cell !== box && box.contains(cell); };
+  const outer = (e) => { const table = e.closest("table"); return !table || !box.contains(table) || !around(table); };
+  const title = [...box.querySelectorAll(rules.fact_subject)].find(outer);
+  const subject = title && textOf(title.childNodes, !shown(title), false) || null;
+  const words = (e) => textOf(e.childNodes, !shown(e), false);
+  let group = null, last = null;
+  // `names` are elements or texts, `nodes` the value, a part of `at`.
+  const tell = (names, at, nodes = at.childNodes) => {
+    const field = names.map((name) => (name?.nodeType ? words(name) : name)).filter(Boolean);
+    const value = valueOf(at, nodes);
+    if (!field.length || !value) return false;
+    if (room()) told.push({ subject, field: field.join(" › "), group, value, visible: place(at.getBoundingClientRect(), at.parentElement, shown(at)).visible, at });
+    return true;
+  };
+  const missed = (e) => { if (words(e).trim()) unread++; };
+  // Names in bold at the beginning of a line, each with what follows it.
+  const readBold = (e) => {
+    let name = null, nodes = [], fresh = true, found = false;
+    const end = () => { if (name) found = tell([name], e, nodes) || found; name = null; nodes = []; };
+    for (const node of e.childNodes) {
+      const bold = node.nodeType === 1 && /^(B|STRONG)$/.test(node.tagName);
+      if (bold && fresh) { end(); name = node; } else if (name) nodes.push(node);
+      fresh = node.nodeName === "BR" || fresh && node.nodeType === 3 && !node.data.trim();
+    }
+    end();
+    return found;
+  };
+  const readTable = (table) => {
+    const places = grid(table), rows = [...table.rows], cover = rows.map(() => []);
+    for (const [cell, at] of places) for (let i = 0; i < at.rowspan; i++) for (let j = 0; j < at.colspan; j++) cover[at.row + i][at.column + j] = cell;
+    const width = Math.max(0, ...cover.map((row) => row.length));
+    const lines = rows.filter((row) => row.matches(rules.fact) && !isChrome(row));
+    const fields = new Set(lines.flatMap((row) => [...row.querySelectorAll(rules.fact_field)]));
+    const values = new Set(lines.flatMap((row) => [...row.querySelectorAll(rules.fact_value)]));
+    let heads = [], pending = null, before = "";
+    rows.forEach((row, r) => {
+      if (!lines.includes(row)) return;
+      const cells = [...new Set(cover[r])].filter((cell) => (fields.has(cell) || values.has(cell)) && !isChrome(cell));
+      const names = cells.filter((cell) => fields.has(cell)), others = cells.filter((cell) => !fields.has(cell));
+      const begins = (...given) => given.some((cell) => cell.nodeType && places.get(cell).row === r);
+      const head = (cell) => heads[places.get(cell).column];
+      if (!cells.length) return;
+      if (cells.length === 1 && places.get(cells[0]).colspan >= width) {
+        const [cell] = cells;
+        if (names.length) {
+          heads = [];
+          pending = title && (cell === title || cell.contains(title)) ? null : cell;
+          group = pending ? words(cell) || null : group;
+        } else {
+          const inner = cell.querySelectorAll("table");
+          if (pending && words(cell).trim()) tell([pending], cell);
+          else if (!readBold(cell) && inner.length === 1 && !words(cell).trim()) readTable(inner[0]);
+          else if (!pending && r && !cell.querySelector("img, b, strong")) missed(cell);
+          pending = null;
+        }
+        before = "";
+        return;
+      }
+      pending = null;
+      if (!others.length) { // heads of columns, in one row or more
+        if (before !== "heads") heads = [];
+        for (const cell of names) for (let j = 0; j < places.get(cell).colspan; j++) {
+          const at = places.get(cell).column + j, text = words(cell);
+          heads[at] = heads[at] && heads[at] !== text ? `${heads[at]} › ${text}` : text;
+        }
+        before = "heads";
+      } else if (!names.length) {
+        const first = others[0], lead = heads.some(Boolean) ? !head(first) && others.length > 1 && first : others.length === 2 && first;
+        for (const cell of others) if (cell !== lead && begins(cell)) { if (!lead && !head(cell) || !tell([lead, head(cell)], cell) && !words(lead || cell)) missed(cell); }
+        before = "values";
+      } else {
+        if (before === "values") heads = [];
+        let current = [], closed = false;
+        for (const cell of cells) {
+          if (fields.has(cell)) { current = closed ? [cell] : [...current, cell]; closed = false; }
+          else if (!current.length) missed(cell);
+          else { if (begins(cell, ...current)) tell([...current, head(cell)], cell); closed = true; }
+        }
+        before = "names";
+      }
     });
+  };
+  const readRow = (row) => {
+    const fields = [...row.querySelectorAll(rules.fact_field)], values = [...row.querySelectorAll(rules.fact_value)];
+    if (fields.length === values.length) values.forEach((value, number) => tell([fields[number]], value));
+    else if (fields.length === 1) values.forEach((value) => tell(fields, value));
+    else if (fields.length) missed(row);
+  };
+  const readList = (list) => {
+    let names = [];
+    for (const e of list.querySelectorAll("dt, dd")) {
+      if (e.tagName === "DT") names = names.closed || !names.length ? [e] : [...names, e];
+      else { names.forEach((name) => tell([name], e)); names.closed = true; }
+    }
+  };
+  const plain = (e) => e && e.childElementCount < 20 && !e.matches("table, dl, img, figure, h1, h2, h3, h4, h5, h6") && words(e).trim();
+  const isName = (e) => /(^|[-_\s])(label|name|key|term|field)([-_\s]|$)/i.test(e.getAttribute("class") || "") || /[:：]\s*$/.test(e.textContent)
+    || /^(B|STRONG)$/.test(e.tagName) || Number(style(e).fontWeight) >= 600;
+  for (const e of [box, ...box.querySelectorAll("*")]) {
+    if (last?.contains(e) || isChrome(e)) continue;
+    if (e.tagName === "TABLE") { last = e; readTable(e); }
+    else if (e !== box && e.matches(rules.fact)) { last = e; readRow(e); }
+    else if (e.tagName === "DL") { last = e; readList(e); }
+    else if (e !== title && e.matches(".pi-header, h2, h3, h4")) { last = e; group = words(e) || null; }
+    else if (readBold(e)) last = e;
+    else if (e !== title && e.tagName !== "A" && plain(e) && isName(e) && plain(e.nextElementSibling) && !isName(e.nextElementSibling)
+      && !/\S/.test(e.nextSibling?.nodeType === 3 ? e.nextSibling.data : "") && !e.previousElementSibling?.matches("a, b, strong")) {
+      for (let value = e.nextElementSibling; plain(value) && !isName(value); value = value.nextElementSibling) { tell([e], value); last = value; }
+      continue;
+    }
   }
+  const groups = new Map();
+  for (const { field, group: one } of told) groups.set(field, (groups.get(field) || new Set()).add(one));
+  for (const { group: one, ...fact } of told) facts.push(groups.get(fact.field).size > 1 && one ? { ...fact, field: `${one} › ${fact.field}` } : fact);
+}
+// A value's words with the names of pictures that stand between them, else the names of its pictures.
+function valueOf(at, nodes) {
+  const all = !shown(at), text = textOf(nodes, all, false);
+  const inside = [...nodes].flatMap((n) => (n.nodeType === 1 ? [...(n.matches("img") ? [n] : []), ...n.querySelectorAll("img")] : []));
+  const seen = inside.filter((img) => all || shown(img));
+  if (!text) return seen.map(nameOf).filter(Boolean).join("\n");
+  named = new Map(seen.map((img) => [img, sound(img.getAttribute("alt"))?.trim()]).filter(([, name]) => name && !/\.\w{3,4}$/.test(name) && !text.includes(name)));
+  const full = named.size ? textOf(nodes, all, false) : text;
+  named = new Map();
+  return full;
 }
 // Grids of slots: what lies in each, one after the other where it is shown in turn.
 function readRecipe(grid) {
@@ -250,11 +460,11 @@ function itemOf(e, slot) {
   const named = (name) => sound(every.map((x) => x.getAttribute(name)).find((given) => given?.trim()) ?? null);
   const amount = every.find((x) => x.matches(rules.quantity)) || [...slot.children].find((x) => x.matches(rules.quantity));
   without = amount;
-  const text = textOf(e.childNodes, false, false) || null;
+  const text = textOf(e.childNodes, true, false) || null;
   without = null;
   return { filled: every.some((x) => x.tagName === "IMG" || x !== slot && backgroundOf(x)), tip: named("data-minetip-title"),
     alt: named("alt"), title: named("title"), label: named("aria-label"), absent: every.some((x) => x.matches("a.new")), text,
-    quantity: amount && textOf(amount.childNodes, false, false) || null };
+    quantity: amount && textOf(amount.childNodes, true, false) || null };
 }
 // As many as there may be elements.
 function room() {
@@ -297,6 +507,14 @@ function walk(e, ctx, grids) {
     else add(sprite ? "sprite" : "image", e, here, sprite ? { ...what, text: nameOf(e) } : what);
     return;
   }
+  if (tag === "VIDEO" || tag === "AUDIO") {
+    const address = e.currentSrc || e.src || e.querySelector("source[src]")?.src || null;
+    const parent = add(tag.toLowerCase(), e, here, { address });
+    if (e.poster) {
+      add("image", e, { ...here, parent }, { src: e.poster, poster: true, alt: nameOf(e), file: fileOf(e), natural: null, loaded: true, caption: captionOf(e) });
+    }
+    return;
+  }
   if (e.matches(rules.sprite) && !e.querySelector("img")) {
     const sheet = backgroundOf(e);
     if (sheet) {
@@ -314,16 +532,16 @@ function walk(e, ctx, grids) {
       runs = false;
     }
   } else if ((tag === "TD" || tag === "TH") && grids && grids[0].has(e)) {
-    const text = textOf(e.childNodes, shown(e), false), id = add("cell", e, { ...here, parent: grids[1] }, { text, header: tag === "TH" });
+    const { text } = readText(e, e.childNodes, false), id = add("cell", e, { ...here, parent: grids[1] }, { text, header: tag === "TH" });
     const { box, visible } = elements[elements.length - 1];
     cells.push({ element: id, table: grids[1], ...grids[0].get(e), header: tag === "TH", text, box, visible });
     inside = { ...here, parent: id, covered: true };
     runs = false;
   } else if (TEXT.has(tag)) {
-    const blocks = [[]], text = textOf(e.childNodes, shown(e), tag === "PRE", blocks);
+    const blocks = [[]], { text, state } = readText(e, e.childNodes, tag === "PRE", blocks);
     if (text.trim()) {
       const level = /^H[1-6]$/.test(tag) ? Number(tag[1]) : null;
-      inside = { ...here, parent: add("text", e, here, { text, level, blocks }), covered: true };
+      inside = { ...here, parent: add("text", e, { ...here, state }, { text, level, blocks }), covered: true };
       runs = false;
     }
   }
@@ -343,30 +561,32 @@ function walk(e, ctx, grids) {
 function isInline(n) {
   if (n.nodeType === 3) return true;
   if (n.nodeType !== 1 || TEXT.has(n.tagName) || n.tagName === "TABLE" || isChrome(n)) return false;
+  if (n.matches(rules.formula)) return true;
   const shape = style(n).display;
   return (shape === "inline" || shape === "none" && INLINE.has(n.tagName))
     && !n.querySelector("p, table, ul, ol, dl, div, figure, h1, h2, h3, h4, h5, h6, pre, blockquote");
 }
 function emitRun(e, nodes, ctx, grids) {
   let inside = ctx;
-  if (nodes.some((n) => n.textContent.trim())) {
-    const seen = shown(e) && nodes.some((n) => n.nodeType === 3 ? n.data.trim() : shown(n));
-    const blocks = [[]], text = textOf(nodes, seen, style(e).whiteSpace.startsWith("pre"), blocks);
+  if (nodes.some((n) => n.textContent.trim() || n.nodeType === 1 && n.matches(rules.formula))) {
+    const told = nodes.filter((n) => n.nodeType === 1 || n.data.trim()).map((n) => (n.nodeType === 3 ? stateOfText(n) : stateOf(n)));
+    const held = stateOf(e) || (["", "folded"].find((one) => told.includes(one)) ?? "hidden");
+    const blocks = [[]], { text, state } = readText(e, nodes, style(e).whiteSpace.startsWith("pre"), blocks, held);
     if (text.trim()) {
       const range = document.createRange();
       range.setStartBefore(nodes[0]);
       range.setEndAfter(nodes[nodes.length - 1]);
-      inside = { ...ctx, covered: true, parent: add("text", e, { ...ctx, seen }, { text, blocks, rect: range.getBoundingClientRect() }) };
+      inside = { ...ctx, covered: true, parent: add("text", e, { ...ctx, state }, { text, blocks, rect: range.getBoundingClientRect() }) };
     }
   }
   for (const n of nodes) if (n.nodeType === 1) walk(n, inside, grids);
 }
 
-walk(root, { parent: null, region: "content", covered: false }, null);
+for (const e of roots) walk(e, { parent: null, region: "content", covered: false }, null);
 for (const fact of facts) { fact.element = elementOfValue(fact.at); delete fact.at; }
 for (const slot of recipes.flatMap((recipe) => recipe.slots)) { slot.element = elementOfSlot(slot.at); delete slot.at; }
 return {
   page: { width: pageWidth, height: pageHeight, viewport_width: innerWidth, device_pixel_ratio: devicePixelRatio,
-    url: location.href, title: sound(document.title), ...window.__kb.identity(), truncated },
+    url: location.href, title: sound(document.title), ...window.__kb.identity(), truncated, unread_facts: unread },
   elements, cells, facts, recipes,
 };

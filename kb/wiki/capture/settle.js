@@ -23,16 +23,52 @@
   const pause = (ms) => new Promise((done) => native.setTimeout(done, ms));
   const within = (promise, ms) => Promise.race([promise.catch(() => {}), pause(ms)]);
 
+  // Pictures that wait for their turn: an address beside a placeholder, an element or a noscript in place of one.
+  const held = (e, what) => ["data-", "data-lazy-", "data-lazy"].map((name) => e.getAttribute(name + what)).find(Boolean);
   function lazy() {
+    for (const e of document.querySelectorAll(".lazy-image-placeholder, :is(span, div, i)[data-src]:empty")) {
+      const img = new Image(), size = (name) => e.getAttribute(`data-${name}`) || parseInt(e.style[name], 10) || null;
+      img.alt = e.getAttribute("data-alt") || e.getAttribute("alt") || "";
+      for (const name of ["width", "height"]) if (size(name)) img.setAttribute(name, parseInt(size(name), 10));
+      if (!held(e, "src")) continue;
+      if (held(e, "srcset")) img.srcset = held(e, "srcset");
+      img.src = held(e, "src");
+      waiting.add(img);
+      e.replaceWith(img);
+    }
+    for (const noscript of document.querySelectorAll("body noscript")) {
+      if (waiting.has(noscript) || !/<img\b/i.test(noscript.textContent)) continue;
+      waiting.add(noscript);
+      const img = new DOMParser().parseFromString(noscript.textContent, "text/html").querySelector("img");
+      const near = [noscript.previousElementSibling, noscript.nextElementSibling];
+      const twin = near.find((e) => e?.tagName === "IMG"), place = near.find((e) => e && /lazy|placeholder/i.test(e.className));
+      if (!img || twin && /^https?:/.test(twin.currentSrc) && twin.naturalWidth > 1) continue;
+      if (twin && held(twin, "src")) continue;
+      if (twin || place) (twin || place).replaceWith(document.adoptNode(img));
+      else if (!noscript.parentElement.querySelector("img")) noscript.after(document.adoptNode(img));
+    }
     for (const img of document.images) {
       if (img.loading === "lazy") img.loading = "eager";
-      for (const name of ["data-src", "data-lazy-src", "data-original"]) {
-        const held = img.getAttribute(name);
-        if (!held || waiting.has(img)) continue;
-        waiting.add(img);
-        if (held !== img.getAttribute("src")) img.src = held;
+      const src = held(img, "src") || img.getAttribute("data-original"), set = held(img, "srcset");
+      if (!src && !set || waiting.has(img)) continue;
+      waiting.add(img);
+      for (const source of img.closest("picture")?.querySelectorAll("source") ?? []) {
+        if (held(source, "srcset")) source.srcset = held(source, "srcset"); else source.remove();
       }
+      if (set) img.srcset = set; else img.removeAttribute("srcset");
+      if (src && src !== img.getAttribute("src")) img.src = src;
     }
+  }
+  // Once from top to bottom, for what loads when it comes into view.
+  const scrolled = [];
+  async function scrollThrough(end) {
+    const frame = () => within(new Promise((done) => { native.requestAnimationFrame(() => native.requestAnimationFrame(done)); }), 200);
+    for (let y = innerHeight; y < document.documentElement.scrollHeight && performance.now() < end; y += innerHeight) {
+      scrollTo(0, y);
+      await frame();
+    }
+    scrollTo(0, 0);
+    await frame();
   }
   // An address that is the page's own (of an empty src, say) gives no image, however often it is
   // asked for.
@@ -49,6 +85,10 @@
   async function settle(rules) {
     const end = performance.now() + rules.settle_seconds * 1000;
     let height = null, since = performance.now();
+    if (!scrolled.length) {
+      scrolled.push(true);
+      await scrollThrough(end);
+    }
     for (;;) {
       lazy();
       // A page that is lower than the window has the window's scrollHeight while it grows.

@@ -55,7 +55,7 @@ class WikiApi:
         params = {
             "action": "query",
             "meta": "siteinfo",
-            "siprop": "general|namespaces|rightsinfo|statistics",
+            "siprop": "general|namespaces|namespacealiases|rightsinfo|statistics",
         }
         status, answer = self.ask(params)
         return Answer("site", self.endpoint, params, answer, status)

@@ -43,6 +43,7 @@ from kb.wiki.crawl.client import BATCH, WikiApi, find_endpoint
 from kb.wiki.crawl.http_client import WikiHosts
 from kb.wiki.crawl.ids import read_titles
 from kb.wiki.crawl.reduce import PAYLOADS
+from kb.wiki.parse import answers
 from kb.wiki.source import Wiki
 
 _NAMED = ("robots.txt", "api.php")  # requests of the ledger that have a name of their own
@@ -91,6 +92,7 @@ class WikiConnector(Connector):
         self._lock = threading.Lock()
         self._api: WikiApi | None = None
         self._pool: Pool | None = None
+        self._file_names: list[str] = []
         self._shown = 0  # pages that were answered for in this run
         self._missing_before = 0
         self._removed: set[str] = set()
@@ -153,7 +155,8 @@ class WikiConnector(Connector):
             pool = self._browsers()
             item, frontier = items[0], self.opened.frontier
             others = partial(discover.comparison_urls, frontier, item.key, f"{self.url}/")
-            shown = fetch.render_page(self._web, self.section, pool, item, others)
+            names = self._file_names
+            shown = fetch.render_page(self._web, self.section, pool, item, others, names)
             if shown.get("revision_id", item.payload.revision_id) != item.payload.revision_id:
                 yield api.revision(shown["revision_id"])  # one that the wiki had not listed yet
             status = 200 if shown["outcome"] == "captured" else 0
@@ -221,6 +224,7 @@ class WikiConnector(Connector):
         with self._lock:
             if self._pool is None:
                 fetch.remove_scratch(self._run.root)
+                self._file_names = answers.file_names(self._run.root)
                 self._pool = Pool(self._browser, self.section.page_seconds + LAST_SECONDS)
             return self._pool
 

@@ -2,15 +2,17 @@
 `max_tries` tries.
 """
 
+import base64
 import hashlib
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote_to_bytes
 
 import msgspec
 
@@ -35,6 +37,7 @@ from kb.wiki.crawl.http_client import WikiHosts
 from kb.wiki.errors import BrowserError, Challenge, NotAnImage, PageRefused, TransientStatus
 from kb.wiki.parse import answers
 
+LARGEST_PART = 1_000_000  # characters of a picture in a data: address
 LONGEST = 5000  # bytes of titles in one URL; servers refuse longer ones
 
 
@@ -153,7 +156,7 @@ def fetch_original(
     folder = Layout(web.run.root).images
     inspect = partial(media_type.inspect, max_pixels=section.max_pixels)
     reason, value, challenge = "", None, ""
-    known = filter(None, (info.get("url"), item.key, item.payload.src))
+    known = filter(None, (info.get("url"), *media_urls.sources(item.key, item.payload.src)))
     for url in dict.fromkeys(map(web.rebase_loopback, known)):
         if not web.allowed(url):
             reason, value = "robots", url
@@ -171,26 +174,48 @@ def fetch_original(
         except Retryable as error:
             # One failing image does not stop the crawl: the next run retries it.
             return {**answer, "outcome": "failed", "reason": str(error)}
-        return {
-            **answer,
-            "outcome": "stored",
-            "sha1": info.get("sha1"),
-            "url": url,
-            "sha256": sha256,
-            "bytes": size,
-            "media_type": image.media_type,
-            "path": str(BELOW.images / f"{sha256}.{image.extension}"),
-            "width": image.width,
-            "height": image.height,
-            "frames": list(image.frames),
-        }
+        stored = _stored(sha256, image, size)
+        return {**answer, **stored, "sha1": info.get("sha1"), "url": url}
     if challenge:
         return {**answer, "outcome": "failed", "reason": challenge}
+    if (item.payload.src or "").startswith("data:"):
+        return {**answer, **_part_of_page(folder, item.payload.src, inspect)}
+    if not reason:
+        reason, value = "no_original", item.payload.src  # a thumbnail of a file without a name
     return {**answer, "outcome": "final", "reason": reason, "value": value}
 
 
 SCRATCH = ".shot-"
 _ENCODER = msgspec.json.Encoder()
+
+
+def _stored(sha256: str, image: media_type.ImageFile, size: int) -> dict[str, Any]:
+    return {
+        "outcome": "stored",
+        "sha256": sha256,
+        "bytes": size,
+        "media_type": image.media_type,
+        "path": str(BELOW.images / f"{sha256}.{image.extension}"),
+        "width": image.width,
+        "height": image.height,
+        "frames": list(image.frames),
+    }
+
+
+def _part_of_page(folder: Path, src: str, inspect: Callable[[bytes], Any]) -> dict[str, Any]:
+    """Store a picture that stands in the page's own text, in a `data:` address."""
+    head, _, text = src.partition(",")
+    try:
+        data = unquote_to_bytes(text)
+        data = base64.b64decode(data) if head.endswith(";base64") else data
+        image = inspect(data)
+    except ValueError:
+        image = None
+    if image is None:
+        return {"outcome": "final", "reason": "not_a_picture", "value": None}
+    sha256 = hashlib.sha256(data).hexdigest()
+    sidefiles.write_named(folder / f"{sha256}.{image.extension}", data)
+    return _stored(sha256, image, len(data))
 
 
 def render_page(
@@ -199,6 +224,7 @@ def render_page(
     pool: Pool,
     item: Item,
     others: Callable[[], Iterable[str]],
+    file_names: Sequence[str] = ("File", "Image"),
 ) -> dict[str, Any]:
     """All tries of one page; returns the answer to record. `others` are URLs of pages to compare
     with when this one is answered by a challenge. Raises Retryable, Stopped, MissingExtra.
@@ -232,7 +258,7 @@ def render_page(
                     turn=web.turn,
                 )
                 captured = pool.use(show, first=web.pace.wait)
-                stored = _store(root, item, captured, shot)
+                stored = _store(root, item, captured, shot, file_names)
                 return {**answer, "tries": number, **stored}
             except ItemFinal as error:
                 return {**answer, **_final(web, error), "tries": number}
@@ -322,7 +348,9 @@ def remove_scratch(root: Path) -> None:
         shutil.rmtree(left, ignore_errors=True)
 
 
-def _store(root: Path, item: Item, captured: Captured, shot: Path) -> dict[str, Any]:
+def _store(
+    root: Path, item: Item, captured: Captured, shot: Path, file_names: Sequence[str]
+) -> dict[str, Any]:
     """Write the page's files in one step; returns their part of the answer."""
     page = captured.extraction["page"]
     revision = int(page["revision_id"])
@@ -335,7 +363,7 @@ def _store(root: Path, item: Item, captured: Captured, shot: Path) -> dict[str, 
         left, top, right, bottom = pixel_box(captured.extraction["elements"][element]["box"])
         captured.extraction["elements"][element]["crop"] = [right - left, bottom - top]
         sidefiles.write_named(images / f"{name}.png", data)
-    files = wanted_files(captured.extraction)
+    files = wanted_files(captured.extraction, file_names)
     # Several sessions may show one page again: a folder is replaced as a whole or not at all.
     pack = rawlog.compressor()
     with replacing_folder(folder) as fresh:
@@ -353,24 +381,29 @@ def _store(root: Path, item: Item, captured: Captured, shot: Path) -> dict[str, 
         "folder": str(folder.relative_to(root)),
         "settled": captured.settled,
         "elements": len(captured.extraction["elements"]),
+        "unread_facts": page["unread_facts"],
         "files": files,
     }
 
 
-def wanted_files(extraction: dict[str, Any]) -> list[dict[str, Any]]:
-    """The original image files of a page, each once, in order: key (URL), title, source."""
+def wanted_files(
+    extraction: dict[str, Any], file_names: Sequence[str] = ("File", "Image")
+) -> list[dict[str, Any]]:
+    """The original image files of a page, each once, in order: key (`media_urls.file_key`), title,
+    source.
+    """
     files: dict[str, dict[str, Any]] = {}
     page = media_urls.original(extraction["page"]["url"])
     for element in extraction["elements"]:
         for image in element.get("frames") or [element]:
-            src = image.get("src")
-            if src and src.startswith(("http:", "https:")):
-                key = media_urls.original(src)
-                # An address that is the page's own, as of src="#", is no image.
-                if key != page and key not in files:
-                    files[key] = {
-                        "key": key,
-                        "title": media_urls.file_title(src, image.get("file")),
-                        "src": src,
-                    }
+            key = media_urls.file_key(image)
+            # An address that is the page's own, as of src="#", is no image.
+            if key and key != page and key not in files:
+                src = image["src"]
+                title = media_urls.file_title(src, image.get("file"), file_names)
+                files[key] = {
+                    "key": key,
+                    "title": None if image.get("poster") else title,
+                    "src": src if len(src) <= LARGEST_PART else None,
+                }
     return list(files.values())

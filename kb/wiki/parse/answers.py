@@ -140,6 +140,18 @@ def named_pages(root: Path) -> list[NamedPage]:
     return sorted(page for page in named if page.title not in removed and page.title != front)
 
 
+def file_names(root: Path) -> list[str]:
+    """What the wiki calls its namespace of files, in its own language and in every wiki's."""
+    names = {"File", "Image"}
+    for envelope in rawlog.read(root, "wiki", "site"):
+        query = (envelope.response or {}).get("query") or {}
+        space = query.get("namespaces", {}).get("6", {})
+        names |= {str(space[name]) for name in ("name", "canonical") if space.get(name)}
+        aliases = query.get("namespacealiases", [])
+        names |= {str(one["alias"]) for one in aliases if one.get("id") == 6 and one.get("alias")}
+    return sorted(names)
+
+
 def _site(root: Path) -> tuple[dict[int, str], str]:
     """Names of namespaces by number, and the front page's title."""
     spaces: dict[int, str] = {}

@@ -32,11 +32,6 @@ _LONGEST = 80  # characters of a figure with its unit
 _FILE = re.compile(r".+?\.(?:png|gif|jpe?g|svg|webp|apng)\b", re.IGNORECASE)
 _FORMATTING = re.compile(r"[&§][0-9a-fk-or]", re.IGNORECASE)  # colours in tooltips of games
 _AMOUNT = re.compile(r"[×x]?\s?(\d[\d.,\s]*)\s?[×x]?")
-# Joiners mean something between letters that join, as in Persian; Latin ones do not.
-_NO_WIDTH = re.compile(
-    "[\u00ad\u200b\u200e\u200f\u2060\ufeff]"
-    "|(?<![^\\W\\d_a-zA-Z])[\u200c\u200d]|[\u200c\u200d](?![^\\W\\d_a-zA-Z])"
-)
 _ESCAPED = re.compile(r"\\([&/\\])")
 
 
@@ -56,7 +51,7 @@ def facts(page: Mapping[str, Any], entries: Iterable[Row], rules: MarkupRules) -
     """
     rows: list[Row] = []
     for one in entries:
-        field, value = (_bare(one[key]) for key in ("field", "value"))
+        field, value = one["field"].strip(), one["value"].strip()
         field = field.rstrip(":：").rstrip()
         if not field or not value:
             continue
@@ -65,7 +60,7 @@ def facts(page: Mapping[str, Any], entries: Iterable[Row], rules: MarkupRules) -
             {
                 "page_id": page["page_id"],
                 "fact_id": len(rows),
-                "subject": _bare(one["subject"] or "") or page["title"],
+                "subject": (one["subject"] or "").strip() or page["title"],
                 "field": field,
                 "value": value,
                 "unit": unit,
@@ -75,11 +70,6 @@ def facts(page: Mapping[str, Any], entries: Iterable[Row], rules: MarkupRules) -
             }
         )
     return rows
-
-
-def _bare(text: str) -> str:
-    """A text without characters of no width."""
-    return _NO_WIDTH.sub("", text).strip()
 
 
 def split_unit(field: str, value: str, units: tuple[str, ...]) -> tuple[str, str | None]:

@@ -105,15 +105,15 @@ def _parts(
 
 
 def page_text(elements: list[Row]) -> str:
-    """The visible text of a page in reading order, a block a line: texts and cells that no other
-    one of the same table contains, so that every word counts once.
+    """The text of a page in reading order, what is folded included, a block a line: texts and
+    cells that no other one of the same table contains, so that every word counts once.
     """
     parents = {element["id"]: element["parent"] for element in elements}
     kinds = {element["id"]: element["kind"] for element in elements}
     return "\n".join(
         element["text"]
         for element in elements
-        if element["visible"]
+        if (element["visible"] or element.get("folded"))
         and element["kind"] in ("text", "cell")
         and element["text"]
         and is_outermost(element["id"], parents, kinds)
@@ -152,7 +152,11 @@ def _made(name: str, page_id: int, entries: list[Row], **made: list[Any]) -> pa.
             values = made[column.name]
         elif field == "box":
             side = SIDES.index(column.name)
-            values = [entry["box"][side] for entry in entries]
+            values = [entry["box"] and entry["box"][side] for entry in entries]
+        elif field == "folded":  # in no extraction of earlier versions
+            values = [entry.get(field, False) for entry in entries]
+        elif field == "address":
+            values = [entry.get(field) for entry in entries]
         else:
             values = [entry[field] for entry in entries]
         arrays.append(pa.array(values, column.parsed.arrow()))
@@ -173,14 +177,14 @@ def image_rows(page_id: int, seen: Row, files: Files) -> list[Row]:
         }
         if frames := element.get("frames"):
             for index, frame in enumerate(frames):
-                if row := _file_row(frame.get("src"), files):
+                if row := _file_row(frame, files):
                     duration = frame.get("duration")
                     row["alt_text"] = frame.get("alt") or base["alt_text"]
                     row["frame_index"] = index
                     row["frame_duration_ms"] = None if duration is None else round(duration)
                     rows.append({**base, **row})
             continue
-        row = _file_row(element.get("src"), files)
+        row = _file_row(element, files)
         if row is None:
             continue
         durations = row["frames"] or ()
@@ -204,10 +208,10 @@ def image_rows(page_id: int, seen: Row, files: Files) -> list[Row]:
     return rows
 
 
-def _file_row(src: str | None, files: Files) -> Row | None:
-    if not src or not src.startswith(("http:", "https:")):
+def _file_row(image: Row, files: Files) -> Row | None:
+    key = media_urls.file_key(image)
+    if key is None:
         return None
-    key = media_urls.original(src)
     stored = files.get(key, {})
     names = ("path", "sha256", "media_type", "width", "height", "license", "frames")
     return {"src": stored.get("url") or key, **{name: stored.get(name) for name in names}}

@@ -28,7 +28,7 @@ from kb.schema.tables import table
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.tables import reading
-from kb.store.tables.columns import aligned, column, lists, put
+from kb.store.tables.columns import aligned, column, lists, put, sums
 from kb.store.tables.latest import newest
 from kb.store.tables.partition import RawKind
 from kb.youtube.parse import answers as parse
@@ -183,7 +183,7 @@ def assemble(
 ) -> dict[str, pa.Table]:
     """Videos joined with what is known of their transcripts, and the transcripts that were had.
 
-    `words` counts the words of each list of texts; `language` chooses among imported tracks.
+    `words` counts the words of each text; `language` chooses among imported tracks.
     Adds to the parsed columns: `link`, `imported` (whether a file tells of it), `width`, `height`
     (px; the largest stream's when known, else the embed frame's), `fps`, `view_rule`,
     `metadata_origin`, `age_restricted`, `game_label_id`, `game_label`, `transcript_outcome` (null:
@@ -198,10 +198,10 @@ def assemble(
     )
     transcripts = _usable(outcomes, words)
     if videos is None:
-        return {"youtube/transcripts": _tracks(transcripts, words)}
+        return {"youtube/transcripts": _tracks(transcripts)}
     return {
         "youtube/videos": _joined(videos, transcripts),
-        "youtube/transcripts": _tracks(transcripts, words),
+        "youtube/transcripts": _tracks(transcripts),
     }
 
 
@@ -272,14 +272,15 @@ def _size(videos: pa.Table, side: pa.Table) -> tuple[Any, Any, Any]:
 
 
 def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.Table:
-    """Outcomes with a readable video id, and `word_count`.
+    """Outcomes with a readable video id, `cue_words` (words of each cue) and `word_count`.
 
     An `ok` whose kind, language or cues can't be read counts as failed, one without a word as none.
     """
     if rows is None:
         names = table("youtube/transcripts")
         fields = [(each.name, each.parsed.arrow()) for each in (*names.columns, *names.inputs)]
-        return pa.schema([*fields, ("word_count", pa.int64())]).empty_table()
+        counted = [("cue_words", pa.list_(pa.int64())), ("word_count", pa.int64())]
+        return pa.schema([*fields, *counted]).empty_table()
     rows = rows.filter(pc.is_valid(rows["video_id"]))
     complete = pc.and_(
         pc.and_(pc.is_valid(rows["cues"]), pc.is_valid(rows["kind"])),
@@ -287,14 +288,15 @@ def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.
     )
     broken = pc.and_(pc.equal(rows["outcome"], "ok"), pc.invert(complete))
     cues = column(rows, "cues")
-    counted = words(lists(pc.list_value_length(cues), pc.list_flatten(cues).field("text")))
+    of_cues = lists(pc.list_value_length(cues), words(pc.list_flatten(cues).field("text")))
+    counted = sums(of_cues)
     empty = pc.and_(pc.equal(rows["outcome"], "ok"), pc.fill_null(pc.equal(counted, 0), False))
     outcome = pc.if_else(broken, "failed", pc.if_else(empty, "none", rows["outcome"]))
     rows = put(rows, "outcome", pc.fill_null(outcome, "failed"))
-    return rows.append_column("word_count", counted)
+    return rows.append_column("cue_words", of_cues).append_column("word_count", counted)
 
 
-def _tracks(transcripts: pa.Table, words: Callable[[Any], pa.Array[Any]]) -> pa.Table:
+def _tracks(transcripts: pa.Table) -> pa.Table:
     """Tracks that were had. Cues of automatic ones end where the next one starts, and their word
     times are checked.
     """
@@ -303,8 +305,8 @@ def _tracks(transcripts: pa.Table, words: Callable[[Any], pa.Array[Any]]) -> pa.
     flat = pc.list_flatten(cues)
     original = pc.fill_null(pc.equal(column(transcripts, "original_kind"), "asr"), False)
     automatic = pc.fill_null(pc.equal(column(transcripts, "kind"), "asr"), False)
-    one_each = lists(pa.repeat(pa.scalar(1), len(flat)), flat.field("text"))
-    starts, verdict = checked(cues, automatic, words(one_each))
+    words = pc.list_flatten(column(transcripts, "cue_words"))
+    starts, verdict = checked(cues, automatic, words)
     begin, length = _stretched(cues, flat.field("start_s"), _lengths(cues, flat, original), starts)
     fields = [begin, length, flat.field("text"), starts]
     names = ["start_s", "duration_s", "text", "word_start_s"]
@@ -386,7 +388,7 @@ def second_tracks(
 ) -> Iterator[pa.Table]:
     """The tracks that were fetched of these videos, at most one each, some hundred at a time.
 
-    `words` counts the words of each list of texts. Columns: those of youtube/transcripts; word
+    `words` counts the words of each text. Columns: those of youtube/transcripts; word
     times are checked. Raises DamagedData.
     """
     left = pa.array(sorted(ids), pa.string())

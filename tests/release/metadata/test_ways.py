@@ -20,6 +20,7 @@ UPLOADS = "The uploads of channels were listed by that API."
 WATCHED = "Public watch pages were read"
 SUBTITLES = "Transcripts were taken from subtitle files"
 TERMS = "YouTube's terms ask that data of its API"
+CHOSEN = "How these videos were chosen is not recorded."
 LARGE = "Search answers favour large channels."
 DELETED = "made private or changed after the date of its file is not known here."
 CREDENTIALS = "with the collector's own credentials"
@@ -74,7 +75,7 @@ IMPORTED = ("ytdlp_info", "ytdlp_subtitles")
             0,
             {SEARCH, UPLOADS, WATCHED, TERMS, LARGE, "API v3 described all 60 videos"},
         ),
-        (("videos",), 0, {TERMS, "API v3 described all 60 videos"}),
+        (("videos",), 0, {TERMS, "API v3 described all 60 videos", CHOSEN}),
         (
             IMPORTED,
             60,
@@ -82,7 +83,7 @@ IMPORTED = ("ytdlp_info", "ytdlp_subtitles")
                 SUBTITLES,
                 DELETED,
                 "for the collector described all 60 videos; their dates are 2026-10-20.",
-                "How these videos were chosen is not recorded.",
+                CHOSEN,
             },
         ),
         (

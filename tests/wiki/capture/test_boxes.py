@@ -198,7 +198,7 @@ def test_lines_hold_what_is_shown_of_a_text_and_no_more(pages, look):
     assert by_text["second\ninner"][1:] == by_text["inner"]
     assert len(by_text["left\nright"]) == 2
     assert sorted(line[0] > 300 for line in by_text["left\nright"]) == [False, True]
-    assert sorted(line[0] > 600 for line in by_text["farnear"]) == [False, True]
+    assert sorted(line[0] > 600 for line in by_text["far\nnear"]) == [False, True]
 
 
 def test_other_kinds_have_no_lines(pages, look):

@@ -54,12 +54,86 @@ def test_infoboxes_of_other_wikis(pages, look):
         ("The page", "A", "1", None, True),
         ("The page", "B", "2", None, True),
         ("The page", "Time", "30", "min", True),
+        ("The page", "Section", "words below it", None, True),
         ("The page", "Held", "before", None, True),
-        ("The page", "Inner", "7", "days", True),
         ("The page", "Mass (kg)", "1,200", "kg", True),
         ("The page", "Hue", "red", None, True),
     ]
     assert recipes == []
+
+
+BOXES = {
+    "names and heads over several rows": (
+        """<table class=infobox><tr><td colspan=3><img src=/none.png alt=Kiln></td></tr>
+        <tr><th rowspan=2>Drops</th><td>Stone</td><td>2</td></tr><tr><td>Pebble</td><td>1</td></tr>
+        <tr><th></th><th colspan=2>Mode</th></tr><tr><th></th><th>Easy</th><th>Hard</th></tr>
+        <tr><th>Damage</th><td>3</td><td>5</td></tr><tr><th colspan=3>Place</th></tr>
+        <tr><td colspan=3>by the river</td></tr><tr><th rowspan=2>Size</th><th>Wide</th>
+        <td>1 m</td></tr><tr><th>Tall</th><td>2 m</td></tr></table>""",
+        [
+            ("The page", "Drops", "Stone"),
+            ("The page", "Drops", "2"),
+            ("The page", "Drops", "Pebble"),
+            ("The page", "Drops", "1"),
+            ("The page", "Damage › Mode › Easy", "3"),
+            ("The page", "Damage › Mode › Hard", "5"),
+            ("The page", "Place", "by the river"),
+            ("The page", "Size › Wide", "1"),
+            ("The page", "Size › Tall", "2"),
+        ],
+    ),
+    "a table in a cell": (
+        """<table class=infobox><tr><th>Held</th><td>yes<table><caption>Inner</caption>
+        <tr><th>Head</th></tr><tr><th>Pebble</th><td>1</td></tr></table></td></tr></table>""",
+        [("The page", "Held", "yes")],
+    ),
+    "the same name in several groups": (
+        """<table class=infobox><tr><th colspan=2>Kiln</th></tr>
+        <tr><th colspan=2>Heat</th></tr><tr><th>Total</th><td>9</td></tr>
+        <tr><th colspan=2>Wood</th></tr><tr><th>Total</th><td>4</td></tr>
+        <tr><th>Kind</th><td>Oak</td></tr></table>""",
+        [("Kiln", "Heat › Total", "9"), ("Kiln", "Wood › Total", "4"), ("Kiln", "Kind", "Oak")],
+    ),
+    "pictures between words": (
+        """<table class=infobox><tr><th>Health</th><td>20 (<img src=/none.png alt=Heart> × 10)</td>
+        </tr><tr><th>Tool</th><td><img src=/none.png alt=Axe> Axe</td></tr></table>""",
+        [("The page", "Health", "20 (Heart × 10)"), ("The page", "Tool", "Axe")],
+    ),
+    "no table": (
+        """<div class="infobox"><div class=infobox-title>Kiln</div><div class=row>
+        <div class=label>Made of</div><div class=value>clay</div></div>
+        <dl><dt>Hue</dt><dd>red</dd><dd>blue</dd></dl>
+        <p><b>Built:</b> in 1900<br><strong>By</strong> Tamsin</p></div>""",
+        [
+            ("Kiln", "Made of", "clay"),
+            ("Kiln", "Hue", "red"),
+            ("Kiln", "Hue", "blue"),
+            ("Kiln", "Built", "in 1900"),
+            ("Kiln", "By", "Tamsin"),
+        ],
+    ),
+    "a horizontal group of one": (
+        """<aside class=portable-infobox><h2 class=pi-title>Kiln</h2>
+        <table class=pi-horizontal-group><thead><tr><th>Age</th></tr></thead>
+        <tbody><tr><td>old</td></tr></tbody></table></aside>""",
+        [("Kiln", "Age", "old")],
+    ),
+}
+
+
+@pytest.mark.parametrize("box", BOXES)
+def test_facts_of_boxes_as_wikis_write_them(pages, look, box):
+    html, wanted = BOXES[box]
+    rows, _ = seen(pages, look, "forms", html)
+    assert [(row["subject"], row["field"], row["value"]) for row in rows] == wanted
+
+
+def test_rows_that_can_not_be_read_are_counted_and_make_no_facts(pages, look):
+    body = "<table class=infobox><tr><td>1</td><td>2</td><td>3</td></tr></table>"
+    url = pages.put("/shown/unread", f"<!DOCTYPE html><body><div id=content>{body}</div>")
+    extraction = look(url).extraction
+    assert extraction["facts"] == []
+    assert extraction["page"]["unread_facts"] == 3
 
 
 @pytest.mark.parametrize(
@@ -96,15 +170,7 @@ def test_fractions_and_notes_of_minecraft_wiki(pages, look):
         ("Tide", "3/4", "m"),
         ("Knots", "two lines", None),
     ]
-    assert "Tide[note 2]" in texts, "a text is as the page shows it"
-
-
-def test_facts_lose_what_has_no_width_and_keep_what_joins_letters():
-    given = {"subject": "\u200eA\u200b", "element": 1, "visible": True}
-    told = {**given, "field": "x\ufeff", "value": "می\u200cخواهم 5\u200c"}
-    (row,) = facts.facts(PAGE, [told], RULES)
-    names = ("subject", "field", "value")
-    assert [row[name] for name in names] == ["A", "x", "می\u200cخواهم 5"]
+    assert "Tide[note 2]" not in texts, "marks of footnotes are no text"
 
 
 def test_recipes_of_minecraft_wiki(pages, look):

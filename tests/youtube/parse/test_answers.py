@@ -8,7 +8,7 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from kb.annotate.word_count import word_count_of_lists
+from kb.annotate.word_count import word_count
 from kb.core.errors import DamagedData
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.assemble import assemble
@@ -220,7 +220,7 @@ def test_transcripts_of_every_outcome() -> None:
     ]
     table = pa.concat_tables(parse.transcripts(lines))
     # What has no words in it, or can't be read, is no transcript.
-    assert assemble({"transcripts": table}, words=word_count_of_lists)["youtube/transcripts"][
+    assert assemble({"transcripts": table}, words=word_count)["youtube/transcripts"][
         "video_id"
     ].to_pylist() == ["a"]
     a, b, c, d = table.to_pylist()

@@ -8,7 +8,7 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from kb.annotate.word_count import word_count_of_lists
+from kb.annotate.word_count import word_count
 from kb.release.folders import in_root
 from kb.store.rawlog.rawlog import Envelope, Request, Segment, encode, folder
 from kb.store.tables import database
@@ -39,7 +39,7 @@ def test_second_tracks_of_a_sample_are_read_once_each(tmp_path: Path) -> None:
     put(tmp_path, heard("a", "later"), heard("c", "not asked"), heard("d", "one"))
     found = [
         (row["video_id"], row["cues"][0]["text"])
-        for rows in second_tracks(tmp_path, ["a", "b", "d"], word_count_of_lists)
+        for rows in second_tracks(tmp_path, ["a", "b", "d"], word_count)
         for row in rows.to_pylist()
     ]
     assert sorted(key for key, _ in found) == ["a", "d"]
@@ -122,9 +122,7 @@ def track(kind: str, *cues: list[object]) -> dict[str, object]:
     envelope = {"fetched_at": "2026-11-20T12:00:00Z", "request": request, "status": 200}
     line = json.dumps({**envelope, "response": answer}).encode()
     table = pa.concat_tables(parse.transcripts([line]))
-    (row,) = assemble({"transcripts": table}, words=word_count_of_lists)[
-        "youtube/transcripts"
-    ].to_pylist()
+    (row,) = assemble({"transcripts": table}, words=word_count)["youtube/transcripts"].to_pylist()
     return row
 
 

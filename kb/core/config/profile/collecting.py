@@ -95,20 +95,41 @@ _REGIONS = {
 class Markup(Section):
     """CSS selectors of what a wiki's markup means. The defaults are MediaWiki's own classes."""
 
-    root: str = Field("#content, main, .mw-parser-output", description="the element that is read")
+    root: str = Field(
+        "#mw-content-text .mw-parser-output, #mw-content-text, .mw-parser-output, #bodyContent,"
+        " #content, main, [role=main]",
+        description="the element that is read: the first of these that a page has, in this order",
+    )
+    title: str = Field(
+        "#firstHeading, .firstHeading, .mw-first-heading, .page-header__title",
+        description="the page's title, which is read where it stands outside of that element",
+    )
     chrome: str = Field(
-        ".mw-editsection, .mw-jump-link, #jump-to-nav, #siteSub, #siteNotice, .printfooter,"
-        " .catlinks, #catlinks, .mw-indicators, .mw-portlet, .vector-page-toolbar, .toctogglespan,"
-        " .mw-cite-backlink, .mw-empty-elt, .mw-collapsible-toggle",
+        ".mw-editsection, .mw-editsection-like, .mw-jump-link, #jump-to-nav, #siteSub, #contentSub,"
+        " #contentSub2, #mw-content-subtitle, .subpages, #siteNotice, .printfooter, .catlinks,"
+        " #catlinks, .mw-indicators, .mw-portlet, .vector-page-toolbar, .toctogglespan,"
+        " .toctogglelabel, .mw-cite-backlink, .mw-empty-elt, .mw-collapsible-toggle,"
+        " .mw-pt-languages, .mw-pt-translate-header, #mw-fr-revisiontag, .navbar, .navbox-navbar",
         description="edit links and other tools that are not part of the text",
     )
+    folded: str = Field(
+        "[role=tabpanel], .tabber__panel, .tabbertab, .wds-tab__content, .mw-collapsible-content,"
+        " .mw-collapsed, .collapsed, .collapsible-block, .NavContent",
+        description="parts that a page shows on demand, besides what says so by its own markup",
+    )
+    formula: str = Field(
+        ".mwe-math-element, .katex, mjx-container, math, img.tex, img[class*=mwe-math]",
+        description="formulas, whose text is their TeX",
+    )
+    fraction: str = Field(".frac, .sfrac, .tion", description="fractions that stand upright")
     denominator: str = Field(
         ".frac .den, .sfrac .den, .tion .den,"
         " .sfrac > span:last-child:not(:first-child, .num, .tion)",
         description="lower parts of fractions; a slash stands before them where none is shown",
     )
     reference: str = Field(
-        "sup.reference", description="footnote marks, which are removed from facts: [note 1]"
+        "sup.reference, sup.mw-ref, sup.footnote-ref, [role=doc-noteref]",
+        description="footnote marks, which are no part of the text: [note 1]",
     )
     regions: dict[str, str] = Field(
         default_factory=lambda: dict(_REGIONS),
@@ -254,8 +275,12 @@ class WikiSection(Section):
         """What the page scripts take: selectors and limits."""
         markup = self.markup
         return {
-            "root": markup.root,
+            "root": re.split(r",\s*(?![^(\[]*[)\]])", markup.root),
+            "title": markup.title,
             "chrome": markup.chrome,
+            "folded": markup.folded,
+            "formula": markup.formula,
+            "fraction": markup.fraction,
             "denominator": markup.denominator,
             "reference": markup.reference,
             "sprite": markup.sprite,
