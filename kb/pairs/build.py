@@ -25,7 +25,7 @@ from kb.store.layout import Layout
 from kb.store.lock import writer
 from kb.store.tables.shard_writer import sorted_shards
 
-_LAYOUT = 6  # raised when the same input gives other rows
+_LAYOUT = 7  # raised when the same input gives other rows
 _ROWS = 4096  # transcripts of a part: some seconds of work
 _TOTALS = (
     "videos",

@@ -23,7 +23,6 @@ def incomplete(root: Path) -> dict[str, Any]:
 
 
 def incomplete_count(root: Path) -> dict[str, int]:
-    """For summaries: how many posts are incomplete."""
     return {"incomplete_posts": incomplete(root)["incomplete_posts"]}
 
 

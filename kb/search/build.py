@@ -17,7 +17,7 @@ from kb.core.summary import Summary
 from kb.search import tantivy_index
 from kb.search.tantivy_index import STEMMERS
 
-_LAYOUT = 5  # raised when the same texts give another index
+_LAYOUT = 6  # raised when the same texts give another index
 
 
 class BuiltIndex(NamedTuple):

@@ -85,7 +85,6 @@ class VideoRestore:
 
     @property
     def wanted(self) -> bool:
-        """Whether the chosen folders name videos."""
         return bool(self.kinds)
 
     def check(self, needed: tuple[str, ...]) -> tuple[str, ...]:

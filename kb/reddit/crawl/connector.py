@@ -242,7 +242,6 @@ class RedditConnector(Connector):
             self.opened.frontier.mark(phase.kind, theirs, "skipped", "purged")
 
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
-        """As kb.reddit.crawl.reduce."""
         reduce.reduce(frontier, kind, envelope)
 
     @cached_property

@@ -203,7 +203,6 @@ class Released(NamedTuple):
 
 
 def released(sources: Sequence[Path]) -> Released:
-    """What the released tables among these files and folders say."""
     return Released(
         _column_of(sources, "comments", "comment_id", "depth"),
         _column_of(sources, "posts", "post_id", "comments_unread"),

@@ -123,7 +123,6 @@ class RedditRefresh(RedditConnector):
 
     @cached_property
     def _is_shut(self) -> bool:
-        """Whether the subreddit is shut, asked once a run."""
         return self._fetch.is_shut()
 
     def summary(self, session: CrawlSession, loop: Loop) -> Summary:

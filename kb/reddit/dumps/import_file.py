@@ -131,7 +131,6 @@ def _tools(root: str, stamp: str, ids: str) -> tuple[Scrubber, Collection[str]]:
 
 @lru_cache(maxsize=2)
 def _id_index(folder: str, stamp: str) -> IdIndex:
-    """Read once in each worker."""
     return IdIndex(Path(folder))
 
 

@@ -202,5 +202,4 @@ def _to_table(records: list[Row], *, live: bool) -> pa.Table:
 
 
 def _seconds(values: list[int | None]) -> pa.Array[Any]:
-    """Seconds of Unix time as timestamps."""
     return pa.array(values, pa.int64()).cast(pa.timestamp("s")).cast(pa.timestamp("us"))

@@ -69,7 +69,6 @@ def origin(post: Post) -> Post:
 
 
 def is_crosspost(post: Post) -> bool:
-    """Whether the post repeats another one."""
     return bool(post.get("crosspost_parent") or post.get("crosspost_parent_list"))
 
 
@@ -233,7 +232,6 @@ class RecordReader:
 
 
 def new_row(fullname: str, post: str, state: str) -> Row:
-    """A row without values."""
     return {"fullname": fullname, "post_id": post, "state": state, "problems": []}
 
 

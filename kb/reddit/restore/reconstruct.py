@@ -99,7 +99,6 @@ class KnownIds(RedditConnector):
             self.answered += len(items) if phase.kind == "info" else 0
 
     def facts(self, phase: Phase) -> dict[str, object]:
-        """What stands beside a progress bar."""
         return {"requests": self.opened.requests()[0]}
 
     def summary(self, session: CrawlSession, loop: Loop) -> Summary:

@@ -47,7 +47,6 @@ _PART = re.compile(r"part-\d{5,}\.parquet\Z")
 
 
 def folder_of(out: Path) -> RestoreFolder:
-    """The restored tables in `out`."""
     return RestoreFolder(out, TABLES, "post_id", "reddit/missing", rows_per_bucket=200_000)
 
 

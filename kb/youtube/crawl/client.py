@@ -104,7 +104,6 @@ class YouTubeApi:
         )
 
     def close(self) -> None:
-        """Close the connections."""
         self._client.close()
 
     def _call(self, bucket: str, endpoint: str, request: Any) -> dict[str, Any]:
@@ -182,7 +181,6 @@ class Transport:
         return _response(answer), answer.content
 
     def close(self) -> None:
-        """Close the connections."""
         self._session.close()
 
 

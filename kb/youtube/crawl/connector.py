@@ -325,11 +325,9 @@ class YouTubeConnector(Connector):
                 self.opened.frontier.remove(phase.kind, theirs)
 
     def reduce(self, frontier: Frontier, kind: str, envelope: Envelope) -> None:
-        """See kb.youtube.crawl.reduce."""
         self._reduce(frontier, kind, envelope)
 
     def close(self) -> None:
-        """Close the connections."""
         if self._fetch is not None:
             self._fetch.close()
 

@@ -68,7 +68,6 @@ class YouTubeFetcher:
         return self._ways[kind](items)
 
     def close(self) -> None:
-        """Close the connections."""
         if self._api is not None:
             self._api.close()
         for fetcher in self._idle:

@@ -302,5 +302,4 @@ def crawled(frontier: Frontier) -> int:
 
 
 def search_key(keyword: str, token: str | None) -> str:
-    """The frontier's key of a page of a search."""
     return f"{keyword}#{token or ''}"

@@ -68,7 +68,6 @@ class Fetcher:
         self._api = YouTubeTranscriptApi(http_client=self._session)
 
     def close(self) -> None:
-        """Close the connections."""
         self._session.close()
 
     def fetch(self, video_id: str, *, probe: bool = False, second: bool = False) -> dict[str, Any]:

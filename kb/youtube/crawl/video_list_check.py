@@ -122,7 +122,6 @@ class Check(YouTubeConnector):
         self._listed, self._facts = listed, facts_of
 
     def discover(self, frontier: Frontier) -> None:
-        """The list."""
         frontier.add(CHECKS, self._listed)
 
     def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
@@ -221,5 +220,4 @@ def _of(title: Any, duration: Any, published: Any) -> Said:
 
 
 def _digest(title: str) -> bytes:
-    """Of the title as tables hold it: without what Arrow can't hold."""
     return hashlib.blake2b(str(holdable(title)).strip().encode(), digest_size=8).digest()
