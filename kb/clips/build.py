@@ -16,7 +16,7 @@ import csv
 import hashlib
 import io
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from itertools import compress, groupby
 from pathlib import Path
 from typing import NamedTuple
@@ -94,7 +94,9 @@ def build(
         for at in range(0, len(by_video), _VIDEOS)
         if (shard := [own for own in by_video[at : at + _VIDEOS] if own[0]["video_id"] in files])
     }
-    _drop_others(place, shards)
+    for path in place.glob("clips-[0-9]*.*") if place.is_dir() else ():
+        if path.stem not in shards:  # of films that are gone
+            path.unlink()
     todo = (
         (str(place), name, [(str(files[own[0]["video_id"]]), own) for own in shard], options)
         for name, shard in shards.items()
@@ -222,13 +224,6 @@ def _digest(films: list[tuple[str, list[Row]]], options: CutOptions) -> str:
     versions = [_version(path) for path, _ in films]
     encoded = msgspec.json.encode((films, versions, options), order="sorted")
     return hashlib.sha256(encoded).hexdigest()
-
-
-def _drop_others(place: Path, names: Collection[str]) -> None:
-    """Remove shards of films that are gone."""
-    for path in place.glob("clips-[0-9]*.*") if place.is_dir() else ():
-        if path.stem not in names:
-            path.unlink()
 
 
 def _write_left_out(place: Path, left_out: Sequence[LeftOut]) -> None:
