@@ -27,6 +27,7 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, SettingError
 from kb.core.installation import PROFILE_FILE, lock_digest
 from kb.core.sources import MADE_OF, PUBLISHED, SOURCES, made_of
+from kb.schema.tables import table
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
@@ -46,10 +47,14 @@ Reasons = dict[str, list[str]]
 
 def settings(run: Run, name: str) -> dict[str, Any]:
     """The values that decide an artifact's content, by their keys in the profile; of a keyword
-    file, digests of its lines.
+    file, digests of its lines; of the columns of its tables, a digest.
     """
     artifact = ARTIFACTS[name]
-    return _values(run.profile, artifact.settings, artifact.other_settings)
+    found = _values(run.profile, artifact.settings, artifact.other_settings)
+    for one in artifact.tables:  # a table that has other columns now is made again
+        columns = str(table(one).arrow()).encode()
+        found[f"schemas/{one}"] = hashlib.sha256(columns).hexdigest()[:12]
+    return found
 
 
 def _settings_now(run: Run, name: str, made: Manifest) -> dict[str, Any]:
@@ -148,7 +153,7 @@ def _change(key: str, before: Any, now: Any) -> str:
         old, new = (Counter(str(one or "").split()) for one in (before, now))
         lines = max((new - old).total(), (old - new).total())
         return f"{key}, {lines} {'line' if lines == 1 else 'lines'}" if lines else f"{key}, order"
-    if key == PROFILE_FILE:
+    if key == PROFILE_FILE or key.startswith("schemas/"):
         return key
     if isinstance(before, list) and isinstance(now, list):
         more = [f"+{one}" for one in now if one not in before]
