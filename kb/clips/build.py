@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from kb.artifacts import table_catalog
+from kb.artifacts import freshness, table_catalog
 from kb.clips.clip_files import (
     CutOptions,
     LeftOut,
@@ -133,6 +133,7 @@ def _inputs(run: Run, folders: Sequence[Path], chosen: Chosen) -> tuple[list[Row
     for folder in folders:
         if not folder.is_dir():
             raise UsageError(f"--videos {folder} is not a folder")
+    freshness.refuse(run, "pairs")
     catalog = table_catalog.read(run.root)
     asked = asking(catalog, chosen.pairs, chosen.where)
     values = {
