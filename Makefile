@@ -10,9 +10,9 @@ KB := exec "$(HERE).ci/kb"
 SLOW := crash or dask or mediawiki or slow or wheel
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo youtube-crawl youtube-filter youtube-export wiki-crawl wiki-filter wiki-export \
+.PHONY: help setup demo build youtube-crawl youtube-filter youtube-export wiki-crawl wiki-filter wiki-export \
 	reddit-crawl reddit-import reddit-filter reddit-export reddit-reconstruct restore \
-	models annotate pairs tasks clips label links release report explore index status merge doctor test test-all test-label chaos lint types bench lock reference
+	models annotate pairs tasks clips label links release report explore index status update merge doctor test test-all test-label chaos lint types bench lock reference
 
 # What is no target: said in one line, before anything is set up.
 .DEFAULT:
@@ -35,6 +35,8 @@ reddit-crawl: setup       ## posts and comment trees through the API
 reddit-import: setup      ## monthly archive dumps to raw: make reddit-import DUMPS="a.zst b.zst"
 	@$(KB) reddit import $(DUMPS) $(ARGS)
 ##@ build
+build: setup              ## what is out of date: filters, exports, pairs, tasks, links, index, report, release
+	@$(KB) build $(ARGS)
 youtube-filter: setup     ## raw answers to clean/youtube, with a reason for every video left out
 	@$(KB) youtube filter $(ARGS)
 wiki-filter: setup        ## raw pages to clean/wiki
@@ -76,6 +78,8 @@ restore: setup            ## the content of a downloaded release: make restore A
 reddit-reconstruct: setup ## full posts and comments again from released ids, with your own key
 	@$(KB) reddit reconstruct $(ARGS)
 ##@ maintain
+update: setup             ## for a timer: crawl what is new, refresh, purge, build
+	@$(KB) update $(ARGS)
 merge: setup              ## the data roots of several machines in one: make merge ARGS="ROOT ROOT"
 	@$(KB) merge $(ARGS)
 doctor: setup             ## whether this machine has what a long crawl needs

@@ -50,13 +50,6 @@ QUERIES = [
         ["release.pairs"],
     ),
     (
-        "What does a wiki page consist of?",
-        """SELECT kind, region, count(*) AS elements
-        FROM release.wiki_elements WHERE visible
-        GROUP BY ALL ORDER BY elements DESC, kind, region LIMIT 3""",
-        ["release.wiki_elements"],
-    ),
-    (
         "What is posted, and how much is it talked about?",
         """SELECT type, count(*) AS posts, round(avg(score)) AS score, sum(num_comments) AS comments
         FROM release.reddit_posts GROUP BY ALL ORDER BY posts DESC, type LIMIT 3""",

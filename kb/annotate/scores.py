@@ -115,6 +115,15 @@ class Scores:
             ).fetchall()
         return dict(rows)
 
+    def most_used(self) -> str:
+        """`model@revision` of most scores, "" without scores."""
+        with self._reading() as con:
+            row = con.execute(
+                f"SELECT model || '@' || revision FROM {self._files()} WHERE model IS NOT NULL"
+                " GROUP BY ALL ORDER BY count(*) DESC, 1 LIMIT 1"
+            ).fetchone()
+        return str(row[0]) if row else ""
+
     def write(
         self,
         hashes: Sequence[str],

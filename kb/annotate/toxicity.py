@@ -29,10 +29,13 @@ from kb.annotate.checkpoint import Checkpoint, find_checkpoint, need_extra
 from kb.annotate.detoxify_model import explained_memory
 from kb.annotate.inference import Runner
 from kb.annotate.scores import CATEGORIES, Scores, text_hashes, unscored
+from kb.artifacts import manifest
+from kb.artifacts.freshness import MODEL
 from kb.core import clock, signals
+from kb.core.config.settings import Settings
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
-from kb.core.errors import LimitReached
+from kb.core.errors import LimitReached, MissingExtra, MissingModel
 from kb.store.layout import Layout
 
 CHUNK_TEXTS, CHUNK_CHARACTERS = 1024, 1_000_000  # the largest chunk
@@ -181,22 +184,55 @@ class ToxicityScorer:
 
 def check(run: Run, source: str) -> str:
     """Exit 2 now, before anything is written, when texts can't be scored; else the model's key for
-    `scores`.
+    `scores`. Without a model it is that of the stored scores, where there are some.
 
     The key is "" when the profile switches toxicity off.
     """
-    checkpoint = ToxicityScorer.open(run, source).checkpoint
+    try:
+        checkpoint = ToxicityScorer.open(run, source).checkpoint
+    except (MissingExtra, MissingModel):
+        if key := stored(run.root, source):
+            return key
+        raise
     return f"{checkpoint.model}@{checkpoint.revision}" if checkpoint else ""
 
 
-def annotate(
-    run: Run, source: str, texts: Iterable[Any], precision: str | None = None, device: str = "auto"
-) -> AnnotationCounts:
-    """Score what has no score yet of the batches `texts`, each distinct text once.
+def stored(root: Path, source: str) -> str:
+    """The key of the model whose scores decided in clean/<source>, else of the one that has most
+    scores; "" where there are none.
+    """
+    made = manifest.read(root, f"clean/{source}")
+    if made is not None and (key := made.settings.get(MODEL)):
+        return str(key)
+    return Scores(str(Layout(root).annotations(source)), "", "").most_used()
+
+
+def installed(settings: Settings) -> str:
+    """The key of the model that would score texts now; "" where none is installed."""
+    try:
+        need_extra()
+        checkpoint = find_checkpoint(settings)
+    except (MissingExtra, MissingModel):
+        return ""
+    return f"{checkpoint.model}@{checkpoint.revision}"
+
+
+def annotate(run: Run, source: str, texts: Iterable[Any]) -> AnnotationCounts:
+    """Score what has no score yet of the batches `texts`, each distinct text once. Without a model
+    every text must have a stored score.
 
     See `ToxicityScorer`.
     """
-    return ToxicityScorer.open(run, source, precision, device).annotate(texts)
+    try:
+        scorer = ToxicityScorer.open(run, source)
+    except (MissingExtra, MissingModel):
+        model, _, revision = stored(run.root, source).rpartition("@")
+        scores = Scores(str(Layout(run.root).annotations(source)), model, revision)
+        for batch in texts:
+            if pc.any(scores.missing(text_hashes(batch))).as_py():
+                raise  # a text without a score
+        return AnnotationCounts()
+    return scorer.annotate(texts)
 
 
 def scores(

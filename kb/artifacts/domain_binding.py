@@ -1,10 +1,12 @@
 """A data root remembers the profile of its data, whose keywords and thresholds fit no other domain.
 
-state/profile.json holds the name and, for a profile of one's own, its file. Like a service's host
-it binds once something is stored: a mistyped profile that nothing came from does no harm. Numbers
-may change within a profile; another name is refused (OtherService, exit 2).
+state/profile.json holds the name and, for a profile of one's own, its file; state/profile/ a copy
+of the profile and its keyword files as the newest command used them, for when they are gone. Like a
+service's host a profile binds once something is stored: a mistyped one that nothing came from does
+no harm. Numbers may change within a profile; another name is refused (OtherService, exit 2).
 """
 
+import filecmp
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -74,6 +76,9 @@ def load(root: Path, bound: Remembered) -> tuple[Profile, str]:
         there = next((place for place in places if place.is_file()), None)
         if there is not None:
             profile = load_profile(there)
+        elif (kept := Layout(root).kept_profile / PROFILE_FILE).is_file():
+            profile = load_profile(kept)
+            message = f"{bound.file} is gone; its copy in the data root is used: {kept}"
         elif is_shipped(bound.name):
             profile = load_profile(bound.name)
             message = f"{bound.file} is gone; the shipped profile {bound.name!r} is used"
@@ -94,10 +99,27 @@ def note(root: Path, profile: Profile) -> None:
     OtherService.
     """
     check(root, profile)
+    if Layout(root).kept_profile.resolve() in profile.path.parents:  # the root's own copy is used
+        return
+    _keep(root, profile)
     if _read(root) == _of(root, profile):
         return
     with lock.deciding(Layout(root).profile):
         _note(root, profile)
+
+
+def _keep(root: Path, profile: Profile) -> None:
+    """Copy the profile and its keyword files into the data root, where they have changed."""
+    if profile.path == Path():
+        return
+    names = profile.pairs.keyword_files if profile.pairs else ()
+    for source, name in (
+        (profile.path, PROFILE_FILE),
+        *((profile.resolve_file(n), n) for n in names),
+    ):
+        place = Layout(root).kept_profile / name
+        if source.is_file() and not (place.is_file() and filecmp.cmp(source, place, shallow=False)):
+            write_bytes(place, source.read_bytes())
 
 
 def _note(root: Path, profile: Profile) -> None:

@@ -5,7 +5,8 @@
 
 A command that makes an artifact (kb.store.artifact_registry) writes it with `replacing`:
 
-    with manifest.replacing(root, "pairs", inputs=manifest.inputs(root, "pairs")) as build:
+    inputs, settings = manifest.inputs(root, "pairs"), freshness.settings(run, "pairs")
+    with manifest.replacing(root, "pairs", inputs=inputs, settings=settings) as build:
         ...                                  # write files below build.folder
         build.figures = {"videos": 207}      # what the command reports and others read
 
@@ -49,15 +50,17 @@ _THREADS = 4  # files that are hashed at a time
 class Manifest(msgspec.Struct, frozen=True, omit_defaults=True):
     """What an artifact was made of and what it consists of; `files` by path within its folder.
 
-    `inputs` are digests by the name of the input, `rules` the digest of everything else that
-    decides the content.
+    `inputs` are digests by the name of the input; `settings` the values that decide its content,
+    by their key in the profile, or by the name of a keyword file; `rules` is the number of its
+    rules (kb.artifacts.freshness compares them).
     """
 
     artifact: str
     command: str = ""
     version: str = ""
     inputs: dict[str, str] = {}
-    rules: str = ""
+    settings: dict[str, Any] = {}
+    rules: int = 0
     files: dict[str, FileEntry] = {}
     figures: dict[str, Any] = {}
 
@@ -68,7 +71,7 @@ class Build:
 
     folder: Path
     inputs: dict[str, str]
-    rules: str
+    settings: dict[str, Any]
     figures: dict[str, Any] = field(default_factory=dict)
 
 
@@ -80,7 +83,7 @@ def read(root: Path, name: str) -> Manifest | None:
 
 @contextlib.contextmanager
 def replacing(
-    root: Path, name: str, *, inputs: Mapping[str, str], rules: str = ""
+    root: Path, name: str, *, inputs: Mapping[str, str], settings: Mapping[str, Any] | None = None
 ) -> Iterator[Build]:
     """A fresh folder that takes the artifact's place, with its manifest, when the block ends well.
 
@@ -88,7 +91,7 @@ def replacing(
     """
     artifact = ARTIFACTS[name]
     with replacing_folder(artifact.folder(root)) as fresh:
-        build = Build(fresh, dict(inputs), rules)
+        build = Build(fresh, dict(inputs), dict(settings or {}))
         yield build
         made = describe(name, fresh, build)
         if not artifact.public:
@@ -108,7 +111,7 @@ def record(folder: Path, name: str) -> None:
 
     Remove the manifest before the files change. Raises DiskFull.
     """
-    write(folder / MANIFEST, describe(name, folder, Build(folder, {}, "")))
+    write(folder / MANIFEST, describe(name, folder, Build(folder, {}, {})))
 
 
 def describe(name: str, folder: Path, build: Build) -> Manifest:
@@ -116,8 +119,21 @@ def describe(name: str, folder: Path, build: Build) -> Manifest:
     files = {str(one.relative_to(folder)): one for one in _files(folder)}
     with ThreadPoolExecutor(_THREADS) as pool:
         entries = dict(zip(files, pool.map(entry_of, files.values()), strict=True))
-    command, made_by = ARTIFACTS[name].command, version("lorecrawl")
-    return Manifest(name, command, made_by, build.inputs, build.rules, entries, build.figures)
+    return of(name, build.inputs, build.settings, entries, build.figures)
+
+
+def of(
+    name: str,
+    inputs: dict[str, str],
+    settings: dict[str, Any],
+    files: dict[str, FileEntry],
+    figures: dict[str, Any] | None = None,
+) -> Manifest:
+    """The manifest of an artifact that is made now."""
+    artifact, made_by = ARTIFACTS[name], version("lorecrawl")
+    return Manifest(
+        name, artifact.command, made_by, inputs, settings, artifact.rules, files, figures or {}
+    )
 
 
 def write(place: Path, manifest: Manifest) -> None:
@@ -236,8 +252,7 @@ def inputs(
     """The digests of an artifact's inputs as they are now. `files` finds the files of a table, when
     they are not those of the data root. Raises DamagedData for a lost file.
     """
-    artifact, find = ARTIFACTS[name], files or partial(rows, root)
-    return {one: _digest_of_input(root, one, artifact.reads, find) for one in artifact.inputs}
+    return {one: input_digest(root, name, one, files) for one in ARTIFACTS[name].inputs}
 
 
 def is_current(root: Path, name: str) -> bool:
@@ -258,22 +273,31 @@ def note_inputs(root: Path, name: str) -> None:
         )
 
 
-def _digest_of_input(
-    root: Path, name: str, reads: Iterable[str], files: Callable[[str], list[Path]]
+def input_digest(
+    root: Path, name: str, of: str, files: Callable[[str], list[Path]] | None = None
 ) -> str:
-    source = name.removeprefix("raw/")
-    if source != name:
-        return _digest_of_raw(root, source)
-    wanted = [one for one in ARTIFACTS[name].tables if one in reads or not reads]
-    paths = {f"{one.partition('/')[2]}/{file.name}": file for one in wanted for file in files(one)}
+    """The digest of one input (`of`) of an artifact as it is now. Raises DamagedData."""
+    folder, _, raw = of.partition("/")
+    if folder == "raw":
+        return _digest_of_raw(root, *raw.split("/"))
+    artifact, find = ARTIFACTS[name], files or partial(rows, root)
+    if artifact.whole and (made := read(root, of)) is not None:
+        return digest_of_files(made)
+    wanted = [one for one in ARTIFACTS[of].tables if one in artifact.reads or not artifact.reads]
+    paths = {f"{one.partition('/')[2]}/{file.name}": file for one in wanted for file in find(one)}
     return _digest(f"{name} {content_digest(file)}" for name, file in paths.items())
 
 
-def _digest_of_raw(root: Path, source: str) -> str:
-    """A digest of the names and sizes of all raw files that a filter reads: segments only grow, and
-    each other file is named by its content.
+def digest_of_files(made: Manifest) -> str:
+    """A digest of all files of an artifact."""
+    return _digest(f"{name} {entry.sha256}" for name, entry in made.files.items())
+
+
+def _digest_of_raw(root: Path, source: str, kind: str = "") -> str:
+    """A digest of the names and sizes of all raw files that a filter reads, or of one kind:
+    segments only grow, and each other file is named by its content.
     """
-    top, samples = Layout(root).raw(source), SOURCES[source].unfiltered
+    top, samples = Layout(root).raw(source, kind), SOURCES[source].unfiltered
     return _digest(
         f"{os.path.relpath(file, top).removesuffix(rawlog.OPEN.removeprefix(rawlog.SUFFIX))}"
         f" {file.stat().st_size}"

@@ -18,12 +18,13 @@ from typing import Any, NamedTuple
 
 import pyarrow as pa
 
-from kb.artifacts import manifest
+from kb.artifacts import freshness, manifest
 from kb.artifacts.manifest import Build, Manifest
 from kb.artifacts.table_catalog import Catalog
 from kb.core.context import Run
 from kb.core.engine import executor_of, map_in_order
 from kb.schema import table
+from kb.store.artifact_registry import ARTIFACTS
 from kb.store.atomic import write_text
 from kb.store.layout import Layout, parquet_files
 from kb.store.tables.shard_writer import write_table
@@ -53,9 +54,11 @@ class PartedBuild:
     ) -> None:
         self._run, self._name, self._inputs = run, name, dict(inputs)
         self._plan = json.dumps(plan, sort_keys=True)
-        self._rules = hashlib.sha256(self._plan.encode()).hexdigest()
+        self._settings, rules = freshness.settings(run, name), ARTIFACTS[name].rules
         self.root = Catalog(run.root.absolute()).workplace
-        self.folder = folder_of(self.root, name, self._inputs, self._rules)
+        decides = json.dumps([self._inputs, self._settings, rules, self._plan], sort_keys=True)
+        digest = hashlib.sha256(decides.encode()).hexdigest()
+        self.folder = Layout(self.root).state_folder(name) / digest[:16]
 
     def known(self) -> Manifest | None:
         """The manifest of the artifact as it is; None for one to be made anew with `again`."""
@@ -66,9 +69,9 @@ class PartedBuild:
         left of its parts. Raises DamagedData where a file of it is missing.
         """
         known = self.known()
-        if known is None or not known.figures.get("complete", True):
+        if known is None or known.figures.get("made_in") != self.folder.name:
             return False
-        if (known.inputs, known.rules) != (self._inputs, self._rules):
+        if not known.figures.get("complete", True):
             return False
         manifest.check_complete(self.root, self._name)
         self._clear(())
@@ -123,10 +126,10 @@ class PartedBuild:
         unless it is incomplete. Raises DiskFull.
         """
         with manifest.replacing(
-            self.root, self._name, inputs=self._inputs, rules=self._rules
+            self.root, self._name, inputs=self._inputs, settings=self._settings
         ) as build:
             yield build
-            build.figures = {"complete": complete, **build.figures}
+            build.figures = {"complete": complete, "made_in": self.folder.name, **build.figures}
         if complete:
             shutil.rmtree(self.folder)
 
@@ -152,10 +155,5 @@ def clear_finished(root: Path, name: str) -> None:
     """
     known = manifest.read(root, name)
     if known is not None and known.figures.get("complete"):
-        shutil.rmtree(folder_of(root, name, known.inputs, known.rules), ignore_errors=True)
-
-
-def folder_of(root: Path, name: str, inputs: Mapping[str, str], rules: str) -> Path:
-    """Where the parts of an artifact are that is made from these inputs by these rules."""
-    digest = hashlib.sha256(json.dumps([inputs, rules], sort_keys=True).encode()).hexdigest()
-    return Layout(root).state_folder(name) / digest[:16]
+        parts = Layout(root).state_folder(name) / str(known.figures.get("made_in"))
+        shutil.rmtree(parts, ignore_errors=True)

@@ -34,4 +34,8 @@ def changed(root: Path, name: str) -> list[str]:
     if known is None or not known.inputs:
         return []
     now = inputs(root, name)
-    return [one.partition("/")[2] for one in now if now[one] != known.inputs.get(one)]
+    return [
+        one.partition("/")[2]
+        for one in now
+        if one.startswith("clean/") and now[one] != known.inputs.get(one)
+    ]

@@ -15,6 +15,8 @@ from kb.core.sources import SOURCES
 # name -> one line for `kb --help`
 TREE = {
     **{name: source.help for name, source in SOURCES.items()},
+    "build": "Make everything that is out of date, in order.",
+    "update": "Crawl what is new, refresh, purge and build: for a timer.",
     "restore": "Restore the content of a downloaded release with your own keys.",
     "models": "Download the toxicity model.",
     "annotate": "Score text for toxicity.",
@@ -61,6 +63,10 @@ def _loaded(name: str) -> Any:  # noqa: PLR0915  a list of imports
             from kb.cli.commands.sources import wiki_app as app
         case "reddit":
             from kb.cli.commands.sources import reddit_app as app
+        case "build":
+            from kb.cli.commands.build import app
+        case "update":
+            from kb.cli.commands.build import update_app as app
         case "restore":
             from kb.cli.commands.publish import restore_app as app
         case "models":

@@ -16,14 +16,14 @@ import csv
 import hashlib
 import io
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from itertools import compress, groupby
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 
-from kb.artifacts import table_catalog
+from kb.artifacts import freshness, table_catalog
 from kb.clips.clip_files import (
     CutOptions,
     LeftOut,
@@ -94,7 +94,9 @@ def build(
         for at in range(0, len(by_video), _VIDEOS)
         if (shard := [own for own in by_video[at : at + _VIDEOS] if own[0]["video_id"] in files])
     }
-    _drop_others(place, shards)
+    for path in place.glob("clips-[0-9]*.*") if place.is_dir() else ():
+        if path.stem not in shards:  # of films that are gone
+            path.unlink()
     todo = (
         (str(place), name, [(str(files[own[0]["video_id"]]), own) for own in shard], options)
         for name, shard in shards.items()
@@ -131,6 +133,7 @@ def _inputs(run: Run, folders: Sequence[Path], chosen: Chosen) -> tuple[list[Row
     for folder in folders:
         if not folder.is_dir():
             raise UsageError(f"--videos {folder} is not a folder")
+    freshness.refuse(run, "pairs")
     catalog = table_catalog.read(run.root)
     asked = asking(catalog, chosen.pairs, chosen.where)
     values = {
@@ -222,13 +225,6 @@ def _digest(films: list[tuple[str, list[Row]]], options: CutOptions) -> str:
     versions = [_version(path) for path, _ in films]
     encoded = msgspec.json.encode((films, versions, options), order="sorted")
     return hashlib.sha256(encoded).hexdigest()
-
-
-def _drop_others(place: Path, names: Collection[str]) -> None:
-    """Remove shards of films that are gone."""
-    for path in place.glob("clips-[0-9]*.*") if place.is_dir() else ():
-        if path.stem not in names:
-            path.unlink()
 
 
 def _write_left_out(place: Path, left_out: Sequence[LeftOut]) -> None:

@@ -55,11 +55,17 @@ class Source(Publication, ABC):
     unfiltered: ClassVar[tuple[str, ...]] = ()
     """Raw kinds that no filter reads: samples that measures compare."""
 
+    crawl_settings: ClassVar[tuple[str, ...]] = ()
+    """Keys of its section of the profile that a crawl or a refresh reads, and no filter."""
+
     files: ClassVar[tuple[str, ...]] = ()
     """Folders below raw/<name> with captured files."""
 
     credential: ClassVar[str] = ""
     """The setting without which a crawl is not offered as a next step."""
+
+    waiting: ClassVar[Mapping[str, str]] = {}
+    """What ends the waiting of pending rows, by their reason."""
 
     refreshed: ClassVar[str] = ""
     """The kind that `kb refresh` fetches; "" without such a command."""
@@ -121,6 +127,14 @@ class Source(Publication, ABC):
     def incomplete(self, root: Path) -> dict[str, Any]:
         """What `kb status` shows of items that could be read in part only."""
         return {}
+
+    def model(self, run: Run) -> str:
+        """The model with its revision that would score its texts now; "" where none is installed,
+        and the scores that are stored are used as they are.
+        """
+        from kb.annotate.toxicity import installed
+
+        return installed(run.settings)
 
     # -- tables ------------------------------------------------------------------------------------
 

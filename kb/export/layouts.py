@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from kb.artifacts import freshness, manifest
 from kb.core.context import Run
 from kb.core.errors import FatalError, MissingExtra, ProfileError
 from kb.core.sources import PUBLISHED, SOURCES
@@ -13,6 +14,7 @@ from kb.core.summary import Summary
 from kb.export import parquet
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.layout import Layout
+from kb.store.tables.checksums import FileEntry
 
 Writer = Callable[[Run], Any]
 
@@ -26,7 +28,17 @@ def export(run: Run, name: str, layout: str = "parquet") -> Summary:
     """One layout: what was written. Raises FatalError when there is nothing to export, DamagedData,
     DiskFull.
     """
+    places = [one for one in ARTIFACTS if freshness.made_from(one) == name]
+    places = [one for one in places if one.startswith(f"export/{layout}")]
+    inputs = {one: manifest.inputs(run.root, one) for one in places}
+    for one in places:  # until it is written, nothing is known of it
+        ARTIFACTS[one].manifest(run.root).unlink(missing_ok=True)
     made = writers(name)[layout](run)
+    for one in places:
+        there = ARTIFACTS[one].folder(run.root).exists()
+        files = {".": FileEntry()} if there else {}
+        as_made = manifest.of(one, inputs[one], freshness.settings(run, one), files)
+        manifest.write(ARTIFACTS[one].manifest(run.root), as_made)
     if not isinstance(made, Summary):
         return Summary(format=layout, export=str(made))
     return Summary(

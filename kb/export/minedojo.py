@@ -215,6 +215,9 @@ def _by_page(run: Run, name: str, order: Sequence[str], columns: Sequence[str]) 
     return RowsByKey(sorted_rows(run.root, name, [*by, *columns], by), "page_id")
 
 
+_OWN = {"data.json", "screenshot.png", "images"}
+
+
 def folder_name(url: str, title: str) -> str:
     """The page's folder: its title as the address has it, percent-encoded ("Caf%C3%A9").
 
@@ -232,7 +235,10 @@ def folder_name(url: str, title: str) -> str:
     tails = (steps[-count:] for count in range(1, len(steps) + 1))
     exact = (tail for tail in tails if unquote("/".join(tail)).replace("_", " ") == words)
     steps = next(exact, steps[-max(1, len(named)) :])
-    return str(Path(*(_plain(step) for step in steps or "_")))
+    plain = [_plain(step) for step in steps or "_"]
+    # What a page's own folder holds names no subpage: "data.json" becomes "%64ata.json".
+    below = [f"%{ord(one[0]):02X}{one[1:]}" if one.casefold() in _OWN else one for one in plain[1:]]
+    return str(Path(plain[0], *below))
 
 
 def _plain(step: str) -> str:

@@ -9,7 +9,7 @@ from contextlib import closing
 import duckdb
 import pyarrow as pa
 
-from kb.artifacts import manifest
+from kb.artifacts import freshness, manifest
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.summary import Summary
@@ -43,6 +43,7 @@ def _export(run: Run) -> Summary:
     if not videos or not transcripts:
         return _remove(run)
     files, inputs = [*videos, *transcripts], manifest.inputs(run.root, NAME)
+    settings = freshness.settings(run, NAME)
     with reading(files), database.over(files, run.root) as con:
         parquet.check(*files)
         named = (f"trim(coalesce(v.{one}, '')) <> ''" for one in _CREDIT)
@@ -54,14 +55,19 @@ def _export(run: Run) -> Summary:
         ).fetchall()[0]
         if not open_:
             run.progress.say("no kept video with a transcript is under Creative Commons")
-            return Summary(_remove(run), uncredited=uncredited)
+            removed = _remove(run)
+            nothing = manifest.of(NAME, inputs, settings, {})
+            manifest.write(ARTIFACTS[NAME].manifest(run.root), nothing)
+            return Summary(removed, uncredited=uncredited)
         asked = con.sql(
             f"""SELECT video_id, v.title, v.link, v.channel_id, v.channel_title, v.published_at,
                 v.license, t.kind, t.language, v.word_count,
                 array_to_string([cue.text FOR cue IN t.cues], ' ') AS text, t.cues
             {rows} WHERE v.license = '{LICENCE}' AND {credited} ORDER BY video_id"""
         )
-        with manifest.replacing(run.root.absolute(), NAME, inputs=inputs) as fresh:
+        with manifest.replacing(
+            run.root.absolute(), NAME, inputs=inputs, settings=settings
+        ) as fresh:
             write_sorted(
                 _batches(asked),
                 fresh.folder,

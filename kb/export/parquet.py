@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import pyarrow as pa
 
-from kb.artifacts import manifest
+from kb.artifacts import freshness, manifest
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
 from kb.core.errors import FatalError
@@ -60,7 +60,9 @@ def export(
     folder = Layout(run.root.absolute()).release(source)
     with (
         run.progress.task(f"export {source}", total=len(released), unit="tables") as task,
-        manifest.replacing(run.root.absolute(), name, inputs=made_from) as build,
+        manifest.replacing(
+            run.root.absolute(), name, inputs=made_from, settings=freshness.settings(run, name)
+        ) as build,
     ):
         fresh = build.folder
         for declared in released:

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.artifacts import domain_binding, index, manifest
+from kb.artifacts import domain_binding, freshness, index, manifest
 from kb.core.config import pipeline
 from kb.core.context import Run
 from kb.core.engine import Workers, executor_of, map_in_order
@@ -69,7 +69,12 @@ def run_clean(run: Run, source: str) -> Summary:
         with _decoded(run, job._replace(scores=key)) as decoded:
             if key and spec.scorer is not None:
                 spec.scorer.annotate(run, source, _texts(run, decoded))
-            with manifest.replacing(run.root, f"clean/{source}", inputs=raw) as build:
+            settings = freshness.settings(run, f"clean/{source}")
+            if key:
+                settings[freshness.MODEL] = key
+            with manifest.replacing(
+                run.root, f"clean/{source}", inputs=raw, settings=settings
+            ) as build:
                 fresh, counts = build.folder, Counter[str]()
                 job = decoded.job._replace(out=str(fresh))
                 with run.progress.task(f"filter {source}", total=job.buckets, unit="parts") as task:

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 import pyarrow as pa
 
-from kb.artifacts import manifest, table_catalog
+from kb.artifacts import freshness, manifest, table_catalog
 from kb.core.context import Run
 from kb.core.errors import FatalError, UsageError
 from kb.core.summary import Summary
@@ -55,6 +55,7 @@ def export(
             f"there are no {labeling.kind}s to judge",
             hint=f"run `{labeling.command}` first",
         )
+    freshness.refuse(run, f"{labeling.kind}s")
     has_text = "text" in parquet.open_file(files[0]).schema_arrow.names
     where = "text IS NOT NULL" if has_text else "true"
     if pairs is not None:

@@ -58,7 +58,9 @@ def import_exports(run: Run, paths: Sequence[Path]) -> Summary:
             "there are no pairs and no tasks", hint="run `kb pairs` or `kb tasks` first"
         )
     with domain_binding.writing(run, "labels", "pairs"), database.connect(run.root) as con:
-        old = _stored(run.root)
+        stored = [parquet.read_table(path) for path in manifest.rows(run.root, LABELS)]
+        none = table(LABELS).arrow().empty_table()
+        old = pa.concat_tables([none, *stored]).combine_chunks()
         con.register("given", given.rows)
         con.register("old", old)
         counts = _judge(con, run.root)
@@ -82,12 +84,6 @@ def import_exports(run: Run, paths: Sequence[Path]) -> Summary:
         figures=section,
         path=str(Layout(run.root).labels),
     )
-
-
-def _stored(root: Path) -> pa.Table:
-    files = manifest.rows(root, LABELS)
-    rows = [parquet.read_table(path) for path in files]
-    return pa.concat_tables([table(LABELS).arrow().empty_table(), *rows]).combine_chunks()
 
 
 def _judge(con: DuckDBPyConnection, root: Path) -> dict[str, int]:

@@ -37,13 +37,13 @@ from kb.pairs import keywords as lists
 from kb.pairs.extract import PairCounts, matches
 from kb.pairs.keywords import EXCLUDED, Keywords
 from kb.pairs.matching import Matcher, phrase
+from kb.store.artifact_registry import ARTIFACTS
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
 from kb.store.tables import database, parquet
 from kb.store.tables.reading import reading, scan
 from kb.store.tables.shard_writer import ShardWriter, sorted_shards, write_table
 
-_LAYOUT = 1  # raised when the same input gives other rows
 _PAGES = "wiki/pages"
 
 TITLE, ALIAS = "title", "alias"
@@ -64,7 +64,7 @@ def build(run: Run, names: Callable[[], Mapping[str, Names]]) -> Summary:
         files, inputs = texts.files(run.root, "links"), texts.inputs(run.root, "links")
         called = names() if _PAGES in files else {}
         plan = {
-            "layout": _LAYOUT,
+            "rules": ARTIFACTS["links"].rules,
             "keywords": lists.plain(keywords),
             "names": sorted(called.items()),
         }
@@ -112,7 +112,9 @@ def _marks(inputs: Mapping[str, str], plan: Mapping[str, Any]) -> dict[str, str]
     """A digest of everything that decides the rows of each source."""
     marks = {}
     for name, digest in inputs.items():
-        source = name.partition("/")[2]
+        kind, _, source = name.partition("/")
+        if kind == "raw":  # the names of pages, which are in the plan
+            continue
         mine = plan if _PAGES.startswith(f"{source}/") else {**plan, "names": []}
         encoded = json.dumps([digest, mine], sort_keys=True)
         marks[source] = hashlib.sha256(encoded.encode()).hexdigest()[:16]

@@ -300,7 +300,13 @@ def run_about(run: Run, size: int) -> str:
     parts = [AnswerPart(_source(opened, one), _licences(opened, one)) for one in sources]
     known = [part for part in parts if part.facts]
     index = AnswerPart("\n".join(["Indexed for `search`:", *_indexed(run)]), "")
-    views = [AnswerPart(line, "") for line in _views(opened)]
+    short = {view.full: f" (also {name})" for name, view in bare(opened.views).items()}
+    views = [
+        AnswerPart(
+            f"view {name}{short.get(name, '')}: {TableView(one).count_rows():,} rows. {one.doc}", ""
+        )
+        for name, one in sorted(opened.named.items())
+    ]
     return fit(fence, head, [*known, index, *views], _left_out, size)
 
 
@@ -352,10 +358,3 @@ def _indexed(run: Run) -> Iterator[str]:
             yield f"{source}: {known.figures['passages'] if known else 0:,} passages"
         else:
             yield f"{source}: indexed by the first search"
-
-
-def _views(opened: OpenTables) -> Iterator[str]:
-    short = {view.full: name for name, view in bare(opened.views).items()}
-    for name, one in sorted(opened.named.items()):
-        also = f" (also {short[name]})" if name in short else ""
-        yield f"view {name}{also}: {TableView(one).count_rows():,} rows. {one.doc}"

@@ -10,7 +10,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from kb.artifacts import manifest, measures
+from kb.artifacts import freshness, manifest, measures
 from kb.artifacts.resumable_build import Part, PartedBuild, read_plan, write_part
 from kb.core.config.profile.products import Pairs
 from kb.core.context import Run
@@ -25,7 +25,6 @@ from kb.store.layout import Layout
 from kb.store.lock import writer
 from kb.store.tables.shard_writer import sorted_shards
 
-_LAYOUT = 7  # raised when the same input gives other rows
 _ROWS = 4096  # transcripts of a part: some seconds of work
 _TOTALS = (
     "videos",
@@ -46,7 +45,6 @@ def build(run: Run) -> Summary:
     """
     section, keywords = run.profile.section(Pairs), check(run)
     plan = {
-        "layout": _LAYOUT,
         "section": section.model_dump(mode="json"),
         "seed": run.seed,
         "keywords": lists.plain(keywords),
@@ -77,7 +75,7 @@ def _write_measures(run: Run, fresh: manifest.Build) -> None:
     """Figures of all pairs; those of samples still hold where the rules are the same."""
     old = manifest.read(run.root, "pairs")
     kept = measures.read_measures(Layout(run.root).pairs) if old is not None else {}
-    if old is not None and old.rules != fresh.rules:
+    if old is not None and freshness.changes(old, fresh.settings):
         if kept.keys() - {measures.PAIRS}:
             run.progress.say(
                 "the rules of pairs have changed, so pairs/measures.json no longer has the figures"

@@ -22,7 +22,7 @@ import duckdb
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from kb.artifacts import table_catalog
+from kb.artifacts import freshness, table_catalog
 from kb.core.context import Run
 from kb.core.errors import FatalError, UsageError
 from kb.core.installation import np
@@ -163,6 +163,7 @@ def draw(
     can't be asked and for more pairs than there are, FatalError without pairs, DamagedData,
     DiskFull.
     """
+    freshness.refuse(run, "pairs")
     place = table_catalog.outside(run.root, out)
     if not plan and place.exists() and not (place / PAIRS).is_file():
         raise UsageError(f"--out {out} exists and is not a draw of pairs", hint="name a new folder")

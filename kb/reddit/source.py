@@ -48,6 +48,9 @@ class Reddit(Source):
     restored = True
     linked = ("posts", "comments")
     indexed = ("posts", "comments")
+    crawl_settings = (
+        *("search", "listings", "spans", "max_age_days", "requests_per_minute", "max_tries"),
+    )
     exports = ("minedojo/reddit.json", "convokit")
     main = "posts"
     query = (

@@ -14,7 +14,7 @@ import orjson
 import pyarrow as pa
 from duckdb import DuckDBPyConnection
 
-from kb.artifacts import domain_binding, manifest
+from kb.artifacts import domain_binding, freshness, manifest
 from kb.artifacts.release_folder import (
     TOMBSTONES,
     ReleasedTable,
@@ -58,6 +58,7 @@ def release(run: Run, only: Sequence[str] = ()) -> Summary:
         refuse(check.check(run, exports))
         facts = [write(run, folder) for folder in exports]
         refuse(check.check_made(run, [read(folder.path, folder.source) for folder in exports]))
+        freshness.note_described(run, (folder.source for folder in exports))
     return Summary(
         command="release",
         folders=len(exports),
@@ -72,16 +73,18 @@ def release(run: Run, only: Sequence[str] = ()) -> Summary:
 
 def describe(run: Run, sources: Sequence[str] = ()) -> None:
     """Write the files around the data again, without the gate: after a purge took rows out."""
-    for folder in folders.in_root(run.root):
-        if not sources or folder.source in sources:
-            write(run, folder)
+    described = [one for one in folders.in_root(run.root) if not sources or one.source in sources]
+    for folder in described:
+        write(run, folder)
+    if described:
+        freshness.note_described(run, (folder.source for folder in described))
 
 
 def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
     """The folders to release, or `only` those of some sources.
 
-    Raises ReleaseRefused when nothing was exported, or a folder that was has lost its data;
-    UsageError for a source that was not exported.
+    Raises ReleaseRefused when nothing was exported, a folder that was has lost its data, or
+    something that they are made of is out of date; UsageError for a source that was not exported.
     """
     at, exports = Layout(run.root), folders.in_root(run.root)
     there = {folder.source for folder in exports}
@@ -104,16 +107,26 @@ def exported(run: Run, only: Sequence[str] = ()) -> list[ReleaseFolder]:
             f"there is no folder {', '.join(strange)} in {at.release()}",
             hint=f"exported: {', '.join(folder.source for folder in exports)}",
         )
-    return [folder for folder in exports if folder.source in wanted]
+    exports = [folder for folder in exports if folder.source in wanted]
+    stale = freshness.stale(run, *(f"release/{folder.source}" for folder in exports))
+    refuse(
+        [
+            GateProblem("out of date", name, ", ".join(why))
+            for name, why in stale.items()
+            if not all(one.endswith("is missing") for one in why)  # the gate looks at files
+        ],
+        hint="run `kb build`, which makes what is out of date",
+    )
+    return exports
 
 
-def refuse(problems: Sequence[GateProblem]) -> None:
+def refuse(problems: Sequence[GateProblem], hint: str = "nothing was published") -> None:
     """Raise ReleaseRefused when there are problems; they are in its `.problems` and `.summary`."""
     if not problems:
         return
     lines = list(dict.fromkeys(str(problem) for problem in problems))
     count = f"{len(lines)} {'reason' if len(lines) == 1 else 'reasons'}"
-    error = ReleaseRefused(f"the release is refused for {count}", hint="nothing was published")
+    error = ReleaseRefused(f"the release is refused for {count}", hint=hint)
     error.problems = lines  # type: ignore[attr-defined]
     error.summary = Summary(command="release", problems=lines)
     raise error

@@ -4,15 +4,16 @@ The page needs no other file: images and styles are inside, and there is no scri
 """
 
 import base64
+import contextlib
 import importlib.util
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from markupsafe import Markup
 
-from kb.artifacts import domain_binding
+from kb.artifacts import domain_binding, freshness, manifest
 from kb.artifacts.table_catalog import Catalog, empty
 from kb.core import signals
 from kb.core.config.profile import Profile
@@ -144,6 +145,15 @@ def report_again(run: Run) -> None:
         shutil.rmtree(place)
 
 
+@contextlib.contextmanager
+def _fresh(run: Run) -> Iterator[Path]:
+    """A folder that takes the report's place, with its manifest."""
+    inputs, settings = manifest.inputs(run.root, "report"), freshness.settings(run, "report")
+    home = Catalog(run.root.absolute()).workplace
+    with manifest.replacing(home, "report", inputs=inputs, settings=settings) as build:
+        yield build.folder
+
+
 def _report(run: Run, out: Path | None) -> Summary:
     with ReportData(run) as data:
         if not any(data.files(name) for one in SHOWN for name in one.shown):
@@ -162,7 +172,7 @@ def _report(run: Run, out: Path | None) -> Summary:
         place = (out or Layout(data.catalog.workplace).report).expanduser().absolute()
     if out is not None and place.exists() and not (place / PAGE).is_file():
         raise UsageError(f"--out {out} exists and is not a report", hint="name a new folder")
-    with replacing_folder(place) as folder:
+    with _fresh(run) if out is None else replacing_folder(place) as folder:
         for section in sections:
             for figure in section.figures:
                 for suffix, content in figure.files.items():

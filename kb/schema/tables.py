@@ -225,13 +225,12 @@ def load_table(path: Path) -> Table:
     try:
         return msgspec.convert(data, Table, dec_hook=_origin)
     except msgspec.ValidationError as error:
-        named = re.sub(r"\$\.(column|input)\[(\d+)\]", lambda at: _named(at, data), str(error))
+        named = re.sub(
+            r"\$\.(column|input)\[(\d+)\]",  # a block by its name instead of its number
+            lambda at: f"{at[1]} {data[at[1]][int(at[2])].get('name', at[2])}",
+            str(error),
+        )
         raise SchemaMismatch(f"{path}: {named}") from None
-
-
-def _named(place: re.Match[str], data: dict[str, Any]) -> str:
-    """A block by its name instead of its number."""
-    return f"{place[1]} {data[place[1]][int(place[2])].get('name', place[2])}"
 
 
 def _blocks(block: dict[str, Any]) -> list[dict[str, Any]]:

@@ -7,7 +7,7 @@ manifest.
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from kb.artifacts import domain_binding, manifest, texts
+from kb.artifacts import domain_binding, freshness, manifest, texts
 from kb.artifacts import index as index_of
 from kb.artifacts.table_catalog import NO_TABLES, Catalog, empty
 from kb.core.context import Run
@@ -16,8 +16,6 @@ from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.search import tantivy_index
 from kb.search.tantivy_index import STEMMERS
-
-_LAYOUT = 6  # raised when the same texts give another index
 
 
 class BuiltIndex(NamedTuple):
@@ -65,9 +63,10 @@ def follow(run: Run, source: str) -> BuiltIndex | None:
         if built := _built(run, source):
             return built
         inputs, stemmer = texts.inputs(root, name), _stemmer(run)
+        settings = freshness.settings(run, name)
         with (
             run.progress.task(f"index {source}", unit="passages") as task,
-            manifest.replacing(home, name, inputs=inputs, rules=_rules(run)) as fresh,
+            manifest.replacing(home, name, inputs=inputs, settings=settings) as fresh,
         ):
             passages = SOURCES[source].passages(run.profile, root)
             count = tantivy_index.write(fresh.folder, stemmer, passages, task.advance)
@@ -81,8 +80,7 @@ def _built(run: Run, source: str) -> BuiltIndex | None:
     if (
         run.again
         or made is None
-        or made.rules != _rules(run)
-        or made.inputs != texts.inputs(run.root, f"index/{source}")
+        or freshness.reasons(run, f"index/{source}")
         or index_of.has_unknown_files(place, made)
         or index_of.damaged(place, made)
     ):
@@ -95,16 +93,11 @@ def _stemmer(run: Run) -> str:
     return STEMMERS.get("en" if youtube is None else youtube.language, "")
 
 
-def _rules(run: Run) -> str:
-    return f"{_LAYOUT} {_stemmer(run)}"
-
-
 def ensure(run: Run, sources: Sequence[str]) -> None:
     """Make the indexes of these sources that are missing or out of date. Raises as `index`."""
     for source in sources:
         if not texts.files(run.root, f"index/{source}"):
             continue
-        made = index_of.known(run.root, source)
-        if made is None or made.rules != _rules(run) or not index_of.is_current(run.root, source):
+        if freshness.reasons(run, f"index/{source}"):
             run.progress.say(f"the index of {source} is missing or out of date; building it")
             follow(run, source)

@@ -34,13 +34,31 @@ SUMS = "SHA256SUMS"
 """The file name of the checksums of a release folder, and of captured files."""
 
 
+# Of what is made from sources: raw answers that it reads beside their clean rows, the parts of the
+# profile that decide its rows, and the number of its rules.
+_OTHER_INPUTS = {
+    "tasks": ("raw/youtube/ytdlp_playlists",),
+    "links": ("raw/wiki/pages", "raw/wiki/site"),
+}
+_SETTINGS = {
+    "pairs": ("pairs", "seed", "youtube.language", "keywords"),
+    "tasks": ("tasks", "youtube.topic_keywords", "keywords", "pairs.include"),
+    "links": ("keywords", "pairs.include", "pairs.exclude", "pairs.near_words"),
+}
+_RULES = {"pairs": 7, "tasks": 1, "links": 1}
+
+
 @dataclass(frozen=True)
 class Artifact:
     """A folder (or file) that one command makes from its inputs.
 
-    `inputs` are names of other artifacts or "raw/<source>". `lock` is the lock that its writer
-    holds (kb.store.lock). `reads` are the tables of the inputs that matter, all of them when empty.
-    `public` artifacts are given away as they are, so their manifest is kept in state/manifests/.
+    `inputs` are names of other artifacts, "raw/<source>" or "raw/<source>/<kind>". `lock` is the
+    lock that its writer holds (kb.store.lock). `reads` are the tables of the inputs that matter,
+    all of them when empty; `whole`: every file of the inputs matters, verdicts included. `settings`
+    are the parts of the profile that decide its content ("youtube.min_views", "pairs"; "keywords":
+    the keyword files; "": all), but for those in `other_settings`. `rules` is raised when the same
+    input gives other rows. `public` artifacts are given away as they are, so their manifest is kept
+    in state/manifests/.
     """
 
     name: str
@@ -50,6 +68,10 @@ class Artifact:
     tables: tuple[str, ...] = ()
     reads: tuple[str, ...] = ()
     public: bool = False
+    whole: bool = False
+    settings: tuple[str, ...] = ()
+    other_settings: tuple[str, ...] = ()
+    rules: int = 1
 
     def folder(self, root: Path) -> Path:
         """Where it is in a data root."""
@@ -83,14 +105,39 @@ def _declared() -> Iterator[Artifact]:
         texts = tuple(f"{source}/{short}" for short in SOURCES[source].indexed)
         clean = f"clean/{source}"
         yield Artifact(f"annotations/{source}", (), filter_, source, ("shared/annotations",))
-        yield Artifact(clean, (f"raw/{source}",), filter_, source, kept)
-        yield Artifact(f"index/{source}", (clean,), "kb index", f"index-{source}", reads=texts)
+        yield Artifact(
+            clean,
+            (f"raw/{source}",),
+            filter_,
+            source,
+            kept,
+            settings=(source, "toxicity.toxicity", f"toxicity.thresholds.{source}"),
+            other_settings=tuple(f"{source}.{key}" for key in SOURCES[source].crawl_settings),
+        )
+        yield Artifact(
+            f"index/{source}",
+            (clean,),
+            "kb index",
+            f"index-{source}",
+            reads=texts,
+            settings=("youtube.language",),
+            rules=6,
+        )
         yield Artifact(f"restored/{source}", (), "kb restore", "restored")
     for name in ("pairs", "tasks", "links"):
         own = tuple(one.name for one in tables().values() if one.source == name)
         inputs = tuple(f"clean/{one}" for one in made_of(name))
         linked = tuple(f"{one}/{short}" for one in SOURCES for short in SOURCES[one].linked)
-        yield Artifact(name, inputs, f"kb {name}", name, own, linked if name == "links" else ())
+        yield Artifact(
+            name,
+            (*inputs, *_OTHER_INPUTS.get(name, ())),
+            f"kb {name}",
+            name,
+            own,
+            linked if name == "links" else (),
+            settings=_SETTINGS[name],
+            rules=_RULES[name],
+        )
     yield Artifact("labels", (), "kb label import", "labels", ("labels/labels",))
     yield Artifact("restored", (), "kb restore", "restored")  # its lists of missing ids
     yield Artifact("restored/pairs", (), "kb restore", "restored", ("pairs/pairs",))
@@ -100,14 +147,33 @@ def _declared() -> Iterator[Artifact]:
         inputs = (f"clean/{owner or name}" if (owner or name) in SOURCES else name,)
         reads = tuple(f"{owner}/{short}" for short in SOURCES[owner].indexed) if owner else own
         command, lock = exported_by(name), f"release-{name}"
-        yield Artifact(f"release/{name}", inputs, command, lock, own, reads, public=True)
+        asked = ("release.open_text",) if owner else ()
+        yield Artifact(
+            f"release/{name}",
+            inputs,
+            command,
+            lock,
+            own,
+            reads,
+            public=True,
+            settings=("release.shard_mb", *asked),
+        )
         for export in PUBLISHED[name].exports:
             format_ = f"{command} --format {export.partition('/')[0]}"
-            yield Artifact(f"export/{export}", inputs, format_, lock, public=True)
+            yield Artifact(
+                f"export/{export}", inputs, format_, lock, public=True, settings=("name",)
+            )
     reconstruct = ("raw/reddit",), "kb reddit reconstruct", "reconstructed"
     yield Artifact("export/reconstructed", *reconstruct, public=True)
     clean_all = tuple(f"clean/{source}" for source in SOURCES)
-    yield Artifact("report", clean_all, "kb report", "report")
+    yield Artifact(
+        "report",
+        (*clean_all, "pairs", "tasks", "links"),
+        "kb report",
+        "report",
+        whole=True,
+        settings=("title", "seed", "toxicity", "report", "youtube.min_duration_s"),
+    )
 
 
 ARTIFACTS: dict[str, Artifact] = {one.name: one for one in _declared()}

@@ -140,6 +140,11 @@ class Layout:
         return self.state_folder() / "profile.json"
 
     @property
+    def kept_profile(self) -> Path:
+        """A copy of the profile and its keyword files, as the newest command used them."""
+        return self.state_folder("profile")
+
+    @property
     def deposits(self) -> Path:
         """What was uploaded."""
         return self.state_folder() / "deposits.json"

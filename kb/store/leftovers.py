@@ -43,6 +43,9 @@ def sweep(root: Path, name: str) -> None:
     at, artifacts = Layout(root), [one for one in ARTIFACTS.values() if one.lock == name]
     _spilled(root)
     remove_temporary(at.profile)
+    for entry in at.kept_profile.glob(".*.tmp"):
+        if atomic.has_ended(entry.name):
+            _clear(entry)
     for read in {one for artifact in artifacts for one in artifact.inputs}:
         if read.startswith("clean/") and name != "report":  # a report does not lock what it reads
             settle_folder(root / read)

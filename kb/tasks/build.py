@@ -19,7 +19,7 @@ import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from kb.artifacts import manifest
+from kb.artifacts import freshness, manifest
 from kb.core import signals
 from kb.core.context import Run
 from kb.core.errors import FatalError
@@ -36,7 +36,6 @@ from kb.store.tables.reading import reading
 from kb.store.tables.shard_writer import sorted_shards, write_table
 from kb.tasks.titles import DUPLICATE, TitleMiner
 
-_LAYOUT = 1  # raised when the same input gives other rows
 _ROWS = 128  # transcripts in memory at once
 (_VIDEOS,) = made_of("tasks")
 
@@ -55,24 +54,14 @@ def build(run: Run, playlists: Mapping[str, str]) -> Summary:
     check(run)
     topics = profile.youtube.words if profile.youtube else ()
     names = [one.name for one in keywords.load(profile).every] if profile.pairs else []
-    plan = {
-        "layout": _LAYOUT,
-        "rules": rules.model_dump(mode="json"),
-        "topics": topics,
-        "names": names,
-        "playlists": sorted(playlists.items()),
-    }
-    digest = hashlib.sha256(msgspec.json.encode(plan, order="sorted")).hexdigest()
     with writer(run.root, "tasks"):
-        known = manifest.read(run.root, "tasks")
-        current = known is not None and known.rules == digest
-        if current and not run.again and manifest.is_current(run.root, "tasks"):
+        if not (run.again or freshness.reasons(run, "tasks")):
             run.progress.say("tasks are up to date")
             return _summary(run.root)
-        inputs = manifest.inputs(run.root, "tasks")
+        inputs, settings = manifest.inputs(run.root, "tasks"), freshness.settings(run, "tasks")
         titles = _mined(run, TitleMiner(rules, topics, names))
         times = _times(run, titles, rules.max_gap_s)
-        with manifest.replacing(run.root, "tasks", inputs=inputs, rules=digest) as fresh:
+        with manifest.replacing(run.root, "tasks", inputs=inputs, settings=settings) as fresh:
             for name, rows in _tables(titles, times, playlists).items():
                 part = fresh.folder / f".{name.partition('/')[2]}.parquet"
                 write_table(part, rows, name, sync=False)

@@ -15,6 +15,7 @@ from kb.core.sources import SOURCES
 from kb.store import leftovers
 from kb.store.artifact_registry import MANIFEST, Artifact, artifact_of
 from kb.store.damage import remedy
+from kb.store.layout import Layout
 from kb.store.rawlog import rawlog, sidefiles
 from kb.store.state import demo_mark
 from kb.store.tables import checksums
@@ -118,7 +119,11 @@ class FileVerifier:
             self._checked("tombstones" if path.name == "tombstones.parquet" else "state", path)
         elif path.name.endswith(sidefiles.QUARANTINE_SUFFIX):
             self._findings.intact("set aside", path)
-        elif path.name.endswith(_OF_STATE) or path.name == ".gitkeep":
+        elif (
+            path.is_relative_to(Layout(self._root).kept_profile)
+            or path.name.endswith(_OF_STATE)
+            or path.name == ".gitkeep"
+        ):
             self._findings.intact("state", path)
         else:
             self._foreign("state", path)

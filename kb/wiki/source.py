@@ -44,6 +44,16 @@ class Wiki(Source):
     }
     counted = "pages"
     files = ("pages", "images")
+    crawl_settings = (
+        *("hosts", "namespaces", "viewport_width", "viewport_height", "settle_seconds"),
+        *("page_seconds", "max_page_height", "max_elements", "max_pixels", "max_file_bytes"),
+        *("max_tries", "seconds_between", "markup.root", "markup.chrome", "markup.denominator"),
+        *("markup.reference", "markup.regions", "markup.sprite", "markup.sprite_image"),
+        *("markup.animation", "markup.animation_active", "markup.animation_group"),
+        *("markup.fact", "markup.fact_field", "markup.fact_value", "markup.fact_subject"),
+        *("markup.recipe", "markup.slot", "markup.slot_row", "markup.slot_output"),
+        *("markup.quantity", "markup.title", "markup.folded", "markup.formula", "markup.fraction"),
+    )
     linked = ("pages", "elements")
     indexed = ("pages", "elements", "cells", "images")
     exports = ("minedojo/wiki_full", "minedojo/wiki_samples")

@@ -46,6 +46,14 @@ class YouTube(Source):
     counted = "videos"
     noted = ("channels",)
     unfiltered = ("second_tracks",)
+    crawl_settings = (
+        *("keywords", "search_pages", "uploads", "transcripts_per_hour"),
+        *("max_age_days", "max_tries", "searches_per_day", "units_per_day"),
+    )
+    waiting = {
+        "transcript": "import their transcripts or run `kb youtube crawl`; with"
+        ' `transcripts = "optional"` in [youtube] of the profile they are kept without',
+    }
     refreshed = "refresh"
     restored = True
     linked = ("videos", "transcripts")

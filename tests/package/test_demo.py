@@ -77,7 +77,7 @@ def test_nothing_is_lost_on_the_way(demo: Path) -> None:
         )
         assert (found["failed"], found["pending"]) == (0, 0)
         assert found["kept"] > 0
-        assert found["rejected"] > 0
+        assert found["rejected"] > 0 or source == "wiki", "every page of the wiki is kept"
 
 
 def test_it_leaves_what_the_contract_says(demo: Path) -> None:

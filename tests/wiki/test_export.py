@@ -339,6 +339,9 @@ def test_nothing_to_export_and_lost_files(run, run_on, tmp_path):
         ("Main Page", "https://w.example/", "_"),
         ("x", "https://w.example/wiki/%00x", "%00x"),
         ("A b/c", "https://w.example/index.php?title=A_b/c", "A_b/c"),
+        ("X/data.json", "https://w.example/wiki/X/data.json", "X/%64ata.json"),
+        ("X/Images/y", "https://w.example/wiki/X/Images/y", "X/%49mages/y"),
+        ("Images", "https://w.example/wiki/Images", "Images"),
     ],
 )
 def test_folder_name(title, url, expected):

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from kb.cli.framework.command import command, group
+from kb.cli.framework.messages import warn_stale
 from kb.cli.framework.options import CLUSTER, pipeline
 from kb.core.context import Run
 from kb.core.errors import KbError
@@ -110,6 +111,7 @@ def report(
     """
     from kb.report.build import report
 
+    warn_stale(run)
     return report(run, out)
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from kb.cli.framework.command import Command, command, group
+from kb.cli.framework.messages import warn_stale
 from kb.cli.framework.options import Options
 from kb.core.errors import UsageError
 
@@ -131,6 +132,8 @@ def query(
     run = options.make_run(needs="root", exists=options.data is not None, addresses=True)
     address = table_catalog.address_of(run.settings.kb_data)
     views = remote_release.read_views(address) if address else None
+    if not address:
+        warn_stale(run)
     if tables and views is None:
         table_catalog.read(run.root)
     limits = for_people(timeout)

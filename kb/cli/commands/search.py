@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.messages import show, warn
+from kb.cli.framework.messages import show, warn, warn_stale
 from kb.cli.framework.options import Options
 from kb.core.context import Run
 from kb.core.sources import SOURCES
@@ -152,6 +152,7 @@ def search(
         limit=options.limit or LIMIT,
     )
     run = options.make_run(exists=True)
+    warn_stale(run)
     sources = [str(one) for one in SearchSource if not source or one in source]
     ensure(run, sources)
     query = " ".join(words)
@@ -248,6 +249,7 @@ def explore(
     from kb.cli.commands.status.overview import overview
     from kb.explore.server import serve
 
+    warn_stale(run)
     serve(
         read(run.root).path,
         run.profile,

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from kb.core import terminal
+from kb.core.context import Run
 from kb.net import redact
 
 _COMMAND = re.compile(r"`kb ([^`]+)`")
@@ -70,6 +71,14 @@ def fail(message: str, *, hint: str = "") -> None:
 def warn(message: str) -> None:
     """One line on stderr about something that does not end the command."""
     _to_stderr(f"warning: {' '.join(message.split())}")
+
+
+def warn_stale(run: Run) -> None:
+    """One line where something that is about to be read is out of date."""
+    from kb.artifacts import freshness
+
+    if line := freshness.warning(run):
+        warn(line)
 
 
 def _to_stderr(text: str) -> None:

@@ -213,6 +213,8 @@ WORDS: dict[str, Word] = {
     "files": Word("Files.", "{n} files"),
     "tars": Word("Tar files with screenshots and images.", "{n} tars"),
     "folders": Word("Folders of a release.", "{n} folders"),
+    "made": Word("Artifacts that were made.", "{n} made", always=True),
+    "current": Word("Artifacts that were up to date.", "{n} up to date", always=True),
     "merge.folders": Word("Data roots that were read.", "{n} data roots"),
     "merge.files": Word("Files that were copied.", "{n} files", always=True),
     "merge.requests": Word("Requests of other machines that were added.", "{n} requests"),

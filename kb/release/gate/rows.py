@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from kb.artifacts import manifest, texts
+from kb.artifacts import manifest
 from kb.artifacts.release_folder import ReleasedTable, ReleaseFolder
 from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import DamagedData
-from kb.core.sources import PUBLISHED, SOURCES, exported_by, made_by, made_of
+from kb.core.sources import PUBLISHED, SOURCES, made_by, made_of
 from kb.release.gate import GateProblem, damaged
 from kb.schema import Table, released_tables
 from kb.store.layout import Layout
@@ -24,20 +24,13 @@ def check(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) -> lis
     """Every problem of rows of `readable` tables; with damaged clean rows nothing is compared."""
     if unfinished := _unfinished_purges(run, folder):
         return unfinished
-    if owner := PUBLISHED[folder.source].part_of:
-        return _part(run, folder, owner)
+    if PUBLISHED[folder.source].part_of:
+        return []
     tables = released_tables(folder.source)
     problems = [problem for one in tables for problem in _damaged(run.root, one)]
     if not problems:
         for part in readable:
             problems += _numbers(run.root, folder.source, part)
-        if folder.source == "links":
-            # Entity tables may name what a filter has dropped since.
-            what = "are older than clean/{}, and may name dropped rows; run `kb links`"
-            problems += [
-                GateProblem("rows", "links", what.format(one))
-                for one in texts.changed(run.root, "links")
-            ]
         problems += _unscored(run, folder, readable)
     exported = {part.table.name for part in folder.parts}
     problems += [
@@ -63,18 +56,6 @@ def _unfinished_purges(run: Run, folder: ReleaseFolder) -> list[GateProblem]:
         for source in made_of(folder.source)
         if Layout(run.root).purge(source).exists()
     ]
-
-
-def _part(run: Run, folder: ReleaseFolder, owner: str) -> list[GateProblem]:
-    """Of texts that a source's export writes where the profile asks for it."""
-    command = f"run `{exported_by(folder.source)}` again"
-    if not run.profile.release.open_text:
-        what = f"the profile does not ask for it (release.open_text = false); {command}"
-        return [GateProblem("content", folder.source, what)]
-    if not manifest.is_current(run.root, f"release/{folder.source}"):
-        what = f"is older than clean/{owner}; {command}"
-        return [GateProblem("rows", folder.source, what)]
-    return []
 
 
 def _damaged(root: Path, declared: Table) -> list[GateProblem]:

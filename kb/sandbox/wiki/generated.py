@@ -36,9 +36,13 @@ class RecordedWiki:
     def __init__(self) -> None:
         self._pages: dict[bool, dict[str, dict[str, Any]]] = {}
 
+    def target(self, title: str) -> str:
+        """Where a redirect leads."""
+        return title.replace(self.redirect, "Saltstone")
+
     def html(self, title: str, later: bool) -> str | None:
         """The page of that title, a redirect's target under its own address."""
-        title = title.replace("Rock salt", "Saltstone")
+        title = self.target(title)
         stem = _slugs().get(title)
         if later:
             stem = _LATER.get(title, stem)
@@ -169,6 +173,10 @@ class GeneratedWiki(RecordedWiki):
         self._by_title = {entry.title: entry for entry in self.entries}
         self._targets = {other: entry.title for entry in self.entries for other in entry.redirects}
         self._by_id = {entry.id: entry for entry in self.entries}
+
+    def target(self, title: str) -> str:
+        """Where a redirect leads."""
+        return self._targets.get(title) or super().target(title)
 
     def html(self, title: str, later: bool) -> str | None:
         """The page of that title, a redirect's target under its own address."""

@@ -118,7 +118,7 @@ def _details(
     by_revision = {str(page["lastrevid"]): page for page in pages.values()}
     files = {page["title"]: page for page in site.load("imageinfo.json")["query"]["pages"]}
     shown: list[dict[str, Any]] = []
-    normalized = []
+    normalized, redirects = [], []
     for wanted in [title for title in query.get("titles", "").split("|") if title][:50]:
         title = wanted.replace("_", " ").strip()
         title = title[:1].upper() + title[1:]
@@ -126,6 +126,9 @@ def _details(
             title = "File:" + title[5:6].upper() + title[6:]
         if title != wanted:
             normalized.append({"fromencoded": False, "from": wanted, "to": title})
+        if "redirects" in query and pages.get(title, {}).get("redirect"):
+            redirects.append({"from": title, "to": site.target(title)})
+            title = site.target(title)
         known = pages.get(title) or files.get(title)
         if any(char in title for char in "[]{}<>#"):
             shown.append(
@@ -148,6 +151,8 @@ def _details(
     shown += [by_revision[key] for key in query.get("revids", "").split("|") if key in by_revision]
     if normalized:
         answer["query"]["normalized"] = normalized
+    if redirects:
+        answer["query"]["redirects"] = redirects
     props = query.get("prop", "")
     answer["query"]["pages"] = [
         {**page, **site.names(page, props)} if "revisions" in page else page for page in shown

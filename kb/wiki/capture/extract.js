@@ -144,20 +144,22 @@ function strokesOf(node) {
 // Pieces that stand beside each other are one line: letters of one size or another, raised or lowered.
 // A column's end is one too: the same node goes on at another place of the same height.
 function linesOf(blocks) {
-  const lines = [];
+  const lines = [], turn = (b, vertical) => (vertical ? [b[1], b[0], b[3], b[2]] : b);
   for (const nodes of blocks) {
     let line = null;
     for (const node of nodes) {
-      strokesOf(node).forEach((b, number) => {
+      const vertical = /^(vertical|sideways)/.test(style(node.parentElement).writingMode);
+      strokesOf(node).map((b) => turn(b, vertical)).forEach((b, number) => {
         const high = line && Math.min(line[3], b[3]) - Math.max(line[1], b[1]);
-        const beside = line && high >= Math.min(line[3] - line[1], b[3] - b[1]) / 2;
+        const beside = line && line.vertical === vertical && high >= Math.min(line[3] - line[1], b[3] - b[1]) / 2;
         const far = number && beside && (b[0] > line[2] + 1 || b[2] < line[0] - 1);
-        if (!beside || far) lines.push(line = [...b]);
+        if (!beside || far) lines.push(line = Object.assign([...b], { vertical }));
         else [line[0], line[1], line[2], line[3]] = [Math.min(line[0], b[0]), Math.min(line[1], b[1]), Math.max(line[2], b[2]), Math.max(line[3], b[3])];
       });
     }
   }
-  return lines.map((b) => [b[0], b[1], b[2] - b[0], b[3] - b[1]].map((n) => Math.round(n * 100) / 100)).filter((b) => b[2] > 0 && b[3] > 0);
+  return lines.map((line) => turn(line, line.vertical)).map((b) => [b[0], b[1], b[2] - b[0], b[3] - b[1]].map((n) => Math.round(n * 100) / 100))
+    .filter((b) => b[2] > 0 && b[3] > 0);
 }
 
 // Text as shown: chrome, tables and marks of footnotes left out, a formula as its TeX. What is hidden is left out of

@@ -7,6 +7,7 @@ pages and images. It governs the API only where it names us (`WikiHosts.barred`)
 wikis bar the folder of their scripts to crawlers.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from html.parser import HTMLParser
 from typing import Any
@@ -22,6 +23,7 @@ from kb.wiki.errors import PageRefused
 from kb.wiki.parse import answers
 
 BATCH = 50
+_NOTICE = re.compile(rb"\b(?:Notice|Warning|Deprecated)\b")  # of PHP
 _AGAIN = ("maxlag", "readonly", "ratelimited", "internal_api_error")  # and what begins like them
 _DETAILS = {
     "prop": "info|revisions|contributors|redirects|categories",
@@ -48,6 +50,7 @@ class WikiApi:
 
     def __init__(self, endpoint: str, web: WikiHosts) -> None:
         self.endpoint, self._web = endpoint, web
+        self._told = False
         self._loops: dict[tuple[int, int], _LoopDetector] = {}
 
     def site(self) -> Answer:
@@ -81,7 +84,9 @@ class WikiApi:
     def details(self, tag: str, *, titles: Sequence[str] = (), ids: Sequence[str] = ()) -> Answer:
         """Revision, URL, contributors, redirects and categories of up to 50 pages."""
         by = {"titles": "|".join(titles)} if titles else {"pageids": "|".join(ids)}
-        status, answer = self.ask_all({"action": "query", **by, **_DETAILS})
+        # A named redirect leads to its target; a list of pages has none.
+        follow = {"redirects": "1"} if titles and tag.startswith("t") else {}
+        status, answer = self.ask_all({"action": "query", **by, **follow, **_DETAILS})
         return Answer("pages", self.endpoint, {**by, "round": tag}, answer, status)
 
     def revision(self, revision: int) -> Answer:
@@ -134,8 +139,9 @@ class WikiApi:
                 f"the wiki's API at {self.endpoint} does not answer: {error}",
                 hint="open the URL in a browser",
             ) from None
+        content = answer.content.removeprefix(b"\xef\xbb\xbf").lstrip()
         try:
-            value = msgspec.json.decode(answer.content)
+            value = msgspec.json.decode(self._after_notice(content))
         except (msgspec.DecodeError, RecursionError):
             what = answers.quoted(answer.content[:1000].decode("utf-8", "replace"))
             # An HTML page instead of JSON is a challenge: we are being turned away.
@@ -152,9 +158,28 @@ class WikiApi:
             raise FatalError(
                 f"the wiki's API refuses {params.get('action')}: {refusal.get('info', code)}"
             )
+        query = value.get("query") if isinstance(value, dict) else None
+        if isinstance(query, dict) and isinstance(query.get("pages"), dict):
+            raise FatalError(
+                f"the wiki's API at {self.endpoint} answers in the form of MediaWiki before 1.25,"
+                " which can't be read",
+                hint="ask the wiki's operators for an update",
+            )
         if wrong := answers.problem(params, value):
             raise Retryable(f"{wrong} ({self.endpoint})", after=after)
         return answer.status_code, value
+
+    def _after_notice(self, content: bytes) -> bytes:
+        """The JSON behind what a misconfigured PHP writes before it, which is told once."""
+        start = content.find(b"{")
+        if start <= 0 or not _NOTICE.search(content[:start]):
+            return content
+        if not self._told:
+            self._told = True
+            text = re.sub(r"<[^>]*>", "", content[:start].decode("utf-8", "replace"))
+            said = answers.quoted(text)
+            self._web.run.progress.say(f"{self.endpoint} writes {said} before its answers")
+        return content[start:]
 
 
 class _LoopDetector:

@@ -61,10 +61,15 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
 
     Raises UsageError before anything is sent, Stopped when it can go on later.
     """
-    spaces = run.profile.section(WikiSection).namespaces
-    named = read_titles(titles, spaces, run.progress.say) if titles else None
+    named = _named(run, titles) if titles else None
     source = WikiConnector(run, named)
     return work(run, source, source.summary, phases=source.wanted, facts=source.facts)
+
+
+def _named(run: Run, titles: Path) -> IdList:
+    section = run.profile.section(WikiSection)
+    roots = [section.url, *([run.settings.kb_wiki_url] if run.settings.kb_wiki_url else [])]
+    return read_titles(titles, section.namespaces, run.progress.say, roots)
 
 
 class WikiConnector(Connector):
@@ -305,7 +310,7 @@ def plan_crawl(run: Run, titles: Path | None = None) -> Summary:
     assumed = [f"{SECONDS_A_PAGE} s a page in each of {run.workers} browsers"]
     asked = to_read(kinds, "info")
     if titles:
-        asked = len(read_titles(titles, section.namespaces, run.progress.say).keys)
+        asked = len(_named(run, titles).keys)
     if not titles and not listed and not kinds.get("info"):
         asked = PAGES
         assumed.append(f"{PAGES:,} pages, as the wiki's list was not read yet")

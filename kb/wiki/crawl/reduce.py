@@ -164,6 +164,10 @@ def _pages(frontier: Frontier, envelope: Envelope) -> None:
                 state = "unanswered"
         states[page.get("title")] = state
     names, asked = answers.renamed(query), answers.asked(params)
+    if turned := {change["from"] for change in query.get("redirects", [])}:
+        for key, *_, page in list(frontier.items("pages", "done", "todo", "error")):
+            if page.title in turned:
+                _mark_left(frontier, key, "moved")
     if tag != "r":  # a replay may come to the answers before the lists
         frontier.add("info", [(f"{tag}:{title}", Title(title)) for title in asked])
     for title in asked:

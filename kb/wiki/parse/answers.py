@@ -105,11 +105,15 @@ def elsewhere(query: dict[str, Any]) -> set[str]:
 
 
 def renamed(query: dict[str, Any]) -> dict[str, str]:
-    """Requested titles that the wiki writes differently, with its own spelling."""
-    return {
+    """Requested titles that the wiki writes differently or that lead elsewhere, with the title of
+    the page.
+    """
+    names = {
         unquote(change["from"]) if change.get("fromencoded") else change["from"]: change["to"]
         for change in query.get("normalized", [])
     }
+    targets = {change["from"]: change["to"] for change in query.get("redirects", [])}
+    return targets | {name: targets.get(title, title) for name, title in names.items()}
 
 
 class NamedPage(NamedTuple):
@@ -134,7 +138,7 @@ def named_pages(root: Path) -> list[NamedPage]:
         for page in query.get("pages", []):
             key, at = str(page.get("pageid", page.get("title"))), envelope.fetched_at or ""
             if at >= newest.get(key, ("", None))[0]:
-                there = state(page) == "there" and "redirects" not in query
+                there = state(page) == "there"
                 newest[key] = (at, _named(page, spaces, removed) if there else None)
     named = [page for key, (_, page) in newest.items() if page is not None and key not in removed]
     return sorted(page for page in named if page.title not in removed and page.title != front)

@@ -279,8 +279,8 @@ def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.
     if rows is None:
         names = table("youtube/transcripts")
         fields = [(each.name, each.parsed.arrow()) for each in (*names.columns, *names.inputs)]
-        counted = [("cue_words", pa.list_(pa.int64())), ("word_count", pa.int64())]
-        return pa.schema([*fields, *counted]).empty_table()
+        fields += [("cue_words", pa.list_(pa.int64())), ("word_count", pa.int64())]
+        return pa.schema(fields).empty_table()
     rows = rows.filter(pc.is_valid(rows["video_id"]))
     complete = pc.and_(
         pc.and_(pc.is_valid(rows["cues"]), pc.is_valid(rows["kind"])),

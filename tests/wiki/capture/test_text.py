@@ -163,6 +163,16 @@ def test_the_text_of_a_formula_is_its_tex(pages, look, shown):
     assert [cell["text"] for cell in extraction["cells"]] == ["1,250"]
 
 
+def test_lines_of_vertical_text_stand_beside_each_other(pages, look):
+    style = "writing-mode:vertical-rl;height:120px;font:20px/30px monospace;margin:0"
+    body = f"<div id=content><p style='{style}'>one <b>two</b><br>three <small>four</small><br>five"
+    (found,) = seen(pages, look, body)["elements"]
+    assert len(found["lines"]) == 3
+    assert all(height > width for _, _, width, height in found["lines"])
+    left = [x for x, *_ in found["lines"]]
+    assert left == sorted(left, reverse=True)
+
+
 def test_captions_belong_to_one_picture(pages, look):
     img = '<img src="/as-shown/{}.png">'.format
     frame = '<div class="thumb"><div class="thumbinner">{}</div></div>'.format

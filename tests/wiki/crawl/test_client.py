@@ -25,7 +25,6 @@ STRANGE = [
     {"error": "busy"},
     {"query": []},
     {"query": {}},
-    {"query": {"pages": {"1": {"title": "Alpha"}}}},
     {"query": {"pages": ["Alpha"], "allpages": ["Alpha"]}},
     {"query": {"pages": [{"pageid": "1"}], "allpages": [{"pageid": 1}]}},
 ]

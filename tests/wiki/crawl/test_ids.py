@@ -25,7 +25,7 @@ def test_read_titles(tmp_path, make_rows):
             {
                 "metadata": {
                     "url": "https://minecraft.fandom.com/wiki/Caf%C3%A9_%26_Bar",
-                    "title": "x",
+                    "title": "Café & Bar – Minecraft Wiki",
                 }
             }
         )
@@ -44,3 +44,45 @@ def test_read_titles(tmp_path, make_rows):
         lines.write_text(bad)
         with pytest.raises(SettingError, match="contains no titles"):
             read_titles(lines)
+
+
+@pytest.mark.parametrize(
+    ("line", "title"),
+    [
+        ("https://kiln.example/wiki/Raku_Kiln?oldid=7#Uses", "Raku Kiln"),
+        ("https://www.kiln.example/index.php/Raku_Kiln", "Raku Kiln"),
+        ("https://m.kiln.example/w/index.php/Slip/Casting", "Slip/Casting"),
+        ("https://kiln.example/w/index.php?action=edit&title=Slip_Casting", "Slip Casting"),
+        ("https://kiln.example/zh-tw/%E7%AA%AF", "窯"),
+        ("https://kiln.example/Raku", "Raku"),
+        ("[[Raku Kiln]]", "Raku Kiln"),
+        ("[[:Raku Kiln#Uses|the kiln]]", "Raku Kiln"),
+        ("https://kiln.example/?curid=5", None),
+        ("https://kiln.example/w/index.php?oldid=9", None),
+        ("https://other.example/wiki/Raku_Kiln", None),
+    ],
+)
+def test_addresses_and_links_of_one_wiki(tmp_path, line, title):
+    path = tmp_path / "titles.txt"
+    path.write_text(f"Always\n{line}\n", encoding="utf-8")
+    listed = read_titles(path, roots=["https://kiln.example"])
+    assert listed.keys == ["Always", *([title] if title else [])]
+    assert listed.bad_lines == (title is None)
+
+
+def test_a_copy_on_loopback_takes_the_addresses_of_its_original(tmp_path):
+    path, copy = tmp_path / "titles.txt", ["http://127.0.0.1:8000"]
+    path.write_text("https://kiln.example/wiki/Raku\n")
+    assert read_titles(path, roots=copy).keys == ["Raku"]
+    path.write_text("http://127.0.0.1:8000/wiki/Slip\nhttps://kiln.example/wiki/Raku\n")
+    assert read_titles(path, roots=copy)[::2] == (["Slip"], 1)
+
+
+def test_titles_of_a_table_with_addresses(tmp_path):
+    path = tmp_path / "titles.csv"
+    path.write_text(
+        "title,url\nRaku Kiln,https://kiln.example/index.php/Raku_Kiln\n"
+        "Slip Casting,https://kiln.example/?curid=4\n"
+        "Ash – Kiln Wiki,https://kiln.example/wiki/Ash\n"
+    )
+    assert read_titles(path).keys == ["Raku Kiln", "Slip Casting", "Ash"]

@@ -7,9 +7,10 @@ import json
 
 import pyarrow.parquet as pq
 import pytest
+from werkzeug.wrappers import Response
 
 from kb.core.config.pipeline import load, locate
-from kb.core.errors import NothingRead, SettingError
+from kb.core.errors import FatalError, NothingRead, SettingError
 from kb.filters.filter_run import run_clean
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
@@ -212,3 +213,31 @@ def test_purge_counts_what_it_knows(wiki, run, tmp_path):
     assert purged(run, "wiki", *lines) == (1, 3, 1, 1)
     assert purged(run, "wiki", *lines) == (0, 5, 0, 1)
     assert filtered(run)[1] == ["Zeta"]
+
+
+@pytest.mark.parametrize(
+    "before", ["\ufeff", "<br />\n<b>Notice</b>: Undefined index in <b>/w/X.php</b><br />\n"]
+)
+def test_what_stands_before_the_apis_answers_is_left_out(wiki, run, before):
+    wiki.add(1, "Alpha")
+
+    def answer(request):
+        if request.path != "/w/api.php":
+            return None
+        text = before + json.dumps(wiki.api(request))
+        return Response(text, content_type="application/json; charset=utf-8")
+
+    wiki.hook = answer
+    assert crawl(run)["crawled"] == 1
+    assert filtered(run)[1] == ["Alpha"]
+
+
+def test_an_api_of_before_2015_is_one_line_with_the_reason(wiki, run):
+    wiki.add(1, "Alpha")
+    wiki.hook = lambda request: (
+        {"query": {"pages": {"1": {"pageid": 1, "ns": 0, "title": "Alpha"}}}}
+        if "titles" in request.args
+        else None
+    )
+    with pytest.raises(FatalError, match=r"MediaWiki before 1\.25"):
+        crawl(run)

@@ -7,8 +7,8 @@ from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show
 from kb.cli.framework.options import Options
 from kb.core import terminal
+from kb.core.sources import SOURCES
 from kb.core.summary import vocabulary
-from kb.store.layout import BELOW
 
 app = group("Show progress, quota, age of the data and what is left.")
 
@@ -58,23 +58,26 @@ def lines(about: dict[str, Any]) -> list[str]:
         shown += ["", f"pairs: {', '.join(made)}"]
     if about["tasks"]:
         shown += ["", f"tasks: {about['tasks']:,}"]
-    if links := about["links"]:
-        shown += ["", f"links: {_linked(links)}"]
+    if about["links"]:
+        shown += ["", f"links: {vocabulary.nouns(about['links'])}"]
+    if about["stale"]:
+        why = [f"{one['artifact']}: {', '.join(one['reasons'])}" for one in about["stale"]]
+        shown += ["", "out of date:", *(f"  {line}" for line in why)]
     disk = ", ".join(f"{name} {terminal.size(n)}" for name, n in about["disk_bytes"].items())
     shown += ["", f"disk: {disk}"]
     shown += [f"next: {step}" for step in about["next"]]
     if about["download"]:
         shown.append("next: `kb restore` restores its content; `kb search` and `kb query` read it")
+        return shown
+    sources = about["sources"].values()
+    waits = {name: sum(facts.get(name, 0) for facts in sources) for name in ("pending", "failed")}
+    if any(facts["running_pid"] for facts in sources):
+        shown += [] if about["next"] else ["next: wait for the running command"]
+    elif any(waits.values()) and not about["next"]:
+        shown.append("left: " + ", ".join(f"{n:,} {name}" for name, n in waits.items() if n))
     elif not about["next"]:
-        running = any(facts["running_pid"] for facts in about["sources"].values())
-        shown.append("next: wait for the running command" if running else "nothing is left to do")
+        shown.append("nothing is left to do")
     return shown
-
-
-def _linked(links: dict[str, Any]) -> str:
-    older = " and ".join(str(BELOW.clean(source)) for source in links["older_than"])
-    counts = vocabulary.nouns({name: links[name] for name in ("entities", "links")})
-    return counts + (f"; older than {older}" if older else "")
 
 
 def _source(source: str, facts: dict[str, Any]) -> list[str]:
@@ -115,6 +118,11 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
             f"  quota {bucket}: {quota['spent']:,} of {quota['limit']:,} spent today,"
             f" {quota['left']:,} left, resets {quota['resets_at']}"
         )
+    for reason, n in facts["waiting"].items():
+        if reason == "po_token":  # they have a line of their own
+            continue
+        hint = SOURCES[source].waiting.get(reason, "the next crawl asks for them again")
+        lines.append(f"  {n:,} pending ({reason}): {hint}")
     asked = {name: facts[name] for name in ("units", "requests")}
     asked_for = [vocabulary.phrase(name, value, {}) for name, value in asked.items()]
     if any(asked_for):

@@ -5,6 +5,7 @@ stops a running crawl.
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from datetime import timedelta
 from pathlib import Path
@@ -12,69 +13,44 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow.parquet as pq
 
-from kb.artifacts import manifest, texts
+from kb.artifacts import freshness
 from kb.artifacts.table_catalog import Catalog, view_name
 from kb.cli.framework.messages import complete
 from kb.core import clock
 from kb.core.source import Source
-from kb.core.sources import SOURCES, made_of
+from kb.core.sources import SOURCES
 from kb.core.summary import vocabulary
 from kb.schema.tables import tables as declared
 from kb.store import lock
 from kb.store.layout import TOP, Layout, parquet_files
-from kb.store.tables import reading
+from kb.store.tables import parquet, reading
 from kb.store.tables.row_counts import rows, span, tally
 
 if TYPE_CHECKING:
     from kb.core.context import Run
 
 
-def next_steps(run: Run, sources: dict[str, dict[str, Any]], links: dict[str, Any]) -> list[str]:
-    """The next commands, as they have to be typed; one for each source that needs one.
-
-    `sources` and `links` are those of the overview.
-    """
+def next_steps(run: Run, sources: dict[str, dict[str, Any]], stale: Any) -> list[str]:
+    """The next commands, as they have to be typed: what a source needs, then `kb build`."""
     steps = [step for name, about in sources.items() if (step := _step(run, name, about))]
-    if sources and not steps:
-        steps = _of_all(run, sources, links)[:1]
+    if stale and not any(about["running_pid"] for about in sources.values()):
+        steps.append("build")
     return [complete(step) for step in steps]
 
 
 def _step(run: Run, source: str, about: dict[str, Any]) -> str:
-    """The next command for a source: crawl, filter, refresh or export.
-
-    A source with a credential is not crawled without it.
+    """The next command that asks a service: crawl or refresh. A source with a credential is not
+    crawled without it.
     """
-    if about["running_pid"]:
+    of = SOURCES[source]
+    if about["running_pid"] or (of.credential and getattr(run.settings, of.credential) is None):
         return ""
-    of, root = SOURCES[source], run.root
-    asks = not of.credential or getattr(run.settings, of.credential) is not None
-    if asks and of.refreshed and set(about["left_by"]) == {of.noun(of.refreshed)}:
+    if of.refreshed and set(about["left_by"]) == {of.noun(of.refreshed)}:
         return f"refresh {source}"
     failed = sum(counts.get("error", 0) for counts in about["phases"].values())
-    if asks and (about["left"] or failed):
+    if about["left"] or failed:
         return f"{source} crawl"
-    if Layout(root).raw(source).is_dir() and not manifest.is_current(root, f"clean/{source}"):
-        return f"{source} filter"
-    if asks and about["too_old"]:
-        return f"refresh {source}"
-    if Layout(root).summary(source).is_file() and not manifest.is_current(
-        root, f"release/{source}"
-    ):
-        return f"{source} export"
-    return ""
-
-
-def _of_all(run: Run, sources: dict[str, dict[str, Any]], links: dict[str, Any]) -> list[str]:
-    """What is not made yet, or not of today's rows, of what all sources lead to."""
-    at = Layout(run.root)
-    is_made = {
-        "pairs": not any(map(sources.get, made_of("pairs"))) or bool(parquet_files(at.pairs)),
-        "links": run.profile.pairs is None or bool(links and not links["older_than"]),
-        "release": any(at.release().glob("*/SHA256SUMS")),
-        "report": at.page.is_file(),
-    }
-    return [name for name, made in is_made.items() if not made]
+    return f"refresh {source}" if about["too_old"] else ""
 
 
 _ANSWERS = ("crawled", "kept", "rejected", "failed", "pending", "missing")
@@ -85,7 +61,11 @@ def overview(run: Run) -> dict[str, Any]:
     """Facts about the data root: by source, disk use in bytes by folder, next commands."""
     catalog = Catalog(run.root)
     sources = {source: about for source in SOURCES if (about := _source(run, source, catalog))}
-    links = _links(catalog)
+    links = _schema_rows(catalog, "links", "links")
+    stale = []
+    if run.profile.path != Path() and not catalog.is_download:
+        found = freshness.plan(run, freshness.graph(run))
+        stale = [{"artifact": name, "reasons": why} for name, why in found.items()]
     folders = [one.path for one in catalog.releases] if catalog.is_download else []
     disk = {path.name: _size(path) for path in folders or _folders(run.root)}
     collected = any(about["rows"] or about["phases"] for about in sources.values())
@@ -105,7 +85,8 @@ def overview(run: Run) -> dict[str, Any]:
         },
         "tasks": _schema_rows(catalog, "clean", "tasks").get("tasks", 0)
         or _schema_rows(catalog, "release", "tasks").get("tasks", 0),
-        "next": next_steps(run, sources, links) if collected else [],
+        "stale": stale,
+        "next": next_steps(run, sources, stale) if collected else [],
     }
 
 
@@ -133,6 +114,7 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     about |= _verdicts(run.root, source)
     about |= {"released": released, "restored": restored}
     about |= _age(run, source, catalog)
+    about["waiting"] = _waiting(run.root, source)
     about["unknown_keys"] = _unknown_keys(run.root, source)
     return about | of.incomplete(run.root)
 
@@ -158,15 +140,6 @@ def _frontier(run: Run, source: Source, state: Path) -> dict[str, Any]:
         }
 
 
-def _links(catalog: Catalog) -> dict[str, Any]:
-    """Rows of the entity tables, and the sources that have changed since; empty without tables."""
-    counts = _schema_rows(catalog, "links", "links")
-    if not counts:
-        return {}
-    older = [] if catalog.is_download else texts.changed(catalog.path, "links")
-    return {"entities": 0, "links": 0, **counts, "older_than": older}
-
-
 def _verdicts(root: Path, source: str) -> dict[str, Any]:
     """The four verdicts of the last filter, in total and by table; empty before the first."""
     by_table = tally(Layout(root).clean(source), SOURCES[source].tables)
@@ -174,6 +147,14 @@ def _verdicts(root: Path, source: str) -> dict[str, Any]:
         return {"tally": {}}
     total = {name: sum(each[name] for each in by_table.values()) for name in _ANSWERS}
     return {**total, "tally": by_table}
+
+
+def _waiting(root: Path, source: str) -> dict[str, int]:
+    """Pending rows of the last filter, by reason."""
+    counts: Counter[str] = Counter()
+    for path in parquet_files(Layout(root).clean(source) / "pending"):
+        counts.update(map(str, parquet.read_table(path, columns=["reason"])["reason"].to_pylist()))
+    return dict(sorted(counts.items()))
 
 
 def _clean_rows(root: Path, source: str) -> dict[str, int]:

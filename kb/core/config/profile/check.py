@@ -175,7 +175,7 @@ def _meant(profile: Profile, data: dict[str, Any]) -> Iterator[Remark]:
         yield NOTE, "toxicity", "'toxicity' is off: no text is scored", fix
     contact = profile.release.contact
     if contact and contact != FILL_IN and not is_contact(contact):
-        what = f"'release.contact' is \"{contact}\", no mail or web address"
+        what = f"'release.contact' is \"{contact}\", not an e-mail or web address"
         fix = "such as me@example.org or https://example.org/about"
         yield ERROR, "release.contact", what, fix
     unsigned = profile.release.unsigned()
@@ -197,7 +197,7 @@ def _published(profile: Profile) -> Iterator[Remark]:
     for source, spdx in profile.release.licenses.items():
         if spdx not in KNOWN:
             key = f"release.licenses.{source}"
-            what = f"'{key}' is \"{spdx}\", no SPDX id that a release can carry"
+            what = f"'{key}' is \"{spdx}\", not an SPDX id that a release can carry"
             yield ERROR, key, what, f"known: {', '.join(sorted(KNOWN))}"
 
 

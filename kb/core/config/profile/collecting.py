@@ -192,7 +192,7 @@ class Markup(Section):
         try:
             groups = re.compile(value).groups
         except re.error as error:
-            raise ValueError(f"is no regular expression: {error}") from None
+            raise ValueError(f"is not a regular expression: {error}") from None
         if value and groups != 1:
             raise ValueError("must have one group, which is the name: Icon of (.+)")
         return value

@@ -110,7 +110,7 @@ class Tasks(Section):
             *("i show you how to", "i will show you how to", "i'll show you how to"),
             *("i'm going to show you how to", "we", "i", "the easiest way to", "the best way to"),
         ),
-        description="phrases before the verb that are no part of a prompt",
+        description="phrases before the verb that do not belong to a prompt",
     )
     talk: Phrases = Field(
         (

@@ -94,7 +94,7 @@ ERRORS = [
     toml("[release]", "min_tokens = 70\nmax_tokens = 60\n[release]", 10, "min_tokens is above"),
     toml("[release]", "[toxicity.thresholds]\nreddit = 0\n[release]", 13, "is 0", "than 0"),
     toml("[reddit]", "max_page_height = 1000\n[reddit]", 8, "nothing passes", "the window"),
-    toml(CONTACT, 'contact = "me"', 13, "no mail or web address", "such as"),
+    toml(CONTACT, 'contact = "me"', 13, "not an e-mail or web address", "such as"),
     toml('"garden"', '"minecraft"', 1, "that of the shipped profile", "a name of its own"),
     toml('"garden"', '"My Garden"', 1, "'name' is \"My Garden\"", "short name"),
     Broken(

@@ -218,7 +218,7 @@ def refuse(folder: Path, old: str, new: str, *fragments: str) -> None:
         (
             "[youtube]",
             '[wiki]\nurl = "https://a.b"\nmarkup.item = "(."\n[youtube]',
-            ["'wiki.markup.item' ", "is no regular expression"],
+            ["'wiki.markup.item' ", "is not a regular expression"],
         ),
         (
             "[26]",

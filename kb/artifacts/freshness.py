@@ -1,0 +1,370 @@
+"""What is out of date, and why: the one answer for `kb build`, `kb status`, what `kb release`
+refuses, and the warnings of commands that read.
+
+The manifest of an artifact records digests of its inputs, the values of the profile and of keyword
+files that its command read, and the number of its rules. It is current when all three are those of
+now and its inputs are current too.
+
+    settings(run, "pairs")        what its manifest records
+    reasons(run, "pairs")         why it has to be made again; [] where it has not
+    plan(run, graph(run))         every artifact that is out of date with its reasons, in order
+"""
+
+import hashlib
+import os
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from kb.artifacts import index, manifest
+from kb.artifacts.manifest import Manifest
+from kb.artifacts.table_catalog import Catalog
+from kb.core.config.profile import Profile
+from kb.core.context import Run
+from kb.core.errors import DamagedData, FatalError, SettingError
+from kb.core.installation import PROFILE_FILE, lock_digest
+from kb.core.sources import MADE_OF, PUBLISHED, SOURCES, made_of
+from kb.schema.tables import table
+from kb.store.artifact_registry import ARTIFACTS
+from kb.store.layout import Layout
+from kb.store.rawlog import rawlog
+from kb.store.state import json_files, tombstones
+
+MODEL = "KB_TOXICITY_MODEL"
+RELEASE = "release"  # cards, metadata and checksums of all folders: not a folder of its own
+FORMATS = tuple(dict.fromkeys(name for one in PUBLISHED.values() for name in one.formats))
+NAMES = (*SOURCES, *(name for name in MADE_OF if name != "open-text"), "index", "report", RELEASE)
+_NEVER_MADE = "not made yet"
+_LONGEST = 40  # characters of a value in a message
+_SHOWN = 3  # artifacts that a warning names
+
+Reasons = dict[str, list[str]]
+"""Of artifacts, in the order in which they are made."""
+
+
+def settings(run: Run, name: str) -> dict[str, Any]:
+    """The values that decide an artifact's content, by their keys in the profile; of a keyword
+    file, digests of its lines; of the columns of its tables, a digest.
+    """
+    artifact = ARTIFACTS[name]
+    found = _values(run.profile, artifact.settings, artifact.other_settings)
+    for one in artifact.tables:  # a table that has other columns now is made again
+        columns = str(table(one).arrow()).encode()
+        found[f"schemas/{one}"] = hashlib.sha256(columns).hexdigest()[:12]
+    return found
+
+
+def _settings_now(run: Run, name: str, made: Manifest) -> dict[str, Any]:
+    """The same with the model whose scores count now: of another model that is not installed the
+    stored scores are used as they are.
+    """
+    found, source = settings(run, name), name.removeprefix("clean/")
+    if source != name and run.profile.toxicity.on and MODEL in made.settings:
+        used = str(made.settings[MODEL])
+        same = used.startswith(f"{run.settings.kb_toxicity_model}@")
+        found[MODEL] = used if same else SOURCES[source].model(run) or used
+    return found
+
+
+def _values(profile: Profile, parts: Sequence[str], others: Sequence[str] = ()) -> dict[str, Any]:
+    data = profile.model_dump(mode="json")
+    if profile.youtube is not None:
+        data["youtube"]["topic_keywords"] = list(profile.youtube.words)
+    found = {
+        key: value
+        for key, value in _flat(data, "")
+        if _is_in(key, parts) and not _is_in(key, others)
+    }
+    if "keywords" in parts or "" in parts:
+        for file in profile.pairs.keyword_files if profile.pairs else ():
+            found[file] = _lines(profile.resolve_file(file))
+    return found
+
+
+def _flat(data: Mapping[str, Any], above: str) -> Iterable[tuple[str, Any]]:
+    for name, value in data.items():
+        if isinstance(value, dict) and value:
+            yield from _flat(value, f"{above}{name}.")
+        else:
+            yield f"{above}{name}", value
+
+
+def _is_in(key: str, parts: Sequence[str]) -> bool:
+    return any(part in ("", key) or key.startswith(f"{part}.") for part in parts)
+
+
+def _lines(path: Path) -> str:
+    """A short digest of each line that is no comment."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError):
+        return ""  # whoever reads the keywords says what is wrong
+    rows = (line.strip() for line in text.splitlines())
+    kept = (line for line in rows if line and not line.startswith("#"))
+    return " ".join(hashlib.sha256(line.encode()).hexdigest()[:12] for line in kept)
+
+
+def reasons(run: Run, name: str, stale: Collection[str] = ()) -> list[str]:
+    """Why an artifact has to be made again, [] where it is current. Of its inputs those in `stale`
+    count as changed. Raises DamagedData.
+    """
+    if name == RELEASE:
+        return _release_reasons(run, stale)
+    artifact, root = ARTIFACTS[name], run.root
+    catalog = Catalog(root.absolute())
+    source = name.removeprefix("index/")
+    place = index.home(root, source) if source != name else catalog.workplace
+    made = manifest.read(place, name)
+    if name == "release/open-text" and not run.profile.release.open_text:
+        return ["release.open_text true → false"] if made or artifact.folder(root).exists() else []
+    if made is None:
+        return [_NEVER_MADE]
+    lost = [] if source != name else manifest.missing(place, name)
+    found = [f"{lost[0].name} is missing"] if lost else []
+    if not made.figures.get("complete", True):
+        found.append("not finished")
+    find = catalog.texts if source != name or name == "links" else partial(manifest.rows, root)
+    for one in artifact.inputs:
+        if one in stale:
+            found.append(one)
+        elif manifest.input_digest(root, name, one, find) != made.inputs.get(one):
+            found.append("/".join(one.split("/")[:2]))
+    return [*dict.fromkeys(found), *changes(made, _settings_now(run, name, made))]
+
+
+def changes(made: Manifest, now: Mapping[str, Any]) -> list[str]:
+    """What has changed of settings and rules since an artifact was made, in words."""
+    before, rules = made.settings, ARTIFACTS[made.artifact].rules if made.artifact != RELEASE else 1
+    found = [
+        _change(key, before.get(key), now.get(key))
+        for key in dict.fromkeys((*now, *before))
+        if now.get(key) != before.get(key)
+    ]
+    if len(found) > 1:  # what changed in it is named
+        found = [one for one in found if one != PROFILE_FILE]
+    return found + ([f"rules {made.rules} → {rules}"] if made.rules != rules else [])
+
+
+def _change(key: str, before: Any, now: Any) -> str:
+    if key.endswith(".tsv"):
+        old, new = (Counter(str(one or "").split()) for one in (before, now))
+        lines = max((new - old).total(), (old - new).total())
+        return f"{key}, {lines} {'line' if lines == 1 else 'lines'}" if lines else f"{key}, order"
+    if key == PROFILE_FILE or key.startswith("schemas/"):
+        return key
+    if isinstance(before, list) and isinstance(now, list):
+        more = [f"+{one}" for one in now if one not in before]
+        gone = [f"−{one}" for one in before if one not in now]
+        return f"{key} {_short(' '.join([*more, *gone]) or 'in another order')}"
+    return f"{key} {_shown(before)} → {_shown(now)}"
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "unset"
+    return str(value).lower() if isinstance(value, bool) else _short(str(value))
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+
+
+# -- what is described by `kb release` -------------------------------------------------------------
+
+
+def note_described(run: Run, names: Iterable[str]) -> None:
+    """Record what the descriptions of these release folders were made of. Raises DiskFull."""
+    made, now = _described(run.root), _release_settings(run)
+    kept = made.inputs if made is not None and made.settings == now else {}
+    inputs = kept | {f"release/{name}": _described_input(run.root, name) for name in names}
+    manifest.write(_release_place(run.root), Manifest(RELEASE, "kb release", "", inputs, now, 1))
+
+
+def _release_reasons(run: Run, stale: Collection[str]) -> list[str]:
+    made = _described(run.root)
+    if made is None:
+        return [_NEVER_MADE]
+    names = [name for name in PUBLISHED if ARTIFACTS[f"release/{name}"].manifest(run.root).exists()]
+    found = []
+    for name in names:
+        folder = f"release/{name}"
+        if folder in stale or made.inputs.get(folder) != _described_input(run.root, name):
+            found.append(folder)
+    return found + changes(made, _release_settings(run))
+
+
+def _release_settings(run: Run) -> dict[str, Any]:
+    texts_ = run.profile.path.read_bytes() if run.profile.path.is_file() else b""
+    values = _values(run.profile, ("",))
+    made_with = {
+        "lorecrawl": version("lorecrawl"),
+        "lock file": (lock_digest() or "")[:12],
+        "SOURCE_DATE_EPOCH": os.environ.get("SOURCE_DATE_EPOCH"),
+    }
+    profile = {PROFILE_FILE: hashlib.sha256(texts_).hexdigest()[:12]}
+    return values | made_with | profile
+
+
+def _described_input(root: Path, name: str) -> str:
+    """A digest of all that a release folder's card speaks of: its data, what they were made of, and
+    what was removed.
+    """
+    folder = Layout(root).release(name)
+    parts = [str((folder / "SHA256SUMS").is_file())]
+    artifacts = [f"release/{name}", *(f"clean/{one}" for one in made_of(name)), "labels"]
+    if name in ARTIFACTS:
+        artifacts.append(name)
+    for one in artifacts:
+        if (made := manifest.read(root, one)) is not None:
+            parts.append(f"{one} {manifest.digest_of_files(made)}")
+    parts += [str(tombstones.version(root, one)) for one in made_of(name)]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def _release_place(root: Path) -> Path:
+    return Layout(root).state_folder() / "manifests" / f"{RELEASE}.json"
+
+
+def _described(root: Path) -> Manifest | None:
+    return json_files.read(_release_place(root), Manifest, fix="run `kb release` again")
+
+
+# -- the graph -------------------------------------------------------------------------------------
+
+
+def graph(run: Run, asked: Sequence[str] = ()) -> list[str]:
+    """The artifacts that `kb build` with these names looks after, each after its inputs; without
+    names all but export formats. A source without raw data is left out. Raises SettingError.
+    """
+    if unknown := [name for name in asked if name not in (*NAMES, *FORMATS)]:
+        raise SettingError(
+            f"there is nothing called {unknown[0]!r} to build",
+            hint=f"names: {', '.join(NAMES)}; formats: {', '.join(FORMATS)}",
+        )
+    every = [name for name in _ordered() if _is_possible(run, name)]
+    if not asked:
+        return [name for name in every if not name.startswith("export/")]
+    wanted: set[str] = set()
+    for name in every:
+        kind, _, rest = name.partition("/")
+        owner = PUBLISHED[rest].part_of or rest if rest in PUBLISHED else rest
+        if (
+            kind in asked
+            or (kind in ("clean", "release") and owner in asked)
+            or (kind == "release" and RELEASE in asked)
+            or (kind == "export" and rest.partition("/")[0] in asked)
+        ):
+            wanted.add(name)
+    for name in reversed(every):
+        if name in wanted and name != RELEASE:
+            wanted |= set(ARTIFACTS[name].inputs)
+    return [name for name in every if name in wanted]
+
+
+def _ordered() -> list[str]:
+    """Every artifact that can be made again from others, inputs first."""
+    filters = [f"clean/{source}" for source in SOURCES]
+    exports = [f"release/{name}" for name in PUBLISHED if made_of(name)[0] == name]
+    parts = [f"release/{name}" for name in PUBLISHED if PUBLISHED[name].part_of]
+    made = [one for name in ("pairs", "tasks", "links") for one in (name, f"release/{name}")]
+    indexes = [f"index/{source}" for source in SOURCES]
+    formats = [one for one in ARTIFACTS if made_from(one)]
+    return [*filters, *exports, *parts, *made, *indexes, "report", *formats, RELEASE]
+
+
+def made_from(name: str) -> str:
+    """The published data that an export format has; "" for what is no format."""
+    return next(
+        (one for one in PUBLISHED if name.removeprefix("export/") in PUBLISHED[one].exports), ""
+    )
+
+
+def _is_possible(run: Run, name: str) -> bool:
+    """Whether the data root and the profile have what an artifact is made of."""
+    root, profile = run.root, run.profile
+    kind, _, rest = name.partition("/")
+    if kind == "clean":
+        return getattr(profile, rest) is not None and rawlog.any_answer(root, rest)
+    if name == "release/open-text":
+        shown = profile.release.open_text or ARTIFACTS[name].folder(root).exists()
+        return shown and _has_rows(run, "youtube")
+    needs_keywords = {"pairs", "links"} & {kind, rest, made_from(name)}
+    if needs_keywords and profile.pairs is None:
+        return False
+    of = rest if kind in ("release", "index") else made_from(name) or kind
+    sources = made_of(of) if of in PUBLISHED else tuple(SOURCES)
+    return any(_has_rows(run, one) for one in sources)
+
+
+def _has_rows(run: Run, source: str) -> bool:
+    """Whether a source has clean tables, or raw answers that give some."""
+    tables = SOURCES[source].tables
+    there = any(Layout(run.root).rows(f"{source}/{short}") for short in tables)
+    return there or _is_possible(run, f"clean/{source}")
+
+
+def plan(run: Run, names: Iterable[str]) -> Reasons:
+    """Of these artifacts, which come after their inputs, those that are out of date, and why.
+    Raises DamagedData.
+    """
+    found: Reasons = {}
+    for name in names:
+        if why := reasons(run, name, found):
+            found[name] = why
+    return found
+
+
+def stale(run: Run, *names: str) -> Reasons:
+    """What is out of date of these artifacts and of all that they are made of, as far as it was
+    made here; nothing in a download, and where nothing can be made again.
+    """
+    if Catalog(run.root.absolute()).is_download:
+        return {}
+    wanted = set(names)
+    every = [name for name in _ordered() if _is_possible(run, name)]
+    for name in reversed(every):
+        if name in wanted and name != RELEASE:
+            wanted |= set(ARTIFACTS[name].inputs)
+    there = [one for one in every if one in wanted and manifest.read(run.root, one) is not None]
+    return plan(run, there)
+
+
+def lines(found: Reasons) -> list[str]:
+    """A line an artifact: its name and its reasons."""
+    return [f"{name}: {', '.join(why)}" for name, why in found.items()]
+
+
+def refuse(run: Run, *names: str) -> None:
+    """Raises FatalError while one of these artifacts is out of date; a download never is."""
+    if any(manifest.read(run.root, name) is not None for name in names) and (
+        found := stale(run, *names)
+    ):
+        first = next(iter(found))
+        raise FatalError(
+            f"{names[0]} is out of date: {lines(found)[0]}",
+            hint=f"run `kb build {names[0]}`" + ("" if len(found) == 1 else f" (first {first})"),
+        )
+
+
+def warning(run: Run) -> str:
+    """A line for commands that only read, "" where everything is current. A root that can't be
+    looked through is no reason to fail.
+    """
+    if run.profile.path == Path():  # without a profile nothing can be compared
+        return ""
+    try:
+        if Catalog(run.root.absolute()).is_download:
+            return ""
+        names = [one for one in graph(run) if one not in (RELEASE, "report")]
+        names = [one for one in names if not one.startswith("index/")]  # a search makes them
+        found = {name: why for name, why in plan(run, names).items() if why != [_NEVER_MADE]}
+    except (DamagedData, OSError):
+        return ""
+    if not found:
+        return ""
+    shown = "; ".join(lines(found)[:_SHOWN])
+    more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
+    return f"out of date: {shown}{more}; run `kb build`"

@@ -1,0 +1,298 @@
+"""`kb build`: makes what is out of date, in order, and says why; `kb update`: crawls first."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated, Any
+
+import typer
+
+from kb.cli.framework.command import command, group
+from kb.cli.framework.messages import find_command, show
+from kb.cli.framework.options import CLUSTER, Plan, pipeline
+from kb.core.context import Run
+from kb.core.errors import (
+    DiskFull,
+    FatalError,
+    Interrupted,
+    KbError,
+    NothingKept,
+    SettingError,
+    Stopped,
+)
+from kb.core.sources import PUBLISHED, SOURCES
+from kb.core.summary import Summary
+
+app = group("Make everything that is out of date, in order.")
+
+
+@command(
+    app,
+    uses=CLUSTER,
+    json="made, current, failed, steps (each with artifact, reasons and outcome)",
+    planned=("names",),
+    needs_data=True,
+    checks=True,
+    examples=[
+        "kb build                       filters, exports, pairs … and the release",
+        "kb build --plan                what would be made, and why",
+        "kb build pairs                 pairs with release/pairs, and all that they need",
+        "kb build text                  the export format text, which is made only on request",
+    ],
+)
+def build(
+    run: Run,
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[NAME]...",
+            help="youtube, wiki, reddit, pairs, tasks, links, index, report, release, or an export"
+            " format. [default: all but the formats]",
+        ),
+    ] = None,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Print what would be made and why; write nothing.")
+    ] = False,
+) -> Summary:
+    """Make what is out of date: filters, exports, pairs, tasks, links, index, report, release.
+
+    Out of date is what was made from other inputs, from other values of the profile or of keyword
+    files, or by older rules. What turns out to have the same inputs after all is left as it is. A
+    source without raw data is left out. After a failure everything that does not depend on it is
+    still made; the same command resumes.
+    """
+    from kb.artifacts import freshness
+    from kb.artifacts.table_catalog import Catalog
+
+    if Catalog(run.root.absolute()).is_download:
+        raise FatalError(f"{run.root} is a download", hint="only a data root can be built")
+    graph = freshness.graph(run, names or ())
+    if not graph:
+        what = " and ".join(names or ()) or "anything"
+        raise FatalError(
+            f"{run.root} has no raw data to make {what} from",
+            hint="run a crawl or an import first, or `kb demo` to see the whole job",
+        )
+    found = freshness.plan(run, graph)
+    steps = [{"artifact": name, "reasons": why} for name, why in found.items()]
+    if plan:
+        for line in freshness.lines(found):
+            show(line)
+        return Summary(command="build --plan", current=len(graph) - len(found), steps=steps)
+    return _make(run, len(graph), found, steps)
+
+
+def _make(run: Run, size: int, found: dict[str, list[str]], steps: list[dict[str, Any]]) -> Summary:
+    """Make what was found, of `size` artifacts, as far as it is still out of date when its turn
+    comes; each of `steps` gets its outcome.
+    """
+    from kb.artifacts import freshness
+    from kb.store.artifact_registry import ARTIFACTS
+
+    lost: dict[str, KbError] = {}  # artifacts that are not there in today's form, and why
+    failures: list[tuple[str, KbError]] = []
+    summary = Summary(command="build", made=0, current=size - len(found), failed=0, steps=steps)
+    for name, step in zip(found, steps, strict=True):
+        inputs = ARTIFACTS[name].inputs if name in ARTIFACTS else list(found)
+        if without := [one for one in inputs if one in lost]:
+            lost[name] = lost[without[0]]
+            step["outcome"] = f"left out: {without[0]} failed"
+            run.progress.say(f"{name} is left out, because {without[0]} failed")
+            continue
+        if not (why := freshness.reasons(run, name)):
+            step["outcome"] = "unchanged"
+            summary["current"] += 1
+            continue
+        run.progress.say(f"{name}: {', '.join(why)}")
+        try:
+            _make_one(run, name)
+        except Stopped as error:
+            error.summary = summary
+            raise
+        except KbError as error:
+            failures.append((name, error))
+            step["outcome"] = f"failed: {error}"
+            run.progress.say(f"{name} failed: {error}")
+            for line in getattr(error, "problems", []):
+                show(line, err=True)
+            if not isinstance(error, NothingKept):  # its tables are there, without rows
+                lost[name] = error
+                summary["failed"] += 1
+                continue
+        else:
+            step["outcome"] = "made"
+        summary["made"] += 1
+    if not failures:
+        return summary
+    name, first = failures[0]
+    more = f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""
+    ended = FatalError(f"{name}{more} failed: {first}", hint=first.hint)
+    ended.summary = summary
+    raise ended
+
+
+def _make_one(run: Run, name: str) -> None:
+    """Make one artifact by the code of its command."""
+    from kb.artifacts import domain_binding, freshness
+    from kb.export import layouts
+
+    kind, _, rest = name.partition("/")
+    if kind == "clean":
+        from kb.filters.filter_run import check_kept, run_clean
+
+        check_kept(run, rest, run_clean(run, rest))
+    elif kind == "index":
+        from kb.search.build import follow
+
+        follow(run, rest)
+    elif kind == "report":
+        from kb.report.build import report
+
+        report(run)
+    elif name == freshness.RELEASE:
+        pipeline(run, "release").release(run, [])
+    elif kind in ("pairs", "tasks", "links"):
+        room = pipeline(run, kind)
+        with domain_binding.writing(run, kind, f"release-{kind}"):
+            room.build(run) if kind == "pairs" else room.tables(run)
+    else:
+        of = rest if kind == "release" else freshness.made_from(name)
+        layout = "parquet" if kind == "release" else rest.partition("/")[0]
+        owner = PUBLISHED[of].part_of
+        locks = [f"release-{one}" for one in (of, owner) if one]
+        with domain_binding.writing(run, *locks):
+            layouts.export(run, of, layout)
+
+
+update_app = group("Do what is due: crawl what is new, refresh, purge, build.")
+
+
+@command(
+    update_app,
+    uses=(*CLUSTER, "wait"),
+    json="sources (the summaries of each source's steps), made, current, failed, steps",
+    planned=("sources",),
+    needs_data=True,
+    checks=True,
+    examples=[
+        "kb update                      for a timer: see docs/recurring.md",
+        "kb update reddit --wait        one source; sleep until its limit is reset",
+        "kb update --plan               what it would ask for, and what it would make",
+    ],
+)
+def update(
+    run: Run,
+    sources: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[SOURCE]...", help="youtube, wiki or reddit. [default: all crawled ones]"
+        ),
+    ] = None,
+    plan: Plan = False,
+) -> Summary:
+    """Bring a data root up to date, as a timer does: crawl what is new, read again what is older
+    than the services' terms allow, purge what was deleted there, then build.
+
+    Only sources that this data root has crawled through a service. Where a quota or limit ends a
+    source, the others and the build go on, the exit code is 3, and the next run goes on there.
+    """
+    chosen = _crawled_sources(run, sources or [])
+    if plan:
+        return _planned_update(run, chosen)
+    done: dict[str, dict[str, Any]] = {name: {} for name in chosen}
+    failures: list[tuple[str, KbError]] = []
+    for name, step in ((one, step) for one in chosen for step in _steps_of(one)):
+        if any(name in failed.split() for failed, _ in failures):
+            continue
+        run.progress.say(f"kb {step}")
+        # An unfinished round goes on; a finished one is followed by the next.
+        as_run = replace(run, again=step.endswith(" crawl"))
+        try:
+            command_: Any = find_command(step.split())
+            done[name][step] = command_.function(as_run)
+        except (Interrupted, DiskFull):
+            raise
+        except KbError as error:
+            failures.append((step, error))
+            run.progress.say(f"kb {step}: {error}")
+    summary = Summary(command="update", sources=done)
+    try:
+        summary |= {name: value for name, value in build(run).items() if name != "command"}
+    except (Interrupted, DiskFull):
+        raise
+    except KbError as error:
+        failures.append(("build", error))
+        summary |= {
+            name: value for name, value in (error.summary or {}).items() if name != "command"
+        }
+    if not failures:
+        return summary
+    step, first = min(failures, key=lambda one: isinstance(one[1], Stopped))
+    kind = type(first) if isinstance(first, Stopped) else FatalError
+    ended = kind(f"kb {step}: {first}", hint=first.hint or "the next run goes on there")
+    ended.summary = summary
+    raise ended
+
+
+def _steps_of(source: str) -> list[str]:
+    """The commands that ask the service, in order."""
+    refresh = [f"refresh {source}"] if SOURCES[source].refreshed else []
+    return [f"{source} crawl", *refresh, f"purge {source}"]
+
+
+def _crawled_sources(run: Run, asked: list[str]) -> list[str]:
+    """The sources that were crawled through a service, with their credentials.
+
+    Raises SettingError, FatalError without any, MissingCredential.
+    """
+    from kb.store.layout import Layout
+    from kb.store.tables import reading
+
+    if unknown := [name for name in asked if name not in SOURCES]:
+        raise SettingError(
+            f"there is no source {unknown[0]!r}", hint=f"known: {', '.join(SOURCES)}"
+        )
+    crawled = []
+    for name in SOURCES:
+        if (state := Layout(run.root).state(name)).is_file():
+            with reading.state(state) as frontier:
+                if frontier.requests()[0]:
+                    crawled.append(name)
+    chosen = [name for name in crawled if not asked or name in asked]
+    if lacking := [name for name in asked if name not in crawled]:
+        raise FatalError(
+            f"{run.root} has not crawled {lacking[0]} through its service",
+            hint=f"run `kb {lacking[0]} crawl` first",
+        )
+    if not chosen:
+        raise FatalError(
+            f"{run.root} has not crawled any service",
+            hint="run a crawl first; `kb build` makes what is out of date",
+        )
+    for name in chosen:
+        if credential := SOURCES[name].credential:
+            run.settings.need(credential)
+    return chosen
+
+
+def _planned_update(run: Run, chosen: list[str]) -> Summary:
+    """What the crawls and refreshes would ask for, and what a build would make now."""
+    from kb.artifacts import freshness
+
+    phases, assumed = [], []
+    for name in chosen:
+        for step in _steps_of(name)[:-1]:  # what was deleted is known after a refresh
+            command_: Any = find_command(step.split())
+            planned = command_.function(run, plan=True)
+            phases += [{**one, "phase": f"{step}: {one['phase']}"} for one in planned["phases"]]
+            assumed += [planned["assumed"]] if planned.get("assumed") else []
+    found = freshness.plan(run, freshness.graph(run))
+    for line in freshness.lines(found):
+        show(line)
+    sums = {
+        name: round(sum(one.get(name, 0) for one in phases), 3)
+        for name in ("requests", "units", "hours", "gb")
+    }
+    steps = [{"artifact": name, "reasons": why} for name, why in found.items()]
+    about = {"command": "update --plan", "source": "", **sums, "steps": steps}
+    return Summary(about, phases=phases, assumed=", ".join(dict.fromkeys(assumed)) or None)
