@@ -85,7 +85,7 @@ SMOKE = (
     "core/test_engine.py",
     "core/test_signals.py",
     "filters/test_predicates.py",
-    "mcp/test_search_tool.py",
+    "mcp/test_tools.py",
     "net/test_retry.py",
     "net/test_session.py",
     "pairs/test_clip_tokens.py",
