@@ -207,7 +207,8 @@ def files_of(path: Path, rules: IdRules) -> list[Path]:
         return [path]
     for group in rules.tables:
         patterns = [f"{name}-*-of-*.parquet" for name in group]
-        if shards := [file for pattern in patterns for file in sorted(path.glob(pattern))]:
+        every = [file for pattern in patterns for file in sorted(path.glob(pattern))]
+        if shards := [file for file in every if file.is_file()]:  # nobody waits for a pipe
             return shards
     if rules.files:
         listed = sorted(path.glob(rules.files))

@@ -64,6 +64,7 @@ RELEASES: dict[str, Callable[[Path], object]] = {
     "tombstones are deep": lambda folder: (folder / "tombstones.ndjson").write_text(DEEP),
     "tombstones are numbers": lambda folder: (folder / "tombstones.ndjson").write_text("1e999\n"),
     "a shard is a device": lambda folder: replaced(one(folder, "posts-*.parquet"), zeros),
+    "a shard is a pipe": lambda folder: replaced(one(folder, "posts-*.parquet"), os.mkfifo),
     "metadata is a pipe": lambda folder: replaced(folder / "croissant.json", os.mkfifo),
     "metadata is deep": lambda folder: (folder / "croissant.json").write_text(DEEP),
     "metadata is a list": lambda folder: (folder / "croissant.json").write_text('["distribution"]'),
