@@ -6,6 +6,7 @@ command was typed. DuckDB removes it at the end; what a killed process left ther
 may have been purged since, so kb.store.leftovers asks `abandoned` and clears it.
 """
 
+import atexit
 import contextlib
 import functools
 import os
@@ -67,6 +68,10 @@ def over(
 def _own(pid: int) -> duckdb.DuckDBPyConnection:
     """Of the process `pid`: a forked one has none of the threads of its parent's."""
     return connect()
+
+
+# DuckDB complains on stderr about a connection that lives until the interpreter ends.
+atexit.register(_own.cache_clear)
 
 
 def _set(con: duckdb.DuckDBPyConnection) -> None:
