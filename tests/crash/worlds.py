@@ -122,11 +122,11 @@ class Worlds:
         for source in self.sources:
             self._done(*self._purge(source).words, f"--data={root}")
         # A purge keeps the depth of answers to what went; a filter finds no ancestor any more.
-        self._done("reddit", "filter", f"--data={root}")
-        self._done("reddit", "export", f"--data={root}")
-        self._done("links", f"--data={root}")
-        self._done("release", f"--data={root}")
-        self._done("index", f"--data={root}")
+        for step in ("filter", "export"):
+            for source in self.sources:
+                self._done(source, step, f"--data={root}")
+        for step in ("pairs", "links", "release", "index"):
+            self._done(step, f"--data={root}")
 
     def _done(self, *words: str) -> None:
         ended = harm.run([*words, "--quiet"], self._job.env, self.place)
