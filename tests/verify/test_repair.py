@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from kb.artifacts import manifest, resumable_build
+from kb.artifacts import manifest
 from kb.core.config.pipeline import load, locate
 from kb.core.progress import Silent
 from kb.store.tables.shard_writer import write_table
@@ -53,8 +53,7 @@ def test_repair_clears_parts_of_finished_pairs_and_keeps_those_of_others(root: P
     """A repair that was killed behind the last rename of its pairs: nothing of them is damaged."""
     made = manifest.read(root, "pairs")
     assert made is not None
-    parts = resumable_build.folder_of(root, "pairs", made.inputs, made.rules)
-    for name in (parts.name, "going-on"):
+    for name in (made.figures["made_in"], "going-on"):
         part = root / "state/pairs" / name / "plan.json"
         part.parent.mkdir(parents=True)
         part.write_text("{}")
