@@ -101,11 +101,10 @@ def note(root: Path, profile: Profile) -> None:
     check(root, profile)
     if Layout(root).kept_profile.resolve() in profile.path.parents:  # the root's own copy is used
         return
-    _keep(root, profile)
-    if _read(root) == _of(root, profile):
-        return
-    with lock.deciding(Layout(root).profile):
-        _note(root, profile)
+    if _read(root) != _of(root, profile):
+        with lock.deciding(Layout(root).profile):
+            _note(root, profile)
+    _keep(root, profile)  # not what was refused
 
 
 def _keep(root: Path, profile: Profile) -> None:

@@ -1,5 +1,6 @@
 """Tests of `kb.artifacts.domain_binding`."""
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from kb.core.config.profile import load_profile
 from kb.core.errors import OtherService, ProfileError
 from kb.sandbox.world import World
 from kb.store import atomic, lock
+from kb.store.layout import Layout
 from kb.store.state.service_binding import remember
 from tests.faults import Sandbox
 from tests.store.state.test_service_binding import answered
@@ -78,11 +80,13 @@ def test_two_first_crawls_with_different_profiles_are_not_both_begun(tmp_path: P
                 domain_binding.note(root, mine)
     finally:
         other.communicate("")
+    kept = Layout(root).kept_profile / "profile.toml"
+    assert load_profile(kept).name == "minecraft"  # the copy is not one of what was refused
     domain_binding.note(root, mine)  # it stored nothing
     assert '"stardew"' in (root / "state" / "profile.json").read_text()
 
 
-def test_a_file_that_moved_is_found_beside_the_root_or_asked_for(tmp_path: Path) -> None:
+def test_a_file_that_moved_is_found_beside_the_root_or_its_copy_is_used(tmp_path: Path) -> None:
     place = tmp_path / "here"
     domain_binding.note(place / "root", load_profile(stardew(place)))
     answered(place / "root")
@@ -94,15 +98,20 @@ def test_a_file_that_moved_is_found_beside_the_root_or_asked_for(tmp_path: Path)
     with pytest.raises(OtherService, match="'stardew', not 'valley'"):
         domain_binding.load(moved / "root", bound)
     (moved / "stardew.toml").unlink()
+    profile, said = domain_binding.load(moved / "root", bound)
+    assert (profile.name, profile.youtube.keywords) == ("stardew", ("farm",))
+    assert "stardew.toml is gone; its copy in the data root is used" in said
+    shutil.rmtree(Layout(moved / "root").kept_profile)  # a root of an older version has none
     with pytest.raises(ProfileError, match="is gone") as gone:
         domain_binding.load(moved / "root", bound)
     assert "--profile FILE" in gone.value.hint
 
 
-def test_a_file_of_a_shipped_name_falls_back_to_the_shipped_one_and_says_so(tmp_path: Path) -> None:
+def test_without_a_copy_the_shipped_profile_of_that_name_is_used(tmp_path: Path) -> None:
     domain_binding.note(tmp_path, load_profile(stardew(tmp_path, name="minecraft")))
     answered(tmp_path)
     (tmp_path / "stardew.toml").unlink()
+    shutil.rmtree(Layout(tmp_path).kept_profile)
     bound = domain_binding.remembered(tmp_path)
     assert bound is not None
     profile, said = domain_binding.load(tmp_path, bound)
@@ -146,12 +155,11 @@ def test_the_commands_of_a_root_use_its_profile_and_refuse_another(tmp_path: Pat
         assert job.done("youtube", "crawl")["crawled"] > 0  # by the file that it remembers
         assert job.done("status")["profile"] == "stardew"
         path.rename(path.with_name("gone.toml"))
-        assert "--profile FILE" in job.stopped("youtube", "filter", code=2)
-        for words in (("status",), ("query", "SELECT 1 AS one")):
+        for words in (("youtube", "filter"), ("status",), ("query", "SELECT 1 AS one")):
             answer = job.kb(*words)
             assert answer.returncode == 0, answer.stderr
             assert "warning: " in answer.stderr
-            assert "is gone" in answer.stderr
+            assert "is gone; its copy in the data root is used" in answer.stderr
         moved = path.with_name("gone.toml")
         job.done("youtube", "filter", "--profile", str(moved))
         assert job.kb("status").stderr == ""  # where it is now is remembered

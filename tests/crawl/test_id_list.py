@@ -210,7 +210,8 @@ def test_a_wiki_full_folder(tmp_path: Path) -> None:
     for place, title in (("wiki/Iron_Ore", "Iron_Ore"), ("wiki/Gold", "Gold"), (".trash/x", "No")):
         folder = tmp_path / "wiki_full" / place
         folder.mkdir(parents=True)
-        about = {"url": f"https://w.example/wiki/{title}", "title": "x", "time": "1/1/2022"}
+        url, shown = f"https://w.example/wiki/{title}", title.replace("_", " ") + " – A Wiki"
+        about = {"url": url, "title": shown, "time": "01/01/2022 00:00:00"}
         texts = [{"text": "Not a title", "bbox": [1, 2, 3, 4]}]
         written(folder, json.dumps({"metadata": about, "texts": texts}), "data.json")
     assert read_titles(tmp_path / "wiki_full").keys == ["Gold", "Iron Ore"]

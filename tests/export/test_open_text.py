@@ -92,10 +92,7 @@ def test_nothing_is_written_unless_the_profile_asks_and_it_goes_when_it_no_longe
     assert layouts.export(a_run(root), "open-text")["open_text"] == 0
     assert not (root / "release/open-text").exists()
     layouts.export(run, "open-text")
-    wrong = "the profile does not ask for it (release.open_text = false)"
-    assert refusals(root) == [
-        f"content: open-text: {wrong}; run `kb youtube export` again",
-    ]
+    assert refusals(root) == ["out of date: release/open-text: release.open_text true → false"]
     layouts.export(a_run(root), "open-text")
     assert not (root / "release/open-text").exists()
     assert release(a_run(root))["folders"] == 1
@@ -147,10 +144,9 @@ def test_a_folder_that_is_older_than_the_clean_rows_is_refused(root: Path, run: 
     layouts.export(run, "open-text")
     path = root / "clean/youtube/videos/part-00000.parquet"
     rewritten(path, lambda rows: rows.slice(1))
-    assert (
-        "rows: open-text: is older than clean/youtube; run `kb youtube export` again"
-        in refusals(root, profile=run.profile.path)
-    )
+    assert refusals(root, profile=run.profile.path) == [
+        "out of date: release/open-text: clean/youtube"
+    ]
 
 
 def test_the_card_says_what_may_be_done_and_what_is_not_certain(root: Path, run: Run) -> None:

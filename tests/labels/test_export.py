@@ -5,12 +5,13 @@ import re
 import shutil
 import xml.etree.ElementTree as ET
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from kb.artifacts import manifest
+from kb.artifacts import freshness, manifest
 from kb.artifacts.measures import read_measures
 from kb.core.context import Run
 from kb.labels.export import CONFIG, README, TASKS, export
@@ -131,9 +132,12 @@ def root(judged: Run, tmp_path: Path, make_rows: Any) -> Path:
         start_s=times,
         end_s=[None if one is None else one + 50.5 for one in times],
     )
-    with manifest.replacing(tmp_path / "data", "tasks", inputs={}) as fresh:
+    root = tmp_path / "data"
+    inputs = manifest.inputs(root, "tasks")
+    settings = freshness.settings(replace(judged, root=root), "tasks")
+    with manifest.replacing(root, "tasks", inputs=inputs, settings=settings) as fresh:
         write_table(fresh.folder / "tasks-00000-of-00001.parquet", rows, "tasks/tasks")
-    return tmp_path / "data"
+    return root
 
 
 def test_options_have_one_good_answer() -> None:

@@ -1,11 +1,13 @@
 """Recorded exchanges with Reddit (PRAW's own cassettes), as answers of a requests adapter."""
 
 import json
+from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, unquote, urlsplit
 
 import requests
+import urllib3
 from requests.adapters import BaseAdapter
 
 from kb.core.config.profile import load_profile
@@ -79,7 +81,9 @@ class Cassette(BaseAdapter):
             request,
         )
         response.headers.update(exchange.headers)
-        response._content = exchange.body.encode()
+        # A body that is not read yet, as from the network.
+        body = BytesIO(exchange.body.encode())
+        response.raw = urllib3.HTTPResponse(body, preload_content=False)
         return response
 
     def close(self) -> None:

@@ -190,11 +190,12 @@ def update(
     ] = None,
     plan: Plan = False,
 ) -> Summary:
-    """Bring a data root up to date, as a timer does: crawl what is new, read again what is older
-    than the services' terms allow, purge what was deleted there, then build.
+    """Bring a data root up to date, as a timer does.
 
-    Only sources that this data root has crawled through a service. Where a quota or limit ends a
-    source, the others and the build go on, the exit code is 3, and the next run goes on there.
+    It crawls what is new, reads again what is older than the services' terms allow, purges what was
+    deleted there, then builds. Only sources that this data root has crawled through a service.
+    Where a quota or limit ends a source, the others and the build go on, the exit code is 3, and
+    the next run goes on there.
     """
     chosen = _crawled_sources(run, sources or [])
     if plan:

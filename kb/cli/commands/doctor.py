@@ -209,8 +209,10 @@ def _file_system(place: Path) -> str:
 
 def _clock(run: Run) -> Iterator[Line]:
     """A clock behind what was written before; `--online` is told by the services' certificates."""
+    from kb.store.layout import Layout
+
     now = datetime.now(UTC)
-    written = [Path(__file__), *(run.root / "raw").glob("*/*/*.zst")]
+    written = [Path(__file__), *Layout(run.root).raw().glob("*/*/*.zst")]
     newest = datetime.fromtimestamp(max(path.stat().st_mtime for path in written), UTC)
     found = now.strftime("%Y-%m-%d %H:%M:%S UTC")
     if (newest - now).total_seconds() > 60:

@@ -4,16 +4,20 @@ Every line has secrets redacted, and escape sequences made harmless. Commands th
 are completed with the --data and --profile of this call, so that they can be typed as shown.
 """
 
+from __future__ import annotations
+
 import json
 import re
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from kb.core import terminal
-from kb.core.context import Run
 from kb.net import redact
+
+if TYPE_CHECKING:  # `kb --help` loads this module
+    from kb.core.context import Run
 
 _COMMAND = re.compile(r"`kb ([^`]+)`")
 # These commands have a data root of their own, or name their profile themselves.

@@ -99,7 +99,7 @@ def key_digest(key: bytes) -> str:
 
 
 def _not_the_key(path: Path, what: str) -> DamagedData:
-    marks = path.parents[1] / "raw" / "reddit"
+    marks = Layout(path.parents[1]).raw("reddit")
     anew = f"rm -f {shlex.quote(str(marks))}/key-*.sha256"
     anew += f" && openssl rand -hex 32 > {shlex.quote(str(path))}"
     return DamagedData(

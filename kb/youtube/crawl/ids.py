@@ -92,6 +92,8 @@ def video_of_address(address: str) -> str | None:
 
 def _of_path(path: str, query: str, fragment: str, *, short: bool = False) -> str | None:
     first, *others = [unquote(part) for part in path.split("/") if part] or [""]
+    if short and (found := _id(first)):  # also where it spells a page's name
+        return found
     kind = first.lower()
     if kind in _INSIDE:
         return _of_inside(parse_qs(query).get(_INSIDE[kind], []))
@@ -105,7 +107,7 @@ def _of_path(path: str, query: str, fragment: str, *, short: bool = False) -> st
             parts = urlsplit(inner)
             return _of_path(parts.path, parts.query, "")
         return _of_query(inner)
-    return _id(first) if short else None
+    return None
 
 
 def _of_query(query: str) -> str | None:

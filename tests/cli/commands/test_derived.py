@@ -54,7 +54,8 @@ def test_the_release_has_ids_and_counts(run: Run, here: Here) -> None:  # noqa: 
     made.fill(run.root, comments=["a wolf"], posts=[("Dragon", "", [])])
     done = here("release", *at)
     assert done.code == 1
-    assert "links: are older than clean/reddit" in done.err
+    assert "out of date: links: clean/reddit\n" in done.err
+    assert "run `kb build" in done.err
     assert here("links", *at).code == here("release", *at).code == 0
     held = pq.read_table(next(folder.glob("links-*.parquet")))
     # A text in a column is refused.

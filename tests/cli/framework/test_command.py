@@ -77,6 +77,8 @@ APPLIES = {
     "refresh reddit": {*CLUSTER, "limit", "wait", "again"},
     "demo": CLUSTER,
     "doctor": {"engine", "scheduler"},
+    "build": CLUSTER,
+    "update": {*CLUSTER, "wait"},
 }
 
 

@@ -106,6 +106,7 @@ def test_a_watch_page_is_named_by_v_whatever_stands_around(
 @given(
     ids, extra, schemes, some.sampled_from(["shorts", "embed", "live", "v", "e", "watch"]), hosts
 )
+@example("watch_popup", {}, "https://", "shorts", "www.youtube.com")  # a page's name elsewhere
 def test_a_path_names_its_video_whatever_the_parameters_hold(
     key: str, extra: dict[str, str], scheme: str, kind: str, host: str
 ) -> None:
