@@ -11,11 +11,10 @@ from kb.core.config.settings import load_settings
 from kb.sandbox.toxicity import tiny_checkpoint
 from tests.conftest import needs
 
-needs("torch", "detoxify")
-
 
 @pytest.fixture(scope="session")
 def tiny() -> Path:
+    needs("torch", "detoxify")
     return tiny_checkpoint()
 
 

@@ -18,6 +18,9 @@ from kb.core.config.settings import load_settings
 from kb.core.errors import MissingExtra, MissingModel, SettingError
 from kb.store.tables.reading import SANDBOX_MODEL
 from tests.annotate.made import WORDS, checkpoint_of, make_checkpoint
+from tests.conftest import needs
+
+needs("torch", "detoxify")
 
 BESIDE = {
     "cut configuration": ("config.json", '{"a":', "config.json is no JSON object"),

@@ -14,6 +14,9 @@ from kb.annotate.scores import CATEGORIES, text_hashes
 from kb.annotate.toxicity import ToxicityScorer
 from kb.core.errors import MissingModel
 from tests.annotate.made import UNBIASED, WORDS, checkpoint_of, make_checkpoint
+from tests.conftest import needs
+
+needs("torch", "detoxify")
 
 BACKENDS = (backends.open_runner, backends.torch_runner)
 TEXTS = ["hello there", "you are a stupid idiot", " ".join(WORDS * 3), "creeper", "ünïcode 方块"]
