@@ -15,7 +15,15 @@ from pydantic import Field, ValidationError, create_model
 
 from kb.core.config.profile.base import Section, explain
 from kb.core.config.profile.collecting import RedditSection, WikiSection, YouTubeSection
-from kb.core.config.profile.products import ClipFiles, Pairs, Release, Report, Tasks, Toxicity
+from kb.core.config.profile.products import (
+    ClipFiles,
+    Pairs,
+    Release,
+    Report,
+    Scoring,
+    Tasks,
+    Toxicity,
+)
 from kb.core.errors import ProfileError
 from kb.core.installation import PROFILE_FILE, folder
 from kb.core.sources import SOURCES
@@ -40,6 +48,7 @@ class ShippedProfile(Section):
     pairs: Pairs | None = None
     tasks: Tasks = Tasks()
     clips: ClipFiles = ClipFiles()
+    score: Scoring = Scoring()
     toxicity: Toxicity = Toxicity()
     release: Release = Release()
     report: Report = Report()
