@@ -98,6 +98,8 @@ def _made_by(short: str, schema: str) -> str:
     if short not in known:
         return ""
     source = known[short]
+    if short == "pairs_scores":
+        return "`kb pairs score` makes it"
     if source not in SOURCES or schema == "release":
         return f"`{exported_by(source)}` makes it"
     return f"`kb {source} crawl`, then `kb {source} filter` make it"

@@ -80,7 +80,7 @@ def score(
         for key, own in groupby(with_text, key=lambda row: str(row["video_id"]))
         if key in files
     ]
-    state = str(Layout(run.root).state_folder("scores"))
+    state = str(Layout(run.root).scoring)
     todo = ((state, str(path), name, device, *film) for film in films)
     found: list[pa.Table] = []
     counts = Counter[str]()

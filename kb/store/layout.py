@@ -39,7 +39,7 @@ TOP = (
 CAPTURED = "wiki"
 """The source with captured files beside its raw answers."""
 
-_PAIRS = ("pairs/pairs", "pairs/quality")
+_PAIRS = ("pairs/pairs", "pairs/quality", "pairs/scores")
 _TASKS = ("tasks/tasks", "tasks/titles")
 _LINKS = ("links/entities", "links/links")
 _SHARING = (*_PAIRS, *_TASKS, *_LINKS)  # tables with another one in their folder
@@ -178,6 +178,11 @@ class Layout:
     def pairing(self) -> Path:
         """Pairs on their way, a folder for each set of transcripts and rules."""
         return self.state_folder("pairs")
+
+    @property
+    def scoring(self) -> Path:
+        """Scores of pairs, a file for each video."""
+        return self.state_folder("scores")
 
     @property
     def tasks(self) -> Path:

@@ -81,7 +81,7 @@ def _declared(path: Path) -> str:
         case (_, _, "releases" | "restored", *_):
             return ""
         case (name, "pairs", *_):
-            return "pairs/quality" if name.startswith("quality-") else "pairs/pairs"
+            return f"pairs/{name.partition('-')[0]}"
         case (_, "labels", *_):
             return "labels/labels"
         case (name, "links", *_):
