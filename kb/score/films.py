@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from kb.clips.frames import frames_at
 from kb.core import signals
 from kb.core.installation import np
-from kb.score.models import BATCH, ClipModel
+from kb.score.models import BATCH, ClipModel, unit
 
 OFFSETS_S = (0, -2, 2, -4, 4, -6, 6, -8, 8)  # of equals the first counts
 AROUND_S = 1.0  # the frames around a phrase begin and end by as much before and after it
@@ -69,7 +69,7 @@ def scores_of(path: Path, rows: Sequence[Row], model: ClipModel) -> Iterator[Pai
     clips = [ticks[np.isin(ticks, there)] for ticks in clips]
     scored = [number for number, ticks in enumerate(clips) if len(ticks)]
     texts = model.texts([row["text"] for row in rows])
-    of_clips = {number: model.clip(seen(clips[number])) for number in scored}
+    of_clips = {number: unit(model.clip(seen(clips[number]))) for number in scored}
     starts = np.array([row["clip_start_s"] for row in rows])
     ends = np.array([row["clip_end_s"] for row in rows])
     for number in scored:

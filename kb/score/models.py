@@ -202,11 +202,11 @@ class ClipModel:
         return unit(np.concatenate(found))
 
     def clip(self, frames: np.ndarray) -> np.ndarray:
-        """The embedding of a clip, of length 1, from those of its frames: the mean, or what the
-        model's temporal transformer and adapter make of them.
+        """The embedding of a clip from those of its frames: the mean of those of length 1, or what
+        the model's temporal transformer and adapter make of them.
         """
         if not (self._temporal or self._adapter):
-            return unit(unit(frames).mean(axis=0))
+            return unit(frames).mean(axis=0)
         # As many as it was trained with, evenly over the clip.
         places = ((np.arange(_MINECLIP_FRAMES) + 0.5) / _MINECLIP_FRAMES * len(frames)).astype(int)
         with torch.inference_mode():
