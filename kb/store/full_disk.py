@@ -42,7 +42,9 @@ def full_disk_is_resumable(*places: Path) -> Iterator[None]:
 
 def as_disk_full(error: BaseException, *places: Path) -> DiskFull | None:
     """The DiskFull that an error stands for; None for one with another cause."""
-    if isinstance(error, Stopped) or not (isinstance(error, Exception) or _is_panic(error)):
+    # pyo3 makes a PanicException of a panic: it is no Exception, and its class can't be imported.
+    failed = isinstance(error, Exception) or type(error).__name__ == "PanicException"
+    if isinstance(error, Stopped) or not failed:
         return None
     said = _said_by_system(error)
     if said is None and not _says_nothing(error):
@@ -92,11 +94,6 @@ def _says_nothing(error: BaseException) -> bool:
     if isinstance(error, (KbError, MemoryError)) or type(error).__module__.startswith("kb."):
         return False
     return not (isinstance(error, OSError) and error.errno is not None)
-
-
-def _is_panic(error: BaseException) -> bool:
-    """Whether it is what pyo3 makes of a panic: no Exception, and its class can't be imported."""
-    return type(error).__name__ == "PanicException"
 
 
 def _is_full(path: Path) -> bool:

@@ -103,7 +103,7 @@ def quarantine_damage(root: Path, source: str, frontier: Frontier, *, every: boo
     for (kind, name), committed in known.items():
         with frontier.transaction():
             _note(frontier, [LostRange(kind, name, 0, committed)] if committed else [])
-            frontier.drop_offset(kind, name)
+            frontier.set_offset(kind, name, None)
     frontier.set_cursor(_SUSPECTS, None)
 
 

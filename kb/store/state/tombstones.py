@@ -127,9 +127,8 @@ def _extra_copies(root: Path, source: str) -> list[Path]:
     tombstones.parquet~).
     """
     first = path(root, source)
-    return sorted(
-        file for file in first.parent.glob("tombstones*") if file != first and file.is_file()
-    )
+    beside = first.parent.glob("tombstones*")
+    return sorted(file for file in beside if file != first and file.is_file())
 
 
 def _files(root: Path, source: str) -> list[Path]:
@@ -138,13 +137,10 @@ def _files(root: Path, source: str) -> list[Path]:
     for file in (*Layout(root).tombstones(source), *_extra_copies(root, source)):
         if not file.exists():
             continue
-        if file.is_dir() or not any(_equal(file, other) for other in files):
+        others = [] if file.is_dir() else [other for other in files if not other.is_dir()]
+        if not any(filecmp.cmp(file, other, shallow=False) for other in others):
             files.append(file)
     return files
-
-
-def _equal(file: Path, other: Path) -> bool:
-    return not other.is_dir() and filecmp.cmp(file, other, shallow=False)
 
 
 def _load(file: Path) -> pa.Table:
