@@ -123,7 +123,7 @@ def _tried(command: str, act: Act, note: Path | None = None) -> list[str]:
         raise
     except KbError as error:
         way = f"; {error.hint}" if error.hint else ""
-        return [f"`{command}` has to be run: {error}{way}"]
+        return [f"`{command}` failed: {error}{way}"]
     return [f"`{command}` was run"]
 
 
@@ -157,5 +157,5 @@ def _tombstones(root: Path, one: VerifyFinding) -> str:
         # A copy that is as whole takes its place; of two damaged ones none is right.
         if other != one.path and tombstones.is_readable(other):
             write_bytes(one.path, other.read_bytes())
-            return f"{one.path} is its copy {other} again"
+            return f"{one.path} was restored from its copy {other}"
     return f"{one.path} could not be repaired: no intact copy exists; restore it from a backup"

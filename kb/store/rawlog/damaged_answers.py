@@ -268,8 +268,8 @@ def _hint(source: str, losses: list[LostRange]) -> str:
     if any(lost.kind == DUMPS for lost in losses):
         return "run `kb reddit import --again` with the dumps that were imported"
     if all(lost.items == [] for lost in losses):
-        return "no answer was lost that the state knows of: the same command goes on"
-    return f"run `kb {source} crawl`: it asks for them again"
+        return "no known answer was lost: the same command resumes"
+    return f"run `kb {source} crawl`: it fetches them again"
 
 
 def _note(frontier: Frontier, new: list[LostRange]) -> None:

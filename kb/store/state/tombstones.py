@@ -176,7 +176,7 @@ def _read(file: Path) -> tuple[pa.Table | None, str]:
     if any(field.name not in rows.schema.names for field in schema) or any(
         rows.schema.field(field.name).type != field.type for field in schema
     ):
-        return None, "it is no table of tombstones"
+        return None, "it is not a table of tombstones"
     return rows, ""
 
 
