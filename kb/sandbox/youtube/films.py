@@ -21,7 +21,6 @@ from kb.core.installation import np, require
 from kb.pairs.keyword_list import Keyword
 from kb.pairs.keywords import make
 from kb.pairs.matching import WALL, Matcher
-from kb.sandbox.domain import Domain
 from kb.sandbox.world import World
 from kb.sandbox.youtube.captions import spoken_words
 from kb.sandbox.youtube.cases import Video
@@ -72,7 +71,9 @@ class Mentions:
 
     def __init__(self, world: World) -> None:
         self._catalogue = world.youtube
-        self._keywords = make(_spoken_of(world.domain))
+        domain = world.domain
+        nouns = [Keyword(noun.title, "noun") for noun in domain.speech.nouns]
+        self._keywords = make(list(domain.keywords) or nouns)
         self._matcher = Matcher(self._keywords.phrases)
 
     def of(self, video: Video) -> Iterator[Mention]:
@@ -90,12 +91,6 @@ class Mentions:
         for phrase, word in zip(found.phrase.tolist(), words.tolist(), strict=True):
             keyword = self._keywords.every[self._keywords.of[phrase]]
             yield Mention(keyword.name, starts[word])
-
-
-def _spoken_of(domain: Domain) -> list[Keyword]:
-    """The keywords of the domain, or its nouns where the profile has none."""
-    nouns = (Keyword(noun.title, "noun") for noun in domain.speech.nouns)
-    return list(domain.keywords or nouns)
 
 
 def look_of(keyword: str) -> Look:
