@@ -45,13 +45,13 @@ def replaced(
     talk where they would reach into its last sentence.
     """
     pace = talk[0].seconds / letters(talk[0].text)
-    at, said = talk[place].start, []
+    at, sentences = talk[place].start, list[Sentence]()
     for text in texts:
-        said.append(Sentence(at, round(pace * letters(text), 2), text, label))
-        at = round(at + said[-1].seconds + 0.3, 2)
+        sentences.append(Sentence(at, round(pace * letters(text), 2), text, label))
+        at = round(at + sentences[-1].seconds + 0.3, 2)
     if at > talk[-1].start:
         return list(talk)
-    return [*talk[:place], *said, *(one for one in talk[place:] if one.start >= at)]
+    return [*talk[:place], *sentences, *(one for one in talk[place:] if one.start >= at)]
 
 
 def reworded(rng: random.Random, talk: Sequence[Sentence]) -> list[Sentence]:

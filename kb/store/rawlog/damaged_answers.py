@@ -38,9 +38,9 @@ _CHUNK = 1 << 16
 class LostRange(msgspec.Struct, rename=_STORED_AS):
     """A stretch of a raw segment that is gone, `start` and `end` in bytes of the segment as it was.
 
-    `aside` is the name of the file beside it that has the bytes, "" where there are none. `items`
-    are the (kind, key) of what the state says was answered and no raw answer shows any more, None
-    until that was looked up. `told`: an error has named it.
+    `quarantined_as` is the name of the file beside it that has the bytes, "" where there are none.
+    `items` are the (kind, key) of what the state says was answered and no raw answer shows any
+    more, None until that was looked up. `reported`: an error has named it.
     """
 
     kind: str

@@ -4,8 +4,7 @@
     state/<source>/tombstones.parquet    the same again, as another machine's raw folder copied here
                                          has a file of that name and takes the first one's place
 
-Whoever reads takes the union of both, and of other copies beside the first one. Whoever writes
-makes both whole.
+Readers take the union of both, and of other copies beside the first one. Writers complete both.
 
 A person who asked to be left out has a tombstone too, `PERSON` before what stands for them in raw
 data without naming them. It keeps away what they publish later, whose keys nobody knows yet, and is
@@ -44,8 +43,8 @@ def keys(root: Path, source: str) -> set[str]:
 
 def people(root: Path, source: str) -> frozenset[str]:
     """What stands for the people whose content a source leaves out. Raises DamagedData."""
-    found = (key.removeprefix(PERSON) for key in _keys(root, source) if key.startswith(PERSON))
-    return frozenset(found)
+    persons = (key for key in _keys(root, source) if key.startswith(PERSON))
+    return frozenset(key.removeprefix(PERSON) for key in persons)
 
 
 def _keys(root: Path, source: str) -> set[str]:
@@ -127,8 +126,8 @@ def _extra_copies(root: Path, source: str) -> list[Path]:
     tombstones.parquet~).
     """
     first = path(root, source)
-    beside = first.parent.glob("tombstones*")
-    return sorted(file for file in beside if file != first and file.is_file())
+    copies = first.parent.glob("tombstones*")
+    return sorted(file for file in copies if file != first and file.is_file())
 
 
 def _files(root: Path, source: str) -> list[Path]:

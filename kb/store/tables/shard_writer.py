@@ -240,15 +240,15 @@ def write_sorted(
 def _in_groups(tables: Iterator[pa.Table], size: int) -> Iterator[pa.Table]:
     """The rows of a stream in tables of `size` rows; the last one may have fewer."""
     waiting: list[pa.Table] = []
-    held = 0
+    count = 0
     for table_ in tables:
         rows = table_
         while rows.num_rows:
-            waiting.append(rows.slice(0, size - held))
-            rows = rows.slice(size - held)
-            held += waiting[-1].num_rows
-            if held == size:
+            waiting.append(rows.slice(0, size - count))
+            rows = rows.slice(size - count)
+            count += waiting[-1].num_rows
+            if count == size:
                 yield pa.concat_tables(waiting)
-                waiting, held = [], 0
-    if held:
+                waiting, count = [], 0
+    if count:
         yield pa.concat_tables(waiting)
