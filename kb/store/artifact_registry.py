@@ -25,8 +25,6 @@ from kb.core.sources import (
 from kb.schema.tables import tables
 from kb.store.layout import Layout
 
-VERDICTS = ("rejected", "failed", "pending")
-
 MANIFEST = "_manifest.json"
 """The file name of a manifest; the underscore hides it from readers of a folder of Parquet."""
 

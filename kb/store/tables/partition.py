@@ -23,7 +23,7 @@ import pyarrow.compute as pc
 from kb.core.errors import CountMismatch, DamagedData
 from kb.schema import raw
 from kb.store.rawlog.rawlog import Frames
-from kb.store.tables.latest import duplicates, newest
+from kb.store.tables.columns import duplicates, newest
 
 RAW_BYTES = 8 << 20  # compressed raw data a bucket, about 100,000 rows of small answers
 MOST = 512
