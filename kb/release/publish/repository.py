@@ -249,7 +249,6 @@ def _same(there: str | None, path: Path, digests: Mapping[str, str]) -> bool:
 
 
 def _git_oid(data: bytes) -> str:
-    """What git calls these bytes."""
     return hashlib.sha1(b"blob %d\0" % len(data) + data, usedforsecurity=False).hexdigest()
 
 

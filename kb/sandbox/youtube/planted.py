@@ -194,7 +194,6 @@ class Planted:
 
 
 def _within(rng: random.Random, talk: Sequence[Sentence], low: float, high: float) -> int:
-    """A sentence of this part of the talk."""
     return int(len(talk) * rng.uniform(low, high))
 
 
