@@ -1,4 +1,4 @@
-"""Progress of long work: what a stage reports, whoever shows it.
+"""Progress of long work: what a stage reports, however it is shown.
 
 waiting = lambda: frontier.waiting("videos")
 with run.progress.task("metadata", unit="videos", waiting=waiting) as task:

@@ -146,7 +146,7 @@ def _named(root: Path) -> tuple[dict[str, str], set[str]]:
 
 def _answers(root: Path, kind: str) -> Iterator[dict[str, Any]]:
     for path in rawlog.segments(root, CAPTURED, kind):
-        for _, line in rawlog.Frames(path, mending=True, checked=True):
+        for _, line in rawlog.Frames(path, skip_damage=True, checked=True):
             yield rawlog.decode(line).response
 
 

@@ -30,12 +30,11 @@ Apply = Callable[[Frontier, str, Envelope], None]
 DUMPS = "dumps"  # the one raw kind that no crawl can ask for: its files have to be imported again
 _LOST, _SUSPECTS = "lost", "suspects"  # cursors of the frontier
 _PAIRS = list[tuple[str, str]]
-_STORED_AS = {"quarantined_as": "aside", "reported": "told"}  # names in the state's cursor
 _NAMED = 3  # items that a message names
 _CHUNK = 1 << 16
 
 
-class LostRange(msgspec.Struct, rename=_STORED_AS):
+class LostRange(msgspec.Struct):
     """A stretch of a raw segment that is gone, `start` and `end` in bytes of the segment as it was.
 
     `quarantined_as` is the name of the file beside it that has the bytes, "" where there are none.
@@ -142,7 +141,7 @@ def requeue_lost_items(
     try:
         with rebuilt.transaction():
             for path in rawlog.all_segments(root, source):
-                for _, line in rawlog.Frames(path, mending=True):
+                for _, line in rawlog.Frames(path, skip_damage=True):
                     apply(rebuilt, path.parent.name, rawlog.decode(line))
         items = [
             (kind, key)
@@ -296,7 +295,7 @@ def gaps(path: Path, committed: int) -> list[tuple[int, int]]:
     A torn tail of an open segment counts where it begins before `committed`, the offset that the
     state knows; behind it nothing was promised.
     """
-    frames = rawlog.Frames(path, mending=True, checked=True)
+    frames = rawlog.Frames(path, skip_damage=True, checked=True)
     for _ in frames:
         pass
     stretches = list(frames.damaged)

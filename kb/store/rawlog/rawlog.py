@@ -101,8 +101,8 @@ class Frames:
     """The readable frames of a segment, in order, as (offset behind the frame, line).
 
     After the last of them the iteration raises DamagedData where something could not be read, so
-    that nobody takes what is damaged for what never was. Whoever deals with damage says `mending`:
-    then it is passed over, and reading goes on at the next whole frame. `start` is the offset of
+    that nobody takes what is damaged for what never was. With `skip_damage` it does not:
+    damage is passed over, and reading goes on at the next whole frame. `start` is the offset of
     the frame in hand. After the iteration `good` is the offset behind the last readable frame,
     `torn` tells whether bytes follow it (no damage while a segment is open), and `damaged` lists
     the stretches (start, end) between readable frames that hold none. With `checked` a frame whose
@@ -110,11 +110,11 @@ class Frames:
     """
 
     def __init__(
-        self, path: Path, start: int = 0, *, mending: bool = False, checked: bool = False
+        self, path: Path, start: int = 0, *, skip_damage: bool = False, checked: bool = False
     ) -> None:
         self.path, self.start, self.good, self.torn = path, start, start, False
         self.damaged: list[tuple[int, int]] = []
-        self._mending, self._checked = mending, checked
+        self._skip_damage, self._checked = skip_damage, checked
 
     def __iter__(self) -> Iterator[tuple[int, bytes]]:
         at = self.good
@@ -128,7 +128,7 @@ class Frames:
                 yield end, line
             self.torn = self.good < file.seek(0, os.SEEK_END)
         at_byte = self.first_damaged()
-        if at_byte is None or self._mending:
+        if at_byte is None or self._skip_damage:
             return
         source = self.path.parent.parent.name
         error = DamagedData(
@@ -203,7 +203,8 @@ def any_answer(root: Path, source: str) -> bool:
     """Whether a source has answers on disk, readable or not."""
     # A closed segment held some, whatever is left of it; in an open one there may be none yet.
     return any(
-        not path.name.endswith(".open") or next(iter(Frames(path, mending=True)), None) is not None
+        not path.name.endswith(".open")
+        or next(iter(Frames(path, skip_damage=True)), None) is not None
         for path in all_segments(root, source)
     )
 

@@ -160,7 +160,7 @@ def recover(root: Path, source: str) -> None:
     for path in rawlog.all_segments(root, source):
         if not path.name.endswith(".open"):
             continue
-        frames = rawlog.Frames(path, mending=True)
+        frames = rawlog.Frames(path, skip_damage=True)
         for _ in frames:
             pass
         if frames.torn:

@@ -4,7 +4,7 @@
     state/manifests/release-wiki.json    the same for folders that are given away as they are
     release/wiki/SHA256SUMS              their public form, as `sha256sum -c` reads it
 
-Whoever reads a file asks `check` first: it compares the bytes with what is recorded, once in a
+Readers of a file call `check` first: it compares the bytes with what is recorded, once in a
 process. Files without a record are read as they are.
 """
 
