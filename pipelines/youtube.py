@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 
 from kb.annotate import toxicity
-from kb.annotate.word_count import word_count
 from kb.core.config.profile import Profile
 from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
@@ -28,6 +27,7 @@ from kb.filters.predicates import (
     transcript_required,
 )
 from kb.filters.topic import Topic
+from kb.store.tables.columns import word_count
 from kb.youtube.crawl.ids import Part
 from kb.youtube.parse.assemble import HELPERS, KINDS, assemble, unanswered
 from kb.youtube.parse.channels import mark

@@ -121,8 +121,8 @@ def rules(profile: Profile, source: str) -> list[tuple[str, str]]:
     values = []
     for rule in PUBLISHED[source].rules:
         section, _, name = rule.partition(".")
-        if (held := getattr(profile, section, None)) is not None:
-            values.append((rule, getattr(held, name)))
+        if (settings := getattr(profile, section, None)) is not None:
+            values.append((rule, getattr(settings, name)))
     if source in SOURCES:
         threshold = profile.toxicity.threshold(source)
         shown = "not dropped" if threshold is None else threshold

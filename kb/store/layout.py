@@ -171,7 +171,6 @@ class Layout:
 
     @property
     def pairs(self) -> Path:
-        """The pairs of videos and texts."""
         return self.root / "pairs"
 
     @property
@@ -186,17 +185,14 @@ class Layout:
 
     @property
     def tasks(self) -> Path:
-        """What videos do by their titles."""
         return self.root / "tasks"
 
     @property
     def labels(self) -> Path:
-        """What people answered about pairs and tasks."""
         return self.root / "labels"
 
     @property
     def links(self) -> Path:
-        """Entities and where each source speaks of them."""
         return self.root / "links"
 
     @property
@@ -235,7 +231,6 @@ class Layout:
 
     @property
     def report(self) -> Path:
-        """Figures and their page."""
         return self.root / "report"
 
     @property

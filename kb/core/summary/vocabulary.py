@@ -67,7 +67,7 @@ WORDS: dict[str, Word] = {
     # What was asked and read.
     "po_token": Word(
         "Videos whose captions need a PO token; a crawl on a later day tries them again.",
-        "{n} without captions for want of a PO token",
+        "{n} without captions, as they need a PO token",
     ),
     "requests": Word(
         "Requests sent, not counting those of the browser for a page.", "{n} requests"
@@ -77,9 +77,11 @@ WORDS: dict[str, Word] = {
         "Units of the general quota; searches have a quota of their own.", "{n} quota units"
     ),
     "bad_lines": Word("Unreadable lines of an input file or dump.", "{n} bad lines"),
-    "truncated_files": Word("Truncated files; their complete part was read.", "{n} files cut off"),
+    "truncated_files": Word(
+        "Truncated files; their complete part was read.", "{n} truncated files"
+    ),
     "foreign_files": Word("Files in the given folders that are not dumps.", "{n} other files"),
-    "lines": Word("Lines read from dumps.", "{n} lines looked through"),
+    "lines": Word("Lines read from dumps.", "{n} lines searched"),
     # What `kb profile check` finds.
     "profile": Word("The profile's name."),
     "errors": Word("Problems that prevent the profile from being used.", "{n} errors", always=True),
@@ -109,9 +111,7 @@ WORDS: dict[str, Word] = {
     "facts": Word("Fields of infoboxes.", "{n} facts"),
     "recipes": Word("Slots of recipes, one row per item in a slot.", "{n} slots of recipes"),
     "wiki crawl.images": Word("Image files fetched in all runs.", "{n} image files"),
-    "images_failed": Word(
-        "Image files that could not be fetched.", "{n} image files not to be had"
-    ),
+    "images_failed": Word("Image files that could not be fetched.", "{n} image files not fetched"),
     "robots": Word("Pages that robots.txt disallows.", "{n} barred by robots.txt"),
     "gone": Word("Pages that were deleted from the wiki.", "{n} gone from the wiki"),
     "there": Word("Videos that match the list.", "{n} there", always=True),

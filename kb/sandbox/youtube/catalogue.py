@@ -188,7 +188,7 @@ class Catalogue:
                 times = f"0:00 Hello\n{_clock(begin)} {video.task}\n{_clock(end)} Goodbye"
                 video.description = f"{video.description}\n\n{times}"
         elif drawn < _TASKS + _IDLE:
-            video.title = speech.idle_title(rng, video.cast)
+            video.title = speech.title(rng, video.cast, "idle_title")
 
 
 def _clock(seconds: int) -> str:

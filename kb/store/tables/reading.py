@@ -1,5 +1,5 @@
-"""How the data root's own files are read: paths taken literally, and damage told by the file's name
-with what to do.
+"""How the data root's own files are read: paths are taken literally, and an error names the damaged
+file and what to do.
 
 with reading(files):                    # what a library says of a broken file becomes DamagedData
     con.execute(f"SELECT count(*) FROM {scan(files)}")

@@ -28,8 +28,7 @@ from kb.schema.tables import table
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.tables import reading
-from kb.store.tables.columns import aligned, column, lists, put, sums
-from kb.store.tables.latest import newest
+from kb.store.tables.columns import aligned, column, lists, newest, put, sums
 from kb.store.tables.partition import RawKind
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.view_counting import view_rule

@@ -19,8 +19,7 @@ from kb.schema.coerce import records
 from kb.schema.decode import ColumnReader, in_batches, problems
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog
-from kb.store.tables.columns import aligned, put
-from kb.store.tables.latest import newest
+from kb.store.tables.columns import aligned, newest, put
 from kb.youtube.ytdlp import subtitles
 
 ORIGINAL = "-orig"

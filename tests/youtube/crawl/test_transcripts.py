@@ -56,7 +56,7 @@ def test_it_is_tried_once_a_day_and_counted_by_itself(job: Job, locked: list[str
     assert job.done(*CRAWL)["po_token"] == len(locked)
     assert len(job.sandbox.ledger) == before  # not again on the same day
     assert job.done("status")["sources"]["youtube"]["po_token"] == len(locked)
-    assert "for want of a PO token" in job.kb("status").stdout
+    assert "as they need a PO token" in job.kb("status").stdout
 
     assert job.done("youtube", "filter")["pending"] == len(locked)
     rows = job.rows("SELECT key, reason FROM clean.youtube_pending")

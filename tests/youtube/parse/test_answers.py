@@ -8,8 +8,8 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from kb.annotate.word_count import word_count
 from kb.core.errors import DamagedData
+from kb.store.tables.columns import word_count
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.assemble import assemble
 from tests.filters.made import change_at

@@ -8,10 +8,10 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from kb.annotate.word_count import word_count
 from kb.release.folders import in_root
 from kb.store.rawlog.rawlog import Envelope, Request, Segment, encode, folder
 from kb.store.tables import database
+from kb.store.tables.columns import word_count
 from kb.youtube.card import gaps
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.assemble import assemble, one_row_each, second_tracks

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from pydantic import Field, ValidationError, create_model
 
-from kb.core.config.profile.base import Section, explain
+from kb.core.config.profile.base import Section, problems
 from kb.core.config.profile.collecting import RedditSection, WikiSection, YouTubeSection
 from kb.core.config.profile.products import (
     ClipFiles,
@@ -117,7 +117,8 @@ def load_profile(name: str | Path) -> Profile:
     try:
         return Profile(**data, path=path.resolve())
     except ValidationError as error:
-        raise ProfileError(f"profile {path}: {explain(error, Profile)}", hint=check) from None
+        wrong = [f"{what}: {fix}" if fix else what for _, what, fix in problems(error, Profile)]
+        raise ProfileError(f"profile {path}: {'; '.join(wrong)}", hint=check) from None
 
 
 def is_shipped(name: str) -> bool:

@@ -217,11 +217,6 @@ class Toxicity(Section):
         return getattr(self.thresholds, source, None) if self.on else None
 
 
-def _licences() -> dict[str, str]:
-    """The default licence of each release folder that has one."""
-    return {name: PUBLISHED[name].licence for name in BY_DEFAULT if PUBLISHED[name].licence}
-
-
 class Creator(Section):
     """A person or group that the citation names."""
 
@@ -323,7 +318,9 @@ class Release(Section):
         (), description="Zenodo communities that the deposit is offered to"
     )
     licenses: dict[str, str] = Field(
-        default_factory=_licences,
+        default_factory=lambda: {
+            name: PUBLISHED[name].licence for name in BY_DEFAULT if PUBLISHED[name].licence
+        },
         description="SPDX id of each folder's licence; the wiki's own licence is used when its"
         " pages name one",
     )
