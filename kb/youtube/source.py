@@ -50,6 +50,8 @@ class YouTube(Source):
         *("keywords", "search_pages", "uploads", "transcripts_per_hour"),
         *("max_age_days", "max_tries", "searches_per_day", "units_per_day"),
     )
+    credential = "youtube_api_key"
+    keyless = "transcripts"
     waiting = {
         "transcript": "import their transcripts or run `kb youtube crawl`; with"
         ' `transcripts = "optional"` in [youtube] of the profile they are kept without',

@@ -213,6 +213,8 @@ def crawl(
     what kb.core.errors says for the rest.
     """
     source = YouTubeConnector(run, partial(_promising, worth), only=only, ids=ids, part=part)
+    source.asked = {"ids": str(ids.absolute())} if ids else {}
+    source.asked |= {"part": f"{part[0]}/{part[1]}"} if part else {}
     try:
         summary = work(run, source, source.summary, phases=source.chosen, facts=source.facts)
     except KbError as error:

@@ -43,8 +43,11 @@ def _step(run: Run, source: str, about: dict[str, Any]) -> str:
     crawled without it.
     """
     of = SOURCES[source]
-    if about["running_pid"] or (of.credential and getattr(run.settings, of.credential) is None):
+    if about["running_pid"]:
         return ""
+    if about["lacks"]:
+        alone = of.keyless and set(about["left_by"]) == {of.keyless}
+        return f"{source} crawl --only {of.keyless}" if alone else ""
     if of.refreshed and set(about["left_by"]) == {of.noun(of.refreshed)}:
         return f"refresh {source}"
     failed = sum(counts.get("error", 0) for counts in about["phases"].values())
@@ -86,7 +89,7 @@ def overview(run: Run) -> dict[str, Any]:
         "tasks": _schema_rows(catalog, "clean", "tasks").get("tasks", 0)
         or _schema_rows(catalog, "release", "tasks").get("tasks", 0),
         "stale": stale,
-        "next": next_steps(run, sources, stale) if collected else [],
+        "next": next_steps(run, sources, stale) if collected or stale else [],
     }
 
 
@@ -99,6 +102,9 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
         return {}
     about: dict[str, Any] = {
         "running_pid": _writer(run.root, source),
+        "lacks": of.credential
+        if of.credential and getattr(run.settings, of.credential) is None
+        else "",
         "counted": of.counted,
         "phases": {},
         "left_by": {},
