@@ -101,8 +101,8 @@ class YouTube(Source):
         "api": RecordedWay("metadata_origin", "api", ages=True),
         "files": RecordedWay("metadata_origin", "file"),
         "meant": RecordedWay("topic_evidence", "profile"),
-        "watched": RecordedWay(raw="transcripts"),
-        "subtitles": RecordedWay(raw="ytdlp_subtitles"),
+        "watched": RecordedWay("read_from", "watch_page", raw="transcripts"),
+        "subtitles": RecordedWay("read_from", "file", raw="ytdlp_subtitles"),
         "own_transcripts": RecordedWay("transcript_origin", "own"),
     }
     title = "YouTube"

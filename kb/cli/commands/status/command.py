@@ -80,7 +80,8 @@ def lines(about: dict[str, Any]) -> list[str]:
     if any(facts["running_pid"] for facts in sources):
         shown.append("next: wait for the running command")
     elif any(waits.values()) and not about["next"]:
-        lacking = [name.upper() for facts in sources if (name := facts["lacks"])]
+        open_ = (one for one in sources if one["left"] or _failed(one) or one["too_old"])
+        lacking = [name.upper() for one in open_ if (name := one["lacks"])]
         without = f"; {' and '.join(lacking)} not set" if lacking else ""
         what = ", ".join(f"{n:,} {name}" for name, n in waits.items() if n)
         shown.append(f"left: {what}{without}")
