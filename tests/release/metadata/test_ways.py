@@ -216,6 +216,16 @@ QUESTIONS = {
 }
 
 
+OTHERS = (  # of "Datasheets for Datasets", what would be easy to leave out
+    "Does the dataset identify any subpopulations?",
+    "If the dataset is a sample, what was the sampling strategy?",
+    "Was the data collected from the individuals directly, or obtained via third parties?",
+    "If consent was obtained, can it be revoked?",
+    "When will it be distributed?",
+    "Are there limits on how long data about people may be kept?",
+)
+
+
 def test_the_authors_answers_are_in_the_datasheet(tmp_path: Path) -> None:
     build(tmp_path / "root", sources=("reddit",))
     profile = tmp_path / "mine.toml"
@@ -229,4 +239,7 @@ def test_the_authors_answers_are_in_the_datasheet(tmp_path: Path) -> None:
         for number, question in enumerate(QUESTIONS.values()):
             said = f"We say {number} \\<b\\>\\*" if answered else "Not stated by the authors."
             assert f"**{question}**\n\n{said}\n" in sheet
+        found = re.findall(r"\*\*(.+\?)\*\*\n\n(.*?)(?=\n\*\*.+\?\*\*\n|\Z)", sheet, re.DOTALL)
+        assert [asked for asked, given in found if not given.partition("\n## ")[0].strip()] == []
+        assert {asked for asked, _ in found} >= {*OTHERS, *QUESTIONS.values()}
         assert "**Is there a label or target associated with each instance?**\n\nNo." in sheet
