@@ -106,7 +106,8 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
             facts["crawled_so_far"] - sorted_so_far, f"{{n}} {facts['counted']} crawled"
         )
         lines.append(f"  {more} but not filtered yet")
-    extra = {name: n for name, n in facts["rows"].items() if _is_extra(name, facts)}
+    own = (*facts["tally"], "rejected", "failed", "pending")  # told by the lines above
+    extra = {name: n for name, n in facts["rows"].items() if name not in own}
     for title, numbers in (
         ("left", facts["left_by"]),
         ("kept with them", extra),
@@ -158,11 +159,6 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
         keys = ", ".join(f"{key} ({n:,})" for key, n in facts["unknown_keys"].items())
         lines.append(f"  unknown keys in answers: {keys}")
     return lines
-
-
-def _is_extra(name: str, facts: dict[str, Any]) -> bool:
-    """Whether a clean table is neither filtered itself nor a list of verdicts."""
-    return name not in facts["tally"] and name not in ("rejected", "failed", "pending")
 
 
 def _table(head: str, columns: list[str], rows: dict[str, list[int]]) -> list[str]:

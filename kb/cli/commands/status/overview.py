@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -70,7 +70,9 @@ def overview(run: Run) -> dict[str, Any]:
         found = freshness.plan(run, freshness.graph(run))
         stale = [{"artifact": name, "reasons": why} for name, why in found.items()]
     folders = [one.path for one in catalog.releases] if catalog.is_download else []
-    disk = {path.name: _size(path) for path in folders or _folders(run.root)}
+    if not folders:
+        folders = [run.root / name for name in (*TOP, "demo") if (run.root / name).is_dir()]
+    disk = {path.name: _size(path) for path in folders}
     collected = any(about["rows"] or about["phases"] for about in sources.values())
     return {
         "data": str(run.root),
@@ -96,12 +98,14 @@ def overview(run: Run) -> dict[str, Any]:
 def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     """Progress, quota, age and rows of a source; empty without data of it."""
     of, state = SOURCES[source], Layout(run.root).state(source)
-    tables = _clean_rows(run.root, source)
+    clean = sorted(Layout(run.root).clean(source).glob("*/"))
+    tables = _in_order({one.name: rows(one) for one in clean if parquet_files(one)})
     released, restored = (_schema_rows(catalog, one, source) for one in ("release", "restored"))
     if not (state.is_file() or tables or released or restored):
         return {}
+    pid = lock.holders(run.root).get(source, "")
     about: dict[str, Any] = {
-        "running_pid": _writer(run.root, source),
+        "running_pid": int(pid) if pid.isdigit() else None,
         "lacks": of.credential
         if of.credential and getattr(run.settings, of.credential) is None
         else "",
@@ -163,12 +167,6 @@ def _waiting(root: Path, source: str) -> dict[str, int]:
     return dict(sorted(counts.items()))
 
 
-def _clean_rows(root: Path, source: str) -> dict[str, int]:
-    """Rows by table of clean/<source>, verdicts included, from the files' footers."""
-    folders = sorted(Layout(root).clean(source).glob("*/"))
-    return _in_order({one.name: rows(one) for one in folders if parquet_files(one)})
-
-
 def _schema_rows(catalog: Catalog, schema: str, source: str) -> dict[str, int]:
     """Rows by table of a source in one schema of the catalog, such as release or restored."""
     named = {f"{schema}.{view_name(one)}": one for one in declared().values()}
@@ -208,16 +206,6 @@ def _unknown_keys(root: Path, source: str) -> dict[str, int]:
 
 def _in_order(counts: Mapping[str, int]) -> dict[str, int]:
     return dict(sorted(counts.items(), key=lambda item: vocabulary.place(item[0])))
-
-
-def _writer(root: Path, source: str) -> int | None:
-    """The pid of the process that is writing to the source."""
-    pid = lock.holders(root).get(source, "")
-    return int(pid) if pid.isdigit() else None
-
-
-def _folders(root: Path) -> Iterator[Path]:
-    yield from (root / name for name in (*TOP, "demo") if (root / name).is_dir())
 
 
 def _size(folder: Path) -> int:
