@@ -213,8 +213,9 @@ def crawl(
     what kb.core.errors says for the rest.
     """
     source = YouTubeConnector(run, partial(_promising, worth), only=only, ids=ids, part=part)
-    source.asked = {"ids": str(ids.absolute())} if ids else {}
-    source.asked |= {"part": f"{part[0]}/{part[1]}"} if part else {}
+    if only is None or ids:  # a phase alone goes on with what was asked for before
+        bounds = {"ids": str(ids.absolute()) if ids else "", "part": "/".join(map(str, part or ()))}
+        source.asked = {name: text for name, text in bounds.items() if text}
     try:
         summary = work(run, source, source.summary, phases=source.chosen, facts=source.facts)
     except KbError as error:
