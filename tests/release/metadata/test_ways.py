@@ -129,7 +129,7 @@ def test_videos(tmp_path: Path, raw: tuple[str, ...], own: int, said: set[str]) 
     (row,) = re.findall(r"^\| Rows came from \| (.*) \|$", first_screen(tmp_path), re.MULTILINE)
     if own == 15:
         assert row.split("; ") == [
-            "the YouTube Data API, 45 of 60 videos (75.0%), 2026-11-01 to 2026-11-08",
+            "the YouTube Data API, 45 of 60 videos (75.0%), 2026-11-01 to 2026-11-03",
             "files of yt-dlp, 15 of 60 videos (25.0%), 2026-10-20",
             "YouTube's watch pages, 45 of 60 transcripts (75.0%), 2026-11-01",
             "subtitle files of yt-dlp, 15 of 60 transcripts (25.0%), 2026-10-20",
@@ -216,6 +216,7 @@ QUESTIONS = {
 }
 
 
+FLAGS = re.MULTILINE | re.DOTALL
 OTHERS = (  # of "Datasheets for Datasets", what would be easy to leave out
     "Does the dataset identify any subpopulations?",
     "If the dataset is a sample, what was the sampling strategy?",
@@ -239,7 +240,7 @@ def test_the_authors_answers_are_in_the_datasheet(tmp_path: Path) -> None:
         for number, question in enumerate(QUESTIONS.values()):
             said = f"We say {number} \\<b\\>\\*" if answered else "Not stated by the authors."
             assert f"**{question}**\n\n{said}\n" in sheet
-        found = re.findall(r"\*\*(.+\?)\*\*\n\n(.*?)(?=\n\*\*.+\?\*\*\n|\Z)", sheet, re.DOTALL)
+        found = re.findall(r"^\*\*([^\n]+\?)\*\*\n\n(.*?)(?=^\*\*[^\n]+\?\*\*$|\Z)", sheet, FLAGS)
         assert [asked for asked, given in found if not given.partition("\n## ")[0].strip()] == []
         assert {asked for asked, _ in found} >= {*OTHERS, *QUESTIONS.values()}
         assert "**Is there a label or target associated with each instance?**\n\nNo." in sheet
