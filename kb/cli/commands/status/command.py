@@ -128,15 +128,16 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
     )
     if facts["quota"] and not facts["lacks"]:
         buckets = facts["quota"].items()
-        spent = [f"{name} {one['spent']:,} of {one['limit']:,}" for name, one in buckets]
+        shares = [f"{name} {one['spent']:,} of {one['limit']:,}" for name, one in buckets]
         resets = next(iter(facts["quota"].values()))["resets_at"]
-        lines.append(f"  quota spent today: {', '.join(spent)}; resets {resets}")
+        lines.append(f"  quota spent today: {', '.join(shares)}; resets {resets}")
     for reason, n in facts["waiting"].items():
         if reason == "po_token":  # they have a line of their own
             continue
         hint = SOURCES[source].waiting.get(reason, "the next crawl asks for them again")
         lines.append(f"  {n:,} pending ({reason}): {hint}")
-    cost = [vocabulary.phrase(name, facts[name], {}) for name in ("units", "requests")]
+    spent = ("requests",) if facts["lacks"] else ("units", "requests")  # a quota is a key's
+    cost = [vocabulary.phrase(name, facts[name], {}) for name in spent]
     read = [f"read between {facts['oldest']} and {facts['newest']}"] if facts["oldest"] else []
     if facts["too_old"]:
         read.append(f"{facts['too_old']:,} rows older than {facts['max_age_days']} days")
