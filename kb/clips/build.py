@@ -13,6 +13,7 @@ options have changed is made again.
 from __future__ import annotations
 
 import csv
+import difflib
 import hashlib
 import io
 from collections import Counter
@@ -43,7 +44,7 @@ from kb.core.summary import Summary
 from kb.pairs.draw import asking, checked
 from kb.store.atomic import write_bytes, write_text
 from kb.store.tables import database
-from kb.store.tables.reading import reading
+from kb.store.tables.reading import reading, scan
 
 _VIDEOS = 16  # of a shard
 _JPEG_SHARE = 0.1  # of the bytes of a frame, for the plan
@@ -167,10 +168,25 @@ def pairs_with_films(
             .to_pylist()
         )
     if not rows and chosen.keyword:
-        raise UsageError(f"no pair has the keyword {chosen.keyword!r}")
+        raise UsageError(f"no pair has the keyword {chosen.keyword!r}", hint=_near(run, chosen))
     if not rows:
         raise UsageError("no pair meets the condition")
+    if all(row["text"] is None for row in rows):
+        run.progress.say(
+            "the pairs have no texts, as in every release, so their clips get no tokens: restore"
+            " the release first"
+        )
     return rows, video_files(folders, {row["video_id"] for row in rows})
+
+
+def _near(run: Run, chosen: Chosen) -> str:
+    """Keywords that a misspelt one may mean, as a hint."""
+    files = table_catalog.read(run.root).files("pairs/pairs")
+    with reading(files), database.asking() as con:
+        rows = con.execute(f"SELECT DISTINCT keyword FROM {scan(files)} ORDER BY 1").fetchall()
+    names = {str(name).lower(): str(name) for (name,) in rows}
+    near = difflib.get_close_matches(chosen.keyword.lower(), names, 3)
+    return f"did you mean {' or '.join(repr(names[one]) for one in near)}?" if near else ""
 
 
 def cut_shard(

@@ -133,7 +133,7 @@ def refuse(problems: Sequence[GateProblem], hint: str = "nothing was published")
 
 def write(run: Run, folder: ReleaseFolder) -> Facts:
     """Everything around one folder's data, the checksums last."""
-    with run.progress.task(f"release {folder.source}", total=13, unit="files") as task:
+    with run.progress.task(f"release {folder.source}", unit="files") as task:
         with reading(shard for part in folder.parts for shard in part.shards):
             facts = measure.measure(run, folder)
         for path in folder.path.glob("LICENSE-*.txt"):

@@ -63,6 +63,7 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
     """
     named = _named(run, titles) if titles else None
     source = WikiConnector(run, named)
+    source.asked = {"titles": str(titles.absolute())} if titles else {}
     return work(run, source, source.summary, phases=source.wanted, facts=source.facts)
 
 

@@ -213,6 +213,9 @@ def crawl(
     what kb.core.errors says for the rest.
     """
     source = YouTubeConnector(run, partial(_promising, worth), only=only, ids=ids, part=part)
+    if only is None or ids:  # a phase alone goes on with what was asked for before
+        bounds = {"ids": str(ids.absolute()) if ids else "", "part": "/".join(map(str, part or ()))}
+        source.asked = {name: text for name, text in bounds.items() if text}
     try:
         summary = work(run, source, source.summary, phases=source.chosen, facts=source.facts)
     except KbError as error:

@@ -111,6 +111,7 @@ class _Import:
                         )
             finally:
                 self._flush(at_least=1)
+                task.advance(0, videos=self.counts["crawled"])
 
     def _take(self, entry: os.DirEntry[str]) -> None:
         name = entry.name

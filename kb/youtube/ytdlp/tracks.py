@@ -23,6 +23,7 @@ from kb.store.tables.columns import aligned, newest, put
 from kb.youtube.ytdlp import subtitles
 
 ORIGINAL = "-orig"
+READ_FROM, PAGE, FILE = "read_from", "watch_page", "file"
 NOT_IMPORTED = "not_imported"  # outcome of a video that only a file tells of, without a track
 _RICHEST = ("json3", "srv3", "vtt")
 _FACTS = ("player_width", "player_height", "player_fps", "game_label_id", "game_label")
@@ -138,6 +139,8 @@ def with_imported(
     restriction that the page named does. A video whose info.json (`files`) lists no track in the
     language has none, unless an answer says other.
     """
+    if crawled is not None:
+        crawled = put(crawled, READ_FROM, pa.array([PAGE] * crawled.num_rows, pa.string()))
     listed = _listed(files)
     outcomes = [*_chosen(imported, listed, wanted), *_none(listed, wanted)]
     if not outcomes:
@@ -226,6 +229,7 @@ def _outcomes(outcomes: list[_Found]) -> pa.Table:
             columns[name], _ = records(own[name], kind, clean=True)
         else:
             columns[name] = pa.array(own.get(name, [None] * len(outcomes)), arrow)
+    columns[READ_FROM] = pa.array([FILE] * len(outcomes), pa.string())
     return pa.table(columns)
 
 
