@@ -15,6 +15,7 @@ from typing import BinaryIO
 from kb.core.errors import DamagedData
 from kb.store.artifact_registry import SUMS, artifact_of
 from kb.store.layout import Layout
+from kb.store.out_of_memory import is_out_of_memory
 
 DOWNLOAD = "download it again, into the same folder"
 SMALL = 50_000_000  # bytes of a file that is read as a whole: checksums, tombstones, metadata
@@ -50,11 +51,13 @@ def missing(paths: Sequence[object], hint: str = "") -> DamagedData:
 
 @contextlib.contextmanager
 def opening(path: object, *kinds: type[Exception], hint: str = "") -> Iterator[None]:
-    """Raises DamagedData where a block that reads a file raises OSError or one of these."""
+    """Raises DamagedData where a block that reads a file raises OSError or one of these. That
+    memory runs out is no damage.
+    """
     try:
         yield
     except Exception as error:
-        if not isinstance(error, (OSError, *kinds)):
+        if not isinstance(error, (OSError, *kinds)) or is_out_of_memory(error):
             raise
         raise unreadable(path, error, hint) from error
 

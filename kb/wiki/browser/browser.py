@@ -134,6 +134,7 @@ class Browser:
         from selenium.common.exceptions import SessionNotCreatedException, WebDriverException
         from selenium.webdriver import ChromeOptions
         from selenium.webdriver.chrome.remote_connection import ChromeRemoteConnection
+        from selenium.webdriver.common.proxy import Proxy, ProxyType
         from selenium.webdriver.remote.client_config import ClientConfig
         from selenium.webdriver.remote.webdriver import WebDriver
 
@@ -165,6 +166,7 @@ class Browser:
         config = ClientConfig(
             remote_server_addr=address,
             keep_alive=True,
+            proxy=Proxy({"proxyType": ProxyType.DIRECT}),  # the driver is on this machine
             timeout=int(page_seconds) + 15,
         )
         try:
