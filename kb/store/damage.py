@@ -18,6 +18,7 @@ from kb.store.layout import Layout
 from kb.store.out_of_memory import is_out_of_memory
 
 DOWNLOAD = "download it again, into the same folder"
+LINE = 1_000_000  # bytes of a line of JSON
 SMALL = 50_000_000  # bytes of a file that is read as a whole: checksums, tombstones, metadata
 
 
@@ -73,6 +74,17 @@ def regular(path: Path, hint: str = "", *, links: bool = True) -> Iterator[Binar
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             raise unreadable(path, "it is no file but a pipe, a device or a folder", hint)
         yield file
+
+
+def short_lines(path: Path, hint: str = "") -> Iterator[bytes]:
+    """The lines of a file of a stranger's folder: no link, and at most LINE bytes in a line. Raises
+    DamagedData.
+    """
+    with opening(path, hint=hint), regular(path, hint, links=False) as file:
+        while line := file.readline(LINE + 1):
+            if len(line) > LINE:
+                raise unreadable(path, f"a line has more than {LINE:,} bytes", hint)
+            yield line
 
 
 def read_small(path: Path, hint: str = "") -> bytes:

@@ -30,6 +30,7 @@ _CONTINUED = 500
 # count may be old, and a wiki may give fewer titles at a time.
 _LISTED, _PAGES_A_PART, _MOST_PAGES = 1_000, 20, 100_000_000
 _NOTICE = re.compile(rb"\b(?:Notice|Warning|Deprecated)\b")  # of PHP
+_FRONT = 1_000_000  # bytes of the front page, whose head has the link
 _AGAIN = ("maxlag", "readonly", "ratelimited", "internal_api_error")  # and what begins like them
 _DETAILS = {
     "prop": "info|revisions|contributors|redirects|categories",
@@ -195,9 +196,10 @@ class WikiApi:
             return content
         if not self._told:
             self._told = True
-            text = re.sub(r"<[^>]*>", "", content[:start].decode("utf-8", "replace"))
-            said = answers.quoted(text)
-            self._web.run.progress.say(f"{self.endpoint} writes {said} before its answers")
+            said = content[: min(start, _FRONT // 100)].decode("utf-8", "replace")
+            text = re.sub(r"<[^<>]*>", "", said)
+            notice = answers.quoted(text)
+            self._web.run.progress.say(f"{self.endpoint} writes {notice} before its answers")
         return content[start:]
 
 
@@ -308,7 +310,7 @@ def find_endpoint(web: WikiHosts, url: str, *, known: bool = False) -> str:
     except ItemFinal as error:
         raise FatalError(f"{url} does not answer as a wiki: {error}") from None
     front = _FrontPage()
-    front.feed(page.content.decode("utf-8", "replace"))
+    front.feed(page.content[:_FRONT].decode("utf-8", "replace"))
     if not front.href and (known or front.unlisted or web.foreign_robots):
         raise retry.blocked(f"{url} shows a page that is not the wiki's, as a challenge does")
     if not front.href:
