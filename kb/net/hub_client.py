@@ -9,19 +9,19 @@ from typing import Any
 from kb.core import clock
 from kb.core.config.addresses import is_loopback
 from kb.net.bounded import ANSWER_BYTES, ANSWER_S
-from kb.net.session import TIMEOUT_S
 
 _RANGE = re.compile(r"bytes=(\d{1,18})-(\d{1,18})")
 _SLOWEST = 100_000  # bytes a second of a file's range
+_TIMEOUT_S = (10.0, 60.0)  # to connect, and between two bytes
 
 
-def use_own_client(endpoint: str, timeout: tuple[float, float] = TIMEOUT_S) -> None:
-    """Make the package's requests to the hub at `endpoint`; `timeout` as in kb.net.session."""
+def use_own_client(endpoint: str, timeout: tuple[float, float] = _TIMEOUT_S) -> None:
+    """Make the package's requests to the hub at `endpoint`."""
     import httpx2
     import huggingface_hub
     from huggingface_hub.utils import _http
 
-    class Bounded(httpx2.SyncByteStream):  # type: ignore[misc]  # read without its types
+    class Bounded(httpx2.SyncByteStream):
         """The bytes of an answer, as they came. Raises ReadError beyond a number or a time."""
 
         def __init__(self, response: Any, most: int) -> None:

@@ -205,13 +205,13 @@ class State:
             after = known if known <= last else 0
             third = _among(other.merged())
             passed_on = _among(self.merged(2))
-            for rows, old in ((f"NOT ({third})", passed_on), (third, "TRUE")):
+            for which, old in ((f"NOT ({third})", passed_on), (third, "TRUE")):
                 middle = self._next_row()
                 self._db.execute(f"CREATE TEMP TABLE new AS SELECT {columns} FROM ledger LIMIT 0")
                 self._db.executemany(
                     "INSERT INTO new VALUES (?, ?, ?, ?, ?, ?)",
                     other._db.execute(
-                        f"SELECT {columns} FROM ledger WHERE id > ? AND ({rows})", (after,)
+                        f"SELECT {columns} FROM ledger WHERE id > ? AND ({which})", (after,)
                     ),
                 )
                 self._db.execute(

@@ -133,7 +133,7 @@ def _titles(frontier: Frontier, envelope: Envelope) -> None:
     frontier.add("info", [(f"{number}:{page['title']}", Title(page["title"])) for page in listed])
     key, going = f"{number}:{namespace}", answer.get("continue") or {}
     frontier.add("titles", [(key, List(number, namespace))])
-    before: List = (frontier.get("titles", key) or ("", None, None))[1]
+    _, before, _ = frontier.get("titles", key) or ("", List(number, namespace), None)
     read = before.read + (before.going != going)
     frontier.payload("titles", key, List(number, namespace, going, read))
     frontier.mark("titles", [key], "todo" if going else "done")
