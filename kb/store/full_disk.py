@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from kb.core.errors import DiskFull, KbError, Stopped
+from kb.store.out_of_memory import is_out_of_memory
 
 FULL_HINT = "free some space and run the same command again"
 _WHY = {
@@ -49,7 +50,8 @@ def as_disk_full(error: BaseException, *places: Path) -> DiskFull | None:
     cause = _system_error(error)
     if cause is None:
         # An error of Lorecrawl says what it means, and so does an errno; others may be a full disk.
-        clear = isinstance(error, (KbError, MemoryError)) or type(error).__module__[:3] == "kb."
+        clear = isinstance(error, KbError) or type(error).__module__[:3] == "kb."
+        clear = clear or is_out_of_memory(error)
         clear = clear or (isinstance(error, OSError) and error.errno is not None)
         full = None if clear else next(filter(_is_full, places), None)
         return disk_full(full) if full else None

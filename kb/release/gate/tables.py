@@ -93,12 +93,9 @@ def _json(path: Path, declared: Table, source: str) -> list[GateProblem]:
         return undeclared
     problems, arrays = [], {}
     for field in declared.arrow(True):
-        values = [row.get(field.name) for row in rows]
         try:
-            if pa.types.is_timestamp(field.type):  # as ISO 8601
-                values = [None if one is None else datetime.fromisoformat(one) for one in values]
-            arrays[field.name] = pa.array(values, field.type)
-        except (pa.ArrowException, ValueError, TypeError):
+            arrays[field.name] = _array([row.get(field.name) for row in rows], field.type)
+        except (pa.ArrowException, ValueError, TypeError, OverflowError):
             what = (
                 f"column {field.name} contains other values than {declared.column(field.name).type}"
             )
