@@ -8,6 +8,7 @@ drop above the threshold. Released: ids and metadata only.
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from kb.annotate import toxicity
 from kb.core.config.profile import Profile
@@ -107,9 +108,9 @@ def clean(p: Profile) -> Clean:
     )
 
 
-def export(run: Run, format: str) -> Summary:
+def export(run: Run, format: str, **options: Any) -> Summary:
     """Clean to release/youtube and release/open-text, or to a format of others."""
-    summary = layouts.export(run, "youtube", format)
+    summary = layouts.export(run, "youtube", format, **options)
     if format != "parquet":
         return summary
     made = layouts.export(run, "open-text")

@@ -57,6 +57,7 @@ STAGES = (
     Stage("wiki export", ("wiki", "export")),
     Stage("pairs", ("pairs",)),
     Stage("release", ("release",), codes=(0, 1)),
+    *(Stage(f"{one} text", (one, "export", "--format", "text")) for one in scale_raw.SOURCES),
     # The first one makes the state again, from raw data alone; the next one finds it there.
     Stage("replay youtube", ("refresh", "youtube"), waits=True),
     Stage("replay reddit", ("refresh", "reddit"), waits=True),

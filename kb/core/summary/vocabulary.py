@@ -153,7 +153,7 @@ WORDS: dict[str, Word] = {
     ),
     "not_proposed_by": Word("The same by reason."),
     "keywords_found": Word("Keywords with a match.", "{n} keywords found"),
-    "words": Word("Words of the transcripts.", "{n} words"),
+    "words": Word("Words of the transcripts or documents.", "{n} words"),
     "matches": Word("Occurrences of keywords.", "{n} matches"),
     "ambiguous": Word("Matches of everyday words.", "{n} of everyday words"),
     "ambiguous_alone": Word(
@@ -252,7 +252,18 @@ WORDS: dict[str, Word] = {
     "model": Word("The model whose scores decided.", "scored by {n}"),
     "revision": Word("Its revision."),
     "precisions": Word("Scores by precision."),
+    "unread_facts": Word(
+        "Rows of infoboxes that could not be read as facts, of pages of this run.",
+        "{n} rows of infoboxes not read",
+    ),
     "format": Word("The layout that was written."),
+    "documents": Word("Pages, threads or videos as text.", "{n} documents", always=True),
+    "chunks": Word("Chunks that these were cut into.", "{n} chunks"),
+    "tokens": Word("What counted as a token of a chunk.", "tokens counted as {n}"),
+    "contacts": Word(
+        "E-mail addresses, IP addresses and telephone numbers that placeholders replace.",
+        "{n} contacts replaced",
+    ),
     "path": Word("Where it was written.", "in {n}"),
     "page": Word("The report's page.", "see {n}"),
     "folder": Word("The folder with the model's files, or the one that was read.", "in {n}"),
