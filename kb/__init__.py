@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["__version__", "load"]
 __version__ = "0.1.0"
 
-startup.disable_telemetry()
+startup.set_environment()
 
 
 def __getattr__(name: str) -> Any:

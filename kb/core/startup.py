@@ -1,6 +1,7 @@
-"""What a process sets when it starts: no telemetry of dependencies, and less garbage collection.
+"""What a process sets when it starts: no telemetry of dependencies, memory that is kept for reuse,
+and less garbage collection.
 
-`kb/__init__.py` calls `disable_telemetry` before any dependency is imported, so it also holds in
+`kb/__init__.py` calls `set_environment` before any dependency is imported, so it also holds in
 worker processes and where kb is used as a library. Other switches are where the thing is started:
 Chromium's in kb/wiki/browser/, the dashboard of Dask in kb/core/dask_engine.py, PRAW's check for
 updates in kb/reddit/crawl/client.py.
@@ -20,9 +21,12 @@ ENVIRONMENT = {
 }
 
 
-def disable_telemetry() -> None:
+def set_environment() -> None:
     """Set the switches for this process and those that it starts."""
     os.environ |= ENVIRONMENT
+    # Arrow's own pool returns large blocks at once: a third of decoding went into asking the kernel
+    # for them again. Whoever has chosen a pool keeps it.
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
 
 
 def collect_seldom() -> None:

@@ -26,7 +26,7 @@ def newest(rows: pa.Table, key: Sequence[str], by: Sequence[str]) -> pa.Table:
         equal = pc.equal(column.slice(0, len(column) - 1), column.slice(1))
         same = pc.and_(same, pc.fill_null(equal, False))
     last = pa.concat_arrays([pc.invert(same), pa.array([True], pa.bool_())])
-    return rows.combine_chunks().take(order.filter(last))
+    return rows.take(order.filter(last))
 
 
 def duplicates(rows: pa.Table, kept: pa.Table, echo: str = "") -> int:
