@@ -23,7 +23,7 @@ from kb.pairs.clip_tokens import Tokens
 
 OTHER = re.compile(r"[\W_]+")
 SOUND = re.compile(r"\[[^\[\]]{0,64}\]")
-COLUMNS = (
+COLUMNS = [
     "video_id",
     "keyword",
     "text",
@@ -32,7 +32,7 @@ COLUMNS = (
     "end_s",
     "clip_start_s",
     "clip_end_s",
-)
+]
 count = lru_cache(1_000_000)(Tokens().count)
 
 
@@ -79,22 +79,20 @@ def of_video(video_id, cues, automaton, phrases):
 
 
 def of_file(path, listed, out):
-    with open(listed, encoding="utf-8") as file:
-        phrases = [line.rstrip("\n").split("\t") for line in file]
+    phrases = [line.split("\t") for line in Path(listed).read_text(encoding="utf-8").splitlines()]
     automaton = AhoCorasick([f" {phrase} " for phrase, _, _ in phrases])
-    said, rows = 0, []
+    rows = []
     with pq.ParquetFile(path) as file:
         for batch in file.iter_batches(128, columns=["video_id", "cues"]):
             for row in batch.to_pylist():
                 rows += of_video(row["video_id"], row["cues"], automaton, phrases)
-                said += 1
-    table = pa.table(list(map(list, zip(*rows))) or [[]] * len(COLUMNS), names=COLUMNS)
+    table = pa.table([[row[at] for row in rows] for at in range(len(COLUMNS))], names=COLUMNS)
     pq.write_table(table, Path(out, Path(path).name), compression="zstd")
-    return said, len(rows)
+    return len(rows)
 
 
 if __name__ == "__main__":
     folder, listed, out, processes = sys.argv[1:5]
     with ProcessPoolExecutor(int(processes)) as pool:
         jobs = [pool.submit(of_file, path, listed, out) for path in Path(folder).glob("*.parquet")]
-        print(sum(job.result()[1] for job in jobs), "pairs")
+        print(sum(job.result() for job in jobs), "pairs")
