@@ -78,6 +78,7 @@ def rows(n: int = 60) -> dict[str, list[dict[str, Any]]]:
             "category_id": 20,
             "topic_evidence": "game_label" if i % 3 else "keywords",
             "transcript_kind": ("manual", "asr", "translated")[i % 3],
+            "transcript_origin": "service",
             "word_count": 500 + spread("w", i) % 3000,
             "license": "youtube",
             "metadata_origin": "api",

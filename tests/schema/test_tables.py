@@ -21,8 +21,8 @@ CONTRACT = {
     "youtube/videos": (
         (
             "video_id title link channel_id published_at view_count view_rule like_count duration_s"
-            " width height fps category_id topic_evidence transcript_kind word_count license"
-            " fetched_at toxicity_title toxicity_description"
+            " width height fps category_id topic_evidence transcript_kind transcript_origin"
+            " word_count license fetched_at toxicity_title toxicity_description"
         ),
         "toxicity_title_insult toxicity_description_threat",
     ),

@@ -188,7 +188,7 @@ def assemble(
     Adds to the parsed columns: `link`, `imported` (whether a file tells of it), `width`, `height`
     (px; the largest stream's when known, else the embed frame's), `fps`, `view_rule`,
     `metadata_origin`, `age_restricted`, `game_label_id`, `game_label`, `transcript_outcome` (null:
-    not asked), `transcript_kind`, `word_count`.
+    not asked), `transcript_kind`, `transcript_origin`, `word_count`.
     """
     videos = one_row_each(latest.get("videos"), latest.get("ytdlp_info"), latest.get("statistics"))
     outcomes = tracks.with_imported(
@@ -248,6 +248,7 @@ def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
         "game_label": column(side, "game_label"),
         "transcript_outcome": outcome,
         "transcript_kind": kind,
+        "transcript_origin": pc.if_else(had, "service", pa.scalar(None, pa.string())),
         "word_count": pc.if_else(had, column(side, "word_count"), pa.scalar(None, pa.int64())),
         "problems": _renamed(column(videos, "problems")),
     }
