@@ -127,7 +127,7 @@ def test_pairs_and_their_peer(bench: scale.Bench) -> None:
     beside("pairs", {"ours": stage(bench, "pairs"), "loop": peer})
     with duckdb.connect() as db:
         ours, theirs, both = db.execute(
-            f"""WITH ours AS (SELECT DISTINCT video_id, keyword FROM '{bench.root}/pairs/pairs-*'),
+            f"""WITH ours AS (SELECT DISTINCT video_id, keyword FROM '{bench.root}/pairs/pairs-*.parquet'),
                 theirs AS (SELECT DISTINCT video_id, keyword FROM '{out}/*.parquet')
             SELECT (SELECT count(*) FROM ours), (SELECT count(*) FROM theirs),
                 (SELECT count(*) FROM ours JOIN theirs USING (video_id, keyword))"""

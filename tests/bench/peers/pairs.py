@@ -23,16 +23,7 @@ from kb.pairs.clip_tokens import Tokens
 
 OTHER = re.compile(r"[\W_]+")
 SOUND = re.compile(r"\[[^\[\]]{0,64}\]")
-COLUMNS = [
-    "video_id",
-    "keyword",
-    "text",
-    "tokens",
-    "start_s",
-    "end_s",
-    "clip_start_s",
-    "clip_end_s",
-]
+COLUMNS = ["video_id", "keyword", "text", "tokens", "start_s", "end_s", "clip_start", "clip_end"]
 count = lru_cache(1_000_000)(Tokens().count)
 
 
