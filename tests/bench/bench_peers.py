@@ -125,9 +125,10 @@ def test_pairs_and_their_peer(bench: scale.Bench) -> None:
             file.write(f"{phrase}\t{one.name if one else ''}\t{reach}\n")
     peer = script("pairs.py", bench.root / "clean/youtube/transcripts", listed, out, 2)
     beside("pairs", {"ours": stage(bench, "pairs"), "loop": peer})
+    made = bench.root / "pairs/pairs-*.parquet"
     with duckdb.connect() as db:
         ours, theirs, both = db.execute(
-            f"""WITH ours AS (SELECT DISTINCT video_id, keyword FROM '{bench.root}/pairs/pairs-*.parquet'),
+            f"""WITH ours AS (SELECT DISTINCT video_id, keyword FROM '{made}'),
                 theirs AS (SELECT DISTINCT video_id, keyword FROM '{out}/*.parquet')
             SELECT (SELECT count(*) FROM ours), (SELECT count(*) FROM theirs),
                 (SELECT count(*) FROM ours JOIN theirs USING (video_id, keyword))"""

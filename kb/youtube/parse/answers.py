@@ -86,7 +86,7 @@ def transcripts(lines: Iterable[bytes], rows: int = 512) -> Iterator[pa.Table]:
                 raise FatalError(
                     f"raw/youtube has transcripts of raw format {number}; this version of"
                     f" Lorecrawl reads format {FORMAT}",
-                    hint="crawl or import them again into a new data root",
+                    hint="crawl them again into a new data root",
                 )
         yield got.append_column("final", is_final(got["outcome"]))
 
