@@ -18,6 +18,9 @@ __all__ = ["__version__", "load"]
 __version__ = "0.1.0"
 
 os.environ |= ENVIRONMENT
+# Arrow's own pool returns large blocks at once: a third of decoding went into asking the kernel for
+# them again. Whoever has chosen a pool keeps it.
+os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,5 @@
-"""What a process sets when it starts: no telemetry of dependencies, and less garbage collection.
+"""What a process sets when it starts: no telemetry of dependencies, memory that is kept for reuse,
+and less garbage collection.
 
 `kb/__init__.py` sets ENVIRONMENT before any dependency is imported, so it also holds in worker
 processes and where kb is used as a library. Other switches are where the thing is started:

@@ -94,7 +94,10 @@ def _json(path: Path, declared: Table, source: str) -> list[GateProblem]:
     problems, arrays = [], {}
     for field in declared.arrow(True):
         try:
-            arrays[field.name] = _array([row.get(field.name) for row in rows], field.type)
+            values = [row.get(field.name) for row in rows]
+            if pa.types.is_timestamp(field.type):  # as ISO 8601
+                values = [None if one is None else datetime.fromisoformat(one) for one in values]
+            arrays[field.name] = pa.array(values, field.type)
         except (pa.ArrowException, ValueError, TypeError, OverflowError):
             what = (
                 f"column {field.name} contains other values than {declared.column(field.name).type}"

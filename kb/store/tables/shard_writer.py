@@ -1,8 +1,9 @@
 """The one place that writes Parquet.
 
-Settings as measured best on 10 M comment rows: zstd 3, row groups of 131,072 rows, statistics and
-page index, dictionaries on the columns that `schemas/` marks as low-cardinality and on no other,
-sorted by the table's `sort_by`. Every file appears whole or not at all.
+Settings as measured best on 10 M comment rows: zstd 3 (zstd 1 for tables that are never released),
+row groups of 131,072 rows, statistics and page index, dictionaries on the columns that `schemas/`
+marks as low-cardinality and on no other, sorted by the table's `sort_by`. Every file appears whole
+or not at all.
 
 Bytes depend on the rows alone: each row group is written from one contiguous block, so page
 boundaries can't follow from how the rows arrived, and nothing in the file tells the time.
@@ -25,7 +26,7 @@ from kb.store.tables.merge import Merge
 
 ROW_GROUP = 131_072  # rows
 SHARD = 256_000_000  # bytes after which a shard ends; row groups are whole
-ZSTD_LEVEL = 3
+RELEASED, INTERNAL = 3, 1  # levels of zstd
 PAGE = 128 << 10  # bytes: small pages keep a merge of many files small, and a look-up cheap
 
 
@@ -115,7 +116,7 @@ class ShardWriter:
                 self._temporary,
                 schema,
                 version="2.6",
-                compression_level=ZSTD_LEVEL,
+                compression_level=RELEASED if declared.released else INTERNAL,
                 use_dictionary=low or False,
                 data_page_size=PAGE,
                 write_statistics=True,

@@ -121,7 +121,7 @@ def _files(lines: Iterable[bytes]) -> Iterator[tuple[str, str, str, bool, str, s
             track = subtitles.read(answer["format"], answer["text"])
         except ValueError:  # text that a purge or an older version left; the import counted others
             continue
-        cues = json.dumps(subtitles.as_lists(track.cues), ensure_ascii=False)
+        cues = json.dumps(subtitles.as_columns(track.cues), ensure_ascii=False)
         about = (answer["video_id"], answer["language"], answer["format"])
         yield *about, track.timed, cues, envelope.fetched_at
 
