@@ -26,8 +26,6 @@ import pyarrow.compute as pc
 
 from kb.annotate.backends import REACH, check_options, choose_device, open_runner, prepare
 from kb.annotate.checkpoint import Checkpoint, find_checkpoint, need_extra
-from kb.annotate.detoxify_model import explained_memory
-from kb.annotate.inference import Runner
 from kb.annotate.scores import CATEGORIES, Scores, text_hashes, unscored
 from kb.artifacts import manifest
 from kb.artifacts.freshness import MODEL

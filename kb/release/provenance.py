@@ -128,12 +128,14 @@ def rules(profile: Profile, source: str) -> list[tuple[str, str]]:
         threshold = profile.toxicity.threshold(source)
         shown = "not dropped" if threshold is None else threshold
         values.append((f"{source}.toxicity", shown))
-    return [(rule, _shown(value)) for rule, value in values if value not in ((), [], "")]
+    return [(rule, _shown(value)) for rule, value in values if value not in ((), [], {}, "")]
 
 
 def _shown(value: Any) -> str:
     if isinstance(value, tuple):
         return ", ".join(map(str, value))
+    if isinstance(value, dict):
+        return ", ".join(f"{name}: {one}" for name, one in value.items())
     if isinstance(value, float):
         return f"{value:g}"
     return str(value).lower() if isinstance(value, bool) else str(value)

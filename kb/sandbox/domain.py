@@ -82,7 +82,9 @@ def domain_of(profile: Profile) -> Domain:
     searches = youtube.keywords if youtube else (profile.title,)
     return Domain(
         title=profile.title,
-        speech=Speech(names, topic, rules.language, verbs),
+        speech=Speech(
+            names, topic, rules.language, verbs, profile.tasks.things, profile.tasks.nouns
+        ),
         rules=rules,
         cases=cases_by(rules),
         labels={"topic": (game, profile.title), "other": (OTHER_LABEL, "Something Else")},

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import random
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -133,7 +133,8 @@ class Speech:
 
     `names`: what is spoken of, the most frequent first. `topic`: the domain's words, of which the
     first stands in titles, and none in the other texts. `language`: what tracks of the domain's
-    own language say is English. `verbs`: of tasks.
+    own language say is English. `verbs`: of tasks; `things`: the verbs of things that titles
+    name; `nouns`: verbs that may be nouns.
     """
 
     def __init__(
@@ -142,8 +143,11 @@ class Speech:
         topic: Sequence[str],
         language: str = "en",
         verbs: Sequence[str] = (),
+        things: Mapping[str, str] | None = None,
+        nouns: Sequence[str] = (),
     ) -> None:
         given = grammar()
+        self.things, self.task_nouns = dict(things or {}), tuple(nouns)
         self.verbs = tuple(verbs) or ("make",)
         mass, singular = set(given.mass.split()), set(given.singular.split())
         self.topics, self.topic = tuple(topic), topic[0]
@@ -201,6 +205,22 @@ class Speech:
         around = rng.choice(grammar().rules["task_title"])
         values = {"task": task, "topic": self.topic, "n": rng.randint(2, 99)}
         return _title_case(around.format_map(values)), task.lower()
+
+    def thing_title(self, rng: random.Random, cast: Cast) -> tuple[str, str]:
+        """The same of a title that names a thing and no verb."""
+        what, verb = rng.choice(sorted(self.things.items()))
+        around = rng.choice(grammar().rules["thing_title"])
+        thing = f"{cast.subject.name} {what}"
+        values = {"thing": thing, "topic": self.topic, "n": rng.randint(2, 99)}
+        praise = next((one for one in ("easiest", "best") if one in around.lower().split()), "")
+        return _title_case(around.format_map(values)), " ".join(f"{verb} {praise} {thing}".split())
+
+    def noun_title(self, rng: random.Random, cast: Cast) -> str:
+        """A title in which a verb is a noun, or a thing is not made."""
+        thing = f"{cast.subject.name} {rng.choice(sorted(self.things))}"
+        around = rng.choice(grammar().rules["noun_title"])
+        values = {"thing": thing, "noun": rng.choice(self.task_nouns), "topic": self.topic}
+        return _title_case(around.format_map(values | {"n": rng.randint(2, 99)}))
 
     def plain_title(self, rng: random.Random, cast: Cast) -> str:
         """A title that doesn't name the topic."""

@@ -2,7 +2,7 @@
 
     raw/<source> → clean/<source> → release/<source>, export/…, index/<source>
                    clean/youtube → pairs → release/pairs, export/…
-                   clean/youtube → tasks → release/tasks, export/…
+                   clean/youtube, labels → tasks → release/tasks, export/…
                    clean/<every source> → links → release/links
                    clean/youtube → release/open-text
 
@@ -32,10 +32,10 @@ SUMS = "SHA256SUMS"
 """The file name of the checksums of a release folder, and of captured files."""
 
 
-# Of what is made from sources: raw answers that it reads beside their clean rows, the parts of the
+# Of what is made from sources: what else it reads beside their clean rows, the parts of the
 # profile that decide its rows, and the number of its rules.
 _OTHER_INPUTS = {
-    "tasks": ("raw/youtube/ytdlp_playlists",),
+    "tasks": ("raw/youtube/ytdlp_playlists", "labels"),
     "links": ("raw/wiki/pages", "raw/wiki/site"),
 }
 _SETTINGS = {
@@ -43,7 +43,7 @@ _SETTINGS = {
     "tasks": ("tasks", "youtube.topic_keywords", "keywords", "pairs.include"),
     "links": ("keywords", "pairs.include", "pairs.exclude", "pairs.near_words"),
 }
-_RULES = {"pairs": 7, "tasks": 1, "links": 1}
+_RULES = {"pairs": 7, "tasks": 2, "links": 1}
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ class TasksFormat(StrEnum):
     tasks_app,
     uses=("pipeline",),
     again="Mine all titles again, even if nothing has changed.",
-    json="tasks, titles, starts, rejected_by",
+    json="tasks, titles, judged, reworded, starts, rejected_by",
     needs_data=True,
     checks=True,
     examples=[
@@ -50,7 +50,8 @@ def tasks(
 
     Each video gives at most one task, which begins where a chapter or the transcript first names
     its object. Every title that gives none is in tasks_titles with the reason. The verbs and
-    phrases are those of [tasks] in the profile.
+    phrases are those of [tasks] in the profile. What people judged (`kb label`) counts: tasks that
+    they rejected are left out, their wordings and times replace those of the title.
     """
     summary: Summary = pipeline(run, "tasks").tasks(run, format.value)
     return summary

@@ -138,6 +138,8 @@ WORDS: dict[str, Word] = {
         "{n} without credit left out",
     ),
     "titles": Word("Titles of kept videos.", "{n} titles"),
+    "judged": Word("Tasks that people judged and did not reject.", "{n} judged by people"),
+    "reworded": Word("Tasks with a better wording of people.", "{n} with their wording"),
     "starts": Word("Tasks by what says when they begin: chapter, transcript, none."),
     "clips": Word("Clips.", "{n} clips"),
     "clips.missing": Word("Pairs of videos without a file.", "{n} of videos without a file"),
@@ -193,6 +195,9 @@ WORDS: dict[str, Word] = {
     ),
     "label import.answers": Word("Answers in the files.", "{n} answers read", always=True),
     "added": Word("Answers that were not there before.", "{n} new"),
+    "accepted_tasks": Word("Tasks that were accepted.", "{n} accepted", always=True),
+    "rejected_tasks": Word("Tasks that were rejected.", "{n} rejected", always=True),
+    "reworded_tasks": Word("Tasks that got a better wording.", "{n} reworded", always=True),
     "labels": Word("Answers in labels/ now.", "{n} labels in all"),
     "skipped": Word("Judgements that people skipped or left empty.", "{n} skipped"),
     "undefined": Word(

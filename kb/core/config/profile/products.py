@@ -15,6 +15,9 @@ def is_list_name(name: str) -> bool:
     return name.endswith(".tsv") and not name.startswith("/") and ".." not in name.split("/")
 
 
+_Words = Annotated[str, Field(min_length=1)]
+
+
 class Pairs(Section):
     """The pairs part of a profile (MineDojo paper, data collection appendix: video-text pairs)."""
 
@@ -147,6 +150,33 @@ class Tasks(Section):
         ),
         description="channel talk that is removed from titles; # stands for a number",
     )
+    things: dict[_Words, _Words] = Field(
+        {},
+        description="what a title may name without a verb, and the verb of its prompt: with"
+        ' `farm = "build"` the title "Easy iron farm tutorial" gives "build easy iron farm"',
+    )
+    marks: Phrases = Field(
+        (
+            *("tutorial", "tutorials", "guide", "how to", "walkthrough", "step by step", "design"),
+            *("designs", "schematic", "build", "per hour", "per minute", "made easy", "explained"),
+        ),
+        description="phrases by which a title that names a thing is about making it",
+    )
+    praise: Phrases = Field(
+        (
+            *("easy", "easiest", "simple", "simplest", "best", "automatic", "fully automatic"),
+            *("auto", "efficient", "most efficient", "fast", "fastest", "compact", "cheap"),
+        ),
+        description="words that say the same where a thing's name begins with them",
+    )
+    nouns: Phrases = Field(
+        (),
+        description="verbs that are more often nouns or adjectives: without a lead-in they count"
+        " only before an article or a keyword",
+    )
+    endings: Phrases = Field(
+        (), description="words that say nothing at the end of a title's part, such as `hardcore`"
+    )
     never: Phrases = Field(
         (
             *("vs", "versus", "but", "or", "# days", "# hours"),
@@ -159,6 +189,9 @@ class Tasks(Section):
     fillers: Phrases = Field(
         ("a", "an", "the", "your", "own", "some", "this", "these", "any"),
         description="words that do not tell two prompts apart, nor belong to an object",
+    )
+    owners: Phrases = Field(
+        ("my", "our"), description="words that are left out before one of `things`"
     )
     joints: Phrases = Field(
         (
