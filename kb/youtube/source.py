@@ -51,7 +51,8 @@ class YouTube(Source):
         *("max_age_days", "max_tries", "searches_per_day", "units_per_day"),
     )
     waiting = {
-        "transcript": "import their transcripts or run `kb youtube crawl`; with"
+        "transcript": "run `kb youtube crawl` or import transcripts, YouTube's or your own (`kb"
+        " youtube missing-transcripts` lists the videos); with"
         ' `transcripts = "optional"` in [youtube] of the profile they are kept without',
     }
     refreshed = "refresh"
@@ -92,6 +93,7 @@ class YouTube(Source):
         "youtube.transcripts",
         "youtube.language",
         "youtube.translate",
+        "youtube.own_transcripts",
     )
     ways = {
         "searched": RecordedWay(raw="search"),
