@@ -1,9 +1,9 @@
 """The best passages of a data root, as answers with a snippet and a link to the very place."""
 
-import difflib
 import re
 from collections import Counter
 from collections.abc import Sequence
+from difflib import SequenceMatcher, get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ from kb.artifacts.table_catalog import NO_TABLES, Catalog
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
 from kb.search.passage import Passage
-from kb.search.query import corrected, question
+from kb.search.query import clean, is_asking, question
 from kb.search.ranking import IndexedTerm, Only, Ranked, Weights, rank
 from kb.search.tantivy_index import PassageIndex
 from kb.store.layout import Layout
@@ -25,6 +25,11 @@ from kb.store.tables.reading import reading
 
 MARK = "**"  # around matching words
 MOST = 32  # words
+_KNOWN = 50_000  # most frequent words with the same first letter that are compared
+_LEAST = 0.7  # similarity (difflib's ratio) of a word to one that is suggested for it
+_COMPARED = 20  # nearest words of which the most frequent is chosen
+_AS_NEAR = 0.05  # of such a similarity: within that the more frequent word is taken
+_READ = 20  # passages in which the spelling of a stem is looked up
 
 
 class NotIndexed(UsageError):
@@ -79,10 +84,67 @@ def search(
 
 def suggest(root: Path, words: str, *, sources: Sequence[str] = ()) -> str:
     """The query with each word that no passage has in its nearest spelling that some have; "" where
-    every word is known, or nothing is near. Raises as `search`.
+    every word is known, one has nothing near, or that has no answers either. The first letter of a
+    word is taken as typed; what only asks ("how do I make") is left as it is. Raises as `search`.
     """
     usable_sources = usable(root, sources or tuple(SOURCES))
-    return corrected([_opened(root, source) for source in usable_sources], words)
+    indexes = {source: _opened(root, source) for source in usable_sources}
+    text = clean(words)
+    for word in {
+        word
+        for term in question(words).terms
+        if not term.prefix
+        for word in term.text.split()
+        if not is_asking(word)
+    }:
+        known = any(
+            min(map(one.frequency, one.analyzer.analyze(word)), default=1)
+            for one in indexes.values()
+        )
+        if not known:
+            if not (other := _nearest([*indexes.values()], word)):
+                return ""
+            text = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", other, text)
+    if text == clean(words):
+        return ""
+    asked = question(text)
+    return text if rank(indexes, asked, Weights(indexes, asked), Only(limit=1)) else ""
+
+
+def _nearest(indexes: Sequence[PassageIndex], word: str) -> str:
+    """The word of a passage that is most like a given one, "" where none is."""
+    frequencies: Counter[str] = Counter()
+    stem = "".join(indexes[0].analyzer.analyze(word))
+    for one in indexes:
+        frequencies.update(dict(one.frequencies(stem[:1], _KNOWN)))
+    near = get_close_matches(stem, frequencies, n=_COMPARED, cutoff=_LEAST)
+    if not near:
+        return ""
+    least = _likeness(near[0], stem) - _AS_NEAR
+    best = [other for other in near if _likeness(other, stem) >= least]
+    return _spelling(indexes, min(best, key=lambda one: (-frequencies[one], one)), word)
+
+
+def _likeness(one: str, other: str) -> float:
+    return SequenceMatcher(None, one, other).ratio()
+
+
+def _spelling(indexes: Sequence[PassageIndex], stem: str, word: str) -> str:
+    """The word with this stem, in the first passages that have one, that is most like `word`."""
+    spellings: Counter[str] = Counter()
+    for one in indexes:
+        for passage in one.first(one.phrase([stem]), _READ):
+            text = f"{passage.title} {passage.path} {passage.text} {passage.alt}".lower()
+            spellings.update(
+                text[token.char_offset_from : token.char_offset_to]
+                for token in one.analyzer.pre_tokenize(text).tokens
+                if token.text == stem
+            )
+    return min(
+        spellings,
+        key=lambda one: (-_likeness(one, word.lower()), -spellings[one], one),
+        default="",
+    )
 
 
 def usable(root: Path, sources: Sequence[str]) -> list[str]:
@@ -190,7 +252,7 @@ def entity(root: Path, name: str) -> str:
     forms = {alias: str(row["entity"]) for row in rows for alias in row["aliases"]}
     if match := names.get(wanted) or forms.get(wanted):
         return match
-    near = difflib.get_close_matches(wanted, [*names, *forms], n=3, cutoff=0.6)
+    near = get_close_matches(wanted, [*names, *forms], n=3, cutoff=0.6)
     listed = dict.fromkeys(names.get(one) or forms[one] for one in near)
     hint = f"did you mean {' or '.join(listed)}?" if listed else ""
     lists = '`kb query "SELECT entity FROM links.entities"` lists them'
