@@ -62,7 +62,8 @@ def follow(run: Run, source: str) -> BuiltIndex | None:
             return None
         if built := _built(run, source):
             return built
-        inputs, stemmer = texts.inputs(root, name), _stemmer(run)
+        youtube, inputs = run.profile.youtube, texts.inputs(root, name)
+        stemmer = STEMMERS.get("en" if youtube is None else youtube.language, "")
         settings = freshness.settings(run, name)
         with (
             run.progress.task(f"index {source}", unit="passages") as task,
@@ -86,11 +87,6 @@ def _built(run: Run, source: str) -> BuiltIndex | None:
     ):
         return None
     return BuiltIndex(made.figures["passages"], fresh=False)
-
-
-def _stemmer(run: Run) -> str:
-    youtube = run.profile.youtube
-    return STEMMERS.get("en" if youtube is None else youtube.language, "")
 
 
 def ensure(run: Run, sources: Sequence[str]) -> None:

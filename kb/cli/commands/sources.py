@@ -204,7 +204,7 @@ def missing_transcripts(
     """
     from kb.artifacts import freshness
     from kb.store.atomic import write_text
-    from kb.youtube.missing_transcripts import missing_transcripts as listed
+    from kb.youtube.status import missing_transcripts as listed
 
     run = options.make_run()
     ids = listed(run.root)

@@ -7,7 +7,8 @@ plain form: one cue a line, in the track's order.
     vtt     what the rolling display shows: a cue repeats the line before it, and cues of 10 ms hold
             only the repetition; <00:00:18.239><c> no</c> before each word. Identifiers of cues,
             notes, styles and regions are no speech (W3C WebVTT, section 4)
-    srt     the same without times of words, where yt-dlp converted it
+    srt     the same without times of words, where yt-dlp converted it. Whisper can underline the
+            word that is spoken, in a cue of its own that repeats the whole text
     json    what Whisper, WhisperX and faster-whisper heard: `segments` with `start`, `end` (s) and
             `text`, and perhaps `words` with a `start` each
 
@@ -188,11 +189,14 @@ def _json3(text: str) -> tuple[list[_Line], bool]:
 
 
 class _Row(NamedTuple):
-    """A row of what is shown: its pieces, its text, and whether words in it have times."""
+    """A row of what is shown: its pieces, its text, and whether words in it have times or are
+    underlined.
+    """
 
     parts: Parts
     text: str
     timed: bool
+    underlined: bool
 
 
 class _Shown(NamedTuple):
@@ -242,7 +246,8 @@ def _row(line: str, start: int) -> _Row:
         at, done = _ms(mark.groups()), mark.end()
     pieces.append((at, line[done:]))
     parts = [(at, html.unescape(_TAG.sub("", piece))) for at, piece in pieces]
-    return _Row(parts, "".join(text for _, text in parts).strip(), len(parts) > 1)
+    said = "".join(text for _, text in parts).strip()
+    return _Row(parts, said, len(parts) > 1, "<u>" in line)
 
 
 def _ms(groups: tuple[str | None, ...]) -> int:
@@ -254,16 +259,18 @@ def _without_repetition(cues: list[_Shown], timed: bool) -> list[_Line]:
     """Each line once: from the cue that shows it first to the end of the last that still does.
 
     In a track without word times people may say a line twice: there only what a cue of 10 ms
-    repeats counts as shown on, and the first row of the cue right behind such a one.
+    repeats counts as shown on, the first row of the cue right behind such a one, and what is shown
+    again with another word underlined.
     """
     lines: list[_Line] = []
-    shown, until, after_brief = [""], -1, False
+    shown, until, after_brief, underlined = [""], -1, False, False
     for start, end, rows in cues:
         if not rows:
             continue
         texts, new = [row.text for row in rows], rows
         brief = end - start <= _REPETITION_MS
-        is_rolling = timed or brief or (after_brief and len(rows) > 1)
+        underlined = any(row.underlined for row in rows) or (underlined and texts == shown)
+        is_rolling = timed or brief or underlined or (after_brief and len(rows) > 1)
         after_brief = False
         if lines and start <= until and not rows[0].timed and is_rolling:
             same = texts == shown and not any(row.timed for row in rows)

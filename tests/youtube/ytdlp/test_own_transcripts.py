@@ -65,6 +65,21 @@ def srt() -> str:
     return "".join(f"{number}\n{time}\n{text}\n\n" for number, time, text in blocks)
 
 
+def underlined_srt() -> str:
+    """Whisper's --highlight_words: each word underlined for a while, nothing between."""
+    blocks = []
+    for number, text in enumerate(SAID):
+        words = text.split()
+        for place in range(len(words)):
+            for shown, ms in ((f"<u>{words[place]}</u>", 0), (words[place], 250)):
+                line = " ".join([*words[:place], shown, *words[place + 1 :]])
+                start = 2_500 * number + 300 * place + ms
+                end = start + (250 if ms == 0 else 50)
+                times = (f"00:00:0{at // 1000},{at % 1000:03}" for at in (start, end))
+                blocks.append(f"{len(blocks) + 1}\n{' --> '.join(times)}\n{line}\n\n")
+    return "".join(blocks)
+
+
 def whisper_vtt() -> str:
     return "WEBVTT\n\n" + "".join(
         f"00:0{2.5 * number:.3f} --> 00:0{2.5 * number + 2.4:.3f}\n{text}\n\n"
@@ -81,6 +96,7 @@ FILES = [
     ("a/Some title v1.5 [{id}].srt", srt, False),
     ("a/Some title-{id}.en-US.vtt", whisper_vtt, False),
     ("a/{id}.f140.m4a.srt", srt, False),
+    ("a/{id}.srt", underlined_srt, False),
 ]
 
 
