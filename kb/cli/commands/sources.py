@@ -12,9 +12,9 @@ from typing import Annotated
 
 import typer
 
-from kb.cli.framework.command import DumpsCommand, Options, command, group
+from kb.cli.framework.command import DumpsCommand, command, group
 from kb.cli.framework.messages import show_summary
-from kb.cli.framework.options import CLUSTER, Dumps, Part, Plan, parse_part, pipeline
+from kb.cli.framework.options import CLUSTER, Dumps, Options, Part, Plan, parse_part, pipeline
 from kb.cli.framework.source_commands import add_export, add_filter
 from kb.core import clock
 from kb.core.context import Run
