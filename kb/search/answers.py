@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from difflib import SequenceMatcher, get_close_matches
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import pyarrow.parquet as pq
@@ -178,20 +178,21 @@ def _answer(
     index: PassageIndex, ranked: Ranked, marked: Sequence[IndexedTerm], size: int
 ) -> SearchHit:
     one = index.passage(ranked.address)
-    shown = snippet(one.text, index.analyzer, marked)
-    if not shown.marks and one.alt:
-        alt = snippet(one.alt, index.analyzer, marked)
-        shown = alt if alt.marks or not one.text else shown
+    shown, marks = snippet(one.text, index.analyzer, marked)
+    if not marks and one.alt:
+        alt, of_alt = snippet(one.alt, index.analyzer, marked)
+        if of_alt or not one.text:
+            shown, marks = alt, of_alt
     if not (one.text or one.alt):
-        shown = snippet(one.title, index.analyzer, marked)
+        shown, marks = snippet(one.title, index.analyzer, marked)
     start, url = None, one.url
     if one.times:
-        start = _second(one, shown.marks)
+        start = _second(one, marks)
         url = re.sub(r"&t=\d+s$", f"&t={int(start)}s", url)
     text = one.text.replace("\n", " ") if one.times else one.text
     return SearchHit(
         text=cut(text or one.alt or one.title, size),
-        snippet=shown.text,
+        snippet=shown,
         source=ranked.source,
         kind=one.kind,
         key=one.key,
@@ -276,67 +277,57 @@ def keys(root: Path, name: str, sources: Sequence[str]) -> dict[str, list[str]]:
     return {source: sorted(linked_keys) for source, linked_keys in linked.items()}
 
 
-class Snippet(NamedTuple):
-    """A part of a text in one line, "…" where more stands; `marks` are (first character, words) in
-    the text of what is marked in it.
-    """
+def snippet(
+    text: str, analyzer: TextAnalyzer, marked: Sequence[IndexedTerm]
+) -> tuple[str, list[tuple[int, int]]]:
+    """A part of a text in one line, "…" where more stands, and (first character, words) in the text
+    of what is marked in it.
 
-    text: str
-    marks: list[tuple[int, int]]
-
-
-class _Span(NamedTuple):
-    """Words that match a term: the first, one past the last, the number of the term."""
-
-    first: int
-    after: int
-    term: int
-
-
-def snippet(text: str, analyzer: TextAnalyzer, marked: Sequence[IndexedTerm]) -> Snippet:
-    """The MOST words with the longest of the terms, then with the most different ones, then with
-    the most marks, then the first; without any the beginning.
+    It has the MOST words with the longest of the terms, then with the most different ones, then
+    with the most marks, then the first; without any the beginning.
     """
     tokens = analyzer.pre_tokenize(text).tokens
     words = [token.text for token in tokens]
     spans = _spans(words, marked)
     begin = _begin(spans, len(words))
     end = min(begin + MOST, len(words))
-    shown = [one for one in spans if begin <= one.first and one.after <= end]
+    shown = [(first, after) for first, after, _ in spans if begin <= first and after <= end]
     at = tokens[begin].char_offset_from if begin else 0
     last = tokens[end - 1].char_offset_to if end < len(words) else len(text)
     assert last is not None
     parts = []
-    for one in shown:
-        first, after = tokens[one.first].char_offset_from, tokens[one.after - 1].char_offset_to
-        assert after is not None
-        parts += [text[at:first], MARK, text[first:after], MARK]
-        at = after
+    for first, after in shown:
+        start, stop = tokens[first].char_offset_from, tokens[after - 1].char_offset_to
+        assert stop is not None
+        parts += [text[at:start], MARK, text[start:stop], MARK]
+        at = stop
     marked_text = "".join(["…" * (begin > 0), *parts, text[at:last], "…" * (end < len(words))])
-    marks = [(tokens[one.first].char_offset_from, one.after - one.first) for one in shown]
-    return Snippet(" ".join(marked_text.split()), marks)
+    marks = [(tokens[first].char_offset_from, after - first) for first, after in shown]
+    return " ".join(marked_text.split()), marks
 
 
-def _spans(words: Sequence[str], marked: Sequence[IndexedTerm]) -> list[_Span]:
-    """Where the terms stand, none inside of another: the first, and of these the longest."""
+def _spans(words: Sequence[str], marked: Sequence[IndexedTerm]) -> list[tuple[int, int, int]]:
+    """Where the terms stand, none inside of another: the first word, one past the last, and the
+    number of the term; the first, and of these the longest.
+    """
     spans = []
     for number, one in enumerate(marked):
-        spans += [_Span(at, at + len(one.words), number) for at in one.places(words)]
-    kept: list[_Span] = []
-    for span in sorted(spans, key=lambda one: (one.first, -one.after)):
-        if not kept or span.first >= kept[-1].after:
+        spans += [(at, at + len(one.words), number) for at in one.places(words)]
+    kept: list[tuple[int, int, int]] = []
+    for span in sorted(spans, key=lambda one: (one[0], -one[1])):
+        if not kept or span[0] >= kept[-1][1]:
             kept.append(span)
     return kept
 
 
-def _begin(spans: Sequence[_Span], count: int) -> int:
+def _begin(spans: Sequence[tuple[int, int, int]], count: int) -> int:
     """The first word of the best part, what is marked in the middle of it."""
     best, begin = (0, 0, 0), 0
-    for one in spans:
-        near = [two for two in spans if two.first >= one.first and two.after <= one.first + MOST]
-        longest = max((two.after - two.first for two in near), default=0)
-        worth = longest, len({two.term for two in near}), len(near)
+    for first, _, _ in spans:
+        near = [one for one in spans if one[0] >= first and one[1] <= first + MOST]
+        longest = max((after - start for start, after, _ in near), default=0)
+        worth = longest, len({term for _, _, term in near}), len(near)
         if near and worth > best:
             best = worth
-            begin = one.first - (MOST - (near[-1].after - one.first)) // 2
+            begin = first - (MOST - (near[-1][1] - first)) // 2
     return max(0, min(begin, count - MOST))

@@ -443,12 +443,12 @@ def term(word: str) -> Any:
 
 def test_the_marked_words_are_shown_and_the_rest_is_cut() -> None:
     text = " ".join(["dirt"] * 100 + ["wolf"] + ["sand"] * 100)
-    shown = snippet(text, analyzer(""), [term("wolf")])
-    assert shown.text.startswith("…dirt")
-    assert shown.text.endswith("sand…")
-    assert "**wolf**" in shown.text
-    assert len(shown.text.split()) == SNIPPET_WORDS
-    assert shown.marks == [(500, 1)]
+    shown, marks = snippet(text, analyzer(""), [term("wolf")])
+    assert shown.startswith("…dirt")
+    assert shown.endswith("sand…")
+    assert "**wolf**" in shown
+    assert len(shown.split()) == SNIPPET_WORDS
+    assert marks == [(500, 1)]
 
 
 def test_without_a_mark_the_text_begins() -> None:
