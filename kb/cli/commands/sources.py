@@ -180,6 +180,10 @@ def youtube_import(
     return summary
 
 
+add_filter(youtube_app, "youtube")
+add_export(youtube_app, "youtube")
+
+
 @command(
     youtube_app,
     "missing-transcripts",
@@ -223,10 +227,6 @@ def missing_transcripts(
         show_summary(summary, options.json)
     else:  # stdout holds the list alone, ready to be redirected
         typer.echo(summary.line(), err=True)
-
-
-add_filter(youtube_app, "youtube")
-add_export(youtube_app, "youtube")
 
 
 wiki_app = group("Collect wiki pages: screenshots, elements with boxes, tables and images.")
