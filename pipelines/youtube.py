@@ -99,6 +99,7 @@ def clean(p: Profile) -> Clean:
             assemble,
             words=word_count,
             language=TrackLanguage(section.language, section.translate),
+            own=section.own_transcripts,
         ),
         chains=(rows,),
         follow=(Follow("youtube/transcripts", of="youtube/videos", on="video_id"),),

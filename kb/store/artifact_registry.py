@@ -119,7 +119,7 @@ def _declared() -> Iterator[Artifact]:
             f"index-{source}",
             reads=texts,
             settings=("youtube.language",),
-            rules=6,
+            rules=7,
         )
         yield Artifact(f"restored/{source}", (), "kb restore", "restored")
     for name in ("pairs", "tasks", "links"):

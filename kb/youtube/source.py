@@ -55,7 +55,8 @@ class YouTube(Source):
     credential = "youtube_api_key"
     keyless = "transcripts"
     waiting = {
-        "transcript": "import their transcripts or run `kb youtube crawl`; with"
+        "transcript": "run `kb youtube crawl` or import transcripts, YouTube's or your own (`kb"
+        " youtube missing-transcripts` lists the videos); with"
         ' `transcripts = "optional"` in [youtube] of the profile they are kept without',
     }
     refreshed = "refresh"
@@ -97,6 +98,7 @@ class YouTube(Source):
         "youtube.transcripts",
         "youtube.language",
         "youtube.translate",
+        "youtube.own_transcripts",
     )
     ways = {
         "searched": RecordedWay(raw="search"),

@@ -15,23 +15,16 @@ import re
 import shutil
 import subprocess
 import sys
-import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import duckdb
 import numpy as np
 import pytest
-import torch
-from transformers import CLIPConfig, CLIPModel
 
-from kb.clips.frames import frames_at
 from kb.core.installation import folder
 from kb.sandbox.domain import usual
-from kb.sandbox.youtube.films import Mention, Picture, _spoken_of, _timeline, _write
+from kb.sandbox.youtube.films import Mention, _spoken_of, _timeline, _write
 from kb.score.calibration import area
-from kb.score.films import scores_of
-from kb.score.models import ClipModel
 from tests.cli.conftest import clean_environment
 from tests.conftest import ROOT
 from tests.youtube.ytdlp import folder as ytdlp

@@ -55,6 +55,8 @@ WORDS: dict[str, Word] = {
     "word_times": Word("Kept automatic transcripts by whether they have word times, or why not."),
     "subtitles": Word("Subtitle files that were imported.", "{n} subtitle files"),
     "playlists": Word("Playlists and channels that were imported.", "{n} playlists"),
+    "own_transcripts": Word("Own transcripts that were imported.", "{n} own transcripts"),
+    "unknown_videos": Word("Own transcripts of videos that are not in the data root."),
     "youtube import.files": Word("Files that were imported in this run."),
     "known_files": Word("Files that were imported before.", "{n} files imported before"),
     "left_out_by": Word("Files that were left out, by reason."),
@@ -65,6 +67,9 @@ WORDS: dict[str, Word] = {
     ),
     "unknown_keys": Word("Keys of answers that schemas/ does not declare, with their counts."),
     # What was asked and read.
+    "missing_transcripts": Word(
+        "Videos that pass every other stage but have no transcript.", "{n} without transcript"
+    ),
     "po_token": Word(
         "Videos whose captions need a PO token; a crawl on a later day tries them again.",
         "{n} without captions, as they need a PO token",

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -169,6 +169,7 @@ KINDS = {
     "statistics": RawKind(parse.statistics, key=("video_id",), bucket="video_id"),
     "ytdlp_info": RawKind(info.rows, key=("video_id",), bucket="video_id"),
     "ytdlp_subtitles": RawKind(tracks.rows, key=("video_id", "track", "format"), bucket="video_id"),
+    "own_transcripts": RawKind(tracks.rows, key=("video_id", "track", "format"), bucket="video_id"),
     "transcripts": RawKind(
         parse.transcripts, key=("video_id",), bucket="video_id", by=("final", "fetched_at")
     ),
@@ -180,10 +181,12 @@ def assemble(
     latest: dict[str, pa.Table],
     words: Callable[[Any], pa.Array[Any]],
     language: TrackLanguage = ENGLISH,
+    own: Literal["fill", "prefer", "ignore"] = "fill",
 ) -> dict[str, pa.Table]:
     """Videos joined with what is known of their transcripts, and the transcripts that were had.
 
-    `words` counts the words of each text; `language` chooses among imported tracks.
+    `words` counts the words of each text; `language` chooses among imported tracks; `own` says
+    whether own transcripts stand where YouTube has none, before YouTube's, or nowhere.
     Adds to the parsed columns: `link`, `imported` (whether a file tells of it), `width`, `height`
     (px; the largest stream's when known, else the embed frame's), `fps`, `view_rule`,
     `metadata_origin`, `age_restricted`, `game_label_id`, `game_label`, `transcript_outcome` (null:
@@ -196,7 +199,12 @@ def assemble(
         latest.get("ytdlp_info"),
         language,
     )
-    transcripts = _usable(outcomes, words)
+    transcripts = _with_own(
+        _usable(outcomes, words),
+        tracks.own(latest.get("own_transcripts") if own != "ignore" else None, language),
+        words,
+        before=own == "prefer",
+    )
     if videos is None:
         return {"youtube/transcripts": _tracks(transcripts)}
     return {
@@ -247,7 +255,7 @@ def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
         "game_label": column(side, "game_label"),
         "transcript_outcome": outcome,
         "transcript_kind": kind,
-        "transcript_origin": pc.if_else(had, "service", pa.scalar(None, pa.string())),
+        "transcript_origin": pc.if_else(had, column(side, "origin"), pa.scalar(None, pa.string())),
         "word_count": pc.if_else(had, column(side, "word_count"), pa.scalar(None, pa.int64())),
         "problems": _renamed(column(videos, "problems")),
     }
@@ -296,6 +304,30 @@ def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.
     outcome = pc.if_else(broken, "failed", pc.if_else(empty, "none", rows["outcome"]))
     rows = put(rows, "outcome", pc.fill_null(outcome, "failed"))
     return rows.append_column("cue_words", of_cues).append_column("word_count", counted)
+
+
+def _with_own(
+    service: pa.Table, own: pa.Table | None, words: Callable[[Any], pa.Array[Any]], *, before: bool
+) -> pa.Table:
+    """Usable outcomes and those of own transcripts, which take the place of what YouTube has no
+    text for, `before` of all but what its page restricts by age; `origin` says whose each is. What
+    the page told else stays.
+    """
+    service = service.append_column("origin", pa.repeat(pa.scalar("service"), service.num_rows))
+    if own is None:
+        return service
+    own = _usable(own, words)
+    own = own.filter(pc.equal(own["outcome"], "ok"))
+    kept = pa.array(["age_restricted"] if before else ["ok", "age_restricted"])
+    stays = service.filter(pc.is_in(service["outcome"], value_set=kept))["video_id"]
+    own = own.filter(pc.invert(pc.is_in(own["video_id"], value_set=stays.combine_chunks())))
+    page = aligned(service, "video_id", column(own, "video_id"))
+    for name in tracks.FACTS:
+        own = put(own, name, column(page, name))
+    own = own.append_column("origin", pa.repeat(pa.scalar("own"), own.num_rows))
+    replaced = pc.is_in(service["video_id"], value_set=column(own, "video_id"))
+    both = [name for name in service.column_names if name in own.column_names]
+    return pa.concat_tables([service.filter(pc.invert(replaced)).select(both), own.select(both)])
 
 
 def _tracks(transcripts: pa.Table) -> pa.Table:
