@@ -1,6 +1,5 @@
-"""Scores of pairs by the model that docs/train.md trains, on films with planted wrong pairs: how well
-they tell wrong pairs from right ones, find a shift and still pictures; and how long they take beside
-decoding and the bare forward pass.
+"""Scores of pairs by the model that docs/train.md trains, on films with planted wrong pairs: how
+well they tell wrong pairs from right ones, and find a shift.
 
     make bench ARGS="-k score"
 
@@ -35,8 +34,8 @@ FILMS, MENTIONS, EVERY_S, SHIFT_S = 16, 12, 40, 6
 # Words of the sandbox's talk that are no keywords.
 FILLER = (
     "and you to a is on with about in it at so that than my day of for was up more one because not"
-    " but now time once ask times say way from without go out only nobody like can after try if long"
-    " be what or then hardly hours told round took old are part thing next have as later first no"
+    " but now time once ask times say way from without go out only nobody like can after try if"
+    " long be what or then hardly hours told round took old are part thing next have as later first no"
 )
 RATE = 2  # pictures of a film a second
 
