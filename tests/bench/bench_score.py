@@ -35,7 +35,7 @@ FILMS, MENTIONS, EVERY_S, SHIFT_S = 16, 12, 40, 6
 FILLER = (
     "and you to a is on with about in it at so that than my day of for was up more one because not"
     " but now time once ask times say way from without go out only nobody like can after try if"
-    " long be what or then hardly hours told round took old are part thing next have as later first no"
+    " long be what or then hardly hours told round took old are part thing next have as later first"
 )
 RATE = 2  # pictures of a film a second
 
