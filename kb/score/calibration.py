@@ -22,8 +22,7 @@ from kb.artifacts.measures import QUANTILES, quantiles_of
 from kb.core.config.profile import Profile
 from kb.core.installation import np
 from kb.core.summary.intervals import share_of
-from kb.store.layout import Layout
-from kb.store.tables import database, parquet
+from kb.store.tables import database
 from kb.store.tables.reading import scan
 
 NAME = "scores"
@@ -48,14 +47,6 @@ def section(root: Path, profile: Profile, scores: pa.Table) -> dict[str, Any]:
         "further_than_2_s": share_of(moved, len(offsets)),
         "visible": _calibrated(root, scores, profile.score.wanted_precision),
     }
-
-
-def again(root: Path, profile: Profile) -> dict[str, Any]:
-    """The section of the scores that the data root has; {} without any. Raises DamagedData."""
-    files = Layout(root).rows("pairs/scores")
-    if not files:
-        return {}
-    return {NAME: section(root, profile, pa.concat_tables(map(parquet.read_table, files)))}
 
 
 def _quantiles(column: pa.ChunkedArray[Any]) -> dict[str, Any]:
