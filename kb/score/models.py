@@ -19,6 +19,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
@@ -111,7 +112,7 @@ class ClipModel:
         except MissingModel:
             raise
         except Exception as error:  # noqa: BLE001  whatever the libraries make of a stranger's file
-            what = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
+            what = " ".join(str(error).split())[:200] or type(error).__name__
             raise MissingModel(
                 f"{path} is not a CLIP checkpoint that can be read: {what}", hint=_FORMATS
             ) from None
@@ -279,7 +280,8 @@ def _weights(path: Path) -> Mapping[str, Any]:
 
         return load_file(path)
     try:
-        found = torch.load(path, map_location="cpu", weights_only=True)
+        with warnings.catch_warnings(action="ignore"):  # about formats, which are refused anyhow
+            found = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:
         if "TorchScript" in str(error):
             raise MissingModel(

@@ -64,10 +64,45 @@ def _there(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_model_learns_from_films_what_shapes_stand_for(ran: dict[str, Any]) -> None:
-    """On videos that it has not seen, and below the loss of a model that guesses."""
-    untrained, *_, trained = ran["losses"]
-    assert trained < untrained - 0.4
-    assert trained < math.log(BATCH) - 0.3
+    """On videos that it has not seen, where guessing finds one of 32."""
+    *_, trained = ran["accuracies"]
+    assert trained > 4 / BATCH
+
+
+def test_its_scores_tell_films_from_black_ones(ran: dict[str, Any], place: Path) -> None:
+    """`kb pairs score` with the model that the page trains, as docs/score.md does."""
+    films, black = place / "films", place / "black"
+    black.mkdir()
+    for film in sorted(films.iterdir())[:20]:
+        _write(black / film.name, [(0, ()), (2 * 600, ())], 600)
+    mean = {}
+    for folder in (films, black):
+        root = place / f"root of {folder.name}"
+        shutil.copytree(place / "data", root)
+        assert (
+            main(
+                [
+                    "pairs",
+                    "score",
+                    "--videos",
+                    str(folder),
+                    "--model",
+                    "model",
+                    "--sample",
+                    "300",
+                    "--data",
+                    str(root),
+                    "--workers",
+                    "1",
+                    "--quiet",
+                ]
+            )
+            == 0
+        )
+        rows = pq.read_table(next((root / "pairs").glob("scores-*.parquet")))
+        assert set(rows["model"].to_pylist()) == {rows["model"][0].as_py()}
+        mean[folder.name] = rows
+    pytest.fail("fill")
 
 
 def test_no_video_is_both_trained_on_and_held_out(ran: dict[str, Any]) -> None:
@@ -81,7 +116,7 @@ def test_films_and_shards_have_the_same_clips(ran: dict[str, Any], place: Path) 
     from_shards = ran["held_out"]
     keys = "', '".join(clip["pair_id"] for clip in from_shards)
     clips = ran["data"].clips(None, f"pair_id IN ('{keys}')")
-    films = clips.torch(videos=place / "films", frames=8, size=(40, 64))
+    films = clips.torch(videos=place / "films", frames=4, size=(64, 64), fit="crop")
     decoded = {clip["pair_id"]: clip for clip in films}
     assert len(decoded) > BATCH
     for clip in from_shards:

@@ -1,0 +1,259 @@
+"""`kb pairs score`: what is measured of films in which everything is known, and the command."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from tests.conftest import needs
+
+needs("av", "torch", "transformers")
+
+import torch  # noqa: E402
+
+from kb.core.config.profile import load_profile  # noqa: E402
+from kb.sandbox.youtube.films import Mention, _timeline, _write, drawn  # noqa: E402
+from kb.score.calibration import area, section  # noqa: E402
+from kb.score.films import scores_of  # noqa: E402
+from tests.inprocess import Here  # noqa: E402
+from tests.score.checkpoints import of_openai, random_clip  # noqa: E402
+from tests.youtube.ytdlp import folder as ytdlp  # noqa: E402
+
+WORDS = "and you to about it so that than day was up more because not now time once ask".split()
+SAID = {"alpha000001": {20: "Creeper", 60: "Skeleton"}, "alpha000002": {30: "Enderman"}}
+SECONDS = 90
+
+
+class Colours:
+    """A model that sees the mean colour of a frame, and reads the keyword's picture in a text."""
+
+    name, size, fit, step_s = "colours", (64, 64), "stretch", 1.0
+
+    def frames(self, images) -> np.ndarray:
+        seen = [image.reshape(-1, 3).mean(axis=0) - 48 + 1e-3 for image in images]
+        return np.array(seen, np.float32).reshape(-1, 3)
+
+    def texts(self, texts) -> np.ndarray:
+        found = self.frames([drawn((text,)) for text in texts])
+        return found / np.linalg.norm(found, axis=1, keepdims=True)
+
+    def clip(self, frames) -> np.ndarray:
+        return (frames / np.linalg.norm(frames, axis=1, keepdims=True)).mean(axis=0)
+
+
+def pair(keyword: str, at: float, clip_s: float = 8) -> dict[str, object]:
+    return {
+        "pair_id": f"{keyword} {at}",
+        "text": keyword,
+        "clip_start_s": at - clip_s / 2,
+        "clip_end_s": at + clip_s / 2,
+        "match_start_s": at,
+        "match_end_s": at + 0.5,
+    }
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Shapes at 20, 60 and 86 s; that at 60 s is shown six seconds late."""
+    path = tmp_path_factory.mktemp("film") / "a.mp4"
+    shown = [Mention("Creeper", 20.0), Mention("Skeleton", 66.0), Mention("Enderman", 86.0)]
+    _write(path, _timeline(shown, SECONDS), SECONDS)
+    return path
+
+
+def test_similarity_margin_and_offset_are_those_of_the_film(film: Path) -> None:
+    rows = [pair("Creeper", 20), pair("Skeleton", 60), pair("Enderman", 86), pair("Creeper", 120)]
+    found = {one.pair_id: one for one in scores_of(film, rows, Colours())}
+    assert found.keys() == {"Creeper 20", "Skeleton 60", "Enderman 86"}  # the film has 90 s
+    right, late = found["Creeper 20"], found["Skeleton 60"]
+    assert (right.best_offset_s, late.best_offset_s) == (0, 6)
+    assert right.similarity > 0.9 > late.similarity
+    assert right.margin > late.margin
+    assert (right.frames, found["Enderman 86"].frames) == (8, 8)
+
+
+def test_static_share_counts_neighbouring_frames_that_hardly_differ(tmp_path: Path) -> None:
+    """A picture that changes each second in the first half of the clip, and stays in the second."""
+    pictures = [(2 * s, (("Creeper",), ("Skeleton",))[s % 2] if s < 44 else ()) for s in range(60)]
+    _write(tmp_path / "a.mp4", [*pictures, (119, ())], 60)
+    (one,) = scores_of(tmp_path / "a.mp4", [pair("Creeper", 44, 16)], Colours())
+    assert one.static_share == pytest.approx(7 / 15, abs=0.001)
+
+
+PROFILE = """\
+name = "shapes"
+title = "Minecraft"
+toxicity = "off"
+[youtube]
+keywords = ["Minecraft"]
+[pairs]
+include = ["Creeper", "Skeleton", "Enderman"]
+max_clip_s = 8
+"""
+
+
+def kb(place: Path, *words: str) -> list[str]:
+    at = ("--data", str(place / "data"), "--profile", str(place / "profile.toml"))
+    return [sys.executable, "-m", "kb", *words, *at]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A data root with pairs, their films, and a model with random weights."""
+    place = tmp_path_factory.mktemp("score")
+    (place / "profile.toml").write_text(PROFILE)
+    (place / "given").mkdir()
+    (place / "films").mkdir()
+    for key, said in SAID.items():
+        lines = []
+        for at in range(2, SECONDS - 4, 4):
+            words = [WORDS[(at + n) % len(WORDS)] for n in range(8)]
+            words[2:3] = [name.lower() for s, name in said.items() if at <= s < at + 4] or ["go"]
+            timed = [(240 * n, f" {word}" if n else word) for n, word in enumerate(words)]
+            lines.append(ytdlp.Line(at * 1000, 1920, timed))
+        about = ytdlp.info(key, duration=SECONDS, title="minecraft")
+        (place / "given" / f"{key}.info.json").write_text(json.dumps(about))
+        track = place / "given" / f"{key}.en-orig.json3"
+        track.write_text(ytdlp.json3(lines, automatic=True))
+        shown = [Mention(name, float(at)) for at, name in said.items()]
+        _write(place / "films" / f"{key}.mp4", _timeline(shown, SECONDS), SECONDS)
+    torch.save(of_openai(random_clip()), place / "small.pt")
+    for words in (("youtube", "import", str(place / "given")), ("youtube", "filter"), ("pairs",)):
+        subprocess.run(kb(place, *words), check=True, capture_output=True)
+    return place
+
+
+@pytest.fixture
+def place(made: Path, tmp_path: Path) -> Path:
+    """A copy of the data root beside the same films, model and profile."""
+    shutil.copytree(made / "data", tmp_path / "data")
+    for name in ("films", "small.pt", "profile.toml"):
+        (tmp_path / name).symlink_to(made / name)
+    return tmp_path
+
+
+def scores(place: Path) -> pa.Table:
+    return pq.read_table(place / "data" / "pairs" / "scores-00000-of-00001.parquet")
+
+
+def test_every_pair_is_scored_or_counted(place: Path, here: Here) -> None:
+    at = ("--data", str(place / "data"), "--profile", str(place / "profile.toml"))
+    films = place / "some"
+    films.mkdir()
+    (films / "alpha000001.mp4").symlink_to(place / "films" / "alpha000001.mp4")
+    with_model = ("--videos", str(films), "--model", str(place / "small.pt"), "--workers", "1")
+    done = here("pairs", "score", *with_model, "--json", *at)
+    assert done.code == 0, done.err
+    summary = json.loads(done.out.splitlines()[-1])
+    counted = (summary[name] for name in ("scored", "missing", "short", "undecodable", "no_text"))
+    assert summary["pairs"] == sum(counted)
+    assert summary["scored"] == scores(place).num_rows == 2
+    assert summary["missing"] == 1
+    # The film of the other video comes later: what was scored is not decoded again.
+    before = {path: path.stat().st_mtime_ns for path in (place / "data/state/scores").iterdir()}
+    (films / "alpha000002.mp4").symlink_to(place / "films" / "alpha000002.mp4")
+    assert here("pairs", "score", *with_model, *at).code == 0
+    assert scores(place).num_rows == 3
+    assert before == {path: path.stat().st_mtime_ns for path in before}
+    measured = json.loads((place / "data" / "pairs" / "measures.json").read_bytes())["scores"]
+    assert measured["pairs"] == measured["similarity"]["n"] == 3
+    assert measured["visible"] == {"judged": 0}
+    assert here("verify", *at).code == 0
+    drawn_ = here(
+        "pairs", "draw", "1", "--where", "similarity > -1", "--out", str(place / "d"), *at
+    )
+    assert drawn_.code == 0, drawn_.err
+    # A removed video leaves no score.
+    (place / "ids.txt").write_text("alpha000001\n")
+    assert here("purge", "youtube", "--ids", str(place / "ids.txt"), *at).code == 0
+    assert scores(place)["video_id"].to_pylist() == ["alpha000002"]
+    assert not (place / "data/state/scores/alpha000001.json").exists()
+
+
+def test_without_a_model_the_command_says_what_to_give(place: Path, here: Here) -> None:
+    at = ("--data", str(place / "data"), "--profile", str(place / "profile.toml"))
+    done = here("pairs", "score", "--videos", str(place / "films"), *at)
+    assert done.code == 2
+    assert "names no CLIP model; give --model FILE" in done.said
+    done = here("pairs", "draw", "1", "--where", "margin > 0", *at)
+    assert done.code == 2
+    assert "kb pairs score" in done.said
+
+
+@pytest.mark.crash
+def test_workers_and_kills_change_no_byte(place: Path) -> None:
+    """The table is the same with two workers, and after a kill at any moment."""
+    words = ("pairs", "score", "--videos", str(place / "films"), "--model", str(place / "small.pt"))
+    subprocess.run(kb(place, *words, "--workers", "1"), check=True, capture_output=True)
+    path = place / "data" / "pairs" / "scores-00000-of-00001.parquet"
+    expected = path.read_bytes()
+    for first_done in (False, True):
+        path.unlink()
+        shutil.rmtree(place / "data" / "state" / "scores")
+        with subprocess.Popen(
+            kb(place, *words, "--workers", "2"),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        ) as process:
+            state = place / "data" / "state" / "scores"
+            while process.poll() is None and first_done and not any(state.glob("*.json")):
+                time.sleep(0.05)
+            process.send_signal(signal.SIGKILL)
+        subprocess.run(kb(place, *words, "--workers", "2"), check=True, capture_output=True)
+        assert path.read_bytes() == expected
+
+
+def test_the_area_is_the_share_of_right_pairs_that_score_higher() -> None:
+    rng = np.random.default_rng(0)
+    right, wrong = rng.integers(2, 9, 40) / 10, rng.integers(0, 7, 30) / 10
+    share = np.mean([(a > b) + 0.5 * (a == b) for a in right for b in wrong])
+    found = area(right, wrong)
+    assert found is not None
+    assert found["auc"] == pytest.approx(share, abs=1e-4)
+    assert 0 < found["low"] < share < found["high"] < 1
+    assert area(right, wrong[:0]) is None
+
+
+def test_judgements_give_bins_and_where_the_wanted_precision_begins(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """200 pairs of which those above a similarity of 0.5 show what is named, but for one in ten."""
+    rng = np.random.default_rng(0)
+    similarity = rng.permutation(200) / 200
+    visible = (similarity > 0.5) ^ (rng.random(200) < 0.1)
+    keys = [f"{number:016x}" for number in range(200)]
+    rows = {
+        "pair_id": keys,
+        "video_id": ["v"] * 200,
+        "model": ["m@0"] * 200,
+        "similarity": similarity.tolist(),
+        "margin": similarity.tolist(),
+        "best_offset_s": [0.0] * 150 + [6.0] * 50,
+        "static_share": [0.5] * 200,
+        "frames": [8] * 200,
+    }
+    labels = [
+        {"kind": "pair", "item_id": key, "question": "visible", "answer": "yes" if yes else "no"}
+        for key, yes in zip(keys, visible, strict=True)
+    ]
+    (place / "data" / "labels").mkdir()
+    pq.write_table(pa.Table.from_pylist(labels), place / "data/labels/labels-0.parquet")
+    profile = load_profile(place / "profile.toml")
+    found = section(place / "data", profile, pa.table(rows))
+    calibrated = found["visible"]
+    assert calibrated["judged"] == sum(one["n"] for one in calibrated["bins"]) == 200
+    assert len(calibrated["bins"]) == 10
+    assert calibrated["bins"][0]["share"] < 0.3 < 0.7 < calibrated["bins"][-1]["share"]
+    assert calibrated["auc"]["low"] > 0.8
+    reached = calibrated["reached_from"]
+    assert reached["share"] > profile.score.wanted_precision
+    assert 0.4 < reached["similarity"] < 0.55
+    assert found["further_than_2_s"]["share"] == 0.25
