@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 
 class RecordedWay(NamedTuple):
-    """Where a data root records that rows came by some way: by the value of a released column, or
-    by raw answers of a kind.
+    """Where a data root records that rows came by some way: by the value of a column, by raw
+    answers of a kind, or by both, where some answers give no row.
 
     `ages`: the service's terms limit how old such rows may be. `absent`: the way of those without
     raw answers of the kind.

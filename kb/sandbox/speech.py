@@ -195,9 +195,9 @@ class Speech:
             (line for line in lines if not names_topic(self.topics, line)), cast.subject.title
         )
 
-    def title(self, rng: random.Random, cast: Cast) -> str:
-        """A video's title with the topic in it."""
-        return _title_case(self.line("title", rng, cast))
+    def title(self, rng: random.Random, cast: Cast, rule: str = "title") -> str:
+        """A video's title with the topic in it; `idle_title`: with verbs of tasks, and no task."""
+        return _title_case(self.line(rule, rng, cast))
 
     def task_title(self, rng: random.Random, cast: Cast) -> tuple[str, str]:
         """A title that says what is done, and what: (title, task in lower case)."""
@@ -222,10 +222,6 @@ class Speech:
         values = {"thing": thing, "noun": rng.choice(self.task_nouns), "topic": self.topic}
         return _title_case(around.format_map(values | {"n": rng.randint(2, 99)}))
 
-    def idle_title(self, rng: random.Random, cast: Cast) -> str:
-        """A title with verbs of tasks that is no task."""
-        return _title_case(self.line("idle_title", rng, cast))
-
     def plain_title(self, rng: random.Random, cast: Cast) -> str:
         """A title that doesn't name the topic."""
         return _title_case(self.free("plain_title", rng, cast))
@@ -244,7 +240,10 @@ class Speech:
         pace = rng.uniform(0.048, 0.062)  # seconds a letter
         pause = 0.6 * max(1.0, seconds / 2_400) ** 1.5
         clock = rng.uniform(0.1, 2.0)
-        closing = self._closing(rng, cast, language)
+        if language in self._foreign:
+            closing = rng.choice(self._foreign[language])
+        else:
+            closing = self.line("closing", rng, cast)
         ends = seconds - 0.3 - pace * letters(closing)
         for text in self._sentences(rng, cast, language):
             length = pace * letters(text)
@@ -258,11 +257,6 @@ class Speech:
         if ends > 0.1:
             sentences.append(Sentence(round(ends, 2), round(pace * letters(closing), 2), closing))
         return sentences
-
-    def _closing(self, rng: random.Random, cast: Cast, language: str) -> str:
-        if language in self._foreign:
-            return rng.choice(self._foreign[language])
-        return self.line("closing", rng, cast)
 
     def _sentences(self, rng: random.Random, cast: Cast, language: str) -> Iterator[str]:
         """Without end: an opening, then steps, each with statements about it."""

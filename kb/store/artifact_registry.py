@@ -25,8 +25,6 @@ from kb.core.sources import (
 from kb.schema.tables import tables
 from kb.store.layout import Layout
 
-VERDICTS = ("rejected", "failed", "pending")
-
 MANIFEST = "_manifest.json"
 """The file name of a manifest; the underscore hides it from readers of a folder of Parquet."""
 
@@ -54,7 +52,7 @@ class Artifact:
 
     `inputs` are names of other artifacts, "raw/<source>" or "raw/<source>/<kind>". `lock` is the
     lock that its writer holds (kb.store.lock). `reads` are the tables of the inputs that matter,
-    all of them when empty; `whole`: every file of the inputs matters, verdicts included. `settings`
+    all of them when empty; `every_file`: all files of the inputs do, verdicts included. `settings`
     are the parts of the profile that decide its content ("youtube.min_views", "pairs"; "keywords":
     the keyword files; "": all), but for those in `other_settings`. `rules` is raised when the same
     input gives other rows. `public` artifacts are given away as they are, so their manifest is kept
@@ -68,7 +66,7 @@ class Artifact:
     tables: tuple[str, ...] = ()
     reads: tuple[str, ...] = ()
     public: bool = False
-    whole: bool = False
+    every_file: bool = False
     settings: tuple[str, ...] = ()
     other_settings: tuple[str, ...] = ()
     rules: int = 1
@@ -121,7 +119,7 @@ def _declared() -> Iterator[Artifact]:
             f"index-{source}",
             reads=texts,
             settings=("youtube.language",),
-            rules=6,
+            rules=7,
         )
         yield Artifact(f"restored/{source}", (), "kb restore", "restored")
     for name in ("pairs", "tasks", "links"):
@@ -171,7 +169,7 @@ def _declared() -> Iterator[Artifact]:
         (*clean_all, "pairs", "tasks", "links"),
         "kb report",
         "report",
-        whole=True,
+        every_file=True,
         settings=("title", "seed", "toxicity", "report", "youtube.min_duration_s"),
     )
 

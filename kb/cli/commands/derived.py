@@ -117,7 +117,7 @@ def report(
 
 
 annotate_app = group("Score text for toxicity. `filter` does this as well.")
-models_app = group("Download the toxicity model.")
+models_app = group("Download the models for toxicity and for scores of pairs.")
 
 
 class Precision(StrEnum):
@@ -204,11 +204,12 @@ for _name, _source in SOURCES.items():
 
 @command(
     models_app,
-    without=("data", "profile"),
+    without=("data",),
     json="model, fetched, present, bytes, folder",
     examples=[
         "kb models fetch                the model of the paper, Detoxify `original`",
         "kb models fetch unbiased       another model; then set KB_TOXICITY_MODEL=unbiased",
+        "kb models fetch clip           the profile's CLIP model, for `kb pairs score`",
     ],
 )
 def fetch(
@@ -217,7 +218,7 @@ def fetch(
         str,
         typer.Argument(
             metavar="[NAME]",
-            help="original, unbiased, multilingual, original-small or unbiased-small.",
+            help="original, unbiased, multilingual, original-small, unbiased-small or clip.",
         ),
     ] = "original",
 ) -> Summary:
@@ -225,6 +226,10 @@ def fetch(
 
     An interrupted download resumes. The files are kept in the user's cache, for all data roots.
     """
+    if name == "clip":
+        from kb.score.models import fetch as fetch_clip
+
+        return fetch_clip(run)
     from kb.annotate.fetch import fetch as room
 
     return room(run, name)

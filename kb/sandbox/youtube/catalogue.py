@@ -193,7 +193,7 @@ class Catalogue:
                 times = f"0:00 Hello\n{_clock(begin)} {video.task}\n{_clock(end)} Goodbye"
                 video.description = f"{video.description}\n\n{times}"
         elif drawn < _TASKS + _IDLE:
-            video.title = speech.idle_title(rng, video.cast)
+            video.title = speech.title(rng, video.cast, "idle_title")
             if named and speech.task_nouns:
                 video.title = speech.noun_title(own, video.cast)
 

@@ -36,11 +36,12 @@ class SiteItem(msgspec.Struct):
 
 
 class List(msgspec.Struct):
-    """`going` is the `continue` of the last answer, at first empty."""
+    """`going` is the `continue` of the last answer, at first empty; `read` parts came so far."""
 
     round: int
     namespace: int
     going: dict[str, str | int] = {}
+    read: int = 0
 
 
 class Title(msgspec.Struct):
@@ -55,6 +56,8 @@ class PageItem(msgspec.Struct):
     `round` is the newest one that listed it, 0 when none did. `rendered` is the captured (revision,
     title). `former` are its previous titles. `final` is why a page is too large to be captured:
     (revision, title, reason, value). `gone`: the page had once disappeared from the wiki.
+    `touched` is when the wiki last made the page anew. `withheld`: the (revision, touched) in place
+    of which the wiki showed another revision: an edit that waits for its review, or an old copy.
     """
 
     title: str
@@ -65,6 +68,8 @@ class PageItem(msgspec.Struct):
     former: list[str] = []
     final: tuple[int, str, str, str | None] | None = None
     gone: bool = False
+    touched: str | None = None
+    withheld: tuple[int, str | None] | None = None
 
 
 class ImageItem(msgspec.Struct):
@@ -101,13 +106,16 @@ def _site(frontier: Frontier, envelope: Envelope) -> None:
     """The wiki's description of itself tells waiting rounds what to list."""
     spaces = envelope.response.get("query", {}).get("namespaces", {})
     content = sorted(int(key) for key, space in spaces.items() if space.get("content"))
+    counts = envelope.response.get("query", {}).get("statistics")
+    said = counts.get("pages") if isinstance(counts, dict) else None
+    pages = said if isinstance(said, int) else 0
     frontier.add("site", [(ANSWERED, SiteItem(listed=False))])
     frontier.done("site", ANSWERED)
     for tag, _, _, site in list(frontier.items("site")):
         if tag == ANSWERED:
             continue
         namespaces = sorted(site.namespaces) or content or [0]
-        frontier.set_cursor(SITE + tag, {"namespaces": namespaces})
+        frontier.set_cursor(SITE + tag, {"namespaces": namespaces, "pages": pages})
         frontier.remove("site", [tag])
         if site.listed:
             add_lists(frontier, int(tag))
@@ -128,8 +136,10 @@ def _titles(frontier: Frontier, envelope: Envelope) -> None:
     listed = answer.get("query", {}).get("allpages", [])
     frontier.add("info", [(f"{number}:{page['title']}", Title(page["title"])) for page in listed])
     key, going = f"{number}:{namespace}", answer.get("continue") or {}
-    frontier.add("titles", [key])
-    frontier.payload("titles", key, List(number, namespace, going))
+    frontier.add("titles", [(key, List(number, namespace))])
+    _, before, _ = frontier.get("titles", key) or ("", List(number, namespace), None)
+    read = before.read + (before.going != going)
+    frontier.payload("titles", key, List(number, namespace, going, read))
     frontier.mark("titles", [key], "todo" if going else "done")
     _compare_when_listed(frontier, number)
 
@@ -146,7 +156,6 @@ def _compare_when_listed(frontier: Frontier, number: int) -> None:
 def _pages(frontier: Frontier, envelope: Envelope) -> None:
     params, query = envelope.request.params, envelope.response.get("query", {})
     tag = str(params["round"])  # "r" for a single revision
-    number = int(tag) if tag.isdigit() else 0
     states = dict.fromkeys(answers.elsewhere(query), "interwiki")
     for page in query.get("pages", []):
         key, state = str(page.get("pageid")), answers.state(page)
@@ -159,7 +168,7 @@ def _pages(frontier: Frontier, envelope: Envelope) -> None:
             needed = {"title": str, "pageid": int, "fullurl": str, "revid": int}
             values = page | page["revisions"][0]
             if all(values.get(k) and isinstance(values[k], kind) for k, kind in needed.items()):
-                _update_page(frontier, number, page, page["revisions"][0])
+                _update_page(frontier, tag, page, page["revisions"][0])
             else:
                 state = "unanswered"
         states[page.get("title")] = state
@@ -187,10 +196,11 @@ def _mark_left(frontier: Frontier, key: str, reason: str) -> None:
 
 
 def _update_page(
-    frontier: Frontier, number: int, page: dict[str, Any], revision: dict[str, Any]
+    frontier: Frontier, tag: str, page: dict[str, Any], revision: dict[str, Any]
 ) -> None:
-    key = str(page["pageid"])
+    key, number = str(page["pageid"]), int(tag) if tag.isdigit() else 0
     new = PageItem(page["title"], page["fullurl"], revision["revid"], number)
+    new.touched = page.get("touched")
     known = frontier.get("pages", key)
     if known is None:
         frontier.add("pages", [(key, new)])
@@ -206,17 +216,26 @@ def _update_page(
         revision_id=new.revision_id,
         round=max(number, old.round),
         former=sorted(former),
+        touched=old.touched if tag == "r" else new.touched,
     )
     frontier.payload("pages", key, new)
     now = (new.revision_id, new.title)
     if new.rendered == now:
-        if status == "skipped":
+        if status == "skipped" or (tag == "r" and status == "in_progress"):
             frontier.done("pages", key)
     elif new.final and new.final[:2] == now:
         if status == "skipped":  # may have been gone meanwhile
             frontier.skip("pages", key, new.final[2])
     elif status != "in_progress":
-        frontier.mark("pages", [key], "todo")
+        # What is withheld is not rendered again: the shown revision is asked for next.
+        withheld = new.rendered is not None and is_withheld(new, page)
+        frontier.mark("pages", [key], "in_progress" if withheld else "todo")
+
+
+def is_withheld(known: PageItem, page: dict[str, Any]) -> bool:
+    """Whether the wiki, as it answers now, shows an earlier revision of a page than its newest."""
+    now = (page["revisions"][0].get("revid"), page.get("touched"))
+    return known.withheld == now and (known.rendered or (0, ""))[1] == page.get("title")
 
 
 def _renders(frontier: Frontier, envelope: Envelope) -> None:
@@ -230,8 +249,10 @@ def _renders(frontier: Frontier, envelope: Envelope) -> None:
     known = frontier.get("pages", key)
     if outcome == "captured":
         if known is not None:
-            rendered = (answer["revision_id"], answer["title"])
-            frontier.payload("pages", key, replace(known[1], rendered=rendered))
+            rendered, wanted = (answer["revision_id"], answer["title"]), answer["wanted_revision"]
+            withheld = (wanted, known[1].touched) if wanted != rendered[0] else None
+            page = replace(known[1], rendered=rendered, withheld=withheld)
+            frontier.payload("pages", key, page)
         frontier.done("pages", key)
         files = [ImageItem(file["key"], file["title"], file["src"]) for file in answer["files"]]
         frontier.add("files", [(file.key, file) for file in files])

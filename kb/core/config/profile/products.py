@@ -1,4 +1,4 @@
-"""[pairs], [clips], [tasks], [toxicity], [release], [report]: what is made of the collected."""
+"""[pairs], [clips], [score], [tasks], [toxicity], [release], [report]: what is made of rows."""
 
 from __future__ import annotations
 
@@ -89,6 +89,32 @@ class ClipFiles(Section):
     about = "Clips: what `kb clips` writes"
 
     jpeg_quality: int = Field(90, ge=1, le=100, description="quality of the frames in tar shards")
+
+
+class Checkpoint(Section):
+    """A CLIP checkpoint that `kb models fetch clip` downloads."""
+
+    url: str = Field(pattern=r"^https?://\S+$", description="address of the file")
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$", description="SHA-256 of the file, in hex digits")
+
+
+class Scoring(Section):
+    """The score part of a profile."""
+
+    table = "score"
+    about = "Score: how well clips show what texts say, by a CLIP model (`kb pairs score`)"
+
+    checkpoint: Checkpoint | None = Field(
+        None,
+        description='the model that `kb models fetch clip` downloads: { url = "…", sha256 = "…" }',
+    )
+    wanted_precision: float = Field(
+        0.8,
+        gt=0,
+        lt=1,
+        description="share of pairs that should show what their text names; the card says from"
+        " which similarity on people's judgements confirm it",
+    )
 
 
 class Tasks(Section):
@@ -224,11 +250,6 @@ class Toxicity(Section):
         return getattr(self.thresholds, source, None) if self.on else None
 
 
-def _licences() -> dict[str, str]:
-    """The default licence of each release folder that has one."""
-    return {name: PUBLISHED[name].licence for name in BY_DEFAULT if PUBLISHED[name].licence}
-
-
 class Creator(Section):
     """A person or group that the citation names."""
 
@@ -330,7 +351,9 @@ class Release(Section):
         (), description="Zenodo communities that the deposit is offered to"
     )
     licenses: dict[str, str] = Field(
-        default_factory=_licences,
+        default_factory=lambda: {
+            name: PUBLISHED[name].licence for name in BY_DEFAULT if PUBLISHED[name].licence
+        },
         description="SPDX id of each folder's licence; the wiki's own licence is used when its"
         " pages name one",
     )
