@@ -22,7 +22,7 @@ import pytest
 
 from kb.core.installation import folder
 from kb.sandbox.domain import usual
-from kb.sandbox.youtube.films import Mention, _spoken_of, _timeline, _write
+from kb.sandbox.youtube.films import timeline, write_film
 from kb.score.calibration import area
 from tests.cli.conftest import clean_environment
 from tests.conftest import ROOT
@@ -45,10 +45,10 @@ class Place:
 
     def __init__(self, path: Path) -> None:
         self.path, self.model = path, path / "train" / "model"
-        self.said: dict[str, list[Mention]] = {}
+        self.said: dict[str, list[tuple[str, float]]] = {}
         self.seconds = EVERY_S * (MENTIONS + 1)
         words = FILLER.split()
-        names = sorted({one.name for one in _spoken_of(usual()) if one.name[0].isalpha()})
+        names = sorted(noun.title for noun in usual().speech.nouns)
         rng = random.Random(0)
         given = path / "given"
         given.mkdir(parents=True)
@@ -64,7 +64,7 @@ class Place:
                     at += 4
                 at = float(EVERY_S * (place + 1))
                 lines.append(self._line(at, ["so", *keyword.lower().split(), "is", "not", "old"]))
-                said.append(Mention(keyword, at + 0.24))
+                said.append((keyword, at + 0.24))
                 at += 4
             self.said[key] = said
             about = ytdlp.info(key, duration=self.seconds, title=f"minecraft {number}")
@@ -97,16 +97,16 @@ class Place:
         """Films of the talk in which what `kind` says is wrong."""
         out = self.path / kind
         out.mkdir()
-        names = sorted({one.keyword for said in self.said.values() for one in said})
+        names = sorted({name for said in self.said.values() for name, _ in said})
         other = dict(zip(names, names[len(names) // 2 :] + names[: len(names) // 2], strict=True))
         for key, said in self.said.items():
             shown = {
                 "right": said,
-                "other shape": [Mention(other[k], s) for k, s in said],
-                f"shifted by {SHIFT_S} s": [Mention(k, s + SHIFT_S) for k, s in said],
+                "other shape": [(other[k], s) for k, s in said],
+                f"shifted by {SHIFT_S} s": [(k, s + SHIFT_S) for k, s in said],
                 "black": [],
             }[kind]
-            _write(out / f"{key}.mp4", _timeline(shown, self.seconds), self.seconds)
+            write_film(out / f"{key}.mp4", timeline(shown, self.seconds), self.seconds)
         return out
 
     def scores(self, kind: str, workers: int = 2) -> dict[str, dict[str, float]]:

@@ -1,5 +1,5 @@
-"""The same random weights in the formats of CLIP checkpoints, and MineCLIP as its paper describes it,
-written down apart from the code under test.
+"""The same random weights in the formats of CLIP checkpoints, and MineCLIP as its paper describes
+it, written down apart from the code under test.
 """
 
 from pathlib import Path

@@ -20,14 +20,14 @@ needs("av", "torch", "transformers")
 import torch  # noqa: E402
 
 from kb.core.config.profile import load_profile  # noqa: E402
-from kb.sandbox.youtube.films import Mention, _timeline, _write, drawn  # noqa: E402
+from kb.sandbox.youtube.films import drawn, timeline, write_film  # noqa: E402
 from kb.score.calibration import area, section  # noqa: E402
 from kb.score.films import scores_of  # noqa: E402
 from tests.inprocess import Here  # noqa: E402
 from tests.score.checkpoints import of_openai, random_clip  # noqa: E402
 from tests.youtube.ytdlp import folder as ytdlp  # noqa: E402
 
-WORDS = "and you to about it so that than day was up more because not now time once ask".split()
+WORDS = "and you to about it so that than day was up more because not now time once ask"
 SAID = {"alpha000001": {20: "Creeper", 60: "Skeleton"}, "alpha000002": {30: "Enderman"}}
 SECONDS = 90
 
@@ -38,11 +38,11 @@ class Colours:
     name, size, fit, step_s = "colours", (64, 64), "stretch", 1.0
 
     def frames(self, images) -> np.ndarray:
-        seen = [image.reshape(-1, 3).mean(axis=0) - 48 + 1e-3 for image in images]
-        return np.array(seen, np.float32).reshape(-1, 3)
+        seen = [[*(image.reshape(-1, 3).mean(axis=0) - 48), 3] for image in images]
+        return np.array(seen, np.float32).reshape(-1, 4)
 
     def texts(self, texts) -> np.ndarray:
-        found = self.frames([drawn((text,)) for text in texts])
+        found = self.frames([drawn((text,)) for text in texts]) * (1, 1, 1, 0)
         return found / np.linalg.norm(found, axis=1, keepdims=True)
 
     def clip(self, frames) -> np.ndarray:
@@ -64,8 +64,8 @@ def pair(keyword: str, at: float, clip_s: float = 8) -> dict[str, object]:
 def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Shapes at 20, 60 and 86 s; that at 60 s is shown six seconds late."""
     path = tmp_path_factory.mktemp("film") / "a.mp4"
-    shown = [Mention("Creeper", 20.0), Mention("Skeleton", 66.0), Mention("Enderman", 86.0)]
-    _write(path, _timeline(shown, SECONDS), SECONDS)
+    shown = [("Creeper", 20.0), ("Skeleton", 66.0), ("Enderman", 86.0)]
+    write_film(path, timeline(shown, SECONDS), SECONDS)
     return path
 
 
@@ -75,7 +75,7 @@ def test_similarity_margin_and_offset_are_those_of_the_film(film: Path) -> None:
     assert found.keys() == {"Creeper 20", "Skeleton 60", "Enderman 86"}  # the film has 90 s
     right, late = found["Creeper 20"], found["Skeleton 60"]
     assert (right.best_offset_s, late.best_offset_s) == (0, 6)
-    assert right.similarity > 0.9 > late.similarity
+    assert right.similarity > late.similarity + 0.2
     assert right.margin > late.margin
     assert (right.frames, found["Enderman 86"].frames) == (8, 8)
 
@@ -83,7 +83,7 @@ def test_similarity_margin_and_offset_are_those_of_the_film(film: Path) -> None:
 def test_static_share_counts_neighbouring_frames_that_hardly_differ(tmp_path: Path) -> None:
     """A picture that changes each second in the first half of the clip, and stays in the second."""
     pictures = [(2 * s, (("Creeper",), ("Skeleton",))[s % 2] if s < 44 else ()) for s in range(60)]
-    _write(tmp_path / "a.mp4", [*pictures, (119, ())], 60)
+    write_film(tmp_path / "a.mp4", [*pictures, (119, ())], 60)
     (one,) = scores_of(tmp_path / "a.mp4", [pair("Creeper", 44, 16)], Colours())
     assert one.static_share == pytest.approx(7 / 15, abs=0.001)
 
@@ -94,6 +94,7 @@ title = "Minecraft"
 toxicity = "off"
 [youtube]
 keywords = ["Minecraft"]
+category_ids = [20]
 [pairs]
 include = ["Creeper", "Skeleton", "Enderman"]
 max_clip_s = 8
@@ -115,7 +116,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for key, said in SAID.items():
         lines = []
         for at in range(2, SECONDS - 4, 4):
-            words = [WORDS[(at + n) % len(WORDS)] for n in range(8)]
+            words = [WORDS.split()[(at + n) % 18] for n in range(8)]
             words[2:3] = [name.lower() for s, name in said.items() if at <= s < at + 4] or ["go"]
             timed = [(240 * n, f" {word}" if n else word) for n, word in enumerate(words)]
             lines.append(ytdlp.Line(at * 1000, 1920, timed))
@@ -123,11 +124,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (place / "given" / f"{key}.info.json").write_text(json.dumps(about))
         track = place / "given" / f"{key}.en-orig.json3"
         track.write_text(ytdlp.json3(lines, automatic=True))
-        shown = [Mention(name, float(at)) for at, name in said.items()]
-        _write(place / "films" / f"{key}.mp4", _timeline(shown, SECONDS), SECONDS)
+        shown = [(name, float(at)) for at, name in said.items()]
+        write_film(place / "films" / f"{key}.mp4", timeline(shown, SECONDS), SECONDS)
     torch.save(of_openai(random_clip()), place / "small.pt")
     for words in (("youtube", "import", str(place / "given")), ("youtube", "filter"), ("pairs",)):
-        subprocess.run(kb(place, *words), check=True, capture_output=True)
+        done = subprocess.run(kb(place, *words), check=False, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
     return place
 
 
@@ -251,7 +253,8 @@ def test_judgements_give_bins_and_where_the_wanted_precision_begins(
     calibrated = found["visible"]
     assert calibrated["judged"] == sum(one["n"] for one in calibrated["bins"]) == 200
     assert len(calibrated["bins"]) == 10
-    assert calibrated["bins"][0]["share"] < 0.3 < 0.7 < calibrated["bins"][-1]["share"]
+    assert calibrated["bins"][0]["share"] < 0.3
+    assert calibrated["bins"][-1]["share"] > 0.7
     assert calibrated["auc"]["low"] > 0.8
     reached = calibrated["reached_from"]
     assert reached["share"] > profile.score.wanted_precision

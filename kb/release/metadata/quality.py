@@ -11,6 +11,7 @@ from duckdb import DuckDBPyConnection
 from kb.artifacts import manifest
 from kb.artifacts.measures import pair_figures, read_measures
 from kb.artifacts.release_folder import ReleaseFolder
+from kb.core.summary.intervals import interval_text
 from kb.store.layout import Layout
 
 _SHOWN = 5  # other languages that are named
@@ -36,6 +37,7 @@ def pair_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> 
         *_texts(figures["recurring_text"], figures["languages"], figures["verbs"]),
         _speech_recognition(heard) if heard else _NOT_MEASURED,
         _TEXTS_ALONE,
+        *_scored(samples.get("scores")),
         *judgements(samples, "pair"),
     )
 
@@ -105,6 +107,43 @@ def _speech_recognition(section: dict[str, Any]) -> str:
             f" {later['p25']:.2f} and {later['p75']:.2f} s later than in the manual one."
         )
     return sentence
+
+
+def _scored(section: dict[str, Any] | None) -> Iterator[str]:
+    """What a model says of clips and texts, and what people's judgements say of that."""
+    if not section or not section["pairs"]:
+        return
+    similar, moved = section["similarity"], section["further_than_2_s"]
+    sentence = (
+        f"Clips: {section['pairs']:,} pairs were scored on films by `{section['models'][0]}`; half"
+        f" of the similarities of clip and text are between {similar['p25']:.3f} and"
+        f" {similar['p75']:.3f}."
+    )
+    if moved["n"]:
+        sentence += (
+            f" In {moved['share']:.1%} the picture fits best more than two seconds before or after"
+            " the words."
+        )
+    seen = section["visible"]
+    if not seen["judged"]:
+        yield sentence + (
+            " Nobody has judged whether clips show what is named, so it is not known what a"
+            " similarity means."
+        )
+        return
+    bins = [one for one in seen["bins"] if one["n"]]
+    sentence += (
+        f" Of {seen['judged']:,} judged ones, {interval_text(bins[0])} show what is named where the"
+        f" similarity is {bins[0]['to']:.3f} or less, and {interval_text(bins[-1])} where it is"
+        f" {bins[-1]['from']:.3f} or more"
+    )
+    if seen["auc"]:
+        sentence += f"; the area under the curve is {_area(seen['auc'])}"
+    yield sentence + "."
+
+
+def _area(auc: dict[str, Any]) -> str:
+    return f"{auc['auc']:.3f} (95 % interval {auc['low']:.3f} to {auc['high']:.3f})"
 
 
 def task_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> tuple[str, ...]:

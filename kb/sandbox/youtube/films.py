@@ -55,7 +55,7 @@ def write_films(world: World, folder: Path) -> int:
     mentions = Mentions(world)
     for video in world.youtube.videos.values():
         with writing(folder / f"{video.id}.mp4", sync=False) as path:
-            _write(path, _timeline(mentions.of(video), video.seconds), video.seconds)
+            write_film(path, timeline(mentions.of(video), video.seconds), video.seconds)
     return len(world.youtube.videos)
 
 
@@ -93,7 +93,7 @@ def look_of(keyword: str) -> Look:
     return Look((round(255 * red), round(255 * green), round(255 * blue)), digest[2] % 5)
 
 
-def _timeline(mentions: Iterable[tuple[str, float]], seconds: int) -> Iterator[tuple[int, Picture]]:
+def timeline(mentions: Iterable[tuple[str, float]], seconds: int) -> Iterator[tuple[int, Picture]]:
     """Each tick (1 / RATE s) at which the picture changes, and the picture; the first tick always,
     and the last one, which ends the film.
     """
@@ -114,7 +114,7 @@ def _timeline(mentions: Iterable[tuple[str, float]], seconds: int) -> Iterator[t
         before = picture
 
 
-def _write(path: Path, timeline: Iterable[tuple[int, Picture]], seconds: int) -> None:
+def write_film(path: Path, pictures: Iterable[tuple[int, Picture]], seconds: int) -> None:
     import av  # noqa: PLC0415  belongs to the extra `clips`
 
     base = Fraction(1, RATE)
@@ -124,7 +124,7 @@ def _write(path: Path, timeline: Iterable[tuple[int, Picture]], seconds: int) ->
         stream.codec_context.gop_size = _GROUP
         stream.codec_context.thread_count = 1
         stream.options = {"preset": "ultrafast"}
-        for tick, picture in timeline:
+        for tick, picture in pictures:
             frame = _frame(picture)
             frame.pts, frame.time_base, frame.duration = tick, base, 1
             out.mux(stream.encode(frame))
