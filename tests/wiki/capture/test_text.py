@@ -106,6 +106,12 @@ FOLDED = {
     "a section until found": '<div hidden="until-found"><p>{0}</p></div>',
     "a box that scrolls": """<div style="height:40px;overflow:auto"><p>Head</p>
       <p style="margin-top:300px">{0}</p></div>""",
+    "a caption under the pointer": """<div class="gallery mw-gallery-packed-hover"><div
+      class="gallerybox" style="position:relative"><div class="thumb"><img src="/none.png"></div>
+      <div class="gallerytextwrapper" style="overflow:hidden;height:0"><div class="gallerytext">
+      <p>{0}</p></div></div></div></div>""",
+    "a caption that fades in": """<figure><img src="/none.png"><figcaption
+      style="opacity:0">{0}</figcaption></figure>""",
     "an accordion of no height": """<div class="accordion-item"
       style="max-height:0;overflow:hidden"><p>{0}</p></div>""",
 }
