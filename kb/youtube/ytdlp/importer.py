@@ -140,6 +140,7 @@ class _Import:
                             self._continue(task)
             finally:
                 self._flush(at_least=1)
+                task.advance(0, videos=self.counts["crawled"])
 
     def _continue(self, task: Task) -> None:
         """Write what waits, when it is much. Raises Interrupted, LimitReached."""

@@ -348,8 +348,13 @@ def _every_start(starts: list[int], begin: int, end: int) -> list[int]:
     return [round(at) for at in np.interp(range(len(starts)), places, times)]
 
 
-def as_lists(cues: list[Cue]) -> list[list[Any]]:
-    """The cues as the raw answer of a crawl has them: [start_s, duration_s, text] each, and the
-    starts of its words (s) in a track that has them.
+def as_columns(cues: list[Cue]) -> dict[str, list[Any] | None]:
+    """The cues as the raw answer of a crawl has them: a list for each field; `word_start_s` is None
+    where no cue has times of words.
     """
-    return [list(cue if cue.word_start_s is not None else cue[:3]) for cue in cues]
+    columns: dict[str, list[Any] | None] = {
+        name: [cue[place] for cue in cues] for place, name in enumerate(Cue._fields)
+    }
+    if all(cue.word_start_s is None for cue in cues):
+        columns["word_start_s"] = None
+    return columns

@@ -19,11 +19,11 @@ from kb.schema.coerce import records
 from kb.schema.decode import ColumnReader, in_batches, problems
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog
-from kb.store.tables.columns import aligned, put
-from kb.store.tables.latest import newest
+from kb.store.tables.columns import aligned, newest, put
 from kb.youtube.ytdlp import subtitles
 
 ORIGINAL = "-orig"
+READ_FROM, PAGE, FILE = "read_from", "watch_page", "file"
 NOT_IMPORTED = "not_imported"  # outcome of a video that only a file tells of, without a track
 _RICHEST = ("json3", "srv3", "json", "vtt", "srt")
 FACTS = ("player_width", "player_height", "player_fps", "game_label_id", "game_label")
@@ -122,7 +122,7 @@ def _files(lines: Iterable[bytes]) -> Iterator[tuple[str, str | None, str, bool,
             track = subtitles.read(answer["format"], answer["text"])
         except ValueError:  # text that a purge or an older version left; the import counted others
             continue
-        cues = json.dumps(subtitles.as_lists(track.cues), ensure_ascii=False)
+        cues = json.dumps(subtitles.as_columns(track.cues), ensure_ascii=False)
         about = (answer["video_id"], answer["language"], answer["format"])
         yield *about, track.timed, cues, envelope.fetched_at
 
@@ -140,6 +140,8 @@ def with_imported(
     restriction that the page named does. A video whose info.json (`files`) lists no track in the
     language has none, unless an answer says other.
     """
+    if crawled is not None:
+        crawled = put(crawled, READ_FROM, pa.array([PAGE] * crawled.num_rows, pa.string()))
     listed = _listed(files)
     outcomes = [*_none(listed, wanted)]
     if imported is not None:
@@ -239,6 +241,7 @@ def _outcomes(outcomes: list[_Found]) -> pa.Table:
             columns[name], _ = records(own[name], kind, clean=True)
         else:
             columns[name] = pa.array(own.get(name, [None] * len(outcomes)), arrow)
+    columns[READ_FROM] = pa.array([FILE] * len(outcomes), pa.string())
     return pa.table(columns)
 
 

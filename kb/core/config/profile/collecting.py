@@ -114,7 +114,8 @@ class Markup(Section):
         " #contentSub2, #mw-content-subtitle, .subpages, #siteNotice, .printfooter, .catlinks,"
         " #catlinks, .mw-indicators, .mw-portlet, .vector-page-toolbar, .toctogglespan,"
         " .toctogglelabel, .mw-cite-backlink, .mw-empty-elt, .mw-collapsible-toggle,"
-        " .mw-pt-languages, .mw-pt-translate-header, #mw-fr-revisiontag, .navbar, .navbox-navbar",
+        " .mw-pt-languages, .mw-pt-translate-header, #mw-fr-revisiontag, .navbar, .navbox-navbar,"
+        " [class^='ad-slot'], [class*=' ad-slot'], .incontent-boxad",
         description="edit links and other tools that are not part of the text",
     )
     folded: str = Field(
