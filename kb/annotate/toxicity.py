@@ -26,7 +26,6 @@ import pyarrow.compute as pc
 
 from kb.annotate.backends import REACH, check_options, choose_device, open_runner, prepare
 from kb.annotate.checkpoint import Checkpoint, find_checkpoint, need_extra
-from kb.annotate.detoxify_model import explained_memory
 from kb.annotate.inference import Runner
 from kb.annotate.scores import CATEGORIES, Scores, text_hashes, unscored
 from kb.artifacts import manifest
@@ -366,10 +365,10 @@ class ScoringJob(NamedTuple):
 def score_chunk(job: ScoringJob, texts: Sequence[str]) -> dict[str, Any]:
     """Scores of a chunk, in its order; runs in a worker.
 
-    Near the threshold a reduced score is made exact. Raises FatalError when memory is too short.
+    Near the threshold a reduced score is made exact.
     """
     # A Dask worker with several threads takes several chunks: one at a time, with all threads.
-    with _ONE, explained_memory():
+    with _ONE:
         return _score_chunk(job._replace(threads=job.threads or _worker_threads()), texts)
 
 

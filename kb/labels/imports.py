@@ -24,6 +24,7 @@ from duckdb import DuckDBPyConnection
 
 from kb.artifacts import domain_binding, manifest
 from kb.artifacts.measures import write_measure
+from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import FatalError, UsageError
 from kb.core.installation import np, require
@@ -242,11 +243,11 @@ def _moment(value: Any) -> datetime | None:
     """A time as ISO 8601 or in seconds or milliseconds since 1970; None for anything else."""
     try:
         if isinstance(value, str):
-            at = datetime.fromisoformat(value)
-            return at if at.tzinfo else at.replace(tzinfo=UTC)
+            at = clock.parse(value)
+            return at if clock.FIRST <= at <= clock.LAST else None
         if isinstance(value, (int, float)) and not isinstance(value, bool):
-            return datetime.fromtimestamp(value / 1000 if value > 1e11 else value, UTC)
-    except (ValueError, OverflowError, OSError):
+            return clock.since_1970(value / 1000 if value > 1e11 else value)
+    except (ValueError, OverflowError):
         pass
     return None
 

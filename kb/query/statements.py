@@ -66,7 +66,10 @@ def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
         raise UsageError(
             f"{len(statements)} statements; only one is allowed", hint="run one at a time"
         )
-    kind = statements[0].type
+    try:
+        kind = statements[0].type
+    except ValueError:  # a kind that DuckDB's Python has no name for, such as UPDATE EXTENSIONS
+        kind = None
     _refuse(con, sql)
     words = _words(sql)
     at, first = next(words, (0, ""))
@@ -87,7 +90,7 @@ def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
         if at:
             check(con, sql.encode()[at:].decode())
             return
-    name = first.upper() if kind == kinds.MULTI else kind.name
+    name = first.upper() if kind in (None, kinds.MULTI) else kind.name
     raise UsageError(
         f"{name} is not allowed: queries only read",
         hint="use SELECT, FROM, PIVOT, DESCRIBE or SUMMARIZE",

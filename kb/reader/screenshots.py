@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 from kb.core.errors import DamagedData
 from kb.reader.tables import needs
-from kb.store.damage import DOWNLOAD, missing, opening, unreadable
+from kb.store.damage import DOWNLOAD, missing, opening, short_lines, unreadable
 from kb.store.rawlog.sidefiles import captured_path
 from kb.store.tables.remote_files import RemoteFolder, reading_at
 
@@ -184,8 +184,7 @@ def _index(folder: Path) -> dict[tuple[str, str], dict[str, Any]]:
 
 @lru_cache(maxsize=4)
 def _read(path: Path, changed: int) -> dict[tuple[str, str], dict[str, Any]]:
-    with path.open("rb") as lines:
-        return _entries(lines, str(path))
+    return _entries(short_lines(path, DOWNLOAD), str(path))
 
 
 @lru_cache(maxsize=4)

@@ -17,7 +17,7 @@ from kb import query
 from kb.artifacts.release_folder import read_tombstones
 from kb.artifacts.table_catalog import View, bare
 from kb.core.cached_property import cached_property
-from kb.core.errors import MissingExtra, UsageError
+from kb.core.errors import FatalError, MissingExtra, UsageError
 from kb.reader import html
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
@@ -101,8 +101,8 @@ class RowSet:
 
     @with_hints
     def to_pylist(self, columns: Sequence[str] | None = None) -> list[dict[str, Any]]:
-        """All rows as dictionaries. Raises DamagedData."""
-        return self.to_table(columns).to_pylist()
+        """All rows as dictionaries. Raises DamagedData, FatalError for a time that Python lacks."""
+        return _as_dictionaries(self.to_table(columns))
 
     def __len__(self) -> int:
         return self.count_rows()
@@ -249,7 +249,7 @@ class QueryResult(RowSet):
     def __iter__(self) -> Iterator[dict[str, Any]]:
         """Each row as a dictionary."""
         for batch in self._rows.to_batches():
-            yield from batch.to_pylist()
+            yield from _as_dictionaries(batch)
 
     def _repr_html_(self) -> str:
         first = self.head(20)
@@ -326,3 +326,13 @@ def needs(package: str, *, install: str = "") -> None:
     if find_spec(package) is None:
         install = install or package
         raise MissingExtra(f"{install} is not installed", hint=f"install the package {install}")
+
+
+def _as_dictionaries(rows: pa.Table | pa.RecordBatch) -> list[dict[str, Any]]:
+    try:
+        return rows.to_pylist()
+    except OverflowError:
+        raise FatalError(
+            "a time in these rows is of no year from 1 to 9999",
+            hint="take to_arrow(), or cast the column to text in SQL",
+        ) from None

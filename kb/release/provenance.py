@@ -24,6 +24,7 @@ import pyarrow.parquet as pq
 from kb import __version__
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.config.profile import Profile
+from kb.core.config.text_files import read_text
 from kb.core.context import Run
 from kb.core.errors import ProfileError
 from kb.core.installation import PROFILE_FILE, lock_digest, software_address
@@ -205,7 +206,7 @@ def keyword_text(profile: Profile) -> str:
 
 def _read(path: Path, what: str) -> str:
     try:
-        return path.read_text(encoding="utf-8-sig")
+        return read_text(path)
     except OSError as error:
         raise ProfileError(f"{what} can't be read: {error.strerror}") from None
 

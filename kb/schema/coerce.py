@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Sequence
-from datetime import UTC, datetime
+from datetime import datetime
 from functools import partial
 from itertools import accumulate, chain
 from operator import itemgetter
@@ -20,6 +20,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core import clock
 from kb.schema.raw import types
 from kb.schema.tables import Type
 
@@ -30,7 +31,7 @@ _DURATION = re.compile(
 )
 _RFC3339 = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
 _SECONDS = (604_800, 86_400, 3_600, 60, 1)
-_TIME = r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,6})?Z$"
+_TIME = r"^(19[7-9]\d|2[01]\d\d)-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,6})?Z$"
 _LARGEST = (1 << 63) - 1
 
 
@@ -99,7 +100,7 @@ def durations(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
 
 
 def times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
-    """RFC 3339 times → UTC, with or without fractions of a second."""
+    """RFC 3339 times from 1970 to 2200 → UTC, with or without fractions of a second."""
     kind = pa.timestamp("us", "UTC")
     try:
         column = pa.array(values, pa.string())
@@ -111,11 +112,11 @@ def times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
 
 
 def unix_times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
-    """Seconds since 1970, whole or with a fraction → UTC."""
+    """Seconds since 1970, up to 2200, whole or with a fraction → UTC."""
     return _each(
         values,
         pa.timestamp("us", "UTC"),
-        lambda value: datetime.fromtimestamp(a_number(value), UTC),
+        _unix_moment,
     )
 
 
@@ -278,10 +279,20 @@ def _duration(value: Any) -> int:
     return total
 
 
+def _unix_moment(value: Any) -> datetime:
+    at = clock.since_1970(a_number(value))
+    if at is None:
+        raise ValueError
+    return at
+
+
 def _moment(value: Any) -> datetime:
     if not isinstance(value, str) or not value.isascii() or not _RFC3339.fullmatch(value):
         raise ValueError
-    return datetime.fromisoformat(value).astimezone(UTC)
+    at = clock.parse(value)
+    if not clock.FIRST <= at <= clock.LAST:
+        raise ValueError
+    return at
 
 
 def a_list(value: Any) -> list[Any]:

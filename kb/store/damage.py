@@ -15,8 +15,10 @@ from typing import BinaryIO
 from kb.core.errors import DamagedData
 from kb.store.artifact_registry import SUMS, artifact_of
 from kb.store.layout import Layout
+from kb.store.out_of_memory import is_out_of_memory
 
 DOWNLOAD = "download it again, into the same folder"
+LINE = 1_000_000  # bytes of a line of JSON
 SMALL = 50_000_000  # bytes of a file that is read as a whole: checksums, tombstones, metadata
 
 
@@ -51,11 +53,13 @@ def missing(paths: Sequence[object], hint: str = "") -> DamagedData:
 
 @contextlib.contextmanager
 def opening(path: object, *kinds: type[Exception], hint: str = "") -> Iterator[None]:
-    """Raises DamagedData where a block that reads a file raises OSError or one of these."""
+    """Raises DamagedData where a block that reads a file raises OSError or one of these. That
+    memory runs out is no damage.
+    """
     try:
         yield
     except Exception as error:
-        if not isinstance(error, (OSError, *kinds)):
+        if not isinstance(error, (OSError, *kinds)) or is_out_of_memory(error):
             raise
         raise unreadable(path, error, hint) from error
 
@@ -71,6 +75,17 @@ def regular(path: Path, hint: str = "", *, links: bool = True) -> Iterator[Binar
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             raise unreadable(path, "it is no file but a pipe, a device or a folder", hint)
         yield file
+
+
+def short_lines(path: Path, hint: str = "") -> Iterator[bytes]:
+    """The lines of a file of a stranger's folder: no link, and at most LINE bytes in a line. Raises
+    DamagedData.
+    """
+    with opening(path, hint=hint), regular(path, hint, links=False) as file:
+        while line := file.readline(LINE + 1):
+            if len(line) > LINE:
+                raise unreadable(path, f"a line has more than {LINE:,} bytes", hint)
+            yield line
 
 
 def read_small(path: Path, hint: str = "") -> bytes:

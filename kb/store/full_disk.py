@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from kb.core.errors import DiskFull, KbError, Stopped
+from kb.store.out_of_memory import is_out_of_memory
 
 FULL_HINT = "free some space and run the same command again"
 _WHY = {
@@ -89,7 +90,9 @@ def _says_nothing(error: BaseException) -> bool:
 
     Those of Lorecrawl say what they mean, and so does an errno.
     """
-    if isinstance(error, (KbError, MemoryError)) or type(error).__module__.startswith("kb."):
+    if isinstance(error, KbError) or type(error).__module__.startswith("kb."):
+        return False
+    if is_out_of_memory(error):
         return False
     return not (isinstance(error, OSError) and error.errno is not None)
 

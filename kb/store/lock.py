@@ -14,6 +14,7 @@ lock removes what killed commands left in its folders (kb.store.leftovers).
 import contextlib
 import fcntl
 import os
+import platform
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -64,15 +65,16 @@ def writer(root: Path, name: str) -> Iterator[None]:
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
     try:
         if not _take(descriptor):
-            holder = os.read(descriptor, 32).decode(errors="replace").strip() or "unknown"
+            holder, host = _held_by(descriptor)
+            where = f" on {host}" if host not in ("", platform.node()) else ""
             what = name.replace("release-", "release/").replace("index-", "index/")
             raise WriterLocked(
-                f"another process (pid {holder}) writes to {what} in {root}",
+                f"another process (pid {holder}{where}) writes to {what} in {root}",
                 hint="wait for it, or stop it; a second machine takes its own --data folder",
             )
         with full_disk_is_resumable(path):
             os.ftruncate(descriptor, 0)
-            os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+            os.pwrite(descriptor, f"{os.getpid()}\n{platform.node()}\n".encode(), 0)
         leftovers.sweep(root, name)
         yield
         os.ftruncate(descriptor, 0)
@@ -132,10 +134,16 @@ def _holder(path: Path) -> str:
     try:
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
-        return os.read(descriptor, 32).decode(errors="replace").strip() or "unknown"
+        return _held_by(descriptor)[0]
     finally:
         os.close(descriptor)
     return ""
+
+
+def _held_by(descriptor: int) -> tuple[str, str]:
+    """The pid of the holder and its machine, "unknown" and "" before it has written them."""
+    lines = os.read(descriptor, 256).decode(errors="replace").split("\n")
+    return lines[0].strip() or "unknown", lines[1] if len(lines) > 1 else ""
 
 
 def used(root: Path) -> dict[str, int]:

@@ -233,7 +233,7 @@ Plan = Annotated[
 ]
 Part = Annotated[
     str | None,
-    typer.Option("--part", metavar="I/N", help="The I-th of N parts of the ids, for N machines."),
+    typer.Option("--part", metavar="I/N", help="The I-th of N parts, for N machines."),
 ]
 
 

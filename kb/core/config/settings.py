@@ -159,11 +159,13 @@ class Settings(BaseSettings):
     def _is_time(cls, value: str | None) -> str | None:
         if value:
             try:
-                clock.parse(value)
+                known = clock.FIRST <= clock.parse(value) <= clock.LAST
             except OverflowError:
-                raise ValueError("must be a time from the years 1 to 9999") from None
+                known = False
             except ValueError:
                 raise ValueError("must be a date and time: 2026-11-20T12:00:00Z") from None
+            if not known:
+                raise ValueError("must be a time from the years 1970 to 2200")
         return value
 
     def secret_values(self) -> list[str]:

@@ -89,7 +89,7 @@ def _json(path: Path, declared: Table, source: str) -> list[GateProblem]:
     for field in declared.arrow(True):
         try:
             arrays[field.name] = _array([row.get(field.name) for row in rows], field.type)
-        except (pa.ArrowException, ValueError, TypeError):
+        except (pa.ArrowException, ValueError, TypeError, OverflowError):
             what = (
                 f"column {field.name} contains other values than {declared.column(field.name).type}"
             )

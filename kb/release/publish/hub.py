@@ -28,6 +28,7 @@ from kb.core.errors import (
 )
 from kb.core.installation import install_extra
 from kb.net import redact
+from kb.net.hub_client import use_own_client
 from kb.net.retry import retry_after
 
 PUBLIC = "https://huggingface.co"
@@ -83,10 +84,8 @@ class Hub:
 
     def __init__(self, endpoint: str, token: str) -> None:
         check_installed()
-        import httpx2
         import huggingface_hub
         from huggingface_hub import constants
-        from huggingface_hub.utils import _http
         from huggingface_hub.utils.tqdm import disable_progress_bars
 
         constants.HF_HUB_DISABLE_XET = True
@@ -94,12 +93,7 @@ class Hub:
         logging.getLogger("huggingface_hub").setLevel(logging.CRITICAL)
         disable_progress_bars()
 
-        def client() -> Any:
-            one = _http.default_client_factory()
-            one.timeout = httpx2.Timeout(TIMEOUT_S[1], connect=TIMEOUT_S[0])
-            return one
-
-        huggingface_hub.set_client_factory(client)
+        use_own_client(endpoint, TIMEOUT_S)
         self.root = endpoint.rstrip("/")
         self._token = token
         self._api = huggingface_hub.HfApi(

@@ -31,7 +31,7 @@ SUFFIX = ".ndjson.zst"
 OPEN = SUFFIX + ".open"
 SEGMENT_BYTES = 64 << 20
 MAGIC = b"\x28\xb5\x2f\xfd"
-_WINDOW = 1 << 31
+_WINDOW = 1 << 29
 _CHUNK = 1 << 16  # small, as the rest of a chunk is copied once for each frame in it
 
 
@@ -315,7 +315,7 @@ def _frame(
     while rest:
         try:
             parts.append(frame.decompress(rest))
-        except (zstandard.ZstdError, MemoryError):
+        except zstandard.ZstdError:
             return None
         used += len(rest) - len(frame.unused_data)
         rest = frame.unused_data

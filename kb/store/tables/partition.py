@@ -140,28 +140,34 @@ def _pieces(tables: Iterator[pa.Table]) -> Iterator[pa.Table]:
         yield pa.concat_tables(waiting)
 
 
+def read_bucket(folder: Path, written: int) -> list[pa.Table]:
+    """What the segments wrote into a bucket. Raises CountMismatch unless these are `written` rows:
+    a file that is missing is no empty bucket.
+    """
+    parts = []
+    for path in sorted(folder.glob("*.arrow")):
+        with pa.ipc.open_file(pa.memory_map(str(path))) as file:
+            parts.append(file.read_all())
+    there = sum(part.num_rows for part in parts)
+    if there != written:
+        raise CountMismatch(
+            f"{written:,} rows were written to {folder}, and {there:,} can be read",
+            hint="every worker must see the same data root; no output was replaced",
+        )
+    return parts
+
+
 def newest_of(
     folder: Path, kind: RawKind, written: int, wanted: pa.Array[Any] | None = None
 ) -> tuple[pa.Table | None, int]:
     """The newest row of each key of one kind's bucket, and how many others were left out.
 
     Sorted by key. With `wanted` only the rows whose first key column is in it are read. Echoes
-    don't count as left out. Raises CountMismatch unless the `written` rows are there: a file that
-    is missing is no empty bucket.
+    don't count as left out. Raises CountMismatch as `read_bucket`.
     """
-    there, parts = 0, []
-    for path in sorted(folder.glob("*.arrow")):
-        with pa.ipc.open_file(pa.memory_map(str(path))) as file:
-            part = file.read_all()
-        there += part.num_rows
-        if wanted is not None:
-            part = part.filter(pc.is_in(part.column(kind.key[0]), value_set=wanted))
-        parts.append(part)
-    if there != written:
-        raise CountMismatch(
-            f"{written:,} rows were written to {folder}, and {there:,} can be read",
-            hint="every worker must see the same data root; no output was replaced",
-        )
+    parts = read_bucket(folder, written)
+    if wanted is not None:
+        parts = [part.filter(pc.is_in(part[kind.key[0]], value_set=wanted)) for part in parts]
     if not parts:
         return None, 0
     rows = pa.concat_tables(parts)

@@ -19,6 +19,7 @@ from kb.core.errors import DamagedData
 from kb.schema.tables import table, tables
 from kb.store.damage import unreadable
 from kb.store.layout import Layout
+from kb.store.out_of_memory import is_out_of_memory
 from kb.store.state import json_files
 from kb.store.state.frontier import Frontier
 from kb.store.tables import parquet
@@ -36,7 +37,7 @@ def reading(files: Iterable[Path | str]) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if _a_readers(error) and (damage := broken(files)):
+        if _a_readers(error) and not is_out_of_memory(error) and (damage := broken(files)):
             raise damage from error
         raise
 

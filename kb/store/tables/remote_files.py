@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, BinaryIO, cast
@@ -25,6 +26,7 @@ from fsspec.implementations.cached import CachingFileSystem
 from kb.core.cached_property import cached_property
 from kb.core.errors import DamagedData, FatalError, KbError, MissingExtra, SettingError
 from kb.core.installation import install_extra
+from kb.net.hub_client import use_own_client
 from kb.store.artifact_registry import SUMS
 from kb.store.damage import unreadable
 from kb.store.tables.checksums import MISMATCH, parsed
@@ -109,6 +111,10 @@ def remote_folders(address: str, options: Mapping[str, Any] | None = None) -> li
     it needs, FatalError without permission or connection.
     """
     with reading_at(address):
+        if "hf://" in address:
+            use_own_client(
+                str((options or {}).get("endpoint") or os.environ.get("HF_ENDPOINT", ""))
+            )
         system, path = fsspec.core.url_to_fs(address, **(options or {}))
         path = path.rstrip("/")
         found = system.find(path, maxdepth=2, detail=True)

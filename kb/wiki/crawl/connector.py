@@ -149,7 +149,14 @@ class WikiConnector(Connector):
             yield api.site()
         elif phase is TITLES:
             asked = items[0].payload
-            yield api.listing(asked.round, asked.namespace, asked.going)
+            site = self.opened.frontier.cursor(reduce.SITE + str(asked.round), {})
+            yield api.listing(
+                asked.round,
+                asked.namespace,
+                asked.going,
+                read=asked.read,
+                pages=site.get("pages", 0),
+            )
         elif phase is INFO:
             titles = [item.payload.title for item in items]
             yield api.details(fetch.tag(items[0]), titles=titles)

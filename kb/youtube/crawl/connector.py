@@ -44,6 +44,7 @@ from kb.youtube.crawl.quota import GENERAL, SEARCH, limit, today
 from kb.youtube.crawl.reduce import (
     BEYOND,
     CHANNELS,
+    ELSEWHERE,
     PAYLOADS,
     RAW_INFO,
     RAW_STATISTICS,
@@ -193,6 +194,7 @@ PHASES = (
     # So many that fail one after the other are the site's trouble, not the videos'.
     Phase(kind=TRANSCRIPTS, unit="videos", workers=4, down=6, service=WEB),
 )
+PART = "part"  # cursor: the share that the last run had
 Worth = Callable[[pa.Table], "pa.Array[Any]"]
 """Which assembled videos are worth asking for their transcript."""
 
@@ -223,6 +225,12 @@ def crawl(
             source.check_keywords(error.summary)
         raise
     source.check_keywords(summary)
+    if part and ids is None:
+        run.progress.say(
+            f"youtube: this part has searched its share of the keywords and read its share of the"
+            f" {summary['channels']:,} channels that it knows; `kb merge` tells it of those that"
+            " others have found"
+        )
     if not summary["requests"]:
         again = "" if run.again else "; --again starts a new round"
         run.progress.say(f"youtube: nothing left to crawl{again}")
@@ -266,7 +274,7 @@ class YouTubeConnector(Connector):
         ]
         self.chosen = _chosen(self.phases, only, ids)
         self._known = RULES.read_some(ids, run.progress.say) if ids else None
-        self._wanted, self._mine = wanted, share(part)
+        self._wanted, self._mine, self._part = wanted, share(part), list(part or ())
         self.counts: Counter[str] = Counter()
         self.theirs: set[str] = set()
         self._unproductive: list[str] = []
@@ -288,12 +296,22 @@ class YouTubeConnector(Connector):
         """What reads and asks knows the data root now."""
         super().begin(opened)
         self.left_out = ChannelFilter(tombstones.people(self.run.root, self.name))
-        self._reduce = Reducer(self.profile, self._wanted, self._mine, opened.purged, self.left_out)
+        self._reduce = Reducer(
+            self.profile,
+            self._wanted,
+            self._mine,
+            opened.purged,
+            self.left_out,
+            by_id=self._known is not None,
+        )
         self._fetch = YouTubeFetcher(self.run, self.profile, opened, self._count)
 
     def discover(self, frontier: Frontier) -> None:
         """Known ids, or the profile's keywords, channels, and a new round."""
         reopen(frontier, self.profile)
+        if frontier.cursor(PART, []) != self._part:  # what was left to other machines counts now
+            frontier.set_cursor(PART, self._part)
+            frontier.set_cursor(UNJUDGED, True)
         judge_pending(self._reduce, self.run.root, frontier)
         if self._known is not None:
             purged = self.opened.purged
@@ -306,10 +324,12 @@ class YouTubeConnector(Connector):
             new_round(frontier)
 
     def leave_out(self, phase: Phase, item: Item) -> str | None:
-        """Pages of a search that the profile does not want."""
-        if phase.kind == SEARCHES and item.payload.page > self.profile.search_pages:
+        """Pages of a search that the profile does not want, or that another part asks for."""
+        if phase.kind != SEARCHES:
+            return None
+        if item.payload.page > self.profile.search_pages:
             return BEYOND
-        return None
+        return None if self._mine(item.payload.q) else ELSEWHERE
 
     def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
         """A page of a search or list, a pack of videos, or one transcript. Whose a video is, an

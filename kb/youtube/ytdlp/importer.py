@@ -17,10 +17,11 @@ import msgspec
 
 from kb.core import clock, signals
 from kb.core.context import Run
-from kb.core.errors import FatalError, KbError, LimitReached, SettingError
+from kb.core.errors import DamagedData, FatalError, KbError, LimitReached, SettingError
 from kb.core.summary import Summary
 from kb.crawl.session import CrawlSession, open_session
 from kb.schema.tables import table
+from kb.store.damage import regular
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request
 from kb.store.state import tombstones
@@ -32,7 +33,7 @@ from kb.youtube.ytdlp import info, lenient, subtitles
 AT_ONCE = 256  # answers that are written and synced together
 AT_ONCE_BYTES = 8 << 20
 NAMED = 20  # files left out for one reason that are named
-LARGEST = 1 << 30  # bytes of a file; one larger is not yt-dlp's
+LARGEST = 100_000_000  # bytes of a file; one larger is not yt-dlp's
 BROKEN_INFO, BROKEN_SUBTITLES = "broken_info", "broken_subtitles"
 NAMELESS, FOREIGN, PURGED, UNREADABLE = "without_video_id", "other_sites", "purged", "unreadable"
 
@@ -316,7 +317,8 @@ def _envelope(at: datetime, params: dict[str, Any], response: Any) -> Envelope:
 def _video_beside(path: Path, stem: str) -> dict[str, Any] | None:
     """The video in the info.json of the same name; None where there is none."""
     try:
-        parsed = info.read(path.with_name(f"{stem}{info.INFO}").read_bytes())
-    except (OSError, ValueError):
+        with regular(path.with_name(f"{stem}{info.INFO}")) as file:
+            parsed = info.read(file.read(LARGEST))
+    except (OSError, ValueError, DamagedData):
         return None
     return parsed.videos[0] if len(parsed.videos) == 1 else None

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core import clock
 from kb.schema import raw
 from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
@@ -221,10 +222,7 @@ def read_at(record: dict[str, Any]) -> datetime | None:
     epoch = record.get("epoch")
     if isinstance(epoch, bool) or not isinstance(epoch, (int, float)):
         return None
-    try:
-        return datetime.fromtimestamp(epoch, UTC)
-    except (ValueError, OverflowError, OSError):
-        return None
+    return clock.since_1970(epoch)
 
 
 # -- rows ------------------------------------------------------------------------------------------

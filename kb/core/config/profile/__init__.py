@@ -16,6 +16,7 @@ from pydantic import Field, ValidationError, create_model
 from kb.core.config.profile.base import Section, explain
 from kb.core.config.profile.collecting import RedditSection, WikiSection, YouTubeSection
 from kb.core.config.profile.products import ClipFiles, Pairs, Release, Report, Tasks, Toxicity
+from kb.core.config.text_files import read_text
 from kb.core.errors import ProfileError
 from kb.core.installation import PROFILE_FILE, folder
 from kb.core.sources import SOURCES
@@ -96,7 +97,7 @@ def load_profile(name: str | Path) -> Profile:
     path = find_profile(str(name))
     check = f"`kb profile check {shlex.quote(str(name))}` lists all that is wrong, with its line"
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(read_text(path))
     except OSError as error:
         raise ProfileError(f"profile {path} can't be read: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

@@ -28,6 +28,7 @@ from kb.core.config.profile.base import (
     problems,
 )
 from kb.core.config.profile.products import is_list_name
+from kb.core.config.text_files import read_text
 from kb.core.errors import ProfileError
 from kb.core.installation import folder
 from kb.core.licences import KNOWN
@@ -63,7 +64,7 @@ def check_file(path: Path, *, publishing: bool = True) -> Checked:
         return Checked(None, lists, [Finding(ERROR, path.name, line, "", what, fix)])
 
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except OSError as error:
         return unread(f"the profile {path} can't be read", f"{error.strerror}")
     except UnicodeDecodeError as error:
