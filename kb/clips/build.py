@@ -49,6 +49,7 @@ from kb.store.tables.reading import reading, scan
 _VIDEOS = 16  # of a shard
 _JPEG_SHARE = 0.1  # of the bytes of a frame, for the plan
 MISSING, SHORT, UNDECODABLE = "missing", "short", "undecodable"
+_COLUMNS = "pair_id, video_id, keyword, keyword_kind, clip_start_s, clip_end_s, text"
 
 
 class Chosen(NamedTuple):
@@ -129,8 +130,18 @@ def build(
 
 
 def _inputs(run: Run, folders: Sequence[Path], chosen: Chosen) -> tuple[list[Row], dict[str, Path]]:
-    """The pairs by video and time, and the files of their videos."""
     require("clips", "av", "numpy", "PIL", "tokenizers")
+    return pairs_with_films(run, folders, chosen, _COLUMNS)
+
+
+def pairs_with_films(
+    run: Run, folders: Sequence[Path], chosen: Chosen, columns: str
+) -> tuple[list[Row], dict[str, Path]]:
+    """These columns of the chosen pairs, by video and time, and the files of their videos.
+
+    Raises FatalError without pairs or with pairs that are out of date, UsageError for a wrong
+    folder or condition, DamagedData.
+    """
     for folder in folders:
         if not folder.is_dir():
             raise UsageError(f"--videos {folder} is not a folder")
@@ -146,7 +157,7 @@ def _inputs(run: Run, folders: Sequence[Path], chosen: Chosen) -> tuple[list[Row
         rows: list[Row] = (
             con.sql(
                 f"""
-            SELECT pair_id, video_id, keyword, keyword_kind, clip_start_s, clip_end_s, text
+            SELECT {columns}
             FROM ({checked(con, asked, chosen.where)})
             WHERE $keyword = '' OR lower(keyword) = lower($keyword)
             QUALIFY row_number() OVER (ORDER BY md5($seed || ' ' || pair_id), pair_id) <= $sample
@@ -191,13 +202,13 @@ def cut_shard(
         return done
     left_out: list[LeftOut] = []
     while True:
-        before = [_version(path) for path, _ in films]
+        before = [version_of(path) for path, _ in films]
         clips: dict[str, int] = {}
         missed: list[LeftOut] = []
         with writer_of(options, place, name) as writer:
             for path, rows in films:
                 missed += _cut_video(writer, Path(path), rows, options, clips)
-        changed = [_version(film[0]) != old for film, old in zip(films, before, strict=True)]
+        changed = [version_of(film[0]) != old for film, old in zip(films, before, strict=True)]
         if not any(changed):
             break
         left_out += [
@@ -228,7 +239,7 @@ def _cut_video(
     return [LeftOut(row["pair_id"], row["video_id"], reason, what) for row in left.values()]
 
 
-def _version(path: str) -> tuple[int, int] | None:
+def version_of(path: str) -> tuple[int, int] | None:
     """Size and time of a file, which change when its content does; None when it is gone."""
     try:
         stat = Path(path).stat()
@@ -238,7 +249,7 @@ def _version(path: str) -> tuple[int, int] | None:
 
 
 def _digest(films: list[tuple[str, list[Row]]], options: CutOptions) -> str:
-    versions = [_version(path) for path, _ in films]
+    versions = [version_of(path) for path, _ in films]
     encoded = msgspec.json.encode((films, versions, options), order="sorted")
     return hashlib.sha256(encoded).hexdigest()
 

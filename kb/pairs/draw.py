@@ -304,8 +304,9 @@ def _pool(con: duckdb.DuckDBPyConnection, asked: str) -> Pool:
         f" (clip_end_s - clip_start_s)::FLOAT AS seconds FROM ({asked})"
     )
     for batch in con.sql(sql).to_arrow_reader(1 << 17):
-        id_.append(batch.column("id").to_numpy())
-        seconds.append(batch.column("seconds").to_numpy())
+        # Copies: a view would keep the batch with all its strings.
+        id_.append(batch.column("id").to_numpy().copy())
+        seconds.append(batch.column("seconds").to_numpy().copy())
         for name, numbers in known.items():
             column = cast("Any", batch.column(name).dictionary_encode())
             own = [numbers.setdefault(v, len(numbers)) for v in column.dictionary.to_pylist()]
@@ -362,10 +363,6 @@ def _sides(con: duckdb.DuckDBPyConnection, catalog: Catalog, drawn: Pool, seed: 
     return sides_of(weights, heads, seeded_random.video_keys(seed, number))
 
 
-def _columns(con: duckdb.DuckDBPyConnection, asked: str) -> list[str]:
-    return [str(row[0]) for row in con.sql(f"DESCRIBE {asked}").fetchall()]
-
-
 def _write_pairs(
     con: duckdb.DuckDBPyConnection, asked: str, drawn: Pool, sides: np.ndarray, path: Path
 ) -> None:
@@ -373,7 +370,8 @@ def _write_pairs(
     names = pa.array(list(SPLIT))
     split = names.take(pa.array(sides[drawn.video]))
     con.register("drawn", pa.table({"id": pa.array(drawn.id), "split": split}))
-    kept = [one for one in _columns(con, asked) if one not in (*_SCORES, *_LABELS)]
+    columns = [str(row[0]) for row in con.sql(f"DESCRIBE {asked}").fetchall()]
+    kept = [one for one in columns if one not in (*_SCORES, *_LABELS)]
     rows = con.sql(
         f"SELECT {', '.join(kept)}, split FROM ({asked}) JOIN drawn ON drawn.id = {_NUMBER}"
         " ORDER BY video_id, clip_start_s, pair_id"

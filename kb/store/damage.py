@@ -73,7 +73,7 @@ def regular(path: Path, hint: str = "", *, links: bool = True) -> Iterator[Binar
     descriptor = os.open(path, flags)
     with os.fdopen(descriptor, "rb") as file:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            raise unreadable(path, "it is no file but a pipe, a device or a folder", hint)
+            raise unreadable(path, "it is not a file but a pipe, a device or a folder", hint)
         yield file
 
 

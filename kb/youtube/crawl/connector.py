@@ -36,7 +36,7 @@ from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier, Item
-from kb.store.tables.latest import newest
+from kb.store.tables.columns import newest
 from kb.youtube.crawl.client import FINAL, GOOGLE
 from kb.youtube.crawl.fetch import API, PACK, WEB, YouTubeFetcher
 from kb.youtube.crawl.ids import RULES, Part, share

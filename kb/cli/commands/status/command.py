@@ -147,7 +147,9 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
     if facts.get("po_token"):
         lines.append(
             f"  {vocabulary.phrase('po_token', facts['po_token'], {})};"
-            " a crawl on a later day tries them again"
+            " a crawl on a later day tries them again. Or make transcripts of your own:"
+            " `kb youtube missing-transcripts` lists what lacks one, `kb youtube import"
+            " --own-transcripts DIR` takes them"
         )
     if facts.get("incomplete_posts"):
         names = ", ".join(facts["incomplete"])
