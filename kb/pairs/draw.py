@@ -176,15 +176,16 @@ def draw(
         bare = f"FROM {scan(catalog.files('pairs/pairs'))}"  # without a condition no join
         pool = _pool(con, checked(con, meant, where) if where else bare)
         chosen = chosen_rows(pool, n, limits, seed)
-        drawn = pool.take(chosen)
+        drawn, out_of = pool.take(chosen), len(pool.id)
+        del pool, chosen  # of millions of pairs, while the drawn ones are written
         sides = _sides(con, catalog, drawn, seed)
         counts = Counter(np.array(list(SPLIT))[sides[drawn.video]].tolist())
-        of_keyword = np.bincount(drawn.keyword, minlength=len(pool.keywords))
-        of_video = np.bincount(drawn.video, minlength=len(pool.videos))
+        of_keyword = np.bincount(drawn.keyword, minlength=len(drawn.keywords))
+        of_video = np.bincount(drawn.video, minlength=len(drawn.videos))
         summary = Summary(
             command="pairs draw",
-            pairs=len(chosen),
-            out_of=len(pool.id),
+            pairs=len(drawn.id),
+            out_of=out_of,
             keywords=int((of_keyword > 0).sum()),
             most_of_a_keyword=int(of_keyword.max(initial=0)),
             videos=int((of_video > 0).sum()),
@@ -195,11 +196,11 @@ def draw(
             return summary
         with replacing_folder(place) as folder:
             _write_pairs(con, every, drawn, sides, folder / PAIRS)
-            order = sorted(np.flatnonzero(of_video), key=lambda v: (-of_video[v], pool.videos[v]))
-            (folder / VIDEOS).write_text("".join(f"{pool.videos[v]}\n" for v in order))
+            order = sorted(np.flatnonzero(of_video), key=lambda v: (-of_video[v], drawn.videos[v]))
+            (folder / VIDEOS).write_text("".join(f"{drawn.videos[v]}\n" for v in order))
             drawn_of = [
                 (name, int(count))
-                for name, count in zip(pool.keywords, of_keyword, strict=True)
+                for name, count in zip(drawn.keywords, of_keyword, strict=True)
                 if count
             ]
             text = _readme(summary, limits, where, seed, drawn_of)
