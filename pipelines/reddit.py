@@ -7,6 +7,7 @@ the threshold. Released: ids and figures; `kb reddit reconstruct` brings content
 """
 
 from functools import partial
+from typing import Any
 
 from kb.annotate import toxicity
 from kb.core.config.profile import Profile
@@ -75,6 +76,7 @@ def clean(p: Profile) -> Clean:
     )
 
 
-def export(run: Run, format: str) -> Summary:
+def export(run: Run, format: str, **options: Any) -> Summary:
     """Clean to release/reddit, or to export/<format>."""
-    return Summary(layouts.export(run, "reddit", format) | status.incomplete_count(run.root))
+    made = layouts.export(run, "reddit", format, **options)
+    return Summary(made | status.incomplete_count(run.root))

@@ -11,6 +11,7 @@ tables, images with captions, sprites, and all frames of what moves.
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from kb.annotate import toxicity
 from kb.core.config.profile import Profile
@@ -65,9 +66,10 @@ def clean(p: Profile) -> Clean:
         follow=tuple(Follow(name, of="wiki/pages", on="page_id") for name in tables.PARTS),
         scorer=toxicity,
         side_files=SideFiles(partial(tables.read_pages, rules=rules), tables.size),
+        figures=tables.figures,
     )
 
 
-def export(run: Run, format: str = "parquet") -> Summary:
-    """clean/wiki to release/wiki, or to export/minedojo/wiki_full."""
-    return layouts.export(run, "wiki", format)
+def export(run: Run, format: str = "parquet", **options: Any) -> Summary:
+    """clean/wiki to release/wiki, or to export/<format>."""
+    return layouts.export(run, "wiki", format, **options)

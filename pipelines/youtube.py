@@ -8,9 +8,9 @@ drop above the threshold. Released: ids and metadata only.
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from kb.annotate import toxicity
-from kb.annotate.word_count import word_count
 from kb.core.config.profile import Profile
 from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
@@ -28,6 +28,7 @@ from kb.filters.predicates import (
     transcript_required,
 )
 from kb.filters.topic import Topic
+from kb.store.tables.columns import word_count
 from kb.youtube.crawl.ids import Part
 from kb.youtube.parse.assemble import HELPERS, KINDS, assemble, unanswered
 from kb.youtube.parse.channels import mark
@@ -98,6 +99,7 @@ def clean(p: Profile) -> Clean:
             assemble,
             words=word_count,
             language=TrackLanguage(section.language, section.translate),
+            own=section.own_transcripts,
         ),
         chains=(rows,),
         follow=(Follow("youtube/transcripts", of="youtube/videos", on="video_id"),),
@@ -107,9 +109,9 @@ def clean(p: Profile) -> Clean:
     )
 
 
-def export(run: Run, format: str) -> Summary:
+def export(run: Run, format: str, **options: Any) -> Summary:
     """Clean to release/youtube and release/open-text, or to a format of others."""
-    summary = layouts.export(run, "youtube", format)
+    summary = layouts.export(run, "youtube", format, **options)
     if format != "parquet":
         return summary
     made = layouts.export(run, "open-text")

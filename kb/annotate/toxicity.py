@@ -26,7 +26,6 @@ import pyarrow.compute as pc
 
 from kb.annotate.backends import REACH, check_options, choose_device, open_runner, prepare
 from kb.annotate.checkpoint import Checkpoint, find_checkpoint, need_extra
-from kb.annotate.inference import Runner
 from kb.annotate.scores import CATEGORIES, Scores, text_hashes, unscored
 from kb.artifacts import manifest
 from kb.artifacts.freshness import MODEL
@@ -420,11 +419,5 @@ def _worker_threads() -> int:
         return 1
 
 
-@cache
-def _device(wanted: str, precision: str) -> str:
-    return choose_device(wanted, precision)
-
-
-@cache
-def _runner(checkpoint: Checkpoint, precision: str, device: str, threads: int) -> Runner:
-    return open_runner(checkpoint, precision, device, threads)
+# Kept by a worker for its next tasks.
+_device, _runner = cache(choose_device), cache(open_runner)

@@ -187,8 +187,8 @@ class Cluster:
             there = self.client.sync(self.client.scheduler.ncores, callback_timeout=LOOK_S)
         except (OSError, TimeoutError, asyncio.CancelledError):
             return set()
-        for gone in self.fit.keys() - there:
-            del self.fit[gone]
+        for address in self.fit.keys() - there:
+            del self.fit[address]
         new = [address for address in there if address not in {**self.fit, **self.unfit}]
         for address, why in self._differences(new) if new else ():
             if why:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from kb.core.config.profile.base import OnlineAnswer, QuestionCost, Section
     from kb.core.context import Run
     from kb.crawl.connector import Connector
+    from kb.export.text import TextDocument
     from kb.links.texts import TextPart
     from kb.mcp.documents import AgentDocument, SourceLocation
     from kb.reader.open_tables import OpenTables
@@ -64,6 +65,9 @@ class Source(Publication, ABC):
     credential: ClassVar[str] = ""
     """The setting without which a crawl is not offered as a next step."""
 
+    keyless: ClassVar[str] = ""
+    """The phase of its crawl that needs no credential, as `--only` names it."""
+
     waiting: ClassVar[Mapping[str, str]] = {}
     """What ends the waiting of pending rows, by their reason."""
 
@@ -78,6 +82,9 @@ class Source(Publication, ABC):
 
     indexed: ClassVar[tuple[str, ...]] = ()
     """Tables that passages are made of."""
+
+    textual: ClassVar[tuple[str, ...]] = ()
+    """Tables that documents of `--format text` are made of, first the one with a row for each."""
 
     ref: ClassVar[str] = ""
     """An example of a reference to a place in it; "" when `read` shows nothing of it."""
@@ -144,6 +151,12 @@ class Source(Publication, ABC):
 
     def passages(self, profile: Profile, root: Path) -> Iterator[Passage]:
         """What `kb search` indexes."""
+        return iter(())
+
+    def text_documents(self, files: Mapping[str, str], origin: str) -> Iterator[TextDocument]:
+        """The documents of `--format text` of one bucket: `files` of the `textual` tables, "" for
+        one without rows, and the address of the service. Raises DamagedData.
+        """
         return iter(())
 
     def purge_rules(self) -> PurgeRules:

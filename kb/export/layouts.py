@@ -1,7 +1,7 @@
 """Lists the export formats of what is published, with the function that writes each."""
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from kb.store.artifact_registry import ARTIFACTS
 from kb.store.layout import Layout
 from kb.store.tables.checksums import FileEntry
 
-Writer = Callable[[Run], Any]
+Writer = Callable[..., Any]
 
 
 def writers(name: str) -> Mapping[str, Writer]:
@@ -24,20 +24,20 @@ def writers(name: str) -> Mapping[str, Writer]:
     return {"parquet": partial(parquet.export, source=name), **PUBLISHED[name].writers()}
 
 
-def export(run: Run, name: str, layout: str = "parquet") -> Summary:
-    """One layout: what was written. Raises FatalError when there is nothing to export, DamagedData,
-    DiskFull.
+def export(run: Run, name: str, layout: str = "parquet", **options: Any) -> Summary:
+    """One layout, with its own options: what was written. Raises FatalError when there is nothing
+    to export, DamagedData, DiskFull.
     """
     places = [one for one in ARTIFACTS if freshness.made_from(one) == name]
     places = [one for one in places if one.startswith(f"export/{layout}")]
     inputs = {one: manifest.inputs(run.root, one) for one in places}
     for one in places:  # until it is written, nothing is known of it
         ARTIFACTS[one].manifest(run.root).unlink(missing_ok=True)
-    made = writers(name)[layout](run)
+    made = writers(name)[layout](run, **options)
     for one in places:
         there = ARTIFACTS[one].folder(run.root).exists()
         files = {".": FileEntry()} if there else {}
-        as_made = manifest.of(one, inputs[one], freshness.settings(run, one), files)
+        as_made = manifest.of(one, inputs[one], freshness.settings(run, one), files, options)
         manifest.write(ARTIFACTS[one].manifest(run.root), as_made)
     if not isinstance(made, Summary):
         return Summary(format=layout, export=str(made))
@@ -48,8 +48,12 @@ def export(run: Run, name: str, layout: str = "parquet") -> Summary:
 
 def export_again(run: Run, name: str) -> None:
     """Every layout that is there, of today's rows. Raises as `export`."""
+    at, made = Layout(run.root), PUBLISHED[name].exports
     for layout, writer in writers(name).items():
-        if any(_places(Layout(run.root), name, layout)):
+        places = [one for one in made if one.partition("/")[0] == layout]
+        if any(at.export(one).exists() for one in places):
+            writer(run, **_options(run, places))
+        elif layout == "parquet" and at.release(name).exists():
             writer(run)
 
 
@@ -68,9 +72,10 @@ def rebuild(run: Run, name: str, what: str, make: Callable[[Run], Any]) -> None:
         export_again(run, name)
 
 
-def _places(at: Layout, name: str, layout: str) -> Iterator[Path]:
-    if layout == "parquet":
-        return at.release().glob(name)
-    if layout == "minedojo":
-        return at.export(layout).glob(f"*{name}*")
-    return at.export(layout).glob("*")
+def _options(run: Run, places: Sequence[str]) -> dict[str, Any]:
+    """The options with which a layout was made."""
+    made = [manifest.read(run.root, f"export/{one}") for one in places]
+    found = next((dict(one.figures) for one in made if one is not None), {})
+    if "tokenizer" in found and not Path(found["tokenizer"]).is_file():
+        del found["tokenizer"]  # then words are counted
+    return found

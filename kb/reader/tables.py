@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
+from functools import wraps
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 import pyarrow as pa
 import pyarrow.dataset as ds
@@ -17,7 +18,7 @@ from kb import query
 from kb.artifacts.release_folder import read_tombstones
 from kb.artifacts.table_catalog import View, bare
 from kb.core.cached_property import cached_property
-from kb.core.errors import FatalError, MissingExtra, UsageError
+from kb.core.errors import FatalError, KbError, MissingExtra, UsageError
 from kb.reader import html
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
@@ -27,13 +28,7 @@ if TYPE_CHECKING:
     import pandas
     import polars
 
-from collections.abc import Callable
-from functools import wraps
-from typing import ParamSpec, TypeVar
-
-from kb.core.errors import KbError
-
-_SHOWN = 5  # rows in a notebook
+_SHOWN = 5  # rows of `head`
 
 
 P = ParamSpec("P")
@@ -57,6 +52,8 @@ def with_hints(function: Callable[P, T]) -> Callable[P, T]:
 
 class RowSet:
     """What tables and query results have in common: everything but the origin of the rows."""
+
+    _shown = _SHOWN  # rows in a notebook
 
     @property
     def schema(self) -> pa.Schema:
@@ -115,7 +112,7 @@ class RowSet:
         return f"{html.count(self.count_rows(), 'row')}, {columns}"
 
     def _repr_html_(self) -> str:
-        first = self.head()
+        first = self.head(self._shown)
         values = zip(*(column.to_pylist() for column in first.columns), strict=True)
         return html.rows(first.column_names, values, self._caption())
 
@@ -226,6 +223,8 @@ class TableView(RowSet):
 class QueryResult(RowSet):
     """The rows of a query, in memory."""
 
+    _shown = 20
+
     def __init__(self, rows: pa.Table) -> None:
         self._rows = rows
 
@@ -250,11 +249,6 @@ class QueryResult(RowSet):
         """Each row as a dictionary."""
         for batch in self._rows.to_batches():
             yield from _as_dictionaries(batch)
-
-    def _repr_html_(self) -> str:
-        first = self.head(20)
-        values = zip(*(column.to_pylist() for column in first.columns), strict=True)
-        return html.rows(first.column_names, values, self._caption())
 
     def __repr__(self) -> str:
         return f"<kb result: {self._caption()}>"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import SplitResult
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from kb.core.context import Run
     from kb.crawl.connector import Connector
     from kb.export.layouts import Writer
+    from kb.export.text import TextDocument
     from kb.links.texts import TextPart
     from kb.mcp.documents import AgentDocument, SourceLocation
     from kb.reader.open_tables import OpenTables
@@ -51,7 +53,8 @@ class Reddit(Source):
     crawl_settings = (
         *("search", "listings", "spans", "max_age_days", "requests_per_minute", "max_tries"),
     )
-    exports = ("minedojo/reddit.json", "convokit")
+    exports = ("minedojo/reddit.json", "convokit", "text/reddit.jsonl")
+    textual = ("posts", "comments")
     main = "posts"
     query = (
         "SELECT type, count(*) AS posts, sum(comments_released) AS comments"
@@ -157,9 +160,18 @@ class Reddit(Source):
         return gaps(con, folder)
 
     def writers(self) -> Mapping[str, Writer]:
-        from kb.export import convokit, minedojo
+        from kb.export import convokit, minedojo, text
 
-        return {"minedojo": minedojo.reddit, "convokit": convokit.export}
+        return {
+            "minedojo": minedojo.reddit,
+            "convokit": convokit.export,
+            "text": partial(text.export, source=self.name),
+        }
+
+    def text_documents(self, files: Mapping[str, str], origin: str) -> Iterator[TextDocument]:
+        from kb.reddit.text import documents
+
+        return documents(files, origin)
 
     def purge_rules(self) -> PurgeRules:
         from kb.reddit.purge import RULES

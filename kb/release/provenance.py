@@ -122,18 +122,20 @@ def rules(profile: Profile, source: str) -> list[tuple[str, str]]:
     values = []
     for rule in PUBLISHED[source].rules:
         section, _, name = rule.partition(".")
-        if (held := getattr(profile, section, None)) is not None:
-            values.append((rule, getattr(held, name)))
+        if (settings := getattr(profile, section, None)) is not None:
+            values.append((rule, getattr(settings, name)))
     if source in SOURCES:
         threshold = profile.toxicity.threshold(source)
         shown = "not dropped" if threshold is None else threshold
         values.append((f"{source}.toxicity", shown))
-    return [(rule, _shown(value)) for rule, value in values if value not in ((), [], "")]
+    return [(rule, _shown(value)) for rule, value in values if value not in ((), [], {}, "")]
 
 
 def _shown(value: Any) -> str:
     if isinstance(value, tuple):
         return ", ".join(map(str, value))
+    if isinstance(value, dict):
+        return ", ".join(f"{name}: {one}" for name, one in value.items())
     if isinstance(value, float):
         return f"{value:g}"
     return str(value).lower() if isinstance(value, bool) else str(value)

@@ -26,11 +26,12 @@ def remedy(path: Path) -> str:
     """How to get a damaged or missing file again: of a data root, else of a download."""
     if path.name == "tombstones.parquet":
         return "run `kb verify --repair`, which restores it from its copy"
-    match = artifact_of(path)
-    # A download is often named like the folder that it was released from.
-    if match is not None and (not match[1].public or Layout(match[0]).state_folder().is_dir()):
+    match, is_released = artifact_of(path), (path.parent / SUMS).is_file()
+    # A download is often named like the folder that it was released from, or like a data root's.
+    of_root = match is not None and Layout(match[0]).state_folder().is_dir()
+    if match is not None and (of_root or not (match[1].public or is_released)):
         return match[1].hint
-    return DOWNLOAD if (path.parent / SUMS).is_file() else "restore it from a copy"
+    return DOWNLOAD if is_released else "restore it from a copy"
 
 
 def unreadable(path: object, why: Exception | str, hint: str = "") -> DamagedData:
@@ -72,7 +73,7 @@ def regular(path: Path, hint: str = "", *, links: bool = True) -> Iterator[Binar
     descriptor = os.open(path, flags)
     with os.fdopen(descriptor, "rb") as file:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            raise unreadable(path, "it is no file but a pipe, a device or a folder", hint)
+            raise unreadable(path, "it is not a file but a pipe, a device or a folder", hint)
         yield file
 
 

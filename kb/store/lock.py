@@ -32,9 +32,9 @@ RESTORED = ("restored", "reconstructed")
 ORDER = (*PUBLISHED, "labels", *RELEASES, *INDEXES, *RESTORED, "report", "deposits")
 
 _ATTEMPTS = 10
-_LOOK = 0.01  # seconds between two attempts: longer than anybody looks
+_PAUSE = 0.01  # seconds between two attempts: longer than `_holder` takes
 
-_taken: set[Path] = set()  # by `taking` of this process: its own steps may take them again
+_taken: set[Path] = set()  # by `taking` of this process, whose own steps may take them again
 
 
 def of_clean(source: str) -> tuple[str, ...]:
@@ -83,10 +83,10 @@ def writer(root: Path, name: str) -> Iterator[None]:
 
 
 def _take(descriptor: int) -> bool:
-    """Whether the lock is ours now. Who only looks (`_holder`) has it for microseconds."""
+    """Whether the lock is ours now. `_holder` of another process has it for microseconds."""
     for attempt in range(_ATTEMPTS):
         if attempt:
-            time.sleep(_LOOK)
+            time.sleep(_PAUSE)
         with contextlib.suppress(BlockingIOError):
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             return True
@@ -160,7 +160,7 @@ def another(root: Path) -> str:
 
 @contextlib.contextmanager
 def deciding(path: Path) -> Iterator[None]:
-    """One process at a time looks at a note and writes it: others wait, for moments only."""
+    """One process at a time reads a note and writes it; others wait for a moment."""
     path.parent.mkdir(parents=True, exist_ok=True)
     descriptor = os.open(path.with_name(f"{path.stem}.lock"), os.O_RDWR | os.O_CREAT, 0o644)
     try:

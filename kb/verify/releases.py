@@ -112,5 +112,5 @@ def _metadata(
         return
     for name, value in sorted(digests.items()):
         if known.get(name, value) != value:
-            what = f"says another digest of {name} than {SUMS}"
+            what = f"has another digest of {name} than {SUMS}"
             findings.damaged("release", path, what, advice(path))

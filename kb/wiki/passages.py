@@ -20,7 +20,7 @@ from kb.store.tables.merge import RowsByKey
 _PAGE = ["page_id", "title", "url", "revision_id", "revision_timestamp", "license"]
 _ELEMENT = ["page_id", "element_id", "parent_id", "kind", "tag", "region", "heading_level"]
 _CELL = ["page_id", "table_id", "row_index", "column_index", "text"]
-_LINKS = ("toc", "navbox")
+LEFT_OUT = ("toc", "navbox")
 _ANCHOR = "!$'()*,-./:;=?@_~"  # what a fragment may hold as it is
 
 
@@ -72,7 +72,7 @@ def sections(
     for one in elements:
         key, text = one["element_id"], plain(one["text"]).strip()
         inside = one["parent_id"] in taken
-        left_out = one["region"] in _LINKS or not (one["visible"] or one.get("folded"))
+        left_out = one["region"] in LEFT_OUT or not (one["visible"] or one.get("folded"))
         if inside or left_out:
             taken.add(key)
         if left_out:

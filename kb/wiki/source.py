@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import SplitResult, urlunsplit
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from kb.core.context import Run
     from kb.crawl.connector import Connector
     from kb.export.layouts import Writer
+    from kb.export.text import TextDocument
     from kb.links.texts import TextPart
     from kb.mcp.documents import AgentDocument, SourceLocation
     from kb.reader.open_tables import OpenTables
@@ -56,7 +58,8 @@ class Wiki(Source):
     )
     linked = ("pages", "elements")
     indexed = ("pages", "elements", "cells", "images")
-    exports = ("minedojo/wiki_full", "minedojo/wiki_samples")
+    exports = ("minedojo/wiki_full", "minedojo/wiki_samples", "text/wiki.jsonl")
+    textual = ("pages", "elements", "cells", "facts", "recipes")
     main = "pages"
     query = (
         "SELECT kind, region, count(*) AS elements FROM wiki_elements WHERE visible"
@@ -144,9 +147,18 @@ class Wiki(Source):
         return gaps(con, folder)
 
     def writers(self) -> Mapping[str, Writer]:
-        from kb.export import minedojo, wiki_tar
+        from kb.export import minedojo, text, wiki_tar
 
-        return {"parquet": wiki_tar.export, "minedojo": minedojo.wiki}
+        return {
+            "parquet": wiki_tar.export,
+            "minedojo": minedojo.wiki,
+            "text": partial(text.export, source=self.name),
+        }
+
+    def text_documents(self, files: Mapping[str, str], origin: str) -> Iterator[TextDocument]:
+        from kb.wiki.text import documents
+
+        return documents(files)
 
     def purge_rules(self) -> PurgeRules:
         from kb.wiki.purge import RULES

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import SplitResult, parse_qs
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from kb.core.context import Run
     from kb.crawl.connector import Connector
     from kb.export.layouts import Writer
+    from kb.export.text import TextDocument
     from kb.links.texts import TextPart
     from kb.mcp.documents import AgentDocument, SourceLocation
     from kb.reader.open_tables import OpenTables
@@ -50,14 +52,18 @@ class YouTube(Source):
         *("keywords", "search_pages", "uploads", "transcripts_per_hour"),
         *("max_age_days", "max_tries", "searches_per_day", "units_per_day"),
     )
+    credential = "youtube_api_key"
+    keyless = "transcripts"
     waiting = {
-        "transcript": "import their transcripts or run `kb youtube crawl`; with"
+        "transcript": "run `kb youtube crawl` or import transcripts, YouTube's or your own (`kb"
+        " youtube missing-transcripts` lists the videos); with"
         ' `transcripts = "optional"` in [youtube] of the profile they are kept without',
     }
     refreshed = "refresh"
     restored = True
     linked = ("videos", "transcripts")
     indexed = ("videos", "transcripts")
+    textual = ("transcripts", "videos")
     exports = (
         "minedojo/youtube_full.json",
         "minedojo/youtube_tutorial.json",
@@ -92,6 +98,7 @@ class YouTube(Source):
         "youtube.transcripts",
         "youtube.language",
         "youtube.translate",
+        "youtube.own_transcripts",
     )
     ways = {
         "searched": RecordedWay(raw="search"),
@@ -99,8 +106,8 @@ class YouTube(Source):
         "api": RecordedWay("metadata_origin", "api", ages=True),
         "files": RecordedWay("metadata_origin", "file"),
         "meant": RecordedWay("topic_evidence", "profile"),
-        "watched": RecordedWay(raw="transcripts"),
-        "subtitles": RecordedWay(raw="ytdlp_subtitles"),
+        "watched": RecordedWay("read_from", "watch_page", raw="transcripts"),
+        "subtitles": RecordedWay("read_from", "file", raw="ytdlp_subtitles"),
         "own_transcripts": RecordedWay("transcript_origin", "own"),
     }
     title = "YouTube"
@@ -191,9 +198,14 @@ class YouTube(Source):
         return gaps(con, folder)
 
     def writers(self) -> Mapping[str, Writer]:
-        from kb.export import flat_text, minedojo
+        from kb.export import minedojo, text
 
-        return {"minedojo": minedojo.youtube, "text": flat_text.youtube}
+        return {"minedojo": minedojo.youtube, "text": partial(text.export, source=self.name)}
+
+    def text_documents(self, files: Mapping[str, str], origin: str) -> Iterator[TextDocument]:
+        from kb.youtube.text import documents
+
+        return documents(files)
 
     def purge_rules(self) -> PurgeRules:
         from kb.youtube.purge import RULES

@@ -170,8 +170,7 @@ def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(make_run, tmp_path, 
 
 def test_a_changed_threshold_loads_no_model(make_run, monkeypatch):
     ToxicityScorer.open(make_run(), "reddit").annotate([TEXTS])
-    monkeypatch.setattr(toxicity, "open_runner", lambda *_: pytest.fail("a model was loaded"))
-    toxicity._runner.cache_clear()
+    monkeypatch.setattr(toxicity, "_runner", lambda *_: pytest.fail("a model was loaded"))
     counts = ToxicityScorer.open(make_run(thresholds={"reddit": 0.9}), "reddit").annotate([TEXTS])
     assert (counts.scored, counts.known) == (0, len(TEXTS))
 

@@ -186,9 +186,10 @@ def _elements(
             for row in range(rows):
                 for column in range(columns):
                     box, text = [90.0 + 150 * column, top, 150, 30.0], words.text(3)
-                    add("cell", "td", box, text, parent=table)
+                    cell = add("cell", "td", box, text, parent=table)
                     cells.append(
                         {
+                            "element": cell,
                             "box": box,
                             "colspan": 1,
                             "column": column,

@@ -78,6 +78,7 @@ def captured(
         {**held, "id": 3, "kind": "cell", "tag": "td", "text": "hot", "parent": 2},
     ]
     cell = {
+        "element": 3,
         "table": 2,
         "row": 0,
         "column": 0,

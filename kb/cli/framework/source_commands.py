@@ -3,6 +3,7 @@ commands of its own.
 """
 
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -10,6 +11,7 @@ import typer
 from kb.cli.framework.command import Group, command, group
 from kb.cli.framework.options import CLUSTER, pipeline
 from kb.core.context import Run
+from kb.core.errors import SettingError
 from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 
@@ -59,16 +61,56 @@ def add_export(
         ],
     )
     def export(
-        run: Run, format: Annotated[formats, typer.Option("--format", help=about)] = parquet
+        run: Run,
+        format: Annotated[formats, typer.Option("--format", help=about)] = parquet,
+        chunk_tokens: Annotated[
+            int | None,
+            typer.Option(
+                "--chunk-tokens",
+                min=32,
+                metavar="N",
+                help="With --format text: cut documents at headings, comments and pauses into"
+                " chunks of at most N tokens. A token is 1/1.3 of a word.",
+            ),
+        ] = None,
+        tokenizer: Annotated[
+            Path | None,
+            typer.Option(
+                "--tokenizer",
+                metavar="FILE",
+                help="Count tokens with a model's tokenizer.json instead.",
+            ),
+        ] = None,
+        keep_contacts: Annotated[
+            bool,
+            typer.Option(
+                "--keep-contacts",
+                help="With --format text: leave e-mail addresses, IP addresses and telephone"
+                " numbers as they are.",
+            ),
+        ] = False,
     ) -> Summary:
         from kb.artifacts import domain_binding
         from kb.export import layouts
 
+        options = {
+            "chunk_tokens": chunk_tokens,
+            "tokenizer": tokenizer and str(tokenizer.absolute()),
+            "keep_contacts": keep_contacts,
+        }
+        options = {name: value for name, value in options.items() if value}
+        if options and format.value != "text":
+            option = "--" + next(iter(options)).replace("_", "-")
+            raise SettingError(f"{option} is for --format text", hint=f"leave {option} out")
+        if tokenizer and not chunk_tokens:
+            raise SettingError(
+                "--tokenizer counts the tokens of chunks", hint="give --chunk-tokens N too"
+            )
         with domain_binding.writing(run, f"release-{source}"):
             own = getattr(pipeline(run, source), "export", None)
             if own is None:
-                return layouts.export(run, source, format.value)
-            summary: Summary = own(run, format.value)
+                return layouts.export(run, source, format.value, **options)
+            summary: Summary = own(run, format.value, **options)
             return summary
 
 

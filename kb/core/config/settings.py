@@ -118,7 +118,7 @@ class Settings(BaseSettings):
         if isinstance(value, str):
             value = value.strip()
             if _CONTROL.search(value):
-                raise ValueError("must not hold line breaks or other control characters")
+                raise ValueError("must not contain line breaks or other control characters")
         # An empty secret says something of its own: a Reddit app that has none.
         if value == "" and info.field_name not in _MAY_BE_EMPTY:
             return cls.model_fields[info.field_name or ""].default
@@ -137,7 +137,7 @@ class Settings(BaseSettings):
     def _fits_a_header(cls, value: object) -> object:
         if isinstance(value, str) and not _LATIN.fullmatch(value):
             raise ValueError(
-                "must be of Latin letters, digits and signs, as it is sent in a header"
+                "must consist of Latin letters, digits and signs, as it is sent in a header"
             )
         return value
 

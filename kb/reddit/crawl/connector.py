@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection, Iterator
 from datetime import datetime
 from typing import Any
 
+from kb.core import clock
 from kb.core.cached_property import cached_property
 from kb.core.config.profile.collecting import RedditSection
 from kb.core.context import Run
@@ -295,6 +296,7 @@ def crawl(run: Run, since: datetime | None = None, until: datetime | None = None
     FatalError (exit 1); the summary so far is on the error.
     """
     source = RedditConnector(run, since, until)
+    source.asked = {"since": clock.stamp(since)} if since else {}
 
     def summary(session: CrawlSession, loop: Loop) -> Summary:
         """Figures of this run and what is left."""

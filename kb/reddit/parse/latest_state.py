@@ -22,8 +22,7 @@ from kb.store.full_disk import full_disk_is_resumable
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.tables import partition
-from kb.store.tables.columns import aligned, put
-from kb.store.tables.latest import newest
+from kb.store.tables.columns import aligned, newest, put
 
 COLUMNS = ("fullname", "post_id", "state", "fetched_at", "live", "gone", "undated", "dump")
 

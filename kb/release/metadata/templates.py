@@ -126,6 +126,7 @@ FILTERS = {
     "yaml": folded,
 }
 ENVIRONMENT = environment(TEMPLATES, FILTERS, autoescape=False)
+_compiled = functools.cache(ENVIRONMENT.from_string)  # each sentence stands in several files
 
 
 def render(name: str, **values: Any) -> str:
@@ -136,7 +137,7 @@ def render(name: str, **values: Any) -> str:
 class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One source in sentences: for card, datasheet, Croissant's RAI part and the deposit.
 
-    `kinds` are Croissant's types of collection.
+    `kinds` are Croissant's types of collection, `origins` the recorded ways with shares and dates.
     """
 
     title: str
@@ -156,13 +157,17 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     tasks: tuple[str, ...]
     attribution: str
     kinds: tuple[str, ...] = ()
+    origins: tuple[str, ...] = ()
 
 
 class AboutWay(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What follows from one way by which rows came: [ways.<name>] of a source's sentences."""
+    """What follows from one way by which rows came: [ways.<name>] of a source's sentences. `label`
+    is its name where rows are counted.
+    """
 
     collection: str
     kind: str
+    label: str = ""
     biases: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
     upkeep: str = ""
@@ -190,6 +195,7 @@ def about(profile: Profile, facts: Facts, show: Callable[[str], str] = line) -> 
     return msgspec.structs.replace(
         neutral,
         collection=line(" ".join([neutral.collection, *(one.collection for one in ways)])),
+        origins=tuple(line(one.label) for one in ways if one.label),
         kinds=tuple(dict.fromkeys([*(one.kind for one in ways), *neutral.kinds])),
         upkeep=line(" ".join([neutral.upkeep, *(one.upkeep for one in ways)])),
         biases=(*neutral.biases, *_of(ways, "biases"), *map(show, own.biases)),
@@ -228,7 +234,7 @@ def _rendered(sentences: Mapping[str, Any], values: Mapping[str, Any]) -> dict[s
     """Every sentence filled, in one line; a list leaves out those that come to nothing."""
 
     def fill(text: str) -> str:
-        return line(ENVIRONMENT.from_string(text).render(values))
+        return line(_compiled(text).render(values))
 
     return {
         name: fill(text) if isinstance(text, str) else [said for one in text if (said := fill(one))]

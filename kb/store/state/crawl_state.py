@@ -90,16 +90,14 @@ class State:
         if version < 0:
             raise self._damaged(f"its version is {version}")
         while version < VERSION:
-            self._back_up(self.path.with_name(f"{self.path.name}.v{version}.bak"))
+            backup = self.path.with_name(f"{self.path.name}.v{version}.bak")
+            # Whole: also what a killed writer left in the log only.
+            with writing(backup) as fresh, contextlib.closing(sqlite3.connect(fresh)) as copy:
+                self._db.backup(copy)
             self._db.executescript(
                 f"BEGIN; {MIGRATIONS[version]} PRAGMA user_version = {version + 1}; COMMIT;"
             )
             version += 1
-
-    def _back_up(self, path: Path) -> None:
-        """A whole copy, what a killed writer left in the log included."""
-        with writing(path) as temporary, contextlib.closing(sqlite3.connect(temporary)) as copy:
-            self._db.backup(copy)
 
     def forget(self) -> None:
         """What was removed stands in no free page, no log and no backup any more.
@@ -292,17 +290,19 @@ class State:
             raise self._damaged(f"an offset is {value!r}")
         return value
 
-    def drop_offset(self, kind: str, segment: str) -> None:
-        """Forget a raw segment that is no longer there."""
+    def set_offset(self, kind: str, segment: str, offset: int | None) -> None:
+        """Note how far a raw segment was taken in, in the transaction of its effects; None forgets
+        one that is no longer there.
+        """
         with self.transaction():
-            self._db.execute("DELETE FROM offsets WHERE kind = ? AND segment = ?", (kind, segment))
-
-    def set_offset(self, kind: str, segment: str, offset: int) -> None:
-        """Note how far a raw segment was taken in, in the transaction of its effects."""
-        with self.transaction():
-            self._db.execute(
-                "INSERT OR REPLACE INTO offsets VALUES (?, ?, ?)", (kind, segment, offset)
-            )
+            if offset is None:
+                self._db.execute(
+                    "DELETE FROM offsets WHERE kind = ? AND segment = ?", (kind, segment)
+                )
+            else:
+                self._db.execute(
+                    "INSERT OR REPLACE INTO offsets VALUES (?, ?, ?)", (kind, segment, offset)
+                )
 
 
 def as_json(value: Any) -> str:

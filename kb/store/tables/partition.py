@@ -23,7 +23,7 @@ import pyarrow.compute as pc
 from kb.core.errors import CountMismatch, DamagedData
 from kb.schema import raw
 from kb.store.rawlog.rawlog import Frames
-from kb.store.tables.latest import duplicates, newest
+from kb.store.tables.columns import duplicates, newest
 
 RAW_BYTES = 8 << 20  # compressed raw data a bucket, about 100,000 rows of small answers
 MOST = 512
@@ -84,17 +84,17 @@ def spread(
     folder: Path,
     buckets: int,
     *,
-    mending: bool = False,
+    skip_damage: bool = False,
 ) -> dict[str, Any]:
     """Parse one segment and write `folder/<bucket>/<number>.arrow`.
 
-    Returns rows by bucket, unknown keys as they were seen, and with `mending` the first byte that
-    can't be read, if any (the frames around it are read; the tail of an open segment doesn't
+    Returns rows by bucket, unknown keys as they were seen, and with `skip_damage` the first byte
+    that can't be read, if any (the frames around it are read; the tail of an open segment doesn't
     count). Raises DamagedData naming the segment when a line is not an envelope, and without
-    `mending` also when something can't be read.
+    `skip_damage` also when something can't be read.
     """
     unknown: Counter[str] = Counter()
-    frames = Frames(segment, mending=mending)
+    frames = Frames(segment, skip_damage=skip_damage)
     try:
         with without_collecting(), Shuffle(folder, f"{number:06d}", buckets) as shuffle:
             for piece in _pieces(kind.parse(_lines(frames, name, unknown))):
@@ -214,7 +214,8 @@ def _split(
         return
     named = pc.fill_null(keys.cast(pa.string()), "None").cast(pa.binary()).to_pylist()
     numbers = pa.array([zlib.crc32(key) % buckets for key in named], pa.int32())
-    rows = rows.take(pc.sort_indices(numbers))
+    # Lists of records in many chunks take three times as long.
+    rows = rows.combine_chunks().take(pc.sort_indices(numbers))
     counts = {entry["values"]: entry["counts"] for entry in pc.value_counts(numbers).to_pylist()}
     start = 0
     for bucket in sorted(counts):

@@ -1,5 +1,5 @@
-"""How the data root's own files are read: paths taken literally, and damage told by the file's name
-with what to do.
+"""How the data root's own files are read: paths are taken literally, and an error names the damaged
+file and what to do.
 
 with reading(files):                    # what a library says of a broken file becomes DamagedData
     con.execute(f"SELECT count(*) FROM {scan(files)}")
@@ -82,7 +82,7 @@ def _declared(path: Path) -> str:
         case (_, _, "releases" | "restored", *_):
             return ""
         case (name, "pairs", *_):
-            return "pairs/quality" if name.startswith("quality-") else "pairs/pairs"
+            return f"pairs/{name.partition('-')[0]}"
         case (_, "labels", *_):
             return "labels/labels"
         case (name, "links", *_):

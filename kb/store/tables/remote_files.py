@@ -162,7 +162,9 @@ def reading_at(address: str) -> Iterator[None]:
     except FileNotFoundError:
         raise _missing(address) from None
     except Exception as error:
-        if _is_refusal(error):
+        status = getattr(getattr(error, "response", None), "status_code", None)
+        refused = not _REFUSED.isdisjoint(kind.__name__ for kind in type(error).__mro__)
+        if refused or status in (401, 403):
             raise FatalError(
                 f"{address}: no permission to read it ({_line(error)})",
                 hint="give a credential as its service documents it, such as HF_TOKEN or"
@@ -175,12 +177,6 @@ def reading_at(address: str) -> Iterator[None]:
                 f"{address}: {_line(error)}", hint="use hf://, s3:// or another of fsspec's"
             ) from None
         raise FatalError(f"{address} can't be read: {_line(error)}", hint=UNREACHABLE) from error
-
-
-def _is_refusal(error: Exception) -> bool:
-    """Whether a client says that a credential is missing or refused."""
-    status = getattr(getattr(error, "response", None), "status_code", None)
-    return status in (401, 403) or bool(_REFUSED & {kind.__name__ for kind in type(error).__mro__})
 
 
 def _missing(address: str) -> SettingError:

@@ -19,7 +19,7 @@ let truncated = false, entries = 0, unread = 0, without = null, named = new Map(
 
 // What JSON and Arrow can't hold becomes U+FFFD. Characters without width are dropped; joiners stay between letters
 // that join, or in a picture of several.
-const NO_WIDTH = /[\u00ad\u200b\u200e\u200f\u2060\ufeff]/g;
+const NO_WIDTH = /[\u00ad\u034f\u061c\u180e\u200b\u200e\u200f\u202a-\u202e\u2060-\u2064\u2066-\u206f\ufeff]/g;
 const JOINER = /(?<!(?![a-zA-Z])[\p{L}\p{M}]|[\p{Extended_Pictographic}\p{Emoji_Modifier}\ufe0f])[\u200c\u200d]|[\u200c\u200d](?!(?![a-zA-Z])[\p{L}\p{M}]|\p{Extended_Pictographic})/gu;
 const sound = (s) => (typeof s === "string" ? s.toWellFormed().replaceAll("\0", "\uFFFD").replace(NO_WIDTH, "").replace(JOINER, "") : s);
 const style = (e) => styles.get(e) || (styles.set(e, getComputedStyle(e)), styles.get(e));
@@ -73,6 +73,9 @@ function offered(e) {
   }
   return offers.get(e);
 }
+// Captions that are laid out and shown when the pointer is over their picture.
+const HOVERED = ["figure", ".thumb", ".gallerybox", ".wikia-gallery-item"].map((one) =>
+  `${one} :is(figcaption, .thumbcaption, .gallerytext, .gallerytextwrapper, [class*=caption])`).join(", ");
 const FOLDS = /(^|[-_\s])tab(s|ber)?[-_]*(panel|pane|content|body|page)|(^|[-_\s])(spoiler|accordion|collapsible|expandable|foldable)/i;
 const controlled = new Set([...document.querySelectorAll("[aria-controls]")].flatMap((e) => e.getAttribute("aria-controls").split(/\s+/))
   .concat([...document.querySelectorAll("[role=tab][href^='#'], [data-target^='#'], [data-bs-target^='#'], [data-toggle][href^='#']")]
@@ -90,7 +93,7 @@ function whyHidden(e) {
     const hides = s.display === "none" || s.contentVisibility === "hidden" || Number(s.opacity) === 0
       || s.visibility !== "visible" && !(above && style(above).visibility !== "visible");
     if (!hides) continue;
-    if (!offered(a)) return "hidden";
+    if (!offered(a) && (s.display === "none" || !a.matches(HOVERED))) return "hidden";
     folded = "folded";
   }
   return folded || "hidden";
@@ -99,7 +102,7 @@ function whyHidden(e) {
 function whyCut(rects, holder) {
   let boxes = rects.map(edges).filter((b) => b[2] - b[0] > 1 && b[3] - b[1] > 1), folded = false;
   for (let a = holder; a && a !== doc && a !== document.body; a = a.parentElement) {
-    if (offered(a)) folded = true;
+    if (offered(a) || a.matches(HOVERED)) folded = true;
     const s = style(a), frame = a.getBoundingClientRect(), b = edges(frame);
     if (s.clip !== "auto" && s.position === "absolute" || /^inset\(\s*(50|100)%/.test(s.clipPath)) return folded ? "folded" : "hidden";
     if (s.display === "inline" || s.overflowX === "visible" && s.overflowY === "visible") continue;
@@ -116,12 +119,18 @@ function meets(a, b) {
   return Math.min(a[2], b[2]) - Math.max(a[0], b[0]) > 1 && Math.min(a[3], b[3]) - Math.max(a[1], b[1]) > 1;
 }
 function stateOfText(node) {
-  if (strokesOf(node).some((b) => b[2] - b[0] > 1 && b[3] - b[1] > 1)) return "";
+  if (strokesOf(node).some((b) => b[2] - b[0] > 1 && b[3] - b[1] > 1)) return isGhost(node.parentElement) ? "hidden" : "";
   const state = stateOf(node.parentElement);
   if (state) return state;
   const range = document.createRange();
   range.selectNodeContents(node);
   return whyCut([...range.getClientRects()], node.parentElement);
+}
+// Drawn in no colour, and not by what is behind it.
+function isGhost(e) {
+  const s = style(e);
+  return /^rgba\(.*, 0\)$/.test(s.webkitTextFillColor) && s.textShadow === "none" && s.backgroundClip !== "text"
+    && !(parseFloat(s.webkitTextStrokeWidth) > 0);
 }
 function place(rect, holder, seen) {
   const b = meet(edges(rect), clip(holder)), w = b[2] - b[0], h = b[3] - b[1];
@@ -164,8 +173,8 @@ function linesOf(blocks) {
 
 // Text as shown: chrome, tables and marks of footnotes left out, a formula as its TeX. What is hidden is left out of
 // what is shown itself (`all` takes it too); what is folded belongs to it.
-// `blocks` gets the text nodes, those of each block and behind each break apart.
-function textOf(nodes, all, pre, blocks) {
+// `blocks` gets the text nodes, those of each block and behind each break apart; `pins` where links and icons stand.
+function textOf(nodes, all, pre, blocks, pins) {
   let out = "";
   const line = () => { if (out && !out.endsWith("\n")) out += "\n"; };
   const take = (node, raw) => {
@@ -196,24 +205,57 @@ function textOf(nodes, all, pre, blocks) {
     const apart = blocks && !/^(inline|contents)/.test(s.display), before = out;
     if (block) line();
     if (apart) blocks.push([]);
-    const from = out.length;
+    const from = out.length, to = pins && node.tagName === "A" ? titleOf(node) : null;
+    if (pins && isIcon(node)) pins.push([from, from, nameOf(node.querySelector("img") || node)]);
     for (const child of node.childNodes) take(child, raw || s.whiteSpace.startsWith("pre"));
     if (node.tagName === "SUP" && /[\p{L}\d)\]]$/u.test(out.slice(0, from)) && /^[+\-−]?\d+$/.test(out.slice(from).trim())
       && !/^\s*[⁄/]/.test(node.nextSibling?.textContent ?? "")) out = `${out.slice(0, from)}^${out.slice(from).trim()}`;
+    if (to && out.length > from) pins.push([from, out.length, to]);
     // What is put elsewhere and has nothing to say parts no words.
     if (out.length === from && /absolute|fixed/.test(s.position)) out = before;
     else if (block) line();
     if (apart) blocks.push([]);
   };
   for (const node of nodes) take(node, pre);
-  out = sound(out);
-  if (pre) return out.replace(/^\n+|\s+$/g, "");
-  return out.split("\n").map((part) => part.replace(/\s+/g, " ").trim()).filter(Boolean).join("\n");
+  const whole = sound(out), text = pre ? whole.replace(/^\n+|\s+$/g, "")
+    : whole.split("\n").map((part) => part.replace(/\s+/g, " ").trim()).filter(Boolean).join("\n");
+  if (pins?.length) pin(pins, out, text);
+  return text;
+}
+// Places in the text as it was read become places in the text as it is told, in characters: white space differs.
+function pin(pins, out, text) {
+  const told = [...text], filled = [];
+  told.forEach((sign, at) => { if (/\S/.test(sign)) filled.push(at); });
+  const count = (end) => [...sound(out.slice(0, end)).replace(/\s+/g, "")].length;
+  pins.forEach(([from, to, title], number) => {
+    const begin = count(from), end = to === from ? begin : count(to), behind = end ? filled[end - 1] + 1 : 0;
+    const icon = behind + (told[behind] === " " && /\s$/.test(out.slice(0, from)) ? 1 : 0);
+    pins[number] = from === to ? [icon, icon, title] : [filled[begin] ?? told.length, behind, title];
+  });
+}
+const isIcon = (e) => e.matches(rules.sprite_image) || e.matches(rules.sprite) && !e.querySelector("img");
+// The title of the page of this wiki to which a link leads; null for one that is not there, and for addresses elsewhere.
+const before = [location.href, document.querySelector("link[rel=canonical]")?.href].filter(Boolean).map((one) => {
+  const path = plainPath(new URL(one, document.baseURI)), name = window.RLCONF?.wgPageName;
+  return name && path?.endsWith(name) ? path.slice(0, -name.length) : null;
+}).find((one) => one !== null) ?? null;
+function plainPath(url) {
+  try { return decodeURIComponent(url.pathname); } catch { return null; }
+}
+function titleOf(a) {
+  if (!a.hasAttribute("href") || a.matches(".new, .external, .extiw") || !URL.canParse(a.href)) return null;
+  const url = new URL(a.href), path = plainPath(url);
+  if (url.host !== location.host || !path || ["action", "oldid", "diff"].some((name) => url.searchParams.has(name))) return null;
+  if (url.pathname === location.pathname && url.search === location.search) return null;
+  const title = url.searchParams.get("title")
+    ?? (before === null ? a.getAttribute("title") : path.startsWith(before) ? path.slice(before.length) : null);
+  return title ? sound(title.replace(/_/g, " ").trim()) : null;
 }
 // What stands in an element with its state; a text of which nothing is shown is hidden, and taken whole.
 function readText(e, nodes, pre, blocks, state = stateOf(e)) {
-  const text = textOf(nodes, state === "hidden", pre, blocks);
-  return text.trim() || state === "hidden" ? { text, state } : { text: textOf(nodes, true, pre, blocks), state: "hidden" };
+  const read = (all) => { const pins = [], text = textOf(nodes, all, pre, blocks, pins); return { text, marks: pins.length ? pins : undefined }; };
+  const shownOf = read(state === "hidden");
+  return shownOf.text.trim() || state === "hidden" ? { ...shownOf, state } : { ...read(true), state: "hidden" };
 }
 function formulaOf(e) {
   if (!e.matches(rules.formula)) return "";
@@ -227,7 +269,7 @@ function regionOf(e, inherited) {
   return inherited;
 }
 // The nearest caption that belongs to a picture alone: in a frame of several as many captions as pictures, in order.
-const CAPTION = "figcaption, .thumbcaption, .gallerytext", FRAME = "figure, .thumb, .thumbinner, .tsingle, .gallerybox, .wikia-gallery-item";
+const CAPTION = "figcaption, .thumbcaption, .gallerytext, .lightbox-caption", FRAME = "figure, .thumb, .thumbinner, .tsingle, .gallerybox, .wikia-gallery-item";
 function captionOf(img) {
   const box = img.closest(FRAME) ? null : img.closest(rules.infobox);
   const named = box ? `${CAPTION}, [class*=caption]` : CAPTION;
@@ -236,7 +278,7 @@ function captionOf(img) {
     const captions = [...e.querySelectorAll(named)].filter((x) => !x.contains(img) && !x.parentElement.closest(named));
     const others = [...e.querySelectorAll("img, video, audio")].filter((x) => !captions.some((caption) => caption.contains(x)));
     const own = captions.length === others.length ? captions[others.indexOf(img)] : null;
-    if (own) return textOf([own], true, false) || null;
+    if (own) return stateOf(own) === "hidden" && stateOf(img) !== "hidden" ? null : textOf([own], true, false) || null;
     if (captions.length || others.length > 1 && !e.closest(FRAME) || e.matches(".gallerybox, TR") || e === box) return null;
     if (!box && !e.parentElement?.closest(FRAME)) return null;
   }
@@ -327,6 +369,7 @@ function readFacts(box) {
     if (room()) told.push({ subject, field: field.join(" › "), group, value, visible: place(at.getBoundingClientRect(), at.parentElement, shown(at)).visible, at });
     return true;
   };
+  const isTitle = (e) => [...e.querySelectorAll("b, strong")].map(words).join("") === words(e);
   const missed = (e) => { if (words(e).trim()) unread++; };
   // Names in bold at the beginning of a line, each with what follows it.
   const readBold = (e) => {
@@ -354,6 +397,10 @@ function readFacts(box) {
       const names = cells.filter((cell) => fields.has(cell)), others = cells.filter((cell) => !fields.has(cell));
       const begins = (...given) => given.some((cell) => cell.nodeType && places.get(cell).row === r);
       const head = (cell) => heads[places.get(cell).column];
+      const headsOf = (cell) => {
+        const { column, colspan } = places.get(cell);
+        return [...new Set(heads.slice(column, column + colspan))].filter(Boolean);
+      };
       if (!cells.length) return;
       if (cells.length === 1 && places.get(cells[0]).colspan >= width) {
         const [cell] = cells;
@@ -365,7 +412,7 @@ function readFacts(box) {
           const inner = cell.querySelectorAll("table");
           if (pending && words(cell).trim()) tell([pending], cell);
           else if (!readBold(cell) && inner.length === 1 && !words(cell).trim()) readTable(inner[0]);
-          else if (!pending && r && !cell.querySelector("img, b, strong")) missed(cell);
+          else if (!pending && r && !cell.querySelector("img") && !isTitle(cell)) missed(cell);
           pending = null;
         }
         before = "";
@@ -389,7 +436,11 @@ function readFacts(box) {
         for (const cell of cells) {
           if (fields.has(cell)) { current = closed ? [cell] : [...current, cell]; closed = false; }
           else if (!current.length) missed(cell);
-          else { if (begins(cell, ...current)) tell([...current, head(cell)], cell); closed = true; }
+          else {
+            const above = headsOf(cell); // a value below several heads is that of each
+            if (begins(cell, ...current)) for (const one of above.length ? above : [""]) tell([...current, one], cell);
+            closed = true;
+          }
         }
         before = "names";
       }
@@ -416,6 +467,7 @@ function readFacts(box) {
     if (e.tagName === "TABLE") { last = e; readTable(e); }
     else if (e !== box && e.matches(rules.fact)) { last = e; readRow(e); }
     else if (e.tagName === "DL") { last = e; readList(e); }
+    else if (e !== box && tabName(e)) group = tabName(e);
     else if (e !== title && e.matches(".pi-header, h2, h3, h4")) { last = e; group = words(e) || null; }
     else if (readBold(e)) last = e;
     else if (e !== title && e.tagName !== "A" && plain(e) && isName(e) && plain(e.nextElementSibling) && !isName(e.nextElementSibling)
@@ -427,6 +479,14 @@ function readFacts(box) {
   const groups = new Map();
   for (const { field, group: one } of told) groups.set(field, (groups.get(field) || new Set()).add(one));
   for (const { group: one, ...fact } of told) facts.push(groups.get(fact.field).size > 1 && one ? { ...fact, field: `${one} › ${fact.field}` } : fact);
+}
+// What the tab is called that shows a part; "" for what is no tab's part.
+function tabName(e) {
+  if (!e.matches(rules.folded)) return "";
+  const named = document.getElementById(e.getAttribute("aria-labelledby") || ""), around = e.closest(".wds-tabber, .tabber");
+  const parts = around ? [...e.parentElement.children].filter((one) => one.matches(rules.folded)) : [];
+  const tab = named || around?.querySelectorAll(".wds-tabs__tab, [role=tab], .tabber__tab")[parts.indexOf(e)];
+  return (tab ? textOf(tab.childNodes, true, false) : e.getAttribute("data-title") || e.getAttribute("title") || "").trim();
 }
 // A value's words with the names of pictures that stand between them, else the names of its pictures.
 function valueOf(at, nodes) {
@@ -534,16 +594,16 @@ function walk(e, ctx, grids) {
       runs = false;
     }
   } else if ((tag === "TD" || tag === "TH") && grids && grids[0].has(e)) {
-    const { text } = readText(e, e.childNodes, false), id = add("cell", e, { ...here, parent: grids[1] }, { text, header: tag === "TH" });
+    const { text, marks } = readText(e, e.childNodes, false), id = add("cell", e, { ...here, parent: grids[1] }, { text, marks, header: tag === "TH" });
     const { box, visible } = elements[elements.length - 1];
     cells.push({ element: id, table: grids[1], ...grids[0].get(e), header: tag === "TH", text, box, visible });
     inside = { ...here, parent: id, covered: true };
     runs = false;
   } else if (TEXT.has(tag)) {
-    const blocks = [[]], { text, state } = readText(e, e.childNodes, tag === "PRE", blocks);
+    const blocks = [[]], { text, marks, state } = readText(e, e.childNodes, tag === "PRE", blocks);
     if (text.trim()) {
       const level = /^H[1-6]$/.test(tag) ? Number(tag[1]) : null;
-      inside = { ...here, parent: add("text", e, { ...here, state }, { text, level, blocks }), covered: true };
+      inside = { ...here, parent: add("text", e, { ...here, state }, { text, marks, level, blocks }), covered: true };
       runs = false;
     }
   }
@@ -573,12 +633,12 @@ function emitRun(e, nodes, ctx, grids) {
   if (nodes.some((n) => n.textContent.trim() || n.nodeType === 1 && n.matches(rules.formula))) {
     const told = nodes.filter((n) => n.nodeType === 1 || n.data.trim()).map((n) => (n.nodeType === 3 ? stateOfText(n) : stateOf(n)));
     const held = stateOf(e) || (["", "folded"].find((one) => told.includes(one)) ?? "hidden");
-    const blocks = [[]], { text, state } = readText(e, nodes, style(e).whiteSpace.startsWith("pre"), blocks, held);
+    const blocks = [[]], { text, marks, state } = readText(e, nodes, style(e).whiteSpace.startsWith("pre"), blocks, held);
     if (text.trim()) {
       const range = document.createRange();
       range.setStartBefore(nodes[0]);
       range.setEndAfter(nodes[nodes.length - 1]);
-      inside = { ...ctx, covered: true, parent: add("text", e, { ...ctx, state }, { text, blocks, rect: range.getBoundingClientRect() }) };
+      inside = { ...ctx, covered: true, parent: add("text", e, { ...ctx, state }, { text, marks, blocks, rect: range.getBoundingClientRect() }) };
     }
   }
   for (const n of nodes) if (n.nodeType === 1) walk(n, inside, grids);

@@ -63,6 +63,7 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
     """
     named = _named(run, titles) if titles else None
     source = WikiConnector(run, named)
+    source.asked = {"titles": str(titles.absolute())} if titles else {}
     return work(run, source, source.summary, phases=source.wanted, facts=source.facts)
 
 
@@ -99,6 +100,7 @@ class WikiConnector(Connector):
         self._pool: Pool | None = None
         self._file_names: list[str] = []
         self._shown = 0  # pages that were answered for in this run
+        self._unread_facts = 0
         self._missing_before = 0
         self._removed: set[str] = set()
 
@@ -158,7 +160,12 @@ class WikiConnector(Connector):
             )
         elif phase is INFO:
             titles = [item.payload.title for item in items]
-            yield api.details(fetch.tag(items[0]), titles=titles)
+            answer = api.details(fetch.tag(items[0]), titles=titles)
+            yield answer
+            for page in answer.response["query"].get("pages", []):
+                known = self.opened.frontier.get("pages", str(page.get("pageid")))
+                if known and page.get("revisions") and reduce.is_withheld(known[1], page):
+                    yield api.revision(known[1].rendered[0])
         elif phase is GONE:
             frontier, root = self.opened.frontier, self._run.root
             yield from fetch.compare(api, frontier, root, items[0].key)
@@ -176,6 +183,7 @@ class WikiConnector(Connector):
             if shown["outcome"] != "failed":
                 with self._lock:
                     self._shown += 1
+                    self._unread_facts += shown.get("unread_facts") or 0
         else:
             yield from fetch.files(api, self._web, self.section, self._threads, items)
 
@@ -289,6 +297,7 @@ class WikiConnector(Connector):
             pending=frontier.waiting("pages"),
             gone=departed,
             **({"bad_lines": self._titles.bad_lines} if self._titles else {}),
+            unread_facts=self._unread_facts,
             images=files.get("done", 0),
             images_failed=files.get("error", 0) + files.get("skipped", 0),
             requests=self._web.requests,

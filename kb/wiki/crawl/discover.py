@@ -42,6 +42,13 @@ def begin_round(
     current = _round(frontier, cursor)
     if again and current.done:
         current = Round(current.number + 1)
+        # What failed in an earlier round fails once: this round asks for the title again.
+        failed = [
+            key
+            for key, _, _, item in frontier.items("info", "error")
+            if (not key.startswith("t") if names is None else item.title in names)
+        ]
+        frontier.remove("info", failed)
     with frontier.transaction():
         frontier.set_cursor(cursor, current)
         tag = str(current.number) if names is None else f"t{current.number}"

@@ -19,6 +19,7 @@ _LINK = re.compile(r"\[\[([^\[\]|#]+)(?:#[^\[\]|]*)?(?:\|[^\[\]]*)?\]\]")
 _BEFORE_TITLE = re.compile(
     r"^(?:/(?:wiki|w|mediawiki))?/index\.php(?=/|$)|^/(?:wiki|w)(?=/)|^/[a-z]{2,3}-[a-z]{2,8}(?=/)"
 )
+_BROWSER_TITLE = re.compile(r"\S (?:[-\u2013\u2014|:\u00b7]|::) \S")
 _NUMBERED = re.compile(r"(-?\d+)\t(.*)")  # a line of a dump's list of all titles
 # What every MediaWiki calls its own namespaces, whatever its language
 # (https://www.mediawiki.org/wiki/Manual:Namespace); lists of dumps leave the name out.
@@ -82,8 +83,7 @@ def _title(
     text, space = str(value).strip(" \r\n"), record.get("ns", record.get("page_namespace"))
     bare = entry.column == "page_title"  # without the namespace's name
     if entry.column == "title" and isinstance(record.get("url"), str):
-        # MineDojo's titles have the wiki's name behind them.
-        text = _longer_title(text, _of_address(record["url"], ()))
+        text = _title_of_row(text, record["url"])
     if not entry.column and (numbered := _NUMBERED.fullmatch(text)):
         (space, text), bare = numbered.groups(), True
     number = int(space) if re.fullmatch(r"-?\d{1,9}", str(space)) else None
@@ -102,10 +102,16 @@ def _title(
     return name
 
 
-def _longer_title(text: str, named: str | None) -> str:
-    """The title of a row: as its address has it where the text only adds to that."""
-    plain = (named or "").replace("_", " ").strip()
-    return plain if plain and (not text or text.casefold().startswith(plain.casefold())) else text
+def _title_of_row(text: str, url: str) -> str:
+    """The title of a row with an address: as that has it where the text only adds to it, or is a
+    browser's, with the wiki's name behind it ("Kiln – Valley Wiki"), which of a redirect begins
+    with another page's title.
+    """
+    plain = (_of_address(url, ()) or "").replace("_", " ").strip()
+    parts = urlsplit(url)
+    named = _BEFORE_TITLE.match(parts.path) or "title=" in parts.query
+    adds = text.casefold().startswith(plain.casefold()) or (named and _BROWSER_TITLE.search(text))
+    return plain if plain and (not text or adds) else text
 
 
 def _of_address(name: str, roots: tuple[str, ...]) -> str | None:

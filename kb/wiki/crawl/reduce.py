@@ -56,6 +56,8 @@ class PageItem(msgspec.Struct):
     `round` is the newest one that listed it, 0 when none did. `rendered` is the captured (revision,
     title). `former` are its previous titles. `final` is why a page is too large to be captured:
     (revision, title, reason, value). `gone`: the page had once disappeared from the wiki.
+    `touched` is when the wiki last made the page anew. `withheld`: the (revision, touched) in place
+    of which the wiki showed another revision: an edit that waits for its review, or an old copy.
     """
 
     title: str
@@ -66,6 +68,8 @@ class PageItem(msgspec.Struct):
     former: list[str] = []
     final: tuple[int, str, str, str | None] | None = None
     gone: bool = False
+    touched: str | None = None
+    withheld: tuple[int, str | None] | None = None
 
 
 class ImageItem(msgspec.Struct):
@@ -152,7 +156,6 @@ def _compare_when_listed(frontier: Frontier, number: int) -> None:
 def _pages(frontier: Frontier, envelope: Envelope) -> None:
     params, query = envelope.request.params, envelope.response.get("query", {})
     tag = str(params["round"])  # "r" for a single revision
-    number = int(tag) if tag.isdigit() else 0
     states = dict.fromkeys(answers.elsewhere(query), "interwiki")
     for page in query.get("pages", []):
         key, state = str(page.get("pageid")), answers.state(page)
@@ -165,7 +168,7 @@ def _pages(frontier: Frontier, envelope: Envelope) -> None:
             needed = {"title": str, "pageid": int, "fullurl": str, "revid": int}
             values = page | page["revisions"][0]
             if all(values.get(k) and isinstance(values[k], kind) for k, kind in needed.items()):
-                _update_page(frontier, number, page, page["revisions"][0])
+                _update_page(frontier, tag, page, page["revisions"][0])
             else:
                 state = "unanswered"
         states[page.get("title")] = state
@@ -193,10 +196,11 @@ def _mark_left(frontier: Frontier, key: str, reason: str) -> None:
 
 
 def _update_page(
-    frontier: Frontier, number: int, page: dict[str, Any], revision: dict[str, Any]
+    frontier: Frontier, tag: str, page: dict[str, Any], revision: dict[str, Any]
 ) -> None:
-    key = str(page["pageid"])
+    key, number = str(page["pageid"]), int(tag) if tag.isdigit() else 0
     new = PageItem(page["title"], page["fullurl"], revision["revid"], number)
+    new.touched = page.get("touched")
     known = frontier.get("pages", key)
     if known is None:
         frontier.add("pages", [(key, new)])
@@ -212,17 +216,26 @@ def _update_page(
         revision_id=new.revision_id,
         round=max(number, old.round),
         former=sorted(former),
+        touched=old.touched if tag == "r" else new.touched,
     )
     frontier.payload("pages", key, new)
     now = (new.revision_id, new.title)
     if new.rendered == now:
-        if status == "skipped":
+        if status == "skipped" or (tag == "r" and status == "in_progress"):
             frontier.done("pages", key)
     elif new.final and new.final[:2] == now:
         if status == "skipped":  # may have been gone meanwhile
             frontier.skip("pages", key, new.final[2])
     elif status != "in_progress":
-        frontier.mark("pages", [key], "todo")
+        # What is withheld is not rendered again: the shown revision is asked for next.
+        withheld = new.rendered is not None and is_withheld(new, page)
+        frontier.mark("pages", [key], "in_progress" if withheld else "todo")
+
+
+def is_withheld(known: PageItem, page: dict[str, Any]) -> bool:
+    """Whether the wiki, as it answers now, shows an earlier revision of a page than its newest."""
+    now = (page["revisions"][0].get("revid"), page.get("touched"))
+    return known.withheld == now and (known.rendered or (0, ""))[1] == page.get("title")
 
 
 def _renders(frontier: Frontier, envelope: Envelope) -> None:
@@ -236,8 +249,10 @@ def _renders(frontier: Frontier, envelope: Envelope) -> None:
     known = frontier.get("pages", key)
     if outcome == "captured":
         if known is not None:
-            rendered = (answer["revision_id"], answer["title"])
-            frontier.payload("pages", key, replace(known[1], rendered=rendered))
+            rendered, wanted = (answer["revision_id"], answer["title"]), answer["wanted_revision"]
+            withheld = (wanted, known[1].touched) if wanted != rendered[0] else None
+            page = replace(known[1], rendered=rendered, withheld=withheld)
+            frontier.payload("pages", key, page)
         frontier.done("pages", key)
         files = [ImageItem(file["key"], file["title"], file["src"]) for file in answer["files"]]
         frontier.add("files", [(file.key, file) for file in files])

@@ -52,7 +52,7 @@ def facts(page: Mapping[str, Any], entries: Iterable[Row], rules: MarkupRules) -
     rows: list[Row] = []
     for one in entries:
         field, value = one["field"].strip(), one["value"].strip()
-        field = field.rstrip(":：").rstrip()
+        field, value = field.rstrip(":：").rstrip(), value.lstrip(":：").lstrip()
         if not field or not value:
             continue
         value, unit = split_unit(field, value, (*UNITS, *rules.units))

@@ -8,12 +8,14 @@ from typing import Any
 
 import msgspec
 import pyarrow as pa
+import pyarrow.compute as pc
 import zstandard
 
 from kb.schema.nested_elements import is_outermost
 from kb.schema.tables import table
-from kb.store.layout import BELOW, Layout
+from kb.store.layout import BELOW, Layout, parquet_files
 from kb.store.rawlog import sidefiles
+from kb.store.tables import parquet
 from kb.wiki import media_urls
 from kb.wiki.parse import facts
 
@@ -75,7 +77,8 @@ def read_pages(
             for one in measured:
                 # Sizes may be stored as 1280.0, which Arrow rejects as an integer.
                 kind = float if one.type.startswith("float") else int
-                values[one.name] = kind(seen["page"][one.source.path.removeprefix("page.")])
+                value = seen["page"].get(one.source.path.removeprefix("page."))
+                values[one.name] = value if value is None else kind(value)
             for name, part in _parts(page, seen, files, rules) if follows else ():
                 parts[name].append(part)
         for name, column in columns.items():
@@ -104,6 +107,12 @@ def _parts(
         yield name, pa.Table.from_pylist(list(part), table(name).arrow())
 
 
+def figures(clean: Path) -> dict[str, int]:
+    """For the summary of a filter: rows of kept pages' infoboxes that could not be read."""
+    parts = (parquet.read_table(one, ["unread_facts"]) for one in parquet_files(clean / "pages"))
+    return {"unread_facts": sum(pc.sum(part["unread_facts"]).as_py() or 0 for part in parts)}
+
+
 def page_text(elements: list[Row]) -> str:
     """The text of a page in reading order, what is folded included, a block a line: texts and
     cells that no other one of the same table contains, so that every word counts once.
@@ -124,6 +133,7 @@ def elements(page_id: int, entries: list[Row], rules: facts.MarkupRules) -> pa.T
     """Rows of wiki/elements of a page, in reading order."""
     texts: list[str | None] = []
     lines: list[list[Row] | None] = []
+    marks: list[list[Row] | None] = []
     for entry in entries:
         text = entry["text"] if entry["kind"] in ("text", "cell", "sprite") else None
         texts.append(facts.name_inside(text, rules.item) if entry["kind"] == "sprite" else text)
@@ -132,8 +142,21 @@ def elements(page_id: int, entries: list[Row], rules: facts.MarkupRules) -> pa.T
         lines.append(
             None if boxes is None else [dict(zip(SIDES, box, strict=True)) for box in boxes]
         )
+        pins = entry.get("marks")
+        marks.append(
+            pins
+            and [
+                {
+                    "start": start,
+                    "end": end,
+                    "title": facts.name_inside(title, rules.item) if start == end else title,
+                }
+                for start, end, title in pins
+            ]
+        )
+    made: dict[str, list[Any]] = {"text": texts, "lines": lines, "marks": marks}
     order = list(range(len(entries)))
-    return _made("wiki/elements", page_id, entries, text=texts, lines=lines, reading_order=order)
+    return _made("wiki/elements", page_id, entries, reading_order=order, **made)
 
 
 def cells(page_id: int, entries: list[Row]) -> pa.Table:
@@ -155,7 +178,7 @@ def _made(name: str, page_id: int, entries: list[Row], **made: list[Any]) -> pa.
             values = [entry["box"] and entry["box"][side] for entry in entries]
         elif field == "folded":  # in no extraction of earlier versions
             values = [entry.get(field, False) for entry in entries]
-        elif field == "address":
+        elif column.nullable:
             values = [entry.get(field) for entry in entries]
         else:
             values = [entry[field] for entry in entries]

@@ -36,7 +36,7 @@ from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier, Item
-from kb.store.tables.latest import newest
+from kb.store.tables.columns import newest
 from kb.youtube.crawl.client import FINAL, GOOGLE
 from kb.youtube.crawl.fetch import API, PACK, WEB, YouTubeFetcher
 from kb.youtube.crawl.ids import RULES, Part, share
@@ -215,6 +215,9 @@ def crawl(
     what kb.core.errors says for the rest.
     """
     source = YouTubeConnector(run, partial(_promising, worth), only=only, ids=ids, part=part)
+    if only is None or ids:  # a phase alone goes on with what was asked for before
+        bounds = {"ids": str(ids.absolute()) if ids else "", "part": "/".join(map(str, part or ()))}
+        source.asked = {name: text for name, text in bounds.items() if text}
     try:
         summary = work(run, source, source.summary, phases=source.chosen, facts=source.facts)
     except KbError as error:

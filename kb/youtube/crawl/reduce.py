@@ -47,6 +47,7 @@ RAW_SEARCH, RAW_LIST, RAW_VIDEOS, RAW_TRANSCRIPTS, RAW_STATISTICS = (
 )
 RAW_SECOND_TRACKS = "second_tracks"
 RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES = "ytdlp_info", "ytdlp_playlists", "ytdlp_subtitles"
+RAW_OWN = "own_transcripts"  # changes nothing that a crawl asks for
 FINAL = {"ok", "none", "disabled", "unavailable", "age_restricted"}
 UNJUDGED = "videos not judged"  # cursor: taken in by what asks for no transcript
 BEYOND = "beyond search_pages"  # why a page of a search is skipped

@@ -31,6 +31,14 @@ def test_read_titles(tmp_path, make_rows):
         )
     )
     assert read_titles(minedojo).keys == ["Café & Bar"]
+    # The browser shows another page's title where the address is a redirect.
+    for title, url in (
+        ("Kiln – Valley Wiki", "https://w.example/wiki/Old_oven"),
+        ("Old oven", "https://w.example/items/5"),
+        ("Old oven", "https://w.example/wiki/?curid=5"),
+    ):
+        minedojo.write_text(json.dumps({"metadata": {"url": url, "title": title}}))
+        assert read_titles(minedojo).keys == ["Old oven"]
     # A byte order mark, addresses of either path, and lines that would ask for something else: two
     # titles, none.
     lines.write_text(

@@ -241,3 +241,58 @@ def test_an_api_of_before_2015_is_one_line_with_the_reason(wiki, run):
     )
     with pytest.raises(FatalError, match=r"MediaWiki before 1\.25"):
         crawl(run)
+
+
+def test_a_page_with_pending_changes_is_rendered_once_for_each_revision(wiki, run):
+    """The wiki lists the newest revision and shows an older one until the edit is reviewed."""
+    again = dataclasses.replace(run, again=True)
+    wiki.add(1, "Kiln", revision=12, touched="2024-01-02T00:00:00Z")
+    shown = {"revid": 10}
+    told = wiki._told
+
+    def page_of(request):
+        if "revids" in request.args:
+            page = told(1, {**wiki.pages[1], **shown}, request.host_url.rstrip("/"))
+            return {"query": {"pages": [page]}}
+        if request.path != "/wiki/Kiln":
+            return None
+        conf = f'RLCONF={{"wgArticleId":1,"wgRevisionId":{shown["revid"]}}}'
+        return Response(
+            f"<!DOCTYPE html><script>{conf};</script><div id=content>{WORDS}</div></html>",
+            content_type="text/html",
+        )
+
+    wiki.hook = page_of
+    wiki._told = lambda key, page, root: {**told(key, page, root), "touched": page["touched"]}
+    crawl(run)
+    assert wiki.shown() == ["Kiln"]
+    for _ in range(2):
+        crawl(again)
+        assert wiki.shown() == []
+        assert run_clean(run, "wiki")["kept"] == 1
+    wiki.pages[1]["revid"] = 13  # another edit that waits
+    crawl(again)
+    assert wiki.shown() == ["Kiln"]
+    wiki.pages[1]["touched"], shown["revid"] = "2024-01-03T00:00:00Z", 13  # both are accepted
+    crawl(again)
+    assert wiki.shown() == ["Kiln"]
+    crawl(again)
+    assert wiki.shown() == []
+    run_clean(run, "wiki")
+    (path,) = (run.root / "clean/wiki/pages").glob("*.parquet")
+    assert pq.read_table(path)["revision_id"].to_pylist() == [13]
+
+
+def test_a_page_without_revisions_fails_once_however_often_it_is_asked_for(wiki, run):
+    wiki.add(1, "Kiln")
+    wiki.add(2, "Broken")
+    told = wiki._told
+
+    def bare(key, page, root):
+        return {k: v for k, v in told(key, page, root).items() if key == 1 or k != "revisions"}
+
+    wiki._told = bare
+    assert [crawl(run)["failed"]] == [1]
+    for _ in range(2):
+        assert crawl(dataclasses.replace(run, again=True))["failed"] == 1
+    assert run_clean(run, "wiki")["failed"] == 1

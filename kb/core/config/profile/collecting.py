@@ -63,6 +63,11 @@ class YouTubeSection(Section):
     translate: bool = Field(
         True, description="use YouTube's translation if there is no transcript in the language"
     )
+    own_transcripts: Literal["fill", "prefer", "ignore"] = Field(
+        "fill",
+        description="transcripts of your own speech recognition: used where YouTube has none, used"
+        " before YouTube's, or not used",
+    )
     transcripts_per_hour: float = Field(
         300, gt=0, description="maximum videos per hour from the public site"
     )
@@ -109,7 +114,8 @@ class Markup(Section):
         " #contentSub2, #mw-content-subtitle, .subpages, #siteNotice, .printfooter, .catlinks,"
         " #catlinks, .mw-indicators, .mw-portlet, .vector-page-toolbar, .toctogglespan,"
         " .toctogglelabel, .mw-cite-backlink, .mw-empty-elt, .mw-collapsible-toggle,"
-        " .mw-pt-languages, .mw-pt-translate-header, #mw-fr-revisiontag, .navbar, .navbox-navbar",
+        " .mw-pt-languages, .mw-pt-translate-header, #mw-fr-revisiontag, .navbar, .navbox-navbar,"
+        " [class^='ad-slot'], [class*=' ad-slot'], .incontent-boxad",
         description="edit links and other tools that are not part of the text",
     )
     folded: str = Field(

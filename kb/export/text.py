@@ -1,0 +1,289 @@
+"""`--format text`: `export/text/<source>.jsonl`, a JSON line a document, as datatrove's JsonlReader
+and Dolma read it.
+
+    {"id", "text", "source", "added" (fetched_at), "created" (the item's own date),
+     "metadata": {"title", "url", "license", …}}
+
+The text is Markdown and begins with `# Title`; the title is a line, whatever it was. Each source
+says what its documents are (`kb/<source>/text.py`): pieces of text, some of which begin something
+new (a heading, a comment, a paragraph after a pause). Chunks of at most so many tokens are cut
+there; a piece that is longer than a chunk is cut between its lines, then between its words. Chunks
+begin with the title too, and with the headings that they stand under. Their ids are `<id>-<number>`
+from 0, and `metadata` has `document`, `chunk` and `chunks`.
+
+Documents are in the order of the clean parts, which workers make side by side; the same clean rows
+give the same bytes. For one's own use: licences are those in `metadata`.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from kb.artifacts import manifest
+from kb.core.context import Run
+from kb.core.engine import executor_of, map_in_order
+from kb.core.errors import FatalError, SettingError
+from kb.core.installation import require
+from kb.core.sources import SOURCES
+from kb.core.summary import Summary
+from kb.export.contacts import replaced
+from kb.store.artifact_registry import ARTIFACTS
+from kb.store.atomic import writing
+from kb.store.layout import Layout
+from kb.store.tables.reading import reading
+
+TOKENS_A_WORD = 1.3
+LEAST_TOKENS = 32  # of a chunk: less is hardly more than its title
+_GAP = "\n\n"
+
+
+class TextPiece(NamedTuple):
+    """A piece of a document's text. `begins`: a chunk may begin with it; `level`: of a heading."""
+
+    text: str
+    begins: bool = False
+    level: int = 0
+
+
+class TextDocument(NamedTuple):
+    """A page, thread or video. `metadata` has at least `url` and `license`."""
+
+    id: str
+    title: str
+    pieces: Sequence[TextPiece]
+    added: datetime | None
+    created: datetime | None
+    metadata: dict[str, Any]
+
+
+class TextOptions(NamedTuple):
+    """What a user asked for; `tokenizer` is a tokenizer.json, else words are counted."""
+
+    chunk_tokens: int = 0
+    tokenizer: str = ""
+    keep_contacts: bool = False
+
+    @property
+    def counted(self) -> str:
+        """What a token is, in words."""
+        return f"tokens of {self.tokenizer}" if self.tokenizer else f"words × {TOKENS_A_WORD}"
+
+
+def export(run: Run, source: str, **asked: Any) -> Summary:
+    """clean/<source> to export/text/<source>.jsonl, as TextOptions say. Without kept rows the file
+    is empty.
+
+    Raises FatalError where nothing was filtered yet, SettingError for a file that is no tokenizer,
+    MissingExtra, DamagedData, DiskFull.
+    """
+    options = TextOptions(**asked)
+    if options.tokenizer:
+        _tokenizer(options.tokenizer)
+    about = SOURCES[source]
+    main, *others = (f"{source}/{short}" for short in about.textual)
+    files = {name: manifest.rows(run.root, name) for name in (main, *others)}
+    parts, every = files[main], [one for some in files.values() for one in some]
+    if not every:
+        clean = ARTIFACTS[f"clean/{source}"]
+        raise FatalError(
+            f"nothing to export: {clean.folder(run.root)} is not there",
+            hint=f"run `{clean.command}` first",
+        )
+    size = sum(one.stat().st_size for one in every)
+    path = Layout(run.root).export("text", f"{source}.jsonl")
+    counts: Counter[str] = Counter(documents=0)
+    origin = about.origin(run.profile)
+    with (
+        reading(every),
+        executor_of(run, size) as executor,
+        writing(path) as temporary,
+        temporary.open("wb") as file,
+        run.progress.task(f"{source} as text", total=len(parts), unit="parts") as task,
+    ):
+        tasks = (
+            (source, {name: _beside(part, some) for name, some in files.items()}, origin, options)
+            for part in parts
+        )
+        for lines, counted in map_in_order(executor, _lines, tasks, executor.window):
+            file.write(lines)
+            counts += counted
+            task.advance()
+    counts.setdefault("documents", 0)
+    about_tokens = {"tokens": options.counted} if options.chunk_tokens else {}
+    contacts = {} if options.keep_contacts else {"contacts": counts.pop("contacts", 0)}
+    return Summary(format="text", **counts, **contacts, **about_tokens, path=str(path))
+
+
+def _beside(part: Path, files: Sequence[Path]) -> str:
+    """The file of a table with the rows of the same bucket; "" where it has none."""
+    return next((str(one) for one in files if one.name == part.name), "")
+
+
+def _lines(
+    source: str, files: dict[str, str], origin: str, options: TextOptions
+) -> tuple[bytes, Counter[str]]:
+    """The lines of one bucket; runs in a worker."""
+    counts: Counter[str] = Counter()
+    encoder, buffer, end = msgspec.json.Encoder(), bytearray(), 0
+    for document in SOURCES[source].text_documents(files, origin):
+        for record in _records(source, document, options, counts):
+            encoder.encode_into(record, buffer, end)
+            buffer += b"\n"
+            end = len(buffer)
+    return bytes(buffer), counts
+
+
+def _records(
+    source: str, document: TextDocument, options: TextOptions, counts: Counter[str]
+) -> Iterator[dict[str, Any]]:
+    pieces, title = document.pieces, " ".join(document.title.split())
+    found: Counter[str] = Counter()
+    if not options.keep_contacts:
+        pieces = [one._replace(text=replaced(one.text, found)) for one in pieces]
+        title = replaced(title, Counter())
+    counts["documents"] += 1
+    counts["contacts"] += found.total()
+    record = {
+        "id": document.id,
+        "text": "",
+        "source": source,
+        "added": _time(document.added),
+        "created": _time(document.created),
+        "metadata": {"title": title, **document.metadata},
+    }
+    if not options.chunk_tokens:
+        text = _GAP.join([f"# {title}", *(one.text for one in pieces)])
+        yield {**record, "text": text}
+        counts["words"] += len(text.split())
+        return
+    chunks = list(_chunks(f"# {title}", pieces, options))
+    counts["chunks"] += len(chunks)
+    for number, text in enumerate(chunks):
+        counts["words"] += len(text.split())
+        of = {"document": document.id, "chunk": number, "chunks": len(chunks)}
+        yield {
+            **record,
+            "id": f"{document.id}-{number}",
+            "text": text,
+            "metadata": {**record["metadata"], **of},  # type: ignore[dict-item]
+        }
+
+
+def _time(when: datetime | None) -> str | None:
+    if when is None:
+        return None
+    return when.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+
+
+def _chunks(title: str, pieces: Iterable[TextPiece], options: TextOptions) -> Iterator[str]:
+    """The text in chunks of at most so many tokens, each with the title and its headings; only
+    these may make one longer.
+    """
+    headings: list[TextPiece] = []
+    chunk, size = [title], count(title, options)
+    filled = False  # with more than headings
+    for unit in _units(pieces):
+        above = [one for one in headings if not unit[0].level or one.level < unit[0].level]
+        head = [title, *(one.text for one in above)]
+        if filled and size + sum(count(one.text, options) for one in unit) > options.chunk_tokens:
+            yield _GAP.join(chunk)
+            chunk, filled = head, False
+            size = sum(count(one, options) for one in head)
+        if unit[0].level:
+            headings = [*above, unit[0]]
+        for piece in unit:
+            room = max(options.chunk_tokens - _of(title, headings, options), LEAST_TOKENS)
+            for text in _cut(piece.text, room, options):
+                more = count(text, options)
+                if filled and size + more > options.chunk_tokens:
+                    yield _GAP.join(chunk)
+                    chunk, filled = [title, *(one.text for one in headings)], False
+                    size = _of(title, headings, options)
+                chunk.append(text)
+                size += more
+                filled = filled or not piece.level
+    if filled or len(chunk) > 1 or not headings:
+        yield _GAP.join(chunk)
+
+
+def _of(title: str, headings: Iterable[TextPiece], options: TextOptions) -> float:
+    return sum(count(one, options) for one in (title, *(each.text for each in headings)))
+
+
+def _units(pieces: Iterable[TextPiece]) -> Iterator[list[TextPiece]]:
+    """Pieces from one that begins something to the next."""
+    unit: list[TextPiece] = []
+    for piece in pieces:
+        if piece.begins and unit:
+            yield unit
+            unit = []
+        unit.append(piece)
+    if unit:
+        yield unit
+
+
+def _cut(text: str, most: float, options: TextOptions) -> Iterator[str]:
+    """A text, or its lines, or parts of these, each of at most `most` tokens. A table's parts have
+    its head.
+    """
+    if count(text, options) <= most:
+        yield text
+        return
+    lines = text.split("\n")
+    head = lines[:2] if len(lines) > 2 and lines[1].startswith("| ---") else []
+    part, size = list(head), sum(count(one, options) for one in head)
+    base = size
+    for line in lines[len(head) :]:
+        for piece in _words(line, max(most - base, 1), options):
+            more = count(piece, options)
+            if len(part) > len(head) and size + more > most:
+                yield "\n".join(part)
+                part, size = list(head), base
+            part.append(piece)
+            size += more
+    yield "\n".join(part)
+
+
+def _words(line: str, most: float, options: TextOptions) -> Iterator[str]:
+    if count(line, options) <= most:
+        yield line
+        return
+    words: list[str] = []
+    size = 0.0
+    for word in line.split():
+        more = count(f" {word}", options)
+        if words and size + more > most:
+            yield " ".join(words)
+            words, size = [], 0.0
+        words.append(word)
+        size += more
+    yield " ".join(words)
+
+
+def count(text: str, options: TextOptions) -> float:
+    """Tokens of a text and of the gap before it."""
+    if not options.tokenizer:
+        return len(text.split()) * TOKENS_A_WORD
+    encoded = _tokenizer(options.tokenizer).encode(_GAP + text, add_special_tokens=False)
+    return len(encoded.ids)
+
+
+@functools.cache
+def _tokenizer(path: str) -> Any:
+    require("pairs", "tokenizers")
+    from tokenizers import Tokenizer
+
+    try:
+        return Tokenizer.from_file(path)
+    except Exception as error:  # noqa: BLE001  the library raises no other class
+        raise SettingError(
+            f"--tokenizer: {path} can't be read: {error}",
+            hint="name a model's tokenizer.json, as the tokenizers library writes it",
+        ) from None

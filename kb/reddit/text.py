@@ -1,0 +1,99 @@
+"""Threads as documents for language models: title, body, then the comments as a nested list, a
+level a depth. The Markdown of authors stays as it is.
+
+What was answered and is not there itself stands as `[deleted]`; what is above that, and so is not
+known, as `[…]`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from kb.export.text import TextDocument, TextPiece
+from kb.store.tables import parquet
+
+Row = dict[str, Any]
+
+GONE, UNKNOWN = "[deleted]", "[…]"
+_POST = (
+    *("post_id", "type", "title", "body", "poll_options", "source_url", "created_utc"),
+    *("fetched_at", "score", "num_comments", "comments_released"),
+)
+_COMMENT = ("comment_id", "post_id", "parent_id", "depth", "created_utc", "body")
+
+
+def documents(files: Mapping[str, str], subreddit: str) -> Iterator[TextDocument]:
+    """The kept posts of one bucket with their comments; `subreddit` is its address. Raises
+    DamagedData.
+    """
+    told = files["reddit/comments"]
+    comments: dict[str, list[Row]] = {}
+    for row in parquet.read_table(told, _COMMENT).to_pylist() if told else ():
+        comments.setdefault(row["post_id"], []).append(row)
+    with parquet.open_file(Path(files["reddit/posts"])) as file:
+        for batch in file.iter_batches(columns=list(_POST)):
+            for post in batch.to_pylist():
+                options = "\n".join(f"- {one}" for one in post["poll_options"] or ())
+                own = [one for one in (post["body"], options) if one and one.strip()]
+                more = ("type", "score", "num_comments", "comments_released", "source_url")
+                yield TextDocument(
+                    post["post_id"],
+                    post["title"] or "",
+                    [
+                        *(TextPiece(one.strip("\n")) for one in own),
+                        *thread(post["post_id"], comments.get(post["post_id"], [])),
+                    ],
+                    post["fetched_at"],
+                    post["created_utc"],
+                    {
+                        "url": f"{subreddit}comments/{post['post_id']}/",
+                        "license": None,
+                        **{name: post[name] for name in more},
+                    },
+                )
+
+
+def thread(post: str, comments: list[Row]) -> Iterator[TextPiece]:
+    """The comments of a post, each after what it answers, by time."""
+    there = {one["comment_id"] for one in comments}
+    replies: dict[str, list[Row]] = {}
+    gone: dict[str, int] = {}  # what is not there → its depth
+    for one in sorted(comments, key=lambda one: (one["created_utc"], one["comment_id"])):
+        kind, _, parent = one["parent_id"].partition("_")
+        replies.setdefault("" if kind == "t3" or parent == post else parent, []).append(one)
+        if kind != "t3" and parent not in there and parent != post:
+            gone.setdefault(parent, max((one["depth"] or 1) - 1, 0))
+    passed: set[str] = set()
+
+    def below(parent: str, depth: int) -> Iterator[TextPiece]:
+        waiting = [(one, depth) for one in reversed(replies.get(parent, ()))]
+        while waiting:
+            one, level = waiting.pop()
+            if one["comment_id"] in passed:
+                continue
+            passed.add(one["comment_id"])
+            yield _item(one["body"], level, begins=True)
+            under = replies.get(one["comment_id"], ())
+            waiting += [(each, level + 1) for each in reversed(under)]
+
+    yield from below("", 0)
+    for parent, depth in gone.items():
+        for level in range(depth):
+            yield _item(UNKNOWN, level, begins=not level)
+        yield _item(GONE, depth, begins=not depth)
+        yield from (
+            one._replace(begins=bool(number)) for number, one in enumerate(below(parent, depth + 1))
+        )
+    for one in comments:  # that answer each other in a circle
+        if one["comment_id"] not in passed:
+            yield _item(one["body"], 0, begins=True)
+
+
+def _item(body: str, depth: int, begins: bool) -> TextPiece:
+    indent = "  " * (depth + 1)
+    lines = [f"{indent}{line}" if line.strip() else "" for line in body.strip("\n").split("\n")]
+    return TextPiece(
+        f"{'  ' * depth}- {lines[0].lstrip()}" + "".join(f"\n{one}" for one in lines[1:]), begins
+    )
