@@ -6,9 +6,10 @@ data = kb.load("release/")      # a release, or a whole data root: see kb.reader
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
-from kb.core import startup
+from kb.core.startup import ENVIRONMENT
 
 if TYPE_CHECKING:
     from kb.reader import load
@@ -16,7 +17,10 @@ if TYPE_CHECKING:
 __all__ = ["__version__", "load"]
 __version__ = "0.1.0"
 
-startup.disable_telemetry()
+os.environ |= ENVIRONMENT
+# Arrow's own pool returns large blocks at once: a third of decoding went into asking the kernel for
+# them again. Whoever has chosen a pool keeps it.
+os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
 
 
 def __getattr__(name: str) -> Any:

@@ -15,7 +15,6 @@ which of a video's overlapping clips are kept.
 
 from pathlib import Path
 
-from kb.annotate.word_count import word_count
 from kb.artifacts import domain_binding
 from kb.artifacts.measures import check_pairs, write_measure
 from kb.core.config.profile.products import Pairs
@@ -28,6 +27,7 @@ from kb.pairs.build import build, check
 from kb.pairs.extract import Tools, make_tools
 from kb.pairs.measures import VideoSample
 from kb.store.layout import Layout
+from kb.store.tables.columns import word_count
 from kb.youtube.crawl.second_tracks import (
     fetch_second_tracks,
     plan_second_tracks,

@@ -71,8 +71,11 @@ def restore(run: Run, folders: Folders, dumps: Dumps = (), only: str | None = No
 
 
 def plan(run: Run, folders: Folders, dumps: Dumps = (), only: str | None = None) -> Summary:
-    """What would be asked, of whom, with which key. Sends and writes nothing."""
-    jobs = _jobs(run, folders, dumps, only)
+    """What would be asked, of whom, with which key, after the checks of `restore`. Sends and writes
+    nothing.
+    """
+    jobs = _jobs(run, folders, find_dumps(run, dumps).files, only)
+    verify(run, folders)
     return Summary(planned.join("restore", [job.plan() for job in jobs]))
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from kb.annotate import toxicity
-from kb.annotate.word_count import word_count
 from kb.core.config.profile import Profile
 from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
@@ -29,6 +28,7 @@ from kb.filters.predicates import (
     transcript_required,
 )
 from kb.filters.topic import Topic
+from kb.store.tables.columns import word_count
 from kb.youtube.crawl.ids import Part
 from kb.youtube.parse.assemble import HELPERS, KINDS, assemble, unanswered
 from kb.youtube.parse.channels import mark
@@ -99,6 +99,7 @@ def clean(p: Profile) -> Clean:
             assemble,
             words=word_count,
             language=TrackLanguage(section.language, section.translate),
+            own=section.own_transcripts,
         ),
         chains=(rows,),
         follow=(Follow("youtube/transcripts", of="youtube/videos", on="video_id"),),

@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parent.parent
 ROOMS = {*SOURCES, "annotate", "filters", "pairs", "export", "release", "report", "verify"}
 GROUND = {"net", "store", "schema", "artifacts"}
 DATA = {"artifacts", "store", "schema", "core"}
-MADE = {"clips", "labels", "links", "tasks"}
+MADE = {"clips", "labels", "links", "score", "tasks"}
 ASKING = {"query", "search"}  # over the ground alone; only commands and pipelines ask it
 
 # room -> the rooms that it may import (itself always)
@@ -40,6 +40,12 @@ ALLOWED: dict[str, set[str]] = {
     "labels": {"pairs", *DATA},  # over the pairs' transcripts
     "tasks": {"pairs", *DATA},
     "clips": {"pairs", *DATA},  # over the pairs' tokens
+    "score": {
+        "annotate",
+        "clips",
+        "pairs",
+        *DATA,
+    },  # over the clips' films and annotate's downloads
     "reader": {"clips"} | ASKING | DATA,
     "mcp": {"reader"} | ASKING | DATA,
     "explore": {"filters", "mcp", "reader"} | ASKING | DATA,

@@ -238,7 +238,7 @@ def problem_of(path: Path, name: str = "") -> str:
         if name.endswith(".json"):
             content = _object(path)
             if name == "tokenizer.json" and not isinstance(content.get("model"), dict):
-                return "tokenizer.json is no tokenizer"
+                return "tokenizer.json is not a tokenizer"
             return (
                 f"{name} is empty" if not content and name in ("config.json", "vocab.json") else ""
             )
@@ -246,9 +246,9 @@ def problem_of(path: Path, name: str = "") -> str:
             return _problem_of_words(path, name)
         head = path.read_bytes()[:64].lstrip().lower() if path.is_file() else b""
     except UnicodeDecodeError:
-        return f"{name} is no UTF-8 text"
+        return f"{name} is not UTF-8 text"
     except (ValueError, RecursionError):
-        return f"{name} is no JSON object"
+        return f"{name} is not a JSON object"
     except OSError as error:
         return f"{name} can't be read: {error.strerror}"
     return (

@@ -20,17 +20,10 @@ from typing import Any
 from unittest import mock
 
 from kb.annotate.checkpoint import Checkpoint, need_extra, tokenizer_files
-from kb.core.errors import FatalError, MissingModel
+from kb.core.errors import MissingModel
+from kb.store.out_of_memory import is_out_of_memory
 
 WINDOW = 512  # tokens that every published model reads at once
-# torch and ONNX Runtime raise generic errors with these texts.
-_TEXTS = (
-    "can't allocate memory",
-    "out of memory",
-    "bad_alloc",
-    "bad allocation",
-    "failed to alloc",
-)
 
 
 def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
@@ -57,7 +50,7 @@ def load_detoxify(checkpoint: Checkpoint, device: str = "cpu") -> Any:
             loaded["state_dict"] = state
             if not 0 < len(classes) <= outputs:
                 raise ValueError("classes")
-        except (MissingModel, MemoryError):
+        except MissingModel:
             raise
         except Exception as error:  # whatever unpickling a foreign file may raise
             if is_out_of_memory(error):
@@ -197,22 +190,3 @@ def _quiet() -> Iterator[None]:
     finally:
         for name, value in before.items():
             os.environ.pop(name, None) if value is None else os.environ.__setitem__(name, value)
-
-
-@contextlib.contextmanager
-def explained_memory() -> Iterator[None]:
-    """Wrap code that loads or runs a model. Raises FatalError when memory runs out."""
-    try:
-        yield
-    except (MemoryError, RuntimeError, OSError) as error:
-        if is_out_of_memory(error):
-            raise FatalError(
-                "not enough memory for the toxicity model",
-                hint="close other programs or use fewer --workers; the same command resumes",
-            ) from error
-        raise
-
-
-def is_out_of_memory(error: BaseException) -> bool:
-    """Whether an error means that memory ran out."""
-    return isinstance(error, MemoryError) or any(text in str(error).lower() for text in _TEXTS)

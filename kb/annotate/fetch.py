@@ -5,6 +5,7 @@ its name only when its sha256 is right, or, where none is published, when it is 
 a network's log-in page answers 200 too. The checkpoint comes last: when it is there, all is.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,14 +38,23 @@ def fetch(
         if name not in PUBLISHED:
             raise SettingError(f"there is no model {name!r}", hint=f"known: {', '.join(PUBLISHED)}")
         published = PUBLISHED[name]
-    folder = folder or models_folder(published.name)
+    sources = published.sources(run.settings.kb_models_endpoint)
+    return download(run, published.name, sources, folder or models_folder(published.name))
+
+
+def download(
+    run: Run, model: str, sources: Sequence[tuple[str, str, str]], folder: Path
+) -> Summary:
+    """Download and verify the files of a model that are not in the folder yet: (name, address,
+    sha256 or its beginning) of each. Raises as `fetch` does.
+    """
     with full_disk_is_resumable(folder):
         folder.mkdir(parents=True, exist_ok=True)
     session = HttpSession(run.settings)
     # A compressed answer could not be continued in its middle.
     session.headers["Accept-Encoding"] = "identity"
     fetched = present = size = 0
-    for file, address, digest in published.sources(run.settings.kb_models_endpoint):
+    for file, address, digest in sources:
         path = folder / file
         if path.is_file() and (
             sha256_of(path).startswith(digest) if digest else not problem_of(path)
@@ -56,7 +66,7 @@ def fetch(
         fetched += 1
     return Summary(
         command="models fetch",
-        model=published.name,
+        model=model,
         fetched=fetched,
         present=present,
         bytes=size,

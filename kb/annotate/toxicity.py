@@ -26,8 +26,6 @@ import pyarrow.compute as pc
 
 from kb.annotate.backends import REACH, check_options, choose_device, open_runner, prepare
 from kb.annotate.checkpoint import Checkpoint, find_checkpoint, need_extra
-from kb.annotate.detoxify_model import explained_memory
-from kb.annotate.inference import Runner
 from kb.annotate.scores import CATEGORIES, Scores, text_hashes, unscored
 from kb.artifacts import manifest
 from kb.artifacts.freshness import MODEL
@@ -366,10 +364,10 @@ class ScoringJob(NamedTuple):
 def score_chunk(job: ScoringJob, texts: Sequence[str]) -> dict[str, Any]:
     """Scores of a chunk, in its order; runs in a worker.
 
-    Near the threshold a reduced score is made exact. Raises FatalError when memory is too short.
+    Near the threshold a reduced score is made exact.
     """
     # A Dask worker with several threads takes several chunks: one at a time, with all threads.
-    with _ONE, explained_memory():
+    with _ONE:
         return _score_chunk(job._replace(threads=job.threads or _worker_threads()), texts)
 
 
@@ -421,11 +419,5 @@ def _worker_threads() -> int:
         return 1
 
 
-@cache
-def _device(wanted: str, precision: str) -> str:
-    return choose_device(wanted, precision)
-
-
-@cache
-def _runner(checkpoint: Checkpoint, precision: str, device: str, threads: int) -> Runner:
-    return open_runner(checkpoint, precision, device, threads)
+# Kept by a worker for its next tasks.
+_device, _runner = cache(choose_device), cache(open_runner)

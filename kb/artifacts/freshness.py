@@ -23,6 +23,7 @@ from kb.artifacts import index, manifest
 from kb.artifacts.manifest import Manifest
 from kb.artifacts.table_catalog import Catalog
 from kb.core.config.profile import Profile
+from kb.core.config.text_files import read_text
 from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, SettingError
 from kb.core.installation import PROFILE_FILE, lock_digest
@@ -99,7 +100,7 @@ def _is_in(key: str, parts: Sequence[str]) -> bool:
 def _lines(path: Path) -> str:
     """A short digest of each line that is no comment."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path)
     except (OSError, UnicodeDecodeError):
         return ""  # whoever reads the keywords says what is wrong
     rows = (line.strip() for line in text.splitlines())

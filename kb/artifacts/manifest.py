@@ -281,7 +281,7 @@ def input_digest(
     if folder == "raw":
         return _digest_of_raw(root, *raw.split("/"))
     artifact, find = ARTIFACTS[name], files or partial(rows, root)
-    if artifact.whole and (made := read(root, of)) is not None:
+    if artifact.every_file and (made := read(root, of)) is not None:
         return digest_of_files(made)
     wanted = [one for one in ARTIFACTS[of].tables if one in artifact.reads or not artifact.reads]
     paths = {f"{one.partition('/')[2]}/{file.name}": file for one in wanted for file in find(one)}

@@ -138,7 +138,7 @@ def _bring(path: Path, root: Path, home: Path) -> dict[str, int]:
     place = home / path.relative_to(root)
     size = path.stat().st_size
     if path.name.endswith(rawlog.OPEN):
-        frames = rawlog.Frames(path, mending=True)
+        frames = rawlog.Frames(path, skip_damage=True)
         for _ in frames:
             pass
         size, place = frames.good, place.with_name(rawlog.base_name(path))

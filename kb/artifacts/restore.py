@@ -33,7 +33,7 @@ from kb.schema.tables import Table, table
 from kb.store.atomic import replacing_folder, settle_folder
 from kb.store.layout import Layout, parquet_files
 from kb.store.tables import database, parquet
-from kb.store.tables.latest import newest
+from kb.store.tables.columns import newest
 from kb.store.tables.partition import Shuffle
 from kb.store.tables.reading import reading
 from kb.store.tables.shard_writer import write_table

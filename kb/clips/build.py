@@ -13,6 +13,7 @@ options have changed is made again.
 from __future__ import annotations
 
 import csv
+import difflib
 import hashlib
 import io
 from collections import Counter
@@ -43,11 +44,12 @@ from kb.core.summary import Summary
 from kb.pairs.draw import asking, checked
 from kb.store.atomic import write_bytes, write_text
 from kb.store.tables import database
-from kb.store.tables.reading import reading
+from kb.store.tables.reading import reading, scan
 
 _VIDEOS = 16  # of a shard
 _JPEG_SHARE = 0.1  # of the bytes of a frame, for the plan
 MISSING, SHORT, UNDECODABLE = "missing", "short", "undecodable"
+_COLUMNS = "pair_id, video_id, keyword, keyword_kind, clip_start_s, clip_end_s, text"
 
 
 class Chosen(NamedTuple):
@@ -128,8 +130,18 @@ def build(
 
 
 def _inputs(run: Run, folders: Sequence[Path], chosen: Chosen) -> tuple[list[Row], dict[str, Path]]:
-    """The pairs by video and time, and the files of their videos."""
     require("clips", "av", "numpy", "PIL", "tokenizers")
+    return pairs_with_films(run, folders, chosen, _COLUMNS)
+
+
+def pairs_with_films(
+    run: Run, folders: Sequence[Path], chosen: Chosen, columns: str
+) -> tuple[list[Row], dict[str, Path]]:
+    """These columns of the chosen pairs, by video and time, and the files of their videos.
+
+    Raises FatalError without pairs or with pairs that are out of date, UsageError for a wrong
+    folder or condition, DamagedData.
+    """
     for folder in folders:
         if not folder.is_dir():
             raise UsageError(f"--videos {folder} is not a folder")
@@ -145,7 +157,7 @@ def _inputs(run: Run, folders: Sequence[Path], chosen: Chosen) -> tuple[list[Row
         rows: list[Row] = (
             con.sql(
                 f"""
-            SELECT pair_id, video_id, keyword, keyword_kind, clip_start_s, clip_end_s, text
+            SELECT {columns}
             FROM ({checked(con, asked, chosen.where)})
             WHERE $keyword = '' OR lower(keyword) = lower($keyword)
             QUALIFY row_number() OVER (ORDER BY md5($seed || ' ' || pair_id), pair_id) <= $sample
@@ -156,10 +168,25 @@ def _inputs(run: Run, folders: Sequence[Path], chosen: Chosen) -> tuple[list[Row
             .to_pylist()
         )
     if not rows and chosen.keyword:
-        raise UsageError(f"no pair has the keyword {chosen.keyword!r}")
+        raise UsageError(f"no pair has the keyword {chosen.keyword!r}", hint=_near(run, chosen))
     if not rows:
         raise UsageError("no pair meets the condition")
+    if all(row["text"] is None for row in rows):
+        run.progress.say(
+            "the pairs have no texts, as in every release, so their clips get no tokens: restore"
+            " the release first"
+        )
     return rows, video_files(folders, {row["video_id"] for row in rows})
+
+
+def _near(run: Run, chosen: Chosen) -> str:
+    """Keywords that a misspelt one may mean, as a hint."""
+    files = table_catalog.read(run.root).files("pairs/pairs")
+    with reading(files), database.asking() as con:
+        rows = con.execute(f"SELECT DISTINCT keyword FROM {scan(files)} ORDER BY 1").fetchall()
+    names = {str(name).lower(): str(name) for (name,) in rows}
+    near = difflib.get_close_matches(chosen.keyword.lower(), names, 3)
+    return f"did you mean {' or '.join(repr(names[one]) for one in near)}?" if near else ""
 
 
 def cut_shard(
@@ -175,13 +202,13 @@ def cut_shard(
         return done
     left_out: list[LeftOut] = []
     while True:
-        before = [_version(path) for path, _ in films]
+        before = [version_of(path) for path, _ in films]
         clips: dict[str, int] = {}
         missed: list[LeftOut] = []
         with writer_of(options, place, name) as writer:
             for path, rows in films:
                 missed += _cut_video(writer, Path(path), rows, options, clips)
-        changed = [_version(film[0]) != old for film, old in zip(films, before, strict=True)]
+        changed = [version_of(film[0]) != old for film, old in zip(films, before, strict=True)]
         if not any(changed):
             break
         left_out += [
@@ -212,7 +239,7 @@ def _cut_video(
     return [LeftOut(row["pair_id"], row["video_id"], reason, what) for row in left.values()]
 
 
-def _version(path: str) -> tuple[int, int] | None:
+def version_of(path: str) -> tuple[int, int] | None:
     """Size and time of a file, which change when its content does; None when it is gone."""
     try:
         stat = Path(path).stat()
@@ -222,7 +249,7 @@ def _version(path: str) -> tuple[int, int] | None:
 
 
 def _digest(films: list[tuple[str, list[Row]]], options: CutOptions) -> str:
-    versions = [_version(path) for path, _ in films]
+    versions = [version_of(path) for path, _ in films]
     encoded = msgspec.json.encode((films, versions, options), order="sorted")
     return hashlib.sha256(encoded).hexdigest()
 

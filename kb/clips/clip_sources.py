@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import os
-import re
 import tarfile
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -22,13 +21,11 @@ from kb.clips.clip_files import CutOptions, Row, ShardReport, shard_reports
 from kb.clips.frames import Fit, UndecodableVideo, frames_at
 from kb.core.errors import UsageError
 from kb.core.installation import np
+from kb.core.video_names import possible_ids, without_stream
 
 _ENDINGS = frozenset(
     (".mp4", ".m4v", ".mkv", ".webm", ".mov", ".avi", ".flv", ".ts", ".3gp", ".mpg", ".mpeg")
 )
-_BRACKETS = re.compile(r"\[(?:youtube[-_= ])?([^][]+)\]$")
-_BEHIND_TITLE = re.compile(r".+-([A-Za-z0-9_-]{11})")
-_STREAM = re.compile(r"\.f\d+(?:-\w+)?$")  # of one format, before yt-dlp joins them
 
 
 class NoClip(Exception):
@@ -181,9 +178,8 @@ def video_files(folders: Iterable[Path], ids: Collection[str]) -> dict[str, Path
             for path in (Path(where, name) for name in sorted(files)):
                 if path.suffix.lower() not in _ENDINGS:
                     continue
-                stem = _STREAM.sub("", path.stem)
-                found = (_BRACKETS.search(stem), _BEHIND_TITLE.fullmatch(stem))
-                named = (stem, *(one[1] for one in found if one), path.parent.name)
+                stem = without_stream(path.stem)
+                named = (*possible_ids(stem), path.parent.name)
                 if key := next((one for one in named if one in wanted), ""):
                     if stem == path.stem:
                         paths.setdefault(key, path)

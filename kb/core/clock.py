@@ -13,6 +13,10 @@ from datetime import UTC, datetime, timedelta
 from kb.core import signals
 from kb.core.errors import SettingError
 
+# What comes from outside is taken for a time in between: every library holds it, and days can be
+# added to it.
+FIRST, LAST = datetime(1970, 1, 1, tzinfo=UTC), datetime(2200, 12, 31, 23, 59, 59, tzinfo=UTC)
+
 _passed = timedelta()  # while waiting for a date
 
 
@@ -33,6 +37,13 @@ def now() -> datetime:
         raise SettingError(
             f"KB_NOW is {fixed!r}, not a time", hint="write it like 2026-11-20T12:00:00Z"
         ) from None
+
+
+def since_1970(seconds: float) -> datetime | None:
+    """So many seconds after the beginning of 1970; None beyond FIRST and LAST."""
+    if not 0 <= seconds <= LAST.timestamp():  # NaN too
+        return None
+    return datetime.fromtimestamp(seconds, UTC)
 
 
 def stamp(moment: datetime | None = None) -> str:

@@ -38,7 +38,7 @@ _log = logging.getLogger("kb.dask")
 _ADDRESS = re.compile(r"(tcp|tls|ws|wss|ucx|inproc)://.+|[\w.\-]+:\d+")
 # What a worker must know of this process to give the same bytes.
 _SHARED = ("KB_NOW", "SOURCE_DATE_EPOCH")
-_ROOT = "data root"
+_ROOT, _WRITES = "data root", "write access"
 # What makes bytes. A package that this process lacks may be missing elsewhere too.
 _PACKAGES = (
     *("ahocorasick-rs", "duckdb", "lingua-language-detector", "msgspec", "numpy", "onnxruntime"),
@@ -177,6 +177,7 @@ class Cluster:
                 hint="every machine needs this Lorecrawl, these packages and the same data root"
                 " under the same path; start workers again after an upgrade",
             )
+        self._alone = None
 
     def look(self) -> set[str]:
         """Ask the scheduler for its workers, and new ones what they have; the addresses of those
@@ -186,8 +187,8 @@ class Cluster:
             there = self.client.sync(self.client.scheduler.ncores, callback_timeout=LOOK_S)
         except (OSError, TimeoutError, asyncio.CancelledError):
             return set()
-        for gone in self.fit.keys() - there:
-            del self.fit[gone]
+        for address in self.fit.keys() - there:
+            del self.fit[address]
         new = [address for address in there if address not in {**self.fit, **self.unfit}]
         for address, why in self._differences(new) if new else ():
             if why:
@@ -245,6 +246,8 @@ class Cluster:
                 differing = [name for name in ours if answer.get(name) != ours[name]]
                 if _ROOT in differing:
                     yield address, f"does not see the {_ROOT} {self._root}"
+                elif _WRITES in differing:
+                    yield address, f"can't write to the {_ROOT} {self._root}"
                 else:
                     has = (f"{one} {answer.get(one, 'none')}, not {ours[one]}" for one in differing)
                     yield address, f"has {'; '.join(has)}" if differing else ""
@@ -273,6 +276,7 @@ def description(token: str) -> dict[str, str]:
     if token:
         with contextlib.suppress(OSError):
             versions[_ROOT] = Path(token).read_text(encoding="utf-8")
+        versions[_WRITES] = "yes" if os.access(Path(token).parent, os.W_OK) else "no"
     python = ".".join(platform.python_version_tuple()[:2])
     return {"Lorecrawl": f"{__version__} ({code_digest()[:12]})", "Python": python, **versions}
 

@@ -139,7 +139,7 @@ def making(folder: Path, is_complete: Callable[[], bool]) -> Iterator[Path]:
     """A fresh folder that becomes `folder` when the block ends well.
 
     Several processes may make the same one at once (workers of a cluster): the first one's stays,
-    if it is `whole`. Raises OSError when the cache can't be written.
+    if `is_complete` says so. Raises OSError when the cache can't be written.
     """
     folder.parent.mkdir(parents=True, exist_ok=True)
     fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))

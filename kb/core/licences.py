@@ -1,4 +1,4 @@
-"""Licences by SPDX id: their texts travel with the code: a release is whole without a network.
+"""Licences by SPDX id. Their texts are part of the package: a release needs no network for them.
 
 licences/known.toml lists them. Texts: the licence stewards' own, as SPDX lists them
 (https://spdx.org/licenses/).

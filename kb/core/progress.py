@@ -1,4 +1,4 @@
-"""Progress of long work: what a stage reports, whoever shows it.
+"""Progress of long work: what a stage reports, however it is shown.
 
 waiting = lambda: frontier.waiting("videos")
 with run.progress.task("metadata", unit="videos", waiting=waiting) as task:
@@ -141,7 +141,7 @@ Silent = Progress  # by its purpose
 
 class LineProgress(Progress):
     """Lines on a stream that is no terminal: for a task one at most every `every` seconds, and one
-    at the end. `complete` puts the last hand to a line of `say`.
+    at the end. `complete` finishes a line of `say`.
     """
 
     def __init__(

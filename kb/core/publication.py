@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 
 class RecordedWay(NamedTuple):
-    """Where a data root records that rows came by some way: by the value of a released column, or
-    by raw answers of a kind.
+    """Where a data root records that rows came by some way: by the value of a column, by raw
+    answers of a kind, or by both, where some answers give no row.
 
     `ages`: the service's terms limit how old such rows may be. `absent`: the way of those without
     raw answers of the kind.
@@ -190,7 +190,7 @@ class Tasks(Publication):
     sampled = {"tasks/tasks": ("prompt", "start_s", "end_s", "start_source", "video_id")}
     main = "tasks"
     query = (
-        "SELECT prompt, start_s, end_s FROM tasks WHERE start_source <> 'none'"
+        "SELECT prompt, start_s, end_s FROM tasks WHERE start_s IS NOT NULL"
         " ORDER BY prompt, video_id LIMIT 10"
     )
     pictured = "start_source"
@@ -199,6 +199,7 @@ class Tasks(Publication):
         "tasks.lead_ins",
         "tasks.talk",
         "tasks.never",
+        "tasks.things",
         "tasks.max_words",
         "tasks.max_gap_s",
     )

@@ -65,6 +65,9 @@ class Source(Publication, ABC):
     credential: ClassVar[str] = ""
     """The setting without which a crawl is not offered as a next step."""
 
+    keyless: ClassVar[str] = ""
+    """The phase of its crawl that needs no credential, as `--only` names it."""
+
     waiting: ClassVar[Mapping[str, str]] = {}
     """What ends the waiting of pending rows, by their reason."""
 

@@ -1,13 +1,13 @@
-"""What a process sets when it starts: no telemetry of dependencies, and less garbage collection.
+"""What a process sets when it starts: no telemetry of dependencies, memory that is kept for reuse,
+and less garbage collection.
 
-`kb/__init__.py` calls `disable_telemetry` before any dependency is imported, so it also holds in
-worker processes and where kb is used as a library. Other switches are where the thing is started:
+`kb/__init__.py` sets ENVIRONMENT before any dependency is imported, so it also holds in worker
+processes and where kb is used as a library. Other switches are where the thing is started:
 Chromium's in kb/wiki/browser/, the dashboard of Dask in kb/core/dask_engine.py, PRAW's check for
 updates in kb/reddit/crawl/client.py.
 """
 
 import gc
-import os
 
 # Each is read when its library is imported, or by a program that it starts.
 ENVIRONMENT = {
@@ -18,11 +18,6 @@ ENVIRONMENT = {
     # without it a device's number and a queue of events are written to the user's cache.
     "ORT_DISABLE_TELEMETRY": "1",
 }
-
-
-def disable_telemetry() -> None:
-    """Set the switches for this process and those that it starts."""
-    os.environ |= ENVIRONMENT
 
 
 def collect_seldom() -> None:

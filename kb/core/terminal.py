@@ -17,15 +17,11 @@ _NAMED = {"\n": "\\n", "\r": "\\r", "\t": "\\t"}
 SHORTEST_SECRET = 8
 
 
-def _escape(number: int) -> str:
-    if chr(number) in _NAMED:
-        return _NAMED[chr(number)]
-    return f"\\x{number:02x}" if number < 0x100 else f"\\u{number:04x}"
-
-
 # C0, DEL, C1, direction, line separators, and halves of characters, which no stream can encode.
 _ACTS = [*range(0x20), *range(0x7F, 0xA0), *map(ord, _DIRECTION + _BREAKS), *range(0xD800, 0xE000)]
-_ONE_LINE = {number: _escape(number) for number in _ACTS}
+_ONE_LINE = {
+    number: f"\\x{number:02x}" if number < 0x100 else f"\\u{number:04x}" for number in _ACTS
+} | {ord(sign): escape for sign, escape in _NAMED.items()}
 _LINES = {number: text for number, text in _ONE_LINE.items() if chr(number) not in "\n\t"}
 _JSON = {number: f"\\u{number:04x}" for number in _LINES}
 

@@ -105,11 +105,13 @@ class Connector:
     phases     of a crawl, in order of priority: nearest to a complete item first; they also request
                again what damaged raw data contained
     payloads   the type of each kind's payload in the frontier; kinds without payload are left out
+    asked      of a crawl: which options bound what it collects; `kb update` keeps to them
     """
 
     name: str
     phases: Sequence[Phase]
     payloads: Mapping[str, type[msgspec.Struct]] = {}
+    asked: Mapping[str, str] | None = None
     opened: Opened
 
     def identity(self) -> dict[str, str]:

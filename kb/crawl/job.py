@@ -17,6 +17,9 @@ from kb.crawl.session import CrawlSession, open_session
 Summarize = Callable[[CrawlSession, Loop], Summary]
 
 
+ASKED = "asked"  # cursor: Connector.asked of the newest crawl
+
+
 def work(
     run: Run,
     connector: Connector,
@@ -33,6 +36,8 @@ def work(
     what `Loop.run` and `check_read` raise, always with the summary so far on the error.
     """
     with open_session(run, connector, place, removed=removed) as session:
+        if connector.asked is not None:
+            session.frontier.set_cursor(ASKED, dict(connector.asked))
         loop = Loop(session, phases, facts=facts)
         try:
             connector.discover(session.frontier)

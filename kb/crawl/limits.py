@@ -1,10 +1,12 @@
-"""Stops of a run: `--limit`, spent quotas, blocks; which phases they close, and for how long."""
+"""Stops of a run: `--limit`, spent quotas, blocks; which phases they close, and for how long. The
+end of lists that a service never ends.
+"""
 
 from collections.abc import Iterable, Sequence
 from datetime import datetime, timedelta
 
 from kb.core import clock
-from kb.core.errors import Blocked, KbError, LimitReached, QuotaSpent, Stopped
+from kb.core.errors import Blocked, KbError, LimitReached, QuotaSpent, Retryable, Stopped
 from kb.crawl.connector import Phase
 
 
@@ -28,6 +30,14 @@ class Limit:
     def reached(self) -> LimitReached:
         """Why the run stops here."""
         return LimitReached(f"--limit {self._most} reached", hint="run the same command to resume")
+
+
+def check_length(what: str, read: int, most: int) -> None:
+    """Call before the next part of a list is asked for: `read` parts came so far, and no real
+    service has more than `most`. Raises Retryable: the item fails.
+    """
+    if read >= most:
+        raise Retryable(f"{what} has no end: {read:,} parts of it were read")
 
 
 def upstream(phases: Sequence[Phase], kind: str) -> set[str]:

@@ -65,9 +65,10 @@ class Loop:
         facts: Callable[[Phase], dict[str, object]] | None = None,
     ) -> None:
         self.session, self.frontier, self.connector = session, session.frontier, session.connector
-        self.scheduler = Scheduler(session, session.connector.phases if phases is None else phases)
         self.answered: Counter[str] = Counter()
         self.tried: defaultdict[str, Tried] = defaultdict(Tried)  # by kind
+        phases = session.connector.phases if phases is None else phases
+        self.scheduler = Scheduler(session, phases, self._give_up)
         self._facts = facts or (lambda phase: {})
         self._changed = threading.Condition()
         self._end: BaseException | None = None  # why everything ends
@@ -270,6 +271,13 @@ class Loop:
         if failure is None and complete:
             self.session.clear_block(phase.service)
         self._show(phase, len(items))
+
+    def _give_up(self, kind: str, items: list[Item], reason: str) -> None:
+        """Count items that failed with their batch."""
+        tried = self.tried[kind]
+        tried.n += len(items)
+        tried.first += sum(not item.failed for item in items)
+        tried.failed[reason] += len(items)
 
     def _unanswered(self, phase: Phase, items: list[Item]) -> list[str]:
         states = ((item.key, self.frontier.get(phase.kind, item.key)) for item in items)

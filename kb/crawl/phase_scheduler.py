@@ -9,7 +9,7 @@ Halves and items that failed in an earlier run are retried once, after everythin
 """
 
 from collections import Counter, defaultdict, deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import datetime
 
 from kb.core.errors import Blocked, LimitReached, QuotaSpent, Stopped, Unreachable
@@ -24,10 +24,17 @@ Turn = tuple[Phase, list[Item]]
 class Scheduler:
     """The items in progress, closed and left of a run's phases.
 
-    Not thread-safe by itself: the loop asks under its lock.
+    Not thread-safe by itself: the loop asks under its lock. `give_up` is told of items that failed
+    with their batch and are not asked for by themselves, and why.
     """
 
-    def __init__(self, session: CrawlSession, phases: Sequence[Phase]) -> None:
+    def __init__(
+        self,
+        session: CrawlSession,
+        phases: Sequence[Phase],
+        give_up: Callable[[str, list[Item], str], None] = lambda kind, items, reason: None,
+    ) -> None:
+        self._give_up = give_up
         self.phases = list(phases)
         self._session, self._connector = session, session.connector
         self._frontier = session.frontier
@@ -36,6 +43,7 @@ class Scheduler:
         self._closed: dict[str, Stopped] = {}
         self._halves: defaultdict[str, deque[tuple[list[Item], str]]] = defaultdict(deque)
         self._ends: dict[str, int] = {}
+        self._left_out = 0
         self._services = {phase.kind: phase.service for phase in self.phases}
         self._above = {
             phase.kind: upstream(self.phases, phase.kind) & self._services.keys()
@@ -68,12 +76,14 @@ class Scheduler:
         ):
             return None
         self._close_what_is_limited()
+        left_out = self._left_out
         for failed in (False, True):
             for phase in of_service:
                 turn = self._take_of(phase, failed) if self._open(phase, failed) else None
                 if turn is not None:
                     return turn
-        return None
+        # A phase may have waited for items that were then left out.
+        return self.take(service) if self._left_out > left_out else None
 
     def split(self, phase: Phase, items: list[Item], reason: str) -> None:
         """Split a failed batch: its halves are requested later and stay in progress until then."""
@@ -157,6 +167,7 @@ class Scheduler:
                 return phase, half
             # Nothing of this kind was ever answered, so a single item is not the reason.
             self._frontier.mark(phase.kind, (item.key for item in half), "error", reason)
+            self._give_up(phase.kind, half, reason)
         ready, take = self._frontier.ready, self._frontier.take
         upto = self._ends[phase.kind] if failed else None
         while ready(phase.kind, failed_upto=upto):
@@ -189,6 +200,7 @@ class Scheduler:
                 wanted.append(item)
             else:
                 self._frontier.skip(phase.kind, item.key, reason)
+                self._left_out += 1
         return wanted
 
     def _busy(self, kind: str) -> bool:

@@ -7,6 +7,7 @@ content security policy lets no script run but the one in static/.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,8 @@ def make(root: Path, profile: Profile, status: Callable[[], list[str]]) -> Starl
     returns the lines of `kb status`.
     """
     templates = environment(_HERE / "templates", _FILTERS, autoescape=True)
+    # Of a stranger's release: a link leads to the web, never to a script.
+    templates.tests["web"] = re.compile("https?://", re.IGNORECASE).match
 
     def html(name: str, status: int = 200, **values: Any) -> HTMLResponse:
         text = templates.get_template(f"{name}.html.jinja").render(

@@ -275,11 +275,12 @@ def _funnel(tables: CurrentTables, source: str) -> SourceFunnel | None:
         rejected = dict(zip(*(column.to_pylist() for column in counted.columns), strict=True))
     order = [*PUBLISHED[source].stages]
     stages = [*(one for one in order if one in rejected), *sorted(set(rejected) - set(order))]
-    left = crawled - verdicts["failed"] - verdicts["pending"]
-    steps = [FunnelStep("judged", left, 0, left / crawled)]
-    for stage in stages:
-        left -= rejected[stage]
-        steps.append(FunnelStep(stage, left, rejected[stage], left / crawled))
+    dropped = {stage: rejected[stage] for stage in stages}
+    dropped |= {one: verdicts[one] for one in ("failed", "pending") if verdicts[one]}
+    left, steps = crawled, [FunnelStep("crawled", crawled, 0, 1.0)]
+    for stage, n in dropped.items():
+        left -= n
+        steps.append(FunnelStep(stage, left, n, left / crawled))
     return SourceFunnel(source, of.title, steps, {"kept": kept, **verdicts})
 
 

@@ -7,10 +7,13 @@ import socket
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from kb.core.config.profile import Profile
 from kb.core.errors import SettingError
 from kb.core.installation import require
+
+REQUEST_S = 15.0  # in which a whole request has to come
 
 
 def serve(
@@ -30,6 +33,7 @@ def serve(
     """
     require("explore", "starlette", "uvicorn")
     import uvicorn
+    from uvicorn.protocols.http.h11_impl import H11Protocol
 
     from kb.explore.app import HOST, make  # noqa: PLC0415  it needs the extra
 
@@ -53,8 +57,27 @@ def serve(
             if browser:
                 webbrowser.open(address)
 
+    class Patient(H11Protocol):  # type: ignore[misc]  # read without its types
+        """Closes connections whose next request does not come, or not whole."""
+
+        def connection_made(self, transport: Any) -> None:
+            super().connection_made(transport)
+            self.loop.call_later(REQUEST_S, self.look, None)
+
+        def look(self, before: Any) -> None:
+            """`before`: the answered request of the last look, None before the first one."""
+            waits = self.cycle is None or self.cycle.response_complete
+            if waits and self.cycle is before:
+                self.transport.close()
+            elif not self.transport.is_closing():
+                self.loop.call_later(REQUEST_S, self.look, self.cycle)
+
     config = uvicorn.Config(
-        make(root, profile, status), log_config=None, access_log=False, lifespan="off"
+        make(root, profile, status),
+        http=Patient,
+        log_config=None,
+        access_log=False,
+        lifespan="off",
     )
     with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C and SIGTERM are how it ends
         Announced(config).run(sockets=[listening])

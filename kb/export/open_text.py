@@ -1,5 +1,6 @@
 """clean/youtube → release/open-text: transcripts of videos that their uploaders marked as Creative
 Commons, with what credit needs. Only where the profile asks for it (`[release] open_text = true`).
+The collector's own transcripts are left out.
 """
 
 import shutil
@@ -24,6 +25,8 @@ NAME = "release/open-text"
 LICENCE = "creativeCommon"
 _GROUP = 1_024  # rows: a transcript has some 20 kB
 _BATCH = 256  # rows in memory at once
+# What an uploader licenses is not what a collector's speech recognition heard.
+_OPEN = f"v.license = '{LICENCE}' AND v.transcript_origin = 'service'"
 _CREDIT = ("title", "link", "channel_id", "channel_title")  # and the date
 
 
@@ -51,7 +54,7 @@ def _export(run: Run) -> Summary:
         rows = f"FROM {scan(transcripts)} AS t JOIN {scan(videos)} AS v USING (video_id)"
         open_, uncredited = con.sql(
             f"SELECT count(*) FILTER ({credited}), count(*) FILTER (NOT ({credited})) {rows}"
-            f" WHERE v.license = '{LICENCE}'"
+            f" WHERE {_OPEN}"
         ).fetchall()[0]
         if not open_:
             run.progress.say("no kept video with a transcript is under Creative Commons")
@@ -63,7 +66,7 @@ def _export(run: Run) -> Summary:
             f"""SELECT video_id, v.title, v.link, v.channel_id, v.channel_title, v.published_at,
                 v.license, t.kind, t.language, v.word_count,
                 array_to_string([cue.text FOR cue IN t.cues], ' ') AS text, t.cues
-            {rows} WHERE v.license = '{LICENCE}' AND {credited} ORDER BY video_id"""
+            {rows} WHERE {_OPEN} AND {credited} ORDER BY video_id"""
         )
         with manifest.replacing(
             run.root.absolute(), NAME, inputs=inputs, settings=settings

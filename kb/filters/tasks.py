@@ -72,7 +72,7 @@ def decode_segment(job: FilterJob, kind: str, segment: str, number: int) -> dict
             number,
             Path(job.work, kind),
             job.buckets,
-            mending=True,
+            skip_damage=True,
         )
 
 

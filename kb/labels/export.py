@@ -9,16 +9,19 @@ table it stands for. A larger sample of the same seed begins with the smaller on
 import math
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from kb.artifacts import freshness, manifest, table_catalog
 from kb.core.context import Run
 from kb.core.errors import FatalError, UsageError
 from kb.core.summary import Summary
 from kb.core.templates import environment
+from kb.labels import questions
 from kb.labels.questions import Labeling, LabelQuestion
 from kb.pairs import transcripts
 from kb.pairs.draw import with_ids
@@ -62,11 +65,12 @@ def export(
         where += f" AND pair_id IN (SELECT pair_id FROM {scan([with_ids(pairs)])})"
     rows = _drawn(run.root, files, labeling, sample, seed, where)
     around = _surroundings(run.root, files, rows) if has_text and rows else {}
-    questions = [one for one in labeling.questions if has_text or not one.of_text]
-    tasks = [{"data": _data(row, labeling, around)} for row in rows]
+    videos = described(run.root, rows) if labeling is questions.TASKS else {}
+    asked = [one for one in labeling.questions if has_text or not one.of_text]
+    tasks = [{"data": _data(row, labeling, around, videos)} for row in rows]
     watched = (times[1] - times[0] if (times := _times(row, labeling)) else 0 for row in rows)
     seconds = sum(min(one, _LONGEST_S) + labeling.seconds for one in watched)
-    _write(place, labeling, questions, tasks, round(seconds / 3600, 1))
+    _write(place, labeling, asked, tasks, round(seconds / 3600, 1))
     return Summary(
         command="label export",
         items=len(rows),
@@ -119,6 +123,31 @@ def _surroundings(
     return around
 
 
+class DescribedVideo(NamedTuple):
+    """What its channel says of a video; empty where only a release is there."""
+
+    title: str = ""
+    description: str = ""
+    channel: str = ""
+    length_s: float | None = None
+
+
+def described(root: Path, rows: list[dict[str, Any]]) -> dict[str, DescribedVideo]:
+    """The videos of these rows, by id."""
+    ids = pa.array(sorted({row["video_id"] for row in rows}), pa.string())
+    files = manifest.rows(root, f"{transcripts.VIDEOS}/videos")
+    columns = ("video_id", "title", "description", "channel_title", "duration_s")
+    found = {}
+    for path in files:
+        kept = pc.field("video_id").isin(ids)
+        part = pq.read_table(path, columns=list(columns), filters=kept)
+        for key, title, description, channel, length in zip(
+            *(part[one].to_pylist() for one in columns), strict=True
+        ):
+            found[key] = DescribedVideo(title or "", description or "", channel or "", length)
+    return found
+
+
 def _times(row: dict[str, Any], labeling: Labeling) -> tuple[int, int] | None:
     """Whole seconds from which and up to which the player runs; None: the whole video."""
     start, end = row[labeling.start], row[labeling.end]
@@ -126,7 +155,10 @@ def _times(row: dict[str, Any], labeling: Labeling) -> tuple[int, int] | None:
 
 
 def _data(
-    row: dict[str, Any], labeling: Labeling, around: dict[str, tuple[str, str]]
+    row: dict[str, Any],
+    labeling: Labeling,
+    around: dict[str, tuple[str, str]],
+    videos: dict[str, DescribedVideo],
 ) -> dict[str, Any]:
     """What Label Studio shows of an item, and what it gives back with the answers."""
     times = _times(row, labeling)
@@ -137,6 +169,11 @@ def _data(
     text, subject = row.get("text") or "", row[labeling.subject]
     span = ", from {} to {} s".format(*times) if times else ""
     said = f"<p>{escape(before)} <b>{escape(text)}</b> {escape(after)}</p>" if text else ""
+    own = {}
+    if labeling is questions.TASKS:
+        video = videos.get(row["video_id"], DescribedVideo())
+        shown = (f"<b>{escape(video.title)}</b>", *map(escape, video.description.splitlines()))
+        own["description"] = f"<p>{'<br>'.join(shown)}</p>"
     return {
         "item_id": row["item_id"],
         "kind": labeling.kind,
@@ -149,6 +186,7 @@ def _data(
             ' referrerpolicy="strict-origin-when-cross-origin" allowfullscreen></iframe>'
         ),
         "about": f"<p>{labeling.subject.capitalize()}: <b>{escape(subject)}</b>{span}</p>{said}",
+        **own,
     }
 
 

@@ -24,6 +24,7 @@ from duckdb import DuckDBPyConnection
 
 from kb.artifacts import domain_binding, manifest
 from kb.artifacts.measures import write_measure
+from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import FatalError, UsageError
 from kb.core.installation import np, require
@@ -58,16 +59,13 @@ def import_exports(run: Run, paths: Sequence[Path]) -> Summary:
             "there are no pairs and no tasks", hint="run `kb pairs` or `kb tasks` first"
         )
     with domain_binding.writing(run, "labels", "pairs"), database.connect(run.root) as con:
-        stored = [parquet.read_table(path) for path in manifest.rows(run.root, LABELS)]
-        none = table(LABELS).arrow().empty_table()
-        old = pa.concat_tables([none, *stored]).combine_chunks()
+        old = stored(run.root)
         con.register("given", given.rows)
         con.register("old", old)
         counts = _judge(con, run.root)
         rows = conform(LABELS, con.sql(_NEWEST).to_arrow_table())
         if not rows.equals(old):
-            with manifest.replacing(run.root, "labels", inputs={}) as fresh:
-                write_table(fresh.folder / _FILE, rows, LABELS)
+            _write(run.root, rows)
         con.register("labels", rows)
         judged = set(rows["kind"].to_pylist())
         section = {kind: figures(con, one) for kind, one in KINDS.items() if kind in judged}
@@ -86,17 +84,43 @@ def import_exports(run: Run, paths: Sequence[Path]) -> Summary:
     )
 
 
+def stored(root: Path) -> pa.Table:
+    """All answers that are there."""
+    none = table(LABELS).arrow().empty_table()
+    found = [parquet.read_table(path) for path in manifest.rows(root, LABELS)]
+    return pa.concat_tables([none, *found]).combine_chunks()
+
+
+def replace_answers(root: Path, answers: Sequence[dict[str, Any]]) -> None:
+    """Write answers of a person about an item in place of those that they gave before. Call it
+    under the lock of labels.
+    """
+    key = ("kind", "item_id", "annotator")
+    ours = {tuple(one[name] for name in key) for one in answers}
+    kept = [row for row in stored(root).to_pylist() if tuple(row[name] for name in key) not in ours]
+    rows = sorted([*kept, *answers], key=lambda row: [row[name] for name in (*key, "question")])
+    _write(root, pa.Table.from_pylist(rows, table(LABELS).arrow()))
+
+
+def _write(root: Path, rows: pa.Table) -> None:
+    with manifest.replacing(root, "labels", inputs={}) as fresh:
+        write_table(fresh.folder / _FILE, rows, LABELS)
+
+
 def _judge(con: DuckDBPyConnection, root: Path) -> dict[str, int]:
     """Make items, sizes and merged of `given` and `old`; what was refused, and what differs."""
     selects = []
     for kind, one in KINDS.items():
-        if files := manifest.rows(root, one.table):
-            parquet.check(*files)
-            selects.append(
-                f"SELECT '{kind}' AS kind, {one.key} AS item_id, video_id,"
-                f" {one.stratum} AS stratum, {one.start} AS start_s, {one.end} AS end_s"
-                f" FROM {scan(files)}"
-            )
+        # Figures are of all items as they were found, so judgements that took some out change none.
+        begin, end = one.found or (one.start, one.end)
+        for name, where in ((one.table, "true"), *one.rejected):
+            if files := manifest.rows(root, name):
+                parquet.check(*files)
+                selects.append(
+                    f"SELECT '{kind}' AS kind, {one.key} AS item_id, video_id,"
+                    f" {one.stratum} AS stratum, {begin} AS start_s, {end} AS end_s"
+                    f" FROM {scan(files)} WHERE {where}"
+                )
     purged = pa.array(sorted(tombstones.keys(root, VIDEOS)), pa.string())
     con.register("purged", pa.table({"video_id": purged}))
     con.execute(f"CREATE VIEW every AS {' UNION ALL '.join(selects)}")
@@ -242,11 +266,11 @@ def _moment(value: Any) -> datetime | None:
     """A time as ISO 8601 or in seconds or milliseconds since 1970; None for anything else."""
     try:
         if isinstance(value, str):
-            at = datetime.fromisoformat(value)
-            return at if at.tzinfo else at.replace(tzinfo=UTC)
+            at = clock.parse(value)
+            return at if clock.FIRST <= at <= clock.LAST else None
         if isinstance(value, (int, float)) and not isinstance(value, bool):
-            return datetime.fromtimestamp(value / 1000 if value > 1e11 else value, UTC)
-    except (ValueError, OverflowError, OSError):
+            return clock.since_1970(value / 1000 if value > 1e11 else value)
+    except (ValueError, OverflowError):
         pass
     return None
 

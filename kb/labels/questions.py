@@ -35,7 +35,9 @@ class Labeling:
 
     `table`, made by `command`, holds them under `key`, and its column `subject` says what they are
     about. The sample is stratified by `strata`. The player runs from `start` to `end`, and one
-    judgement takes `seconds` besides watching.
+    judgement takes `seconds` besides watching. Where judgements change the table, `rejected` says
+    where the items are that they took out (table, condition), and the columns `found` have the
+    times from before.
     """
 
     kind: str
@@ -48,6 +50,8 @@ class Labeling:
     end: str
     seconds: int
     questions: tuple[LabelQuestion, ...]
+    rejected: tuple[tuple[str, str], ...] = ()
+    found: tuple[str, str] | None = None
 
     @property
     def stratum(self) -> str:
@@ -108,6 +112,8 @@ TASKS = Labeling(
     strata=("start_source",),
     start="start_s",
     end="end_s",
+    rejected=(("tasks/titles", "rejected_reason = 'judged'"),),
+    found=("start_mined_s", "end_mined_s"),
     seconds=90,
     questions=(
         LabelQuestion(

@@ -49,8 +49,8 @@ def from_link(url: str) -> SourceLocation | None:
     host = f".{parts.hostname or ''}"
     of_host = [source for source in SOURCES.values() if host.endswith(source.hosts or "-")]
     for source in of_host or [source for source in SOURCES.values() if not source.hosts]:
-        if found := source.place_of(parts):
-            return SourceLocation(source.name, *found)
+        if place := source.place_of(parts):
+            return SourceLocation(source.name, *place)
     return None
 
 

@@ -307,11 +307,8 @@ def run_about(run: Run, size: int) -> str:
         )
         for name, one in sorted(opened.named.items())
     ]
-    return fit(fence, head, [*known, index, *views], _left_out, size)
-
-
-def _left_out(count: int) -> str:
-    return f"{count} more parts were left out: raise max_chars."
+    left_out = "{} more parts were left out: raise max_chars.".format
+    return fit(fence, head, [*known, index, *views], left_out, size)
 
 
 def _source(opened: OpenTables, source: Source) -> str:

@@ -53,7 +53,7 @@ class _Watch:
         with self._lock:
             self._ends[key] = sock, clock.monotonic() + seconds
             if self._thread is None or not self._thread.is_alive():
-                self._thread = threading.Thread(target=self._look, daemon=True)
+                self._thread = threading.Thread(target=self._shut_late, daemon=True)
                 self._thread.start()
         try:
             yield
@@ -71,7 +71,7 @@ class _Watch:
             signals.stop.check()
             raise TooSlow(f"no whole answer within {seconds:.0f} s")
 
-    def _look(self) -> None:
+    def _shut_late(self) -> None:
         asked: float | None = None
         while True:
             threading.Event().wait(_LOOK_S)

@@ -77,7 +77,7 @@ class HttpSession(requests.Session):
         self._timeout = timeout
         # With an `auth` of our own requests looks for none in ~/.netrc, which would take our
         # token's place.
-        self.auth = _as_it_is
+        self.auth = lambda request: request
         self.headers["User-Agent"] = user_agent(settings.kb_contact)
         self.adapters.clear()  # nothing goes past ours
         self.mount("", Door(hosts=hosts, ledger=ledger, stray=stray))
@@ -239,7 +239,3 @@ def place(url: str) -> str:
 def _stray(url: str) -> FatalError:
     why = ", which is not https" if in_the_clear(url) else ""
     return FatalError(f"a service redirects to {place(url)}{why}", hint="nothing was sent there")
-
-
-def _as_it_is(request: requests.PreparedRequest) -> requests.PreparedRequest:
-    return request

@@ -176,15 +176,16 @@ def draw(
         bare = f"FROM {scan(catalog.files('pairs/pairs'))}"  # without a condition no join
         pool = _pool(con, checked(con, meant, where) if where else bare)
         chosen = chosen_rows(pool, n, limits, seed)
-        drawn = pool.take(chosen)
+        drawn, out_of = pool.take(chosen), len(pool.id)
+        del pool, chosen  # of millions of pairs, while the drawn ones are written
         sides = _sides(con, catalog, drawn, seed)
         counts = Counter(np.array(list(SPLIT))[sides[drawn.video]].tolist())
-        of_keyword = np.bincount(drawn.keyword, minlength=len(pool.keywords))
-        of_video = np.bincount(drawn.video, minlength=len(pool.videos))
+        of_keyword = np.bincount(drawn.keyword, minlength=len(drawn.keywords))
+        of_video = np.bincount(drawn.video, minlength=len(drawn.videos))
         summary = Summary(
             command="pairs draw",
-            pairs=len(chosen),
-            out_of=len(pool.id),
+            pairs=len(drawn.id),
+            out_of=out_of,
             keywords=int((of_keyword > 0).sum()),
             most_of_a_keyword=int(of_keyword.max(initial=0)),
             videos=int((of_video > 0).sum()),
@@ -195,11 +196,11 @@ def draw(
             return summary
         with replacing_folder(place) as folder:
             _write_pairs(con, every, drawn, sides, folder / PAIRS)
-            order = sorted(np.flatnonzero(of_video), key=lambda v: (-of_video[v], pool.videos[v]))
-            (folder / VIDEOS).write_text("".join(f"{pool.videos[v]}\n" for v in order))
+            order = sorted(np.flatnonzero(of_video), key=lambda v: (-of_video[v], drawn.videos[v]))
+            (folder / VIDEOS).write_text("".join(f"{drawn.videos[v]}\n" for v in order))
             drawn_of = [
                 (name, int(count))
-                for name, count in zip(pool.keywords, of_keyword, strict=True)
+                for name, count in zip(drawn.keywords, of_keyword, strict=True)
                 if count
             ]
             text = _readme(summary, limits, where, seed, drawn_of)
@@ -304,8 +305,9 @@ def _pool(con: duckdb.DuckDBPyConnection, asked: str) -> Pool:
         f" (clip_end_s - clip_start_s)::FLOAT AS seconds FROM ({asked})"
     )
     for batch in con.sql(sql).to_arrow_reader(1 << 17):
-        id_.append(batch.column("id").to_numpy())
-        seconds.append(batch.column("seconds").to_numpy())
+        # Copies: a view would keep the batch with all its strings.
+        id_.append(batch.column("id").to_numpy().copy())
+        seconds.append(batch.column("seconds").to_numpy().copy())
         for name, numbers in known.items():
             column = cast("Any", batch.column(name).dictionary_encode())
             own = [numbers.setdefault(v, len(numbers)) for v in column.dictionary.to_pylist()]
@@ -362,10 +364,6 @@ def _sides(con: duckdb.DuckDBPyConnection, catalog: Catalog, drawn: Pool, seed: 
     return sides_of(weights, heads, seeded_random.video_keys(seed, number))
 
 
-def _columns(con: duckdb.DuckDBPyConnection, asked: str) -> list[str]:
-    return [str(row[0]) for row in con.sql(f"DESCRIBE {asked}").fetchall()]
-
-
 def _write_pairs(
     con: duckdb.DuckDBPyConnection, asked: str, drawn: Pool, sides: np.ndarray, path: Path
 ) -> None:
@@ -373,7 +371,8 @@ def _write_pairs(
     names = pa.array(list(SPLIT))
     split = names.take(pa.array(sides[drawn.video]))
     con.register("drawn", pa.table({"id": pa.array(drawn.id), "split": split}))
-    kept = [one for one in _columns(con, asked) if one not in (*_SCORES, *_LABELS)]
+    columns = [str(row[0]) for row in con.sql(f"DESCRIBE {asked}").fetchall()]
+    kept = [one for one in columns if one not in (*_SCORES, *_LABELS)]
     rows = con.sql(
         f"SELECT {', '.join(kept)}, split FROM ({asked}) JOIN drawn ON drawn.id = {_NUMBER}"
         " ORDER BY video_id, clip_start_s, pair_id"

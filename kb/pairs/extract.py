@@ -159,7 +159,10 @@ def pairs_of(text: Text, tools: Tools) -> PairBatch:
     else:
         low, high = segment
     center = rng.integers("center", low, high)
-    length = rng.integers("clip", *_lengths(section))
+    # A step inside the limits, so that no rounding of end - start leaves them.
+    shortest, longest = round(section.min_clip_s * 1000), round(section.max_clip_s * 1000)
+    step = int(longest - shortest > 1)
+    length = rng.integers("clip", shortest + step, longest - step)
     clip_start, clip_end = seeded_random.clips(center, length, text.length[hits.video])
     gap = round(section.min_gap_s * 1000)
     taken = np.flatnonzero(
@@ -199,14 +202,6 @@ class _Draws(NamedTuple):
 
     def take(self, which: np.ndarray) -> _Draws:
         return _Draws(self.keys[which], self.position[which])
-
-
-def _lengths(section: Pairs) -> tuple[int, int]:
-    """Clip lengths to draw from (ms): a step inside the limits,
-    so that no rounding of end - start leaves them.
-    """
-    low, high = round(section.min_clip_s * 1000), round(section.max_clip_s * 1000)
-    return (low + 1, high - 1) if high - low > 1 else (low, high)
 
 
 def _grow(text: Text, tools: Tools, hits: Matches, rng: _Draws) -> Grown:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from kb.core.config.profile.base import ERROR, FILL_IN, NOTE, WARNING, Finding, is_everyday
 from kb.core.config.profile.products import Pairs
+from kb.core.config.text_files import read_text
 from kb.core.errors import ProfileError
 from kb.pairs.matching import phrase
 
@@ -90,8 +91,7 @@ class KeywordProblem(NamedTuple):
 def scan(path: Path, near_words: int) -> tuple[Sequence[Row], Sequence[KeywordProblem]]:
     """Every row of a file, and every problem. `near_words` is the reach of a plain `near`."""
     try:
-        # -sig: an editor's mark at the beginning of the file is no part of the first column.
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path)
     except (OSError, UnicodeDecodeError) as error:
         why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         return (), (KeywordProblem(0, f"the keyword list {path} can't be read: {why}", ""),)

@@ -142,7 +142,7 @@ class Text:
         self.cue_at = self.video_at[self.cue_video] + within - np.repeat(base, counts)
         self.cue_size = sizes
         together = pc.binary_join(
-            _lists(starts, texts),
+            pa.LargeListArray.from_arrays(pa.array(starts, pa.int64()), texts),
             pa.scalar(joint, pa.large_binary()),
         )
         data = memoryview(together.buffers()[2] or b"")
@@ -272,10 +272,6 @@ def without_sounds(captions: bytes) -> bytes:
 
 def _blanked(pattern: re.Pattern[bytes], text: bytes) -> bytes:
     return pattern.sub(lambda match: b" " * len(match[0]), text).translate(_SPACES)
-
-
-def _lists(offsets: Any, values: Any) -> pa.Array[Any]:
-    return pa.LargeListArray.from_arrays(pa.array(offsets, pa.int64()), values)
 
 
 def _column(rows: pa.Table, name: str) -> pa.Array[Any]:

@@ -6,7 +6,7 @@
 views        one DuckDB view per table
 statements   what a query may contain
 execute      one query; `limits` bounds it, `isolated` runs it in another process
-formats      rows as a table, CSV or JSON; `output` writes them
+formats      rows as a table, CSV, JSON or Parquet
 """
 
 from kb.artifacts.table_catalog import View

@@ -34,7 +34,11 @@ def unknown_name(
     """The error for an unknown table or column; None for an error of another kind."""
     text = str(error)
     if missing := _TABLE.search(text):
-        return _table(con, _qualified(missing[1], sql), text.splitlines()[0], root)
+        name = missing[1]  # without the schema that the query gives
+        given = re.search(rf'"?\b(\w+)"?\s*\.\s*"?{re.escape(name)}\b', sql, re.IGNORECASE)
+        if given and given[1].lower() in SCHEMAS:
+            name = f"{given[1].lower()}.{name}"
+        return _table(con, name, text.splitlines()[0], root)
     if missing := _COLUMN.search(text):
         columns = con.execute(
             "SELECT DISTINCT column_name FROM duckdb_columns() WHERE list_contains(?, table_name)",
@@ -84,12 +88,6 @@ def _table(con: duckdb.DuckDBPyConnection, name: str, message: str, root: Path |
     )
 
 
-def _qualified(name: str, sql: str) -> str:
-    """The name with the schema given in the query, which DuckDB's message leaves out."""
-    given = re.search(rf'"?\b(\w+)"?\s*\.\s*"?{re.escape(name)}\b', sql, re.IGNORECASE)
-    return f"{given[1].lower()}.{name}" if given and given[1].lower() in SCHEMAS else name
-
-
 def _made_by(short: str, schema: str) -> str:
     """The commands that make a declared table without files."""
     if schema == "restored":
@@ -98,6 +96,8 @@ def _made_by(short: str, schema: str) -> str:
     if short not in known:
         return ""
     source = known[short]
+    if short == "pairs_scores":
+        return "`kb pairs score` makes it"
     if source not in SOURCES or schema == "release":
         return f"`{exported_by(source)}` makes it"
     return f"`kb {source} crawl`, then `kb {source} filter` make it"

@@ -47,7 +47,12 @@ def as_table(answer: pa.RecordBatchReader) -> Iterator[str]:
     right = [is_number(field.type) for field in answer.schema]
     widths = [max(map(cell_len, column)) for column in zip(head, *shown, strict=True)]
     for cells in (head, ["-" * width for width in widths], *shown):
-        yield "  ".join(map(_padded, cells, widths, right)).rstrip() + "\n"
+        spaces = [" " * (width - cell_len(one)) for one, width in zip(cells, widths, strict=True)]
+        aligned = (
+            space + cell if is_right else cell + space
+            for cell, space, is_right in zip(cells, spaces, right, strict=True)
+        )
+        yield "  ".join(aligned).rstrip() + "\n"
     if total > len(shown):
         yield _more(total)
 
@@ -160,11 +165,6 @@ def is_number(kind: pa.DataType) -> bool:
     return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind))
 
 
-def _padded(cell: str, width: int, right: bool) -> str:
-    space = " " * (width - cell_len(cell))
-    return space + cell if right else cell + space
-
-
 def _cell(value: Any) -> str:
     if value is None:
         return ""
@@ -177,17 +177,10 @@ def _cell(value: Any) -> str:
 def for_display(value: Any) -> str:
     """A value on one line that is safe on a terminal; numbers in full."""
     if isinstance(value, (float, Decimal)):
-        return _number(value)
-    text = str(_plain(value))
-    return terminal.one_line(" ".join(text.split()))
-
-
-def _number(value: float | Decimal) -> str:
-    text = str(value)
-    if "e" not in text.lower():
-        return text
-    full = f"{Decimal(text):f}"
-    return full if len(full) <= _LONGEST else text
+        text = str(value)
+        full = f"{Decimal(text):f}" if "e" in text.lower() else text
+        return full if len(full) <= _LONGEST else text
+    return terminal.one_line(" ".join(str(_plain(value)).split()))
 
 
 def _dump(value: Any) -> str:

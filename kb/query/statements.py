@@ -46,14 +46,13 @@ def views_read(sql: str, views: Sequence[View]) -> list[View]:
     text = sql.lower()
     if _ANY.search(text):
         return list(views)
-    return [view for view in views if _names(text, view)]
-
-
-def _names(sql: str, view: View) -> bool:
-    """Whether a query names a view, or its bare name."""
-    pattern = rf'(?:\b(\w+)"?\s*\.\s*"?)?\b{re.escape(view.name.lower())}\b'
-    schemas = {match[1] for match in re.finditer(pattern, sql)}
-    return view.schema in schemas or bool(schemas - set(SCHEMAS))
+    read = []
+    for view in views:
+        pattern = rf'(?:\b(\w+)"?\s*\.\s*"?)?\b{re.escape(view.name.lower())}\b'
+        schemas = {match[1] for match in re.finditer(pattern, text)}
+        if view.schema in schemas or schemas - set(SCHEMAS):  # by its full or its bare name
+            read.append(view)
+    return read
 
 
 def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
@@ -66,7 +65,10 @@ def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
         raise UsageError(
             f"{len(statements)} statements; only one is allowed", hint="run one at a time"
         )
-    kind = statements[0].type
+    try:
+        kind = statements[0].type
+    except ValueError:  # a kind that DuckDB's Python has no name for, such as UPDATE EXTENSIONS
+        kind = None
     _refuse(con, sql)
     words = _words(sql)
     at, first = next(words, (0, ""))
@@ -87,7 +89,7 @@ def check(con: duckdb.DuckDBPyConnection, sql: str) -> None:
         if at:
             check(con, sql.encode()[at:].decode())
             return
-    name = first.upper() if kind == kinds.MULTI else kind.name
+    name = first.upper() if kind in (None, kinds.MULTI) else kind.name
     raise UsageError(
         f"{name} is not allowed: queries only read",
         hint="use SELECT, FROM, PIVOT, DESCRIBE or SUMMARIZE",
@@ -138,7 +140,7 @@ def casts(relation: duckdb.DuckDBPyRelation, *, text: bool) -> str | None:
     With `text`, columns of bytes become text as well, as CSV and JSON need.
     """
     unsupported = {*_NO_ARROW, "blob"} if text else _NO_ARROW
-    names = [_quoted(name) for name in distinct(relation.columns)]
+    names = ['"' + name.replace('"', '""') + '"' for name in distinct(relation.columns)]
     columns = [
         f"{name}::VARCHAR AS {name}" if _has(kind, unsupported) else name
         for name, kind in zip(names, relation.types, strict=True)
@@ -171,7 +173,3 @@ def distinct(names: Sequence[str]) -> list[str]:
         taken.add(new.lower())
         unique.append(new)
     return unique
-
-
-def _quoted(name: str) -> str:
-    return '"' + name.replace('"', '""') + '"'

@@ -60,7 +60,8 @@ def connect(
     files = {str(path) for view in views for path in view.files} | system.addresses
     # DuckDB checks the pattern, then the file.
     allowed = sorted(files | {escaped(file) for file in files})
-    con.execute(f"SET allowed_paths = [{', '.join(map(_quoted, allowed))}]")
+    quoted = ("'" + file.replace("'", "''") + "'" for file in allowed)
+    con.execute(f"SET allowed_paths = [{', '.join(quoted)}]")
     con.execute("SET python_enable_replacements = false")  # Python's variables are not tables
     con.execute("SET enable_external_access = false")
     con.execute("SET lock_configuration = true")
@@ -117,7 +118,3 @@ def catalog(views: Iterable[View]) -> list[ViewInfo]:
             rows = sum(footer.num_rows for footer in footers)
         listing.append(ViewInfo(view.schema, view.name, rows, columns, view.doc))
     return sorted(listing)
-
-
-def _quoted(text: object) -> str:
-    return "'" + str(text).replace("'", "''") + "'"

@@ -95,7 +95,7 @@ def find(
             ids = pq.read_table(drawn, columns=["pair_id", "split"])
         except (OSError, pa.ArrowException) as error:
             raise UsageError(
-                f"{drawn} is no file of drawn pairs",
+                f"{drawn} is not a file of drawn pairs",
                 hint="give pairs.parquet of `kb pairs draw`",
             ) from error
         opened.con.register("drawn_pairs", ids)

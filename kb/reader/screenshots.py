@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 from kb.core.errors import DamagedData
 from kb.reader.tables import needs
-from kb.store.damage import DOWNLOAD, missing, opening, unreadable
+from kb.store.damage import DOWNLOAD, missing, opening, short_lines, unreadable
 from kb.store.rawlog.sidefiles import captured_path
 from kb.store.tables.remote_files import RemoteFolder, reading_at
 
@@ -90,7 +90,9 @@ def screenshot(home: Path | RemoteFolder, row: dict[str, Any]) -> Picture:
     data, where = stored_png(home, row["screenshot_path"])
     scale = row["device_pixel_ratio"]
     wanted = [round(row["page_width"] * scale), round(row["page_height"] * scale)]
-    size = _size(data)
+    # Width and height of a PNG are in its header.
+    is_png = len(data) >= 24 and data.startswith(_PNG)
+    size = struct.unpack(">II", data[16:24]) if is_png else None
     if (
         size is None
         or size[0] * size[1] > _PIXELS
@@ -140,7 +142,9 @@ def stored_png(home: Path | RemoteFolder, path: str) -> tuple[bytes, str]:
 def _member(tar: Path, member: str) -> bytes:
     if not tar.is_file():
         raise missing([tar], "download it into the folder of the tables")
-    entry = _index(tar.parent).get((tar.name, member))
+    index = tar.parent / INDEX
+    entries = _read(index, index.stat().st_mtime_ns) if index.is_file() else {}
+    entry = entries.get((tar.name, member))
     if entry is None:
         return _searched(tar, member)
     with tar.open("rb") as file:
@@ -177,15 +181,9 @@ def _searched(tar: Path, member: str) -> bytes:
     raise DamagedData(f"{tar} has no {member}", hint=DOWNLOAD)
 
 
-def _index(folder: Path) -> dict[tuple[str, str], dict[str, Any]]:
-    path = folder / INDEX
-    return _read(path, path.stat().st_mtime_ns) if path.is_file() else {}
-
-
 @lru_cache(maxsize=4)
 def _read(path: Path, changed: int) -> dict[tuple[str, str], dict[str, Any]]:
-    with path.open("rb") as lines:
-        return _entries(lines, str(path))
+    return _entries(short_lines(path, DOWNLOAD), str(path))
 
 
 @lru_cache(maxsize=4)
@@ -208,10 +206,3 @@ def _entries(lines: Iterable[bytes], place: str) -> dict[tuple[str, str], dict[s
         except (ValueError, KeyError, TypeError, RecursionError):
             raise unreadable(place, f"line {number} is not an entry", DOWNLOAD) from None
     return members
-
-
-def _size(data: bytes) -> tuple[int, int] | None:
-    """Width and height of a PNG by its header."""
-    if len(data) < 24 or not data.startswith(_PNG):
-        return None
-    return struct.unpack(">II", data[16:24])

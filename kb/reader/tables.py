@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
+from functools import wraps
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 import pyarrow as pa
 import pyarrow.dataset as ds
@@ -17,7 +18,7 @@ from kb import query
 from kb.artifacts.release_folder import read_tombstones
 from kb.artifacts.table_catalog import View, bare
 from kb.core.cached_property import cached_property
-from kb.core.errors import MissingExtra, UsageError
+from kb.core.errors import FatalError, KbError, MissingExtra, UsageError
 from kb.reader import html
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
@@ -27,13 +28,7 @@ if TYPE_CHECKING:
     import pandas
     import polars
 
-from collections.abc import Callable
-from functools import wraps
-from typing import ParamSpec, TypeVar
-
-from kb.core.errors import KbError
-
-_SHOWN = 5  # rows in a notebook
+_SHOWN = 5  # rows of `head`
 
 
 P = ParamSpec("P")
@@ -57,6 +52,8 @@ def with_hints(function: Callable[P, T]) -> Callable[P, T]:
 
 class RowSet:
     """What tables and query results have in common: everything but the origin of the rows."""
+
+    _shown = _SHOWN  # rows in a notebook
 
     @property
     def schema(self) -> pa.Schema:
@@ -101,8 +98,8 @@ class RowSet:
 
     @with_hints
     def to_pylist(self, columns: Sequence[str] | None = None) -> list[dict[str, Any]]:
-        """All rows as dictionaries. Raises DamagedData."""
-        return self.to_table(columns).to_pylist()
+        """All rows as dictionaries. Raises DamagedData, FatalError for a time that Python lacks."""
+        return _as_dictionaries(self.to_table(columns))
 
     def __len__(self) -> int:
         return self.count_rows()
@@ -115,7 +112,7 @@ class RowSet:
         return f"{html.count(self.count_rows(), 'row')}, {columns}"
 
     def _repr_html_(self) -> str:
-        first = self.head()
+        first = self.head(self._shown)
         values = zip(*(column.to_pylist() for column in first.columns), strict=True)
         return html.rows(first.column_names, values, self._caption())
 
@@ -226,6 +223,8 @@ class TableView(RowSet):
 class QueryResult(RowSet):
     """The rows of a query, in memory."""
 
+    _shown = 20
+
     def __init__(self, rows: pa.Table) -> None:
         self._rows = rows
 
@@ -249,12 +248,7 @@ class QueryResult(RowSet):
     def __iter__(self) -> Iterator[dict[str, Any]]:
         """Each row as a dictionary."""
         for batch in self._rows.to_batches():
-            yield from batch.to_pylist()
-
-    def _repr_html_(self) -> str:
-        first = self.head(20)
-        values = zip(*(column.to_pylist() for column in first.columns), strict=True)
-        return html.rows(first.column_names, values, self._caption())
+            yield from _as_dictionaries(batch)
 
     def __repr__(self) -> str:
         return f"<kb result: {self._caption()}>"
@@ -326,3 +320,13 @@ def needs(package: str, *, install: str = "") -> None:
     if find_spec(package) is None:
         install = install or package
         raise MissingExtra(f"{install} is not installed", hint=f"install the package {install}")
+
+
+def _as_dictionaries(rows: pa.Table | pa.RecordBatch) -> list[dict[str, Any]]:
+    try:
+        return rows.to_pylist()
+    except OverflowError:
+        raise FatalError(
+            "a time in these rows is of no year from 1 to 9999",
+            hint="take to_arrow(), or cast the column to text in SQL",
+        ) from None

@@ -158,11 +158,15 @@ def find(opened: OpenTables, wanted: int | str) -> Page:
         raise UsageError(
             "the data contain no wiki pages", hint="load a wiki release or a data root with one"
         )
+    tries: list[tuple[str, int | str]] = [("page_id = ?", wanted)]
+    if isinstance(wanted, str):
+        in_any_case = "lower(title) = lower(?)", wanted.replace("_", " ")
+        tries = [("title = ?", wanted), in_any_case]
+        if wanted.isascii() and wanted.isdigit() and len(wanted) < 19:
+            tries.append(("page_id = ?", int(wanted)))
     for view in ranked:
-        name = view.full
-        tries = [("page_id = ?", wanted)] if isinstance(wanted, int) else _by_title(wanted)
         for condition, value in tries:
-            sql = f"FROM {name} WHERE {condition} ORDER BY page_id LIMIT 1"
+            sql = f"FROM {view.full} WHERE {condition} ORDER BY page_id LIMIT 1"
             if rows := opened.rows(sql, [value]).to_pylist():
                 return Page(opened, view, rows[0])
     listed = opened.rows(f"SELECT title FROM {ranked[0].full}")["title"].to_pylist()
@@ -171,16 +175,6 @@ def find(opened: OpenTables, wanted: int | str) -> Page:
         f"unknown page {wanted!r}.{query.did_you_mean(query.similar(str(wanted), titles))}",
         hint='data["wiki_pages"] lists ids and titles',
     )
-
-
-def _by_title(wanted: str) -> list[tuple[str, int | str]]:
-    tries: list[tuple[str, int | str]] = [
-        ("title = ?", wanted),
-        ("lower(title) = lower(?)", wanted.replace("_", " ")),
-    ]
-    if wanted.isascii() and wanted.isdigit() and len(wanted) < 19:
-        tries.append(("page_id = ?", int(wanted)))
-    return tries
 
 
 def _thumbnail(page: Page, boxes: Boxes | None = None) -> str:

@@ -25,7 +25,6 @@ from kb.artifacts.release_folder import (
 from kb.core.context import Run
 from kb.core.errors import ReleaseRefused, UsageError
 from kb.core.licences import KNOWN
-from kb.core.progress import Task
 from kb.core.sources import PUBLISHED, exported_by, made_of
 from kb.core.summary import Summary
 from kb.release import folders, provenance
@@ -134,50 +133,41 @@ def refuse(problems: Sequence[GateProblem], hint: str = "nothing was published")
 
 def write(run: Run, folder: ReleaseFolder) -> Facts:
     """Everything around one folder's data, the checksums last."""
-    with run.progress.task(f"release {folder.source}", total=13, unit="files") as task:
-        return _describe(run, folder, task)
-
-
-def _describe(run: Run, folder: ReleaseFolder, task: Task) -> Facts:
-    with reading(shard for part in folder.parts for shard in part.shards):
-        facts = measure.measure(run, folder)
-    for path in folder.path.glob("LICENSE-*.txt"):
-        path.unlink()
-    version = run.profile.release.version
-    changed = provenance.changes(run.root, folder, facts, version)
-    texts = {
-        "README.md": card(run, facts, changed),
-        "DATASHEET.md": datasheet(run, facts),
-        "CITATION.cff": citation(run, facts),
-        "LICENSE": law(run, facts),
-        "croissant.json": croissant(run, facts),
-        folders.DEPOSIT: deposit(run, facts),
-        **{
-            f"LICENSE-{name}.txt": KNOWN[name].text
-            for name, _ in facts.licences
-            if name in KNOWN and name != facts.licence
-        },
-        **provenance.files(run, folder.source, changed),
-    }
-    if provenance.KEYWORDS not in texts:
-        (folder.path / provenance.KEYWORDS).unlink(missing_ok=True)
-    for name, text in texts.items():
-        write_text(folder.path / name, text)
-        task.advance()
-    _tombstones(run, folder)
-    write_samples(folder, run.profile.release.sample_mb)
-    write_text(folder.path / SUMS, listed(folder.files()))
-    provenance.record(run.root, folder, facts, version)
-    task.advance(3)
-    return facts
-
-
-def _tombstones(run: Run, folder: ReleaseFolder) -> None:
-    """Keys removed since collection began, of whatever the folder names."""
-    declared = table("shared/tombstones")
-    parts = [tombstones.read(run.root, source) for source in made_of(folder.source)]
-    rows = pa.concat_tables([part.select(declared.names(released=True)) for part in parts])
-    write_text(folder.path / TOMBSTONES, tombstone_lines(rows))
+    with run.progress.task(f"release {folder.source}", unit="files") as task:
+        with reading(shard for part in folder.parts for shard in part.shards):
+            facts = measure.measure(run, folder)
+        for path in folder.path.glob("LICENSE-*.txt"):
+            path.unlink()
+        version = run.profile.release.version
+        changed = provenance.changes(run.root, folder, facts, version)
+        texts = {
+            "README.md": card(run, facts, changed),
+            "DATASHEET.md": datasheet(run, facts),
+            "CITATION.cff": citation(run, facts),
+            "LICENSE": law(run, facts),
+            "croissant.json": croissant(run, facts),
+            folders.DEPOSIT: deposit(run, facts),
+            **{
+                f"LICENSE-{name}.txt": KNOWN[name].text
+                for name, _ in facts.licences
+                if name in KNOWN and name != facts.licence
+            },
+            **provenance.files(run, folder.source, changed),
+        }
+        if provenance.KEYWORDS not in texts:
+            (folder.path / provenance.KEYWORDS).unlink(missing_ok=True)
+        for name, text in texts.items():
+            write_text(folder.path / name, text)
+            task.advance()
+        # Keys removed since collection began, of whatever the folder names.
+        columns = table("shared/tombstones").names(released=True)
+        removed = [tombstones.read(run.root, one).select(columns) for one in made_of(folder.source)]
+        write_text(folder.path / TOMBSTONES, tombstone_lines(pa.concat_tables(removed)))
+        write_samples(folder, run.profile.release.sample_mb)
+        write_text(folder.path / SUMS, listed(folder.files()))
+        provenance.record(run.root, folder, facts, version)
+        task.advance(3)
+        return facts
 
 
 _GROUPS = 5_000  # groups: a sample is for reading

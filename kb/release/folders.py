@@ -21,7 +21,7 @@ from kb.core.sources import PUBLISHED
 from kb.schema import Table, released_tables
 from kb.store.artifact_registry import SUMS
 from kb.store.atomic import write_bytes
-from kb.store.damage import DOWNLOAD, missing
+from kb.store.damage import DOWNLOAD, missing, read_small
 from kb.store.layout import Layout
 from kb.store.tables.checksums import digest
 
@@ -120,7 +120,7 @@ def keep_profile(root: Path, releases: Folders) -> None:
     own = profile_of(releases)
     for path in (own, own.with_name("keywords.tsv")) if own else ():
         if path.is_file():
-            write_bytes(Layout(root).restored() / path.name, path.read_bytes())
+            write_bytes(Layout(root).restored() / path.name, read_small(path, DOWNLOAD))
 
 
 def profile_of(releases: Folders) -> Path | None:

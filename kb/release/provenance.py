@@ -24,6 +24,7 @@ import pyarrow.parquet as pq
 from kb import __version__
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.core.config.profile import Profile
+from kb.core.config.text_files import read_text
 from kb.core.context import Run
 from kb.core.errors import ProfileError
 from kb.core.installation import PROFILE_FILE, lock_digest, software_address
@@ -121,18 +122,20 @@ def rules(profile: Profile, source: str) -> list[tuple[str, str]]:
     values = []
     for rule in PUBLISHED[source].rules:
         section, _, name = rule.partition(".")
-        if (held := getattr(profile, section, None)) is not None:
-            values.append((rule, getattr(held, name)))
+        if (settings := getattr(profile, section, None)) is not None:
+            values.append((rule, getattr(settings, name)))
     if source in SOURCES:
         threshold = profile.toxicity.threshold(source)
         shown = "not dropped" if threshold is None else threshold
         values.append((f"{source}.toxicity", shown))
-    return [(rule, _shown(value)) for rule, value in values if value not in ((), [], "")]
+    return [(rule, _shown(value)) for rule, value in values if value not in ((), [], {}, "")]
 
 
 def _shown(value: Any) -> str:
     if isinstance(value, tuple):
         return ", ".join(map(str, value))
+    if isinstance(value, dict):
+        return ", ".join(f"{name}: {one}" for name, one in value.items())
     if isinstance(value, float):
         return f"{value:g}"
     return str(value).lower() if isinstance(value, bool) else str(value)
@@ -205,7 +208,7 @@ def keyword_text(profile: Profile) -> str:
 
 def _read(path: Path, what: str) -> str:
     try:
-        return path.read_text(encoding="utf-8-sig")
+        return read_text(path)
     except OSError as error:
         raise ProfileError(f"{what} can't be read: {error.strerror}") from None
 

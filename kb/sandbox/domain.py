@@ -73,13 +73,18 @@ def domain_of(profile: Profile) -> Domain:
     listed = keywords.load(profile).every if profile.pairs else ()
     spoken = [one for one in _spoken(listed, choice.names) if not names_topic(topic, one.name)]
     names = [one.name for one in spoken] or list(grammar().nouns)
-    rules = rules_of(profile, _tags(topic))
+    # Tags of a video: the topic, and two that don't name it.
+    free = [tag for tag in grammar().tags if not names_topic(topic, tag)]
+    tags = (topic[0].lower(), *(free if len(free) > 1 else grammar().tags)[:2])
+    rules = rules_of(profile, tags)
     verbs = [forms.split()[0] for forms in profile.tasks.verbs]
     game = youtube.game_ids[0] if youtube and youtube.game_ids else ""
     searches = youtube.keywords if youtube else (profile.title,)
     return Domain(
         title=profile.title,
-        speech=Speech(names, topic, rules.language, verbs),
+        speech=Speech(
+            names, topic, rules.language, verbs, profile.tasks.things, profile.tasks.nouns
+        ),
         rules=rules,
         cases=cases_by(rules),
         labels={"topic": (game, profile.title), "other": (OTHER_LABEL, "Something Else")},
@@ -125,12 +130,6 @@ def _spoken(listed: Sequence[Keyword], names: Sequence[str]) -> list[Keyword]:
         *rng.sample(certain, min(len(certain), _CERTAIN)),
         *rng.sample(everyday, min(len(everyday), _EVERYDAY)),
     ]
-
-
-def _tags(topic: Sequence[str]) -> tuple[str, str, str]:
-    """Tags of a video: the topic, and two that don't name it."""
-    free = [tag for tag in grammar().tags if not names_topic(topic, tag)]
-    return (topic[0].lower(), *(free if len(free) > 1 else grammar().tags)[:2])
 
 
 def _kinds(searches: Sequence[str], channels: int) -> tuple[str, ...]:

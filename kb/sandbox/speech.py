@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import random
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -133,7 +133,8 @@ class Speech:
 
     `names`: what is spoken of, the most frequent first. `topic`: the domain's words, of which the
     first stands in titles, and none in the other texts. `language`: what tracks of the domain's
-    own language say is English. `verbs`: of tasks.
+    own language say is English. `verbs`: of tasks; `things`: the verbs of things that titles
+    name; `nouns`: verbs that may be nouns.
     """
 
     def __init__(
@@ -142,8 +143,11 @@ class Speech:
         topic: Sequence[str],
         language: str = "en",
         verbs: Sequence[str] = (),
+        things: Mapping[str, str] | None = None,
+        nouns: Sequence[str] = (),
     ) -> None:
         given = grammar()
+        self.things, self.task_nouns = dict(things or {}), tuple(nouns)
         self.verbs = tuple(verbs) or ("make",)
         mass, singular = set(given.mass.split()), set(given.singular.split())
         self.topics, self.topic = tuple(topic), topic[0]
@@ -191,9 +195,9 @@ class Speech:
             (line for line in lines if not names_topic(self.topics, line)), cast.subject.title
         )
 
-    def title(self, rng: random.Random, cast: Cast) -> str:
-        """A video's title with the topic in it."""
-        return _title_case(self.line("title", rng, cast))
+    def title(self, rng: random.Random, cast: Cast, rule: str = "title") -> str:
+        """A video's title with the topic in it; `idle_title`: with verbs of tasks, and no task."""
+        return _title_case(self.line(rule, rng, cast))
 
     def task_title(self, rng: random.Random, cast: Cast) -> tuple[str, str]:
         """A title that says what is done, and what: (title, task in lower case)."""
@@ -202,9 +206,21 @@ class Speech:
         values = {"task": task, "topic": self.topic, "n": rng.randint(2, 99)}
         return _title_case(around.format_map(values)), task.lower()
 
-    def idle_title(self, rng: random.Random, cast: Cast) -> str:
-        """A title with verbs of tasks that is no task."""
-        return _title_case(self.line("idle_title", rng, cast))
+    def thing_title(self, rng: random.Random, cast: Cast) -> tuple[str, str]:
+        """The same of a title that names a thing and no verb."""
+        what, verb = rng.choice(sorted(self.things.items()))
+        around = rng.choice(grammar().rules["thing_title"])
+        thing = f"{cast.subject.name} {what}"
+        values = {"thing": thing, "topic": self.topic, "n": rng.randint(2, 99)}
+        praise = next((one for one in ("easiest", "best") if one in around.lower().split()), "")
+        return _title_case(around.format_map(values)), " ".join(f"{verb} {praise} {thing}".split())
+
+    def noun_title(self, rng: random.Random, cast: Cast) -> str:
+        """A title in which a verb is a noun, or a thing is not made."""
+        thing = f"{cast.subject.name} {rng.choice(sorted(self.things))}"
+        around = rng.choice(grammar().rules["noun_title"])
+        values = {"thing": thing, "noun": rng.choice(self.task_nouns), "topic": self.topic}
+        return _title_case(around.format_map(values | {"n": rng.randint(2, 99)}))
 
     def plain_title(self, rng: random.Random, cast: Cast) -> str:
         """A title that doesn't name the topic."""
@@ -224,7 +240,10 @@ class Speech:
         pace = rng.uniform(0.048, 0.062)  # seconds a letter
         pause = 0.6 * max(1.0, seconds / 2_400) ** 1.5
         clock = rng.uniform(0.1, 2.0)
-        closing = self._closing(rng, cast, language)
+        if language in self._foreign:
+            closing = rng.choice(self._foreign[language])
+        else:
+            closing = self.line("closing", rng, cast)
         ends = seconds - 0.3 - pace * letters(closing)
         for text in self._sentences(rng, cast, language):
             length = pace * letters(text)
@@ -238,11 +257,6 @@ class Speech:
         if ends > 0.1:
             sentences.append(Sentence(round(ends, 2), round(pace * letters(closing), 2), closing))
         return sentences
-
-    def _closing(self, rng: random.Random, cast: Cast, language: str) -> str:
-        if language in self._foreign:
-            return rng.choice(self._foreign[language])
-        return self.line("closing", rng, cast)
 
     def _sentences(self, rng: random.Random, cast: Cast, language: str) -> Iterator[str]:
         """Without end: an opening, then steps, each with statements about it."""

@@ -114,7 +114,7 @@ def shown(one: Deposition, draft: Deposition | None, request: Request) -> dict[s
 def checked_metadata(given: dict[str, Any], *, complete: bool) -> dict[str, Any]:
     """The metadata as the service keeps it; 400 with every wrong field.
 
-    `whole`: required ones must be there.
+    `complete`: required ones must be there.
     """
     errors = []
     if complete:

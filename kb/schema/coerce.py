@@ -10,16 +10,16 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Sequence
-from datetime import UTC, datetime
+from datetime import datetime
 from functools import partial
 from itertools import accumulate, chain
-from operator import itemgetter
 from types import NoneType
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core import clock
 from kb.schema.raw import types
 from kb.schema.tables import Type
 
@@ -30,7 +30,7 @@ _DURATION = re.compile(
 )
 _RFC3339 = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
 _SECONDS = (604_800, 86_400, 3_600, 60, 1)
-_TIME = r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,6})?Z$"
+_TIME = r"^(19[7-9]\d|2[01]\d\d)-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,6})?Z$"
 _LARGEST = (1 << 63) - 1
 
 
@@ -99,7 +99,7 @@ def durations(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
 
 
 def times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
-    """RFC 3339 times → UTC, with or without fractions of a second."""
+    """RFC 3339 times from 1970 to 2200 → UTC, with or without fractions of a second."""
     kind = pa.timestamp("us", "UTC")
     try:
         column = pa.array(values, pa.string())
@@ -111,11 +111,11 @@ def times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
 
 
 def unix_times(values: Sequence[Any]) -> tuple[pa.Array[Any], Bad]:
-    """Seconds since 1970, whole or with a fraction → UTC."""
+    """Seconds since 1970, up to 2200, whole or with a fraction → UTC."""
     return _each(
         values,
         pa.timestamp("us", "UTC"),
-        lambda value: datetime.fromtimestamp(a_number(value), UTC),
+        _unix_moment,
     )
 
 
@@ -142,40 +142,45 @@ def lists(values: Sequence[Any], kind: Type) -> tuple[pa.Array[Any], Bad]:
 
 
 def records(values: Sequence[Any], kind: Type, *, clean: bool = False) -> tuple[pa.Array[Any], Bad]:
-    """Lists of fixed rows ([[start, duration, text], …]) as lists of structs, null where absent.
+    """Records whose fields are lists of their own ({"start_s": [0, 1], "text": ["a", "b"]}) as
+    lists of structs, null where absent.
 
-    Fields are numbers and texts; the last ones may be lists of numbers, which a row may leave out.
-    A list of numbers that can't be read is empty, and its row stays.
+    Fields are numbers and texts; the last ones may be lists of numbers, which a record may leave
+    out. A list of numbers that can't be read is empty, and its record stays.
     """
     try:
         return _records(values, kind, clean=clean), []
-    except (ValueError, TypeError, IndexError, OverflowError):  # Arrow's errors are among them
+    except (ValueError, TypeError, LookupError, OverflowError):  # Arrow's errors are among them
         return _each(values, kind.arrow(), partial(_rows, kind=kind))
 
 
 def _records(values: Sequence[Any], kind: Type, *, clean: bool) -> pa.Array[Any]:
-    """Raises ValueError, TypeError, IndexError or OverflowError for an odd list."""
+    """Raises ValueError, TypeError, LookupError or OverflowError for an odd value."""
     assert kind.item is not None
     fields = kind.item.fields
-    rows = list(chain.from_iterable(a_list(value) for value in values if value is not None))
-    if not set(map(type, rows)) <= {list}:
-        raise TypeError
-    if max(map(len, rows), default=0) > len(fields):
-        raise ValueError("a row is too long")
+    there = [value for value in values if value is not None]
+    sizes = [len(a_list(value[fields[0][0]])) for value in there]
     columns: list[pa.Array[Any]] = []
-    for place, (_, inner) in enumerate(fields):
+    for name, inner in fields:
         if inner.item is None:
-            column = flat = pa.array(list(map(itemgetter(place), rows)), inner.arrow())
+            lists = [a_list(value[name]) for value in there]
         else:
-            cells = [row[place] if place < len(row) else None for row in rows]
-            column = pa.array(cells, inner.arrow())
+            lists = [
+                [None] * size if (own := value.get(name)) is None else a_list(own)
+                for value, size in zip(there, sizes, strict=True)
+            ]
+        if list(map(len, lists)) != sizes:
+            raise ValueError("lists of different lengths")
+        column = flat = pa.array(list(chain.from_iterable(lists)), inner.arrow())
+        if inner.item is not None:
             flat = pc.list_flatten(column)
         if flat.null_count or (inner.text == "string" and not clean and _holds_nul(flat)):
             raise ValueError("a cell is odd")
         columns.append(column)
-    sizes = (0 if value is None else len(value) for value in values)
+    left = iter(sizes)
+    ends = accumulate((0 if value is None else next(left) for value in values), initial=0)
     return pa.ListArray.from_arrays(
-        pa.array(accumulate(sizes, initial=0), pa.int32()),
+        pa.array(ends, pa.int32()),
         pa.StructArray.from_arrays(columns, names=[name for name, _ in fields]),
         type=kind.arrow(),
         mask=pa.array([value is None for value in values], pa.bool_()),
@@ -183,17 +188,18 @@ def _records(values: Sequence[Any], kind: Type, *, clean: bool) -> pa.Array[Any]
 
 
 def _rows(value: Any, kind: Type) -> list[dict[str, Any]]:
-    """A list of fixed rows, cell by cell."""
+    """Records, cell by cell."""
     assert kind.item is not None
-    fields = kind.item.fields
-    least = sum(inner.item is None for _, inner in fields)
-    rows = [a_list(row) for row in a_list(value)]
-    if not all(least <= len(row) <= len(fields) for row in rows):
-        raise ValueError("a row of another length")
-    return [
-        {name: _cell(cell, inner) for (name, inner), cell in zip(fields, row, strict=False)}
-        for row in rows
-    ]
+    if not isinstance(value, dict):
+        raise TypeError
+    made: dict[str, list[Any]] = {}
+    for name, inner in kind.item.fields:
+        if inner.item is not None and value.get(name) is None:
+            made[name] = [None] * max(map(len, made.values()))
+        else:
+            made[name] = [_cell(cell, inner) for cell in a_list(value[name])]
+    rows = zip(*made.values(), strict=True)
+    return [dict(zip(made, cells, strict=True)) for cells in rows]
 
 
 def _cell(value: Any, kind: Type) -> Any:
@@ -278,10 +284,20 @@ def _duration(value: Any) -> int:
     return total
 
 
+def _unix_moment(value: Any) -> datetime:
+    at = clock.since_1970(a_number(value))
+    if at is None:
+        raise ValueError
+    return at
+
+
 def _moment(value: Any) -> datetime:
     if not isinstance(value, str) or not value.isascii() or not _RFC3339.fullmatch(value):
         raise ValueError
-    return datetime.fromisoformat(value).astimezone(UTC)
+    at = clock.parse(value)
+    if not clock.FIRST <= at <= clock.LAST:
+        raise ValueError
+    return at
 
 
 def a_list(value: Any) -> list[Any]:

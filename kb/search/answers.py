@@ -1,11 +1,11 @@
 """The best passages of a data root, as answers with a snippet and a link to the very place."""
 
-import difflib
 import re
 from collections import Counter
 from collections.abc import Sequence
+from difflib import SequenceMatcher, get_close_matches
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import pyarrow.parquet as pq
@@ -16,7 +16,7 @@ from kb.artifacts.table_catalog import NO_TABLES, Catalog
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
 from kb.search.passage import Passage
-from kb.search.query import corrected, question
+from kb.search.query import clean, is_asking, question
 from kb.search.ranking import IndexedTerm, Only, Ranked, Weights, rank
 from kb.search.tantivy_index import PassageIndex
 from kb.store.layout import Layout
@@ -25,6 +25,11 @@ from kb.store.tables.reading import reading
 
 MARK = "**"  # around matching words
 MOST = 32  # words
+_KNOWN = 50_000  # most frequent words with the same first letter that are compared
+_LEAST = 0.7  # similarity (difflib's ratio) of a word to one that is suggested for it
+_COMPARED = 20  # nearest words of which the most frequent is chosen
+_AS_NEAR = 0.05  # of such a similarity: within that the more frequent word is taken
+_READ = 20  # passages in which the spelling of a stem is looked up
 
 
 class NotIndexed(UsageError):
@@ -79,10 +84,67 @@ def search(
 
 def suggest(root: Path, words: str, *, sources: Sequence[str] = ()) -> str:
     """The query with each word that no passage has in its nearest spelling that some have; "" where
-    every word is known, or nothing is near. Raises as `search`.
+    every word is known, one has nothing near, or that has no answers either. The first letter of a
+    word is taken as typed; what only asks ("how do I make") is left as it is. Raises as `search`.
     """
     usable_sources = usable(root, sources or tuple(SOURCES))
-    return corrected([_opened(root, source) for source in usable_sources], words)
+    indexes = {source: _opened(root, source) for source in usable_sources}
+    text = clean(words)
+    for word in {
+        word
+        for term in question(words).terms
+        if not term.prefix
+        for word in term.text.split()
+        if not is_asking(word)
+    }:
+        known = any(
+            min(map(one.frequency, one.analyzer.analyze(word)), default=1)
+            for one in indexes.values()
+        )
+        if not known:
+            if not (other := _nearest([*indexes.values()], word)):
+                return ""
+            text = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", other, text)
+    if text == clean(words):
+        return ""
+    asked = question(text)
+    return text if rank(indexes, asked, Weights(indexes, asked), Only(limit=1)) else ""
+
+
+def _nearest(indexes: Sequence[PassageIndex], word: str) -> str:
+    """The word of a passage that is most like a given one, "" where none is."""
+    frequencies: Counter[str] = Counter()
+    stem = "".join(indexes[0].analyzer.analyze(word))
+    for one in indexes:
+        frequencies.update(dict(one.frequencies(stem[:1], _KNOWN)))
+    near = get_close_matches(stem, frequencies, n=_COMPARED, cutoff=_LEAST)
+    if not near:
+        return ""
+    least = _likeness(near[0], stem) - _AS_NEAR
+    best = [other for other in near if _likeness(other, stem) >= least]
+    return _spelling(indexes, min(best, key=lambda one: (-frequencies[one], one)), word)
+
+
+def _likeness(one: str, other: str) -> float:
+    return SequenceMatcher(None, one, other).ratio()
+
+
+def _spelling(indexes: Sequence[PassageIndex], stem: str, word: str) -> str:
+    """The word with this stem, in the first passages that have one, that is most like `word`."""
+    spellings: Counter[str] = Counter()
+    for one in indexes:
+        for passage in one.first(one.phrase([stem]), _READ):
+            text = f"{passage.title} {passage.path} {passage.text} {passage.alt}".lower()
+            spellings.update(
+                text[token.char_offset_from : token.char_offset_to]
+                for token in one.analyzer.pre_tokenize(text).tokens
+                if token.text == stem
+            )
+    return min(
+        spellings,
+        key=lambda one: (-_likeness(one, word.lower()), -spellings[one], one),
+        default="",
+    )
 
 
 def usable(root: Path, sources: Sequence[str]) -> list[str]:
@@ -116,20 +178,21 @@ def _answer(
     index: PassageIndex, ranked: Ranked, marked: Sequence[IndexedTerm], size: int
 ) -> SearchHit:
     one = index.passage(ranked.address)
-    shown = snippet(one.text, index.analyzer, marked)
-    if not shown.marks and one.alt:
-        alt = snippet(one.alt, index.analyzer, marked)
-        shown = alt if alt.marks or not one.text else shown
+    shown, marks = snippet(one.text, index.analyzer, marked)
+    if not marks and one.alt:
+        alt, of_alt = snippet(one.alt, index.analyzer, marked)
+        if of_alt or not one.text:
+            shown, marks = alt, of_alt
     if not (one.text or one.alt):
-        shown = snippet(one.title, index.analyzer, marked)
+        shown, marks = snippet(one.title, index.analyzer, marked)
     start, url = None, one.url
     if one.times:
-        start = _second(one, shown.marks)
+        start = _second(one, marks)
         url = re.sub(r"&t=\d+s$", f"&t={int(start)}s", url)
     text = one.text.replace("\n", " ") if one.times else one.text
     return SearchHit(
         text=cut(text or one.alt or one.title, size),
-        snippet=shown.text,
+        snippet=shown,
         source=ranked.source,
         kind=one.kind,
         key=one.key,
@@ -190,7 +253,7 @@ def entity(root: Path, name: str) -> str:
     forms = {alias: str(row["entity"]) for row in rows for alias in row["aliases"]}
     if match := names.get(wanted) or forms.get(wanted):
         return match
-    near = difflib.get_close_matches(wanted, [*names, *forms], n=3, cutoff=0.6)
+    near = get_close_matches(wanted, [*names, *forms], n=3, cutoff=0.6)
     listed = dict.fromkeys(names.get(one) or forms[one] for one in near)
     hint = f"did you mean {' or '.join(listed)}?" if listed else ""
     lists = '`kb query "SELECT entity FROM links.entities"` lists them'
@@ -214,67 +277,57 @@ def keys(root: Path, name: str, sources: Sequence[str]) -> dict[str, list[str]]:
     return {source: sorted(linked_keys) for source, linked_keys in linked.items()}
 
 
-class Snippet(NamedTuple):
-    """A part of a text in one line, "…" where more stands; `marks` are (first character, words) in
-    the text of what is marked in it.
-    """
+def snippet(
+    text: str, analyzer: TextAnalyzer, marked: Sequence[IndexedTerm]
+) -> tuple[str, list[tuple[int, int]]]:
+    """A part of a text in one line, "…" where more stands, and (first character, words) in the text
+    of what is marked in it.
 
-    text: str
-    marks: list[tuple[int, int]]
-
-
-class _Span(NamedTuple):
-    """Words that match a term: the first, one past the last, the number of the term."""
-
-    first: int
-    after: int
-    term: int
-
-
-def snippet(text: str, analyzer: TextAnalyzer, marked: Sequence[IndexedTerm]) -> Snippet:
-    """The MOST words with the longest of the terms, then with the most different ones, then with
-    the most marks, then the first; without any the beginning.
+    It has the MOST words with the longest of the terms, then with the most different ones, then
+    with the most marks, then the first; without any the beginning.
     """
     tokens = analyzer.pre_tokenize(text).tokens
     words = [token.text for token in tokens]
     spans = _spans(words, marked)
     begin = _begin(spans, len(words))
     end = min(begin + MOST, len(words))
-    shown = [one for one in spans if begin <= one.first and one.after <= end]
+    shown = [(first, after) for first, after, _ in spans if begin <= first and after <= end]
     at = tokens[begin].char_offset_from if begin else 0
     last = tokens[end - 1].char_offset_to if end < len(words) else len(text)
     assert last is not None
     parts = []
-    for one in shown:
-        first, after = tokens[one.first].char_offset_from, tokens[one.after - 1].char_offset_to
-        assert after is not None
-        parts += [text[at:first], MARK, text[first:after], MARK]
-        at = after
+    for first, after in shown:
+        start, stop = tokens[first].char_offset_from, tokens[after - 1].char_offset_to
+        assert stop is not None
+        parts += [text[at:start], MARK, text[start:stop], MARK]
+        at = stop
     marked_text = "".join(["…" * (begin > 0), *parts, text[at:last], "…" * (end < len(words))])
-    marks = [(tokens[one.first].char_offset_from, one.after - one.first) for one in shown]
-    return Snippet(" ".join(marked_text.split()), marks)
+    marks = [(tokens[first].char_offset_from, after - first) for first, after in shown]
+    return " ".join(marked_text.split()), marks
 
 
-def _spans(words: Sequence[str], marked: Sequence[IndexedTerm]) -> list[_Span]:
-    """Where the terms stand, none inside of another: the first, and of these the longest."""
+def _spans(words: Sequence[str], marked: Sequence[IndexedTerm]) -> list[tuple[int, int, int]]:
+    """Where the terms stand, none inside of another: the first word, one past the last, and the
+    number of the term; the first, and of these the longest.
+    """
     spans = []
     for number, one in enumerate(marked):
-        spans += [_Span(at, at + len(one.words), number) for at in one.places(words)]
-    kept: list[_Span] = []
-    for span in sorted(spans, key=lambda one: (one.first, -one.after)):
-        if not kept or span.first >= kept[-1].after:
+        spans += [(at, at + len(one.words), number) for at in one.places(words)]
+    kept: list[tuple[int, int, int]] = []
+    for span in sorted(spans, key=lambda one: (one[0], -one[1])):
+        if not kept or span[0] >= kept[-1][1]:
             kept.append(span)
     return kept
 
 
-def _begin(spans: Sequence[_Span], count: int) -> int:
+def _begin(spans: Sequence[tuple[int, int, int]], count: int) -> int:
     """The first word of the best part, what is marked in the middle of it."""
     best, begin = (0, 0, 0), 0
-    for one in spans:
-        near = [two for two in spans if two.first >= one.first and two.after <= one.first + MOST]
-        longest = max((two.after - two.first for two in near), default=0)
-        worth = longest, len({two.term for two in near}), len(near)
+    for first, _, _ in spans:
+        near = [one for one in spans if one[0] >= first and one[1] <= first + MOST]
+        longest = max((after - start for start, after, _ in near), default=0)
+        worth = longest, len({term for _, _, term in near}), len(near)
         if near and worth > best:
             best = worth
-            begin = one.first - (MOST - (near[-1].after - one.first)) // 2
+            begin = first - (MOST - (near[-1][1] - first)) // 2
     return max(0, min(begin, count - MOST))

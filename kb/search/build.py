@@ -5,7 +5,6 @@ manifest.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from kb.artifacts import domain_binding, freshness, manifest, texts
 from kb.artifacts import index as index_of
@@ -16,13 +15,6 @@ from kb.core.sources import SOURCES
 from kb.core.summary import Summary
 from kb.search import tantivy_index
 from kb.search.tantivy_index import STEMMERS
-
-
-class BuiltIndex(NamedTuple):
-    """A source's index: its passages, and whether it had to be made."""
-
-    passages: int
-    fresh: bool
 
 
 def index(run: Run) -> Summary:
@@ -40,29 +32,31 @@ def index(run: Run) -> Summary:
         )
     return Summary(
         command="index",
-        passages=sum(one.passages for one in made.values()),
-        indexed=sorted(source for source, one in made.items() if one.fresh),
-        sources={source: one.passages for source, one in made.items()},
+        passages=sum(count for count, _ in made.values()),
+        indexed=sorted(source for source, (_, is_fresh) in made.items() if is_fresh),
+        sources={source: count for source, (count, _) in made.items()},
         path=str(index_of.folder(run.root, next(iter(made))).parent),
     )
 
 
-def follow(run: Run, source: str) -> BuiltIndex | None:
-    """Make the source's index again where it has to be, or where the run says `again`.
+def follow(run: Run, source: str) -> tuple[int, bool] | None:
+    """Make the source's index again where it has to be, or where the run says `again`: its
+    passages, and whether it had to be made.
 
     None where the source has no texts: then no index stays either. Raises as `index`.
     """
     name, root, catalog = f"index/{source}", run.root, Catalog(run.root.absolute())
-    if not catalog.is_writable and (built := _built(run, source)):
-        return built  # perhaps in the data root itself
+    if not catalog.is_writable and (count := _passages(run, source)) is not None:
+        return count, False  # perhaps in the data root itself
     home = catalog.path if catalog.is_writable else catalog.cached
     with domain_binding.writing(run, f"index-{source}", workplace=home):
         if not texts.files(root, name):
             index_of.remove(root, source)
             return None
-        if built := _built(run, source):
-            return built
-        inputs, stemmer = texts.inputs(root, name), _stemmer(run)
+        if (count := _passages(run, source)) is not None:
+            return count, False
+        youtube, inputs = run.profile.youtube, texts.inputs(root, name)
+        stemmer = STEMMERS.get("en" if youtube is None else youtube.language, "")
         settings = freshness.settings(run, name)
         with (
             run.progress.task(f"index {source}", unit="passages") as task,
@@ -71,11 +65,11 @@ def follow(run: Run, source: str) -> BuiltIndex | None:
             passages = SOURCES[source].passages(run.profile, root)
             count = tantivy_index.write(fresh.folder, stemmer, passages, task.advance)
             fresh.figures = {"passages": count, "stemmer": stemmer}
-    return BuiltIndex(count, fresh=True)
+    return count, True
 
 
-def _built(run: Run, source: str) -> BuiltIndex | None:
-    """The source's index as it is; None where it has to be made."""
+def _passages(run: Run, source: str) -> int | None:
+    """How many passages the source's index has; None where it has to be made."""
     place, made = index_of.folder(run.root, source), index_of.known(run.root, source)
     if (
         run.again
@@ -85,12 +79,7 @@ def _built(run: Run, source: str) -> BuiltIndex | None:
         or index_of.damaged(place, made)
     ):
         return None
-    return BuiltIndex(made.figures["passages"], fresh=False)
-
-
-def _stemmer(run: Run) -> str:
-    youtube = run.profile.youtube
-    return STEMMERS.get("en" if youtube is None else youtube.language, "")
+    return made.figures["passages"]
 
 
 def ensure(run: Run, sources: Sequence[str]) -> None:

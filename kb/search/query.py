@@ -1,4 +1,4 @@
-"""Parses a search query, and corrects its misspelt words by the words of the indexes.
+"""Parses a search query.
 
     wolf tame       either word, the more and the rarer the better; words that only make a
                     sentence ("how", "the") count where nothing else is asked for
@@ -12,13 +12,9 @@ columns mean nothing here. Only a text without a word to look for is an error.
 
 import re
 import unicodedata
-from collections import Counter
-from collections.abc import Sequence
-from difflib import SequenceMatcher, get_close_matches
 from typing import NamedTuple
 
 from kb.core.errors import UsageError
-from kb.search.tantivy_index import PassageIndex
 
 MOST = 32  # terms of one question; what is typed after them is left out
 _TERM = re.compile(r'(?P<sign>(?<!\S)[+-])?(?:"(?P<phrase>[^"]*)"?|(?P<word>[^\s"]+))(?P<any>\*)?')
@@ -32,6 +28,21 @@ _SMALL = {
     "that", "the", "their", "them", "then", "there", "these", "they", "this", "those", "to",
     "us", "was", "we", "were", "what", "when", "where", "which", "who", "whom", "whose", "why",
     "will", "with", "would", "you", "your",
+    "cant", "doesnt", "dont", "hows", "im", "ive", "whats", "wheres", "whos",
+}  # fmt: skip
+_NEGATED = {
+    "aren", "couldn", "didn", "doesn", "don", "hadn", "hasn", "haven", "isn", "shouldn", "wasn",
+    "weren", "won", "wouldn",
+}  # fmt: skip
+_SHORTENED = {"d", "ll", "m", "re", "s", "t", "ve"}  # behind an apostrophe
+# What is asked about anything, beside what it is asked about.
+_ASKING = {
+    "anyone", "best", "build", "building", "craft", "crafting", "difference", "easiest", "easily",
+    "explain", "fast", "fastest", "find", "finding", "get", "getting", "gets", "good", "guide",
+    "happen", "happens", "help", "kind", "know", "list", "long", "look", "looks", "made", "make",
+    "makes", "making", "many", "mean", "means", "much", "need", "needed", "obtain", "obtaining",
+    "quickly", "recipe", "show", "tell", "thing", "things", "tips", "tutorial", "type", "types",
+    "use", "used", "uses", "using", "want", "way", "ways", "work", "working", "works",
 }  # fmt: skip
 
 
@@ -104,8 +115,16 @@ def question(text: str) -> Question:
 
 
 def is_small(word: str) -> bool:
-    """Whether a word only makes a sentence."""
-    return word.lower() in _SMALL
+    """Whether a word only makes a sentence; "what's" comes as two."""
+    first, *rest = word.lower().split()
+    if not _SHORTENED.issuperset(rest):
+        return False
+    return first in _SMALL or (first in _NEGATED and rest == ["t"])
+
+
+def is_asking(word: str) -> bool:
+    """Whether a word says what is asked, and not about what."""
+    return is_small(word) or word.lower() in _ASKING
 
 
 def clean(text: str) -> str:
@@ -114,63 +133,3 @@ def clean(text: str) -> str:
     """
     signs = "".join(" " if unicodedata.category(one) in ("Cc", "Cs") else one for one in text)
     return unicodedata.normalize("NFC", signs)
-
-
-_KNOWN = 50_000  # most frequent words with the same first letter that are compared
-_LEAST = 0.7  # similarity (difflib's ratio) of a word to one that is suggested for it
-_COMPARED = 20  # nearest words of which the most frequent is chosen
-_AS_NEAR = 0.05  # of such a similarity: within that the more frequent word is taken
-_READ = 20  # passages in which the spelling of a stem is looked up
-
-
-def corrected(indexes: Sequence[PassageIndex], query: str) -> str:
-    """The query with each word that is in none of these indexes in its nearest spelling.
-
-    "" where every word is in some passage, or no other is near. The first letter of a word is taken
-    as typed. Raises UsageError for a query without a word.
-    """
-    asked = question(query)
-    text = clean(query)
-    for word in {word for term in asked.terms if not term.prefix for word in term.text.split()}:
-        known = any(
-            min(map(index.frequency, index.analyzer.analyze(word)), default=1) for index in indexes
-        )
-        if not known and (other := _nearest(indexes, word)):
-            text = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", other, text)
-    return "" if text == clean(query) else text
-
-
-def _nearest(indexes: Sequence[PassageIndex], word: str) -> str:
-    """The word of a passage that is most like a given one, "" where none is."""
-    frequencies: Counter[str] = Counter()
-    stem = "".join(indexes[0].analyzer.analyze(word))
-    for index in indexes:
-        frequencies.update(dict(index.frequencies(stem[:1], _KNOWN)))
-    near = get_close_matches(stem, frequencies, n=_COMPARED, cutoff=_LEAST)
-    if not near:
-        return ""
-    least = _likeness(near[0], stem) - _AS_NEAR
-    best = [other for other in near if _likeness(other, stem) >= least]
-    return _spelling(indexes, min(best, key=lambda one: (-frequencies[one], one)), word)
-
-
-def _likeness(one: str, other: str) -> float:
-    return SequenceMatcher(None, one, other).ratio()
-
-
-def _spelling(indexes: Sequence[PassageIndex], stem: str, word: str) -> str:
-    """The word with this stem, in the first passages that have one, that is most like `word`."""
-    spellings: Counter[str] = Counter()
-    for index in indexes:
-        for passage in index.first(index.phrase([stem]), _READ):
-            text = f"{passage.title} {passage.path} {passage.text} {passage.alt}".lower()
-            spellings.update(
-                text[token.char_offset_from : token.char_offset_to]
-                for token in index.analyzer.pre_tokenize(text).tokens
-                if token.text == stem
-            )
-    return min(
-        spellings,
-        key=lambda one: (-_likeness(one, word.lower()), -spellings[one], one),
-        default=stem,
-    )

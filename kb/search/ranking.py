@@ -13,6 +13,10 @@ like a prefix counts once, as if all such words were one.
 their rarities; where it has all that are not small in the order asked, with the same gaps give or
 take a word, more than all this can sum up to; and where it has all of them side by side, as much
 again. So such passages rank above all that only share the words.
+
+Passages of a thing whose title is the question come before them. A question's words that only ask
+("how do I make …") are no part of what it is about: a page is also found by its title among the
+words, and counts for the share of them that its title has, by their rarities.
 """
 
 import math
@@ -26,10 +30,14 @@ from typing import NamedTuple
 from tantivy import Occur, Query
 
 from kb.core.errors import UsageError
-from kb.search.query import Question, Term, is_small
+from kb.search.query import MOST, Question, Term, is_asking, is_small
 from kb.search.tantivy_index import PassageIndex
 
 _HIGHEST = 2.2  # k + 1: what a term adds at most, as a multiple of its rarity
+_TITLE = 3  # times `order`: above all that words can sum up to
+_PAGE = 1.02  # of two things with the title, the page comes first
+_EVERY = 1.1  # where the title has all words of the question, small ones too
+_LONGEST = 8  # words of a title within a question
 _MARKED = 0.3  # of the rarest term's rarity
 _DIGITS = 3  # of a score; the engine computes with seven in all
 _AHEAD = 64  # passages that are looked at first, as several may be of one thing
@@ -119,6 +127,7 @@ class Weights:
 
     def __init__(self, indexes: Mapping[str, PassageIndex], question: Question) -> None:
         self._size = sum(index.size for index in indexes.values())
+        self._unknown: set[str] = set()
         run = Term(" ".join(question.run))
         self.indexed = {
             source: {
@@ -139,9 +148,44 @@ class Weights:
         for term in terms:
             frequencies = [one[term].frequencies for one in self.indexed.values()]
             if all(frequencies):
-                counts = map(sum, zip(*frequencies, strict=True))
+                counts = [sum(each) for each in zip(*frequencies, strict=True)]
                 made[term] = sum(rarity(self._size, count) for count in counts)
+                if min(counts) == 0:
+                    self._unknown.add(term.text)
         return made
+
+    def titles(self, index: PassageIndex, question: Question) -> list[Query]:
+        """Passages of what is named in the question, each with its score: pages by the share that
+        their title has of what it is about, other things by all of it.
+        """
+        if any(term.prefix for term in question.terms):
+            return []
+        words = question.run[:MOST] or tuple(term.text for term in question.terms)
+        large = tuple(word for word in words if not is_small(word)) or words
+        about = {word for word in large if not is_asking(word)}.difference(self._unknown)
+        about = about or {*large}
+        weigh = {word: self.terms.get(Term(word), 1.0) for word in about}
+        as_one = {word: "".join(index.analyzer.analyze(word)) for word in words}
+        subject = tuple(word for word in words if word in about)
+        pages: dict[str, float] = {}
+        for some in (words, large):
+            for first in range(len(some)):
+                for after in range(first + 1, min(first + _LONGEST, len(some)) + 1):
+                    name = "".join(as_one[word] for word in some[first:after])
+                    share = sum(weigh[word] for word in about.intersection(some[first:after]))
+                    pages[name] = max(share / sum(weigh.values()), pages.get(name, 0.0))
+        others = {
+            "".join(as_one[word] for word in some): share
+            for some, share in ((subject, 1.0), (large, 1.0), (words, _EVERY))
+        }
+        found = (
+            (index.named(name, pages=is_page), share * (_PAGE if is_page else 1))
+            for some, is_page in ((pages | others, True), (others, False))
+            for name, share in some.items()
+            if name and share
+        )
+        most = _TITLE * self.order
+        return [Query.const_score_query(query, share * most) for query, share in found if query]
 
     def marked(self, source: str) -> list[IndexedTerm]:
         """What a snippet marks: all words in the order asked, then those that are not everywhere,
@@ -208,6 +252,8 @@ def _query(
     if len(large := weights.large[source]) > 1:
         in_order = Query.const_score_query(index.in_order(large), weights.order)
         parts.append((Occur.Should, in_order))
+    if titles := weights.titles(index, question):
+        parts.append((Occur.Should, Query.disjunction_max_query(titles)))
     needed, barred = (
         [terms[term].constant(0.0) for term in given if terms[term].words]
         for given in (question.needed, question.barred)

@@ -2,7 +2,9 @@
 
 A passage is one document. Its `words` are its title twice, its headings, its text and its alt texts
 one after the other, so that a word of the title counts twice; a phrase never reaches from one into
-the next. Next to them are the fields that filters use, and `row`, all that an answer shows.
+the next. `name` is the title as one word, so that it is found whatever its signs and spaces: with
+all its words, without the small ones, and without what stands in brackets behind it. Next to them
+are the fields that filters use, and `row`, all that an answer shows.
 """
 
 import contextlib
@@ -18,11 +20,13 @@ import tantivy
 from tantivy import Filter, Occur, Query, Tokenizer
 
 from kb.artifacts import index as index_of
-from kb.search.passage import KINDS, Passage
+from kb.search.passage import KINDS, PAGES, Passage
+from kb.search.query import is_small
 from kb.store.damage import opening, unreadable
 from kb.store.full_disk import full_disk_is_resumable
 
-WORDS, KEY, KIND, NUMBER, THING, DAY, ROW = "words", "key", "kind", "number", "thing", "day", "row"
+WORDS, NAME, KEY, KIND, NUMBER = "words", "name", "key", "kind", "number"
+THING, DAY, ROW = "thing", "day", "row"
 ANALYZER = "words"  # the name of kb.search.tantivy_index.analyzer in an index
 _SPECIAL = re.compile(r"[^\w\s]")  # signs of a pattern; folding makes some: "⑴" is "(1)"
 
@@ -42,7 +46,8 @@ def schema() -> tantivy.Schema:
     """The fields of a passage."""
     made = tantivy.SchemaBuilder()
     made.add_text_field(WORDS, tokenizer_name=ANALYZER)
-    made.add_text_field(KEY, tokenizer_name="raw", index_option="basic")
+    for name in (NAME, KEY):
+        made.add_text_field(name, tokenizer_name="raw", index_option="basic")
     for name in (KIND, NUMBER, THING, DAY):
         made.add_integer_field(name, fast=True)
     made.add_bytes_field(ROW, stored=True)
@@ -127,6 +132,14 @@ class PassageIndex:
     def keys(self, keys: Iterable[str]) -> Query:
         return Query.term_set_query(self.schema, KEY, list(keys))
 
+    def named(self, name: str, *, pages: bool) -> Query | None:
+        """Passages of the pages, or of other things, whose title is this word; None for none."""
+        name = f"{pages:d}{name}"
+        with self._reading():
+            if not self._searcher.doc_freq(NAME, name):
+                return None
+        return Query.term_query(self.schema, NAME, name, "basic")
+
     def best(self, query: Query, most: int) -> list[IndexHit]:
         """The passages of a query with the highest scores; the order of equal ones is random."""
         with self._reading():
@@ -188,6 +201,19 @@ def analyzer(stemmer: str) -> tantivy.TextAnalyzer:
     return (made.filter(Filter.stemmer(stemmer)) if stemmer else made).build()
 
 
+_BEHIND = re.compile(r"\s*\([^()]*\)\s*$")
+
+
+def names(title: str, analyzer: tantivy.TextAnalyzer) -> set[str]:
+    """What a title is found by as a whole."""
+    made = set()
+    for text in (title, _BEHIND.sub("", title)):
+        words = text.split()
+        for some in (words, [word for word in words if not is_small(word)]):
+            made.add("".join(analyzer.analyze(" ".join(some))))
+    return made - {""}
+
+
 _HEAP = 128 << 20  # bytes that all threads of a writer may take before they write a segment
 _THREADS = 2  # on any machine, so that the memory is the same
 _AT_ONCE = 4_096  # passages between two reports of progress
@@ -206,14 +232,19 @@ def write(
     one thing come together. On a full disk tantivy says only that one of its threads failed.
     """
     index = tantivy.Index(schema(), path=str(folder))
-    index.register_tokenizer(ANALYZER, analyzer(stemmer))
+    words = analyzer(stemmer)
+    index.register_tokenizer(ANALYZER, words)
     count = reported = things = 0
-    thing = None
+    thing = title = None
+    found_by: set[str] = set()
     writer = index.writer(heap_size=heap, num_threads=_THREADS)
     for count, passage in enumerate(passages, 1):
         things += passage.thing != thing
         thing = passage.thing
-        writer.add_document(_document(passage, count, things))
+        if title != passage.title:
+            title = passage.title
+            found_by = names(title, words)
+        writer.add_document(_document(passage, found_by, count, things))
         if count - reported == _AT_ONCE:
             advance(_AT_ONCE)
             reported = count
@@ -225,11 +256,15 @@ def write(
     return count
 
 
-def _document(passage: Passage, number: int, thing: int) -> tantivy.Document:
+def _document(
+    passage: Passage, found_by: Iterable[str], number: int, thing: int
+) -> tantivy.Document:
     made = tantivy.Document()
     for text in (passage.title, passage.title, passage.path, passage.text, passage.alt):
         if text:
             made.add_text(WORDS, text)
+    for name in found_by:
+        made.add_text(NAME, f"{passage.kind in PAGES:d}{name}")
     made.add_text(KEY, passage.key)
     made.add_integer(KIND, KINDS.index(passage.kind))
     made.add_integer(NUMBER, number)

@@ -2,7 +2,7 @@
 
     raw/<source> → clean/<source> → release/<source>, export/…, index/<source>
                    clean/youtube → pairs → release/pairs, export/…
-                   clean/youtube → tasks → release/tasks, export/…
+                   clean/youtube, labels → tasks → release/tasks, export/…
                    clean/<every source> → links → release/links
                    clean/youtube → release/open-text
 
@@ -25,8 +25,6 @@ from kb.core.sources import (
 from kb.schema.tables import tables
 from kb.store.layout import Layout
 
-VERDICTS = ("rejected", "failed", "pending")
-
 MANIFEST = "_manifest.json"
 """The file name of a manifest; the underscore hides it from readers of a folder of Parquet."""
 
@@ -34,10 +32,10 @@ SUMS = "SHA256SUMS"
 """The file name of the checksums of a release folder, and of captured files."""
 
 
-# Of what is made from sources: raw answers that it reads beside their clean rows, the parts of the
+# Of what is made from sources: what else it reads beside their clean rows, the parts of the
 # profile that decide its rows, and the number of its rules.
 _OTHER_INPUTS = {
-    "tasks": ("raw/youtube/ytdlp_playlists",),
+    "tasks": ("raw/youtube/ytdlp_playlists", "labels"),
     "links": ("raw/wiki/pages", "raw/wiki/site"),
 }
 _SETTINGS = {
@@ -45,7 +43,7 @@ _SETTINGS = {
     "tasks": ("tasks", "youtube.topic_keywords", "keywords", "pairs.include"),
     "links": ("keywords", "pairs.include", "pairs.exclude", "pairs.near_words"),
 }
-_RULES = {"pairs": 7, "tasks": 1, "links": 1}
+_RULES = {"pairs": 7, "tasks": 2, "links": 1}
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ class Artifact:
 
     `inputs` are names of other artifacts, "raw/<source>" or "raw/<source>/<kind>". `lock` is the
     lock that its writer holds (kb.store.lock). `reads` are the tables of the inputs that matter,
-    all of them when empty; `whole`: every file of the inputs matters, verdicts included. `settings`
+    all of them when empty; `every_file`: all files of the inputs do, verdicts included. `settings`
     are the parts of the profile that decide its content ("youtube.min_views", "pairs"; "keywords":
     the keyword files; "": all), but for those in `other_settings`. `rules` is raised when the same
     input gives other rows. `public` artifacts are given away as they are, so their manifest is kept
@@ -68,7 +66,7 @@ class Artifact:
     tables: tuple[str, ...] = ()
     reads: tuple[str, ...] = ()
     public: bool = False
-    whole: bool = False
+    every_file: bool = False
     settings: tuple[str, ...] = ()
     other_settings: tuple[str, ...] = ()
     rules: int = 1
@@ -121,7 +119,7 @@ def _declared() -> Iterator[Artifact]:
             f"index-{source}",
             reads=texts,
             settings=("youtube.language",),
-            rules=6,
+            rules=7,
         )
         yield Artifact(f"restored/{source}", (), "kb restore", "restored")
     for name in ("pairs", "tasks", "links"):
@@ -171,7 +169,7 @@ def _declared() -> Iterator[Artifact]:
         (*clean_all, "pairs", "tasks", "links"),
         "kb report",
         "report",
-        whole=True,
+        every_file=True,
         settings=("title", "seed", "toxicity", "report", "youtube.min_duration_s"),
     )
 

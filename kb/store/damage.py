@@ -15,8 +15,10 @@ from typing import BinaryIO
 from kb.core.errors import DamagedData
 from kb.store.artifact_registry import SUMS, artifact_of
 from kb.store.layout import Layout
+from kb.store.out_of_memory import is_out_of_memory
 
 DOWNLOAD = "download it again, into the same folder"
+LINE = 1_000_000  # bytes of a line of JSON
 SMALL = 50_000_000  # bytes of a file that is read as a whole: checksums, tombstones, metadata
 
 
@@ -24,11 +26,12 @@ def remedy(path: Path) -> str:
     """How to get a damaged or missing file again: of a data root, else of a download."""
     if path.name == "tombstones.parquet":
         return "run `kb verify --repair`, which restores it from its copy"
-    match = artifact_of(path)
-    # A download is often named like the folder that it was released from.
-    if match is not None and (not match[1].public or Layout(match[0]).state_folder().is_dir()):
+    match, is_released = artifact_of(path), (path.parent / SUMS).is_file()
+    # A download is often named like the folder that it was released from, or like a data root's.
+    of_root = match is not None and Layout(match[0]).state_folder().is_dir()
+    if match is not None and (of_root or not (match[1].public or is_released)):
         return match[1].hint
-    return DOWNLOAD if (path.parent / SUMS).is_file() else "restore it from a copy"
+    return DOWNLOAD if is_released else "restore it from a copy"
 
 
 def unreadable(path: object, why: Exception | str, hint: str = "") -> DamagedData:
@@ -50,11 +53,13 @@ def missing(paths: Sequence[object], hint: str = "") -> DamagedData:
 
 @contextlib.contextmanager
 def opening(path: object, *kinds: type[Exception], hint: str = "") -> Iterator[None]:
-    """Raises DamagedData where a block that reads a file raises OSError or one of these."""
+    """Raises DamagedData where a block that reads a file raises OSError or one of these. That
+    memory runs out is no damage.
+    """
     try:
         yield
     except Exception as error:
-        if not isinstance(error, (OSError, *kinds)):
+        if not isinstance(error, (OSError, *kinds)) or is_out_of_memory(error):
             raise
         raise unreadable(path, error, hint) from error
 
@@ -68,8 +73,19 @@ def regular(path: Path, hint: str = "", *, links: bool = True) -> Iterator[Binar
     descriptor = os.open(path, flags)
     with os.fdopen(descriptor, "rb") as file:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            raise unreadable(path, "it is no file but a pipe, a device or a folder", hint)
+            raise unreadable(path, "it is not a file but a pipe, a device or a folder", hint)
         yield file
+
+
+def short_lines(path: Path, hint: str = "") -> Iterator[bytes]:
+    """The lines of a file of a stranger's folder: no link, and at most LINE bytes in a line. Raises
+    DamagedData.
+    """
+    with opening(path, hint=hint), regular(path, hint, links=False) as file:
+        while line := file.readline(LINE + 1):
+            if len(line) > LINE:
+                raise unreadable(path, f"a line has more than {LINE:,} bytes", hint)
+            yield line
 
 
 def read_small(path: Path, hint: str = "") -> bytes:

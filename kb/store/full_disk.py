@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from kb.core.errors import DiskFull, KbError, Stopped
+from kb.store.out_of_memory import is_out_of_memory
 
 FULL_HINT = "free some space and run the same command again"
 _WHY = {
@@ -42,20 +43,24 @@ def full_disk_is_resumable(*places: Path) -> Iterator[None]:
 
 def as_disk_full(error: BaseException, *places: Path) -> DiskFull | None:
     """The DiskFull that an error stands for; None for one with another cause."""
-    if isinstance(error, Stopped) or not (isinstance(error, Exception) or _is_panic(error)):
+    # pyo3 makes a PanicException of a panic: it is no Exception, and its class can't be imported.
+    failed = isinstance(error, Exception) or type(error).__name__ == "PanicException"
+    if isinstance(error, Stopped) or not failed:
         return None
-    said = _said_by_system(error)
-    if said is None and not _says_nothing(error):
-        return None
-    if said is None:
-        full = next(filter(_is_full, places), None)
+    cause = _system_error(error)
+    if cause is None:
+        # An error of Lorecrawl says what it means, and so does an errno; others may be a full disk.
+        clear = isinstance(error, KbError) or type(error).__module__[:3] == "kb."
+        clear = clear or is_out_of_memory(error)
+        clear = clear or (isinstance(error, OSError) and error.errno is not None)
+        full = None if clear else next(filter(_is_full, places), None)
         return disk_full(full) if full else None
     # A block that writes one thing has a better name for it than that of a temporary file.
-    named = [] if len(places) == 1 else [*_named(said)]
+    named = [] if len(places) == 1 else [*_named(cause)]
     written = (*named, *places) or (Path(),)
-    on_one = len({_folder(path).stat().st_dev for path in (*written, *_named(said))}) == 1
-    full = None if on_one else next(filter(_is_full, (*written, *_named(said))), written[-1])
-    return disk_full(full or written[0], said.errno or errno.ENOSPC)
+    on_one = len({_folder(path).stat().st_dev for path in (*written, *_named(cause))}) == 1
+    full = None if on_one else next(filter(_is_full, (*written, *_named(cause))), written[-1])
+    return disk_full(full or written[0], cause.errno or errno.ENOSPC)
 
 
 def disk_full(path: Path, number: int = errno.ENOSPC) -> DiskFull:
@@ -69,8 +74,8 @@ def disk_full(path: Path, number: int = errno.ENOSPC) -> DiskFull:
     return DiskFull(f"{what} {free / 1e6:,.1f} MB{more} free", hint=FULL_HINT)
 
 
-def _said_by_system(error: BaseException | None) -> OSError | None:
-    """The error of the system's that is behind this one, if it is about room."""
+def _system_error(error: BaseException | None) -> OSError | None:
+    """The system's error that is behind this one, if it is about room."""
     while error is not None:
         if isinstance(error, OSError) and error.errno in _WHY:
             return error
@@ -79,24 +84,9 @@ def _said_by_system(error: BaseException | None) -> OSError | None:
 
 
 def _named(error: OSError | None) -> Iterator[Path]:
-    """The file that an error of the system's is about, where it says so."""
+    """The file that an error of the system is about, where it says so."""
     if error is not None and isinstance(error.filename, str | bytes):
         yield Path(os.fsdecode(error.filename))
-
-
-def _says_nothing(error: BaseException) -> bool:
-    """Whether an error may be a full disk for all that is known.
-
-    Those of Lorecrawl say what they mean, and so does an errno.
-    """
-    if isinstance(error, (KbError, MemoryError)) or type(error).__module__.startswith("kb."):
-        return False
-    return not (isinstance(error, OSError) and error.errno is not None)
-
-
-def _is_panic(error: BaseException) -> bool:
-    """Whether it is what pyo3 makes of a panic: no Exception, and its class can't be imported."""
-    return type(error).__name__ == "PanicException"
 
 
 def _is_full(path: Path) -> bool:

@@ -39,7 +39,7 @@ TOP = (
 CAPTURED = "wiki"
 """The source with captured files beside its raw answers."""
 
-_PAIRS = ("pairs/pairs", "pairs/quality")
+_PAIRS = ("pairs/pairs", "pairs/quality", "pairs/scores")
 _TASKS = ("tasks/tasks", "tasks/titles")
 _LINKS = ("links/entities", "links/links")
 _SHARING = (*_PAIRS, *_TASKS, *_LINKS)  # tables with another one in their folder
@@ -171,7 +171,6 @@ class Layout:
 
     @property
     def pairs(self) -> Path:
-        """The pairs of videos and texts."""
         return self.root / "pairs"
 
     @property
@@ -180,18 +179,20 @@ class Layout:
         return self.state_folder("pairs")
 
     @property
+    def scoring(self) -> Path:
+        """Scores of pairs, a file for each video."""
+        return self.state_folder("scores")
+
+    @property
     def tasks(self) -> Path:
-        """What videos do by their titles."""
         return self.root / "tasks"
 
     @property
     def labels(self) -> Path:
-        """What people answered about pairs and tasks."""
         return self.root / "labels"
 
     @property
     def links(self) -> Path:
-        """Entities and where each source speaks of them."""
         return self.root / "links"
 
     @property
@@ -230,7 +231,6 @@ class Layout:
 
     @property
     def report(self) -> Path:
-        """Figures and their page."""
         return self.root / "report"
 
     @property

@@ -77,7 +77,7 @@ def _remove_temporary(path: Path) -> None:
 def _spilled(folder: Path) -> None:
     """What killed queries spilled into `folder`: readers take no lock, so it is no lock's own."""
     for entry in sorted(folder.glob(f"{database.SPILL}-*")):
-        if database.abandoned(entry):
+        if atomic.has_ended(entry.name):
             _clear(entry)
 
 

@@ -14,6 +14,7 @@ lock removes what killed commands left in its folders (kb.store.leftovers).
 import contextlib
 import fcntl
 import os
+import platform
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -31,9 +32,9 @@ RESTORED = ("restored", "reconstructed")
 ORDER = (*PUBLISHED, "labels", *RELEASES, *INDEXES, *RESTORED, "report", "deposits")
 
 _ATTEMPTS = 10
-_LOOK = 0.01  # seconds between two attempts: longer than anybody looks
+_PAUSE = 0.01  # seconds between two attempts: longer than `_holder` takes
 
-_taken: set[Path] = set()  # by `taking` of this process: its own steps may take them again
+_taken: set[Path] = set()  # by `taking` of this process, whose own steps may take them again
 
 
 def of_clean(source: str) -> tuple[str, ...]:
@@ -64,15 +65,16 @@ def writer(root: Path, name: str) -> Iterator[None]:
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
     try:
         if not _take(descriptor):
-            holder = os.read(descriptor, 32).decode(errors="replace").strip() or "unknown"
+            holder, host = _held_by(descriptor)
+            where = f" on {host}" if host not in ("", platform.node()) else ""
             what = name.replace("release-", "release/").replace("index-", "index/")
             raise WriterLocked(
-                f"another process (pid {holder}) writes to {what} in {root}",
+                f"another process (pid {holder}{where}) writes to {what} in {root}",
                 hint="wait for it, or stop it; a second machine takes its own --data folder",
             )
         with full_disk_is_resumable(path):
             os.ftruncate(descriptor, 0)
-            os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+            os.pwrite(descriptor, f"{os.getpid()}\n{platform.node()}\n".encode(), 0)
         leftovers.sweep(root, name)
         yield
         os.ftruncate(descriptor, 0)
@@ -81,10 +83,10 @@ def writer(root: Path, name: str) -> Iterator[None]:
 
 
 def _take(descriptor: int) -> bool:
-    """Whether the lock is ours now. Who only looks (`_holder`) has it for microseconds."""
+    """Whether the lock is ours now. `_holder` of another process has it for microseconds."""
     for attempt in range(_ATTEMPTS):
         if attempt:
-            time.sleep(_LOOK)
+            time.sleep(_PAUSE)
         with contextlib.suppress(BlockingIOError):
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             return True
@@ -132,10 +134,16 @@ def _holder(path: Path) -> str:
     try:
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
-        return os.read(descriptor, 32).decode(errors="replace").strip() or "unknown"
+        return _held_by(descriptor)[0]
     finally:
         os.close(descriptor)
     return ""
+
+
+def _held_by(descriptor: int) -> tuple[str, str]:
+    """The pid of the holder and its machine, "unknown" and "" before it has written them."""
+    lines = os.read(descriptor, 256).decode(errors="replace").split("\n")
+    return lines[0].strip() or "unknown", lines[1] if len(lines) > 1 else ""
 
 
 def used(root: Path) -> dict[str, int]:
@@ -152,7 +160,7 @@ def another(root: Path) -> str:
 
 @contextlib.contextmanager
 def deciding(path: Path) -> Iterator[None]:
-    """One process at a time looks at a note and writes it: others wait, for moments only."""
+    """One process at a time reads a note and writes it; others wait for a moment."""
     path.parent.mkdir(parents=True, exist_ok=True)
     descriptor = os.open(path.with_name(f"{path.stem}.lock"), os.O_RDWR | os.O_CREAT, 0o644)
     try:

@@ -1,4 +1,5 @@
-"""Titles and transcripts of clean/youtube → tasks/tasks-*.parquet and tasks/titles-*.parquet.
+"""Titles and transcripts of clean/youtube → tasks/tasks-*.parquet and tasks/titles-*.parquet, after
+what people said of them (labels/).
 
 A task begins and ends at a chapter of the description, else where its subject is first spoken of.
 Chapters are lines such as "1:05 Building the house", as YouTube reads them: the first one begins at
@@ -34,12 +35,14 @@ from kb.store.lock import writer
 from kb.store.tables import parquet
 from kb.store.tables.reading import reading
 from kb.store.tables.shard_writer import sorted_shards, write_table
-from kb.tasks.titles import DUPLICATE, TitleMiner
+from kb.tasks.judgements import Verdict, verdicts
+from kb.tasks.titles import DUPLICATE, JUDGED, TitleMiner
 
 _ROWS = 128  # transcripts in memory at once
 (_VIDEOS,) = made_of("tasks")
 
 _CHAPTER = re.compile(r"^\W*((?:\d{1,2}:)?\d{1,2}:\d{2})\b\W*(\S.*)$", re.MULTILINE)
+_SOURCES = ("chapter", "transcript", "none")  # of times
 _FEWEST = 2  # chapters of a list; a single time is a remark
 
 
@@ -61,13 +64,25 @@ def build(run: Run, playlists: Mapping[str, str]) -> Summary:
         inputs, settings = manifest.inputs(run.root, "tasks"), freshness.settings(run, "tasks")
         titles = _mined(run, TitleMiner(rules, topics, names))
         times = _times(run, titles, rules.max_gap_s)
+        judged = verdicts(run.root)
         with manifest.replacing(run.root, "tasks", inputs=inputs, settings=settings) as fresh:
-            for name, rows in _tables(titles, times, playlists).items():
+            made = _tables(titles, times, judged, playlists)
+            for name, rows in made.items():
                 part = fresh.folder / f".{name.partition('/')[2]}.parquet"
                 write_table(part, rows, name, sync=False)
                 sorted_shards([part], fresh.folder, name, released=False)
                 part.unlink()
-            fresh.figures = _figures(titles, times)
+            tasks, others = made.values()
+            starts = Counter(tasks["start_source"].to_pylist())
+            prompts = tasks["prompt"].to_pylist(), tasks["prompt_mined"].to_pylist()
+            fresh.figures = {
+                "titles": len(titles),
+                "tasks": tasks.num_rows,
+                **{source: starts[source] for source in _SOURCES},
+                "judged": sum(tasks["judged"].to_pylist()),
+                "reworded": sum(one != mined for one, mined in zip(*prompts, strict=True)),
+                "rejected": dict(sorted(Counter(others["rejected_reason"].to_pylist()).items())),
+            }
     return _summary(run.root)
 
 
@@ -169,49 +184,53 @@ def _times(run: Run, titles: list[_Title], max_gap_s: float) -> dict[str, TaskTi
 
 
 def _tables(
-    titles: list[_Title], times: dict[str, TaskTimes], playlists: Mapping[str, str]
+    titles: list[_Title],
+    times: dict[str, TaskTimes],
+    judged: Mapping[str, Verdict],
+    playlists: Mapping[str, str],
 ) -> dict[str, pa.Table]:
+    """Rows of tasks and titles, after what people said of them."""
     rows: dict[str, list[dict[str, Any]]] = {"tasks/tasks": [], "tasks/titles": []}
     for one in titles:
         at = one.chapter or times.get(one.video_id)
         source = "none" if at is None else "chapter" if one.chapter else "transcript"
-        rows["tasks/titles" if one.reasons else "tasks/tasks"].append(
+        mined = start, end = (at.start_s, at.end_s) if at else (None, None)
+        verdict, prompt, reasons = judged.get(one.video_id), one.prompt, one.reasons
+        if verdict is not None and verdict.rejected:
+            reasons = reasons or (JUDGED,)
+        elif verdict is not None:
+            # A wording is a task also where the title alone gives none.
+            prompt, reasons = verdict.wording or prompt, () if verdict.wording else reasons
+            start, end = verdict.times(start, end, one.length_s)
+        rows["tasks/titles" if reasons else "tasks/tasks"].append(
             {
                 "task_id": one.task_id,
-                "prompt": one.prompt or None,
+                "prompt": prompt or None,
                 "video_id": one.video_id,
                 "playlist_id": playlists.get(one.video_id),
-                "start_s": at.start_s if at else None,
-                "end_s": at.end_s if at else None,
+                "start_s": start,
+                "end_s": end,
                 "start_source": source,
                 "collection": _VIDEOS,
-                "reasons": one.reasons,
-                "rejected_reason": one.reasons[0] if one.reasons else None,
+                "reasons": reasons,
+                "rejected_reason": reasons[0] if reasons else None,
+                "judged": verdict is not None,
+                "n_judges": verdict.judges if verdict else 0,
+                "prompt_mined": one.prompt or None,
+                "start_mined_s": mined[0],
+                "end_mined_s": mined[1],
             }
         )
     return {name: pa.Table.from_pylist(made, table(name).arrow()) for name, made in rows.items()}
 
 
-def _figures(titles: list[_Title], times: dict[str, TaskTimes]) -> dict[str, Any]:
-    tasks = [one for one in titles if not one.reasons]
-    by_chapter_ = sum(one.chapter is not None for one in tasks)
-    return {
-        "titles": len(titles),
-        "tasks": len(tasks),
-        "chapter": by_chapter_,
-        "transcript": len(times),
-        "none": len(tasks) - by_chapter_ - len(times),
-        "rejected": dict(sorted(Counter(one.reasons[0] for one in titles if one.reasons).items())),
-    }
-
-
 def _summary(root: Path) -> Summary:
     made = manifest.read(root, "tasks")
     figures = made.figures if made is not None else {}
-    starts = {name: figures[name] for name in ("chapter", "transcript", "none")}
+    starts = {name: figures[name] for name in _SOURCES}
     return Summary(
         {"command": "tasks", "source": "tasks"},
-        **{name: figures[name] for name in ("tasks", "titles")},
+        **{name: figures[name] for name in ("tasks", "titles", "judged", "reworded")},
         starts=starts,
         rejected_by=figures["rejected"],
         path=str(Layout(root).tasks),

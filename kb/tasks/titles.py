@@ -1,22 +1,25 @@
 """Titles → prompts.
 
 A title is cut into parts at punctuation, and channel talk is removed. The first part that begins
-with a verb of the profile, after an optional lead-in ("how to"), gives the prompt:
+with a verb of the profile, after an optional lead-in ("how to"), gives the prompt. Else a part that
+ends with a thing of the profile does, with the thing's verb, if the title shows that it is made:
 
     "🔥 How to Build an EASY Iron Farm in Minecraft! (Tutorial) #12"  →  "build an easy iron farm"
+    "Villager trading hall guide"                                  →  "build villager trading hall"
 """
 
 from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from kb.core.config.profile.products import Tasks
+from kb.pairs.keyword_list import singular
 
 NO_VERB, NO_OBJECT, TOO_LONG = "no_verb", "no_object", "too_long"
-NOT_A_TASK, DUPLICATE = "not_a_task", "duplicate"
+NOT_A_TASK, DUPLICATE, JUDGED = "not_a_task", "duplicate", "judged"
 _NEAREST = (NOT_A_TASK, TOO_LONG, NO_OBJECT, NO_VERB)  # the decisive one of several reasons first
 
 # Emoji and other symbols, what changes their form, and control characters.
@@ -25,6 +28,7 @@ _BRACKETS = re.compile(r"\([^()]*\)|\[[^][]*\]|\{[^{}]*\}|【[^】]*】|《[^》
 _HASHTAG = re.compile(r"#\w+|https?://\S+|\bv?\d+\.\d+(?:\.\d+)*\+?")  # versions too
 _PARTS = re.compile(r"[|:;!?,\"“”„~•·…]+|\.{2,}|\.(?:\s|$)|\s[-–—/]+\s|\s/|/\s")
 _NUMBERING = re.compile(r"^\W*\d+\s*[.)]\s+")
+_LONGEST_THING = 6  # words
 _WORD = re.compile(r"[^\W_]+(?:['’&+-]+[^\W_]+)*")
 
 
@@ -58,37 +62,103 @@ class TitleMiner:
         self._never = re.compile(rf"(?<!\w)(?:{_any_of(rules.never)})(?!\w)")
         self._fillers, self._joints = set(rules.fillers), set(rules.joints)
         self._max_words = rules.max_words
+        self._things = {tuple(_words(name)): verb for name, verb in rules.things.items()}
+        self._shown = re.compile(rf"(?<!\w)(?:{_any_of(rules.marks)})(?!\w)")
+        self._praise = re.compile(rf"(?:{_any_of(rules.praise)})(?!\w)")
+        self._owners = set(rules.owners)
+        self._nouns, self._endings = set(rules.nouns), set(rules.endings)
+        self._named = {words[0] for one in names if (words := _words(one))}
 
     def mine(self, title: str) -> MinedTitle:
         """The task that a title names, or why it names none."""
-        rejected = []
+        shown = bool(self._shown.search(unicodedata.normalize("NFKC", title).lower()))
+        rejected, made = [], []
         for part in _PARTS.split(_plain(title)):
             words = _words(self._talk.sub(" ", _NUMBERING.sub("", part)))
             mined = self._of_part(words)
             if not mined.reasons:
                 return mined
             rejected.append(mined)
+            if thing := self._of_thing(words, shown):
+                made.append(thing)
+        if made:
+            return made[0]
         best = min(rejected, key=lambda one: _NEAREST.index(one.reasons[0]))
         every = {reason for one in rejected for reason in one.reasons}
         return best._replace(reasons=tuple(one for one in _NEAREST if one in every))
 
     def _of_part(self, words: list[str]) -> MinedTitle:
-        line = " ".join(words)
-        line = line[lead.end() :] if (lead := self._lead_in.match(line)) else line
+        line, lead = self._without_lead_in(words)
         verb, _, rest = line.partition(" ")
         if verb not in self._forms or self._name.match(line):
             return MinedTitle("", (), (NO_VERB,))
-        after = rest.split()
-        while after and after[-1] in self._joints | self._fillers:
-            after.pop()
+        said = rest.split()
+        if not lead and verb in self._nouns and not self._is_verb_before(said):
+            return MinedTitle("", (), (NO_VERB,))
+        if (
+            said[:1]
+            and said[0] in self._owners
+            and self._thing_of(self._object(self._trimmed(said)))
+        ):
+            said = said[1:]  # of a thing nobody asks whose it is
+        after = self._trimmed(said)
         objects = self._object(after)
         prompt = " ".join([self._forms[verb], *after])
         if not objects:
             return MinedTitle("", (), (NO_OBJECT,))
-        if self._never.search(rest):
+        if self._never.search(" ".join([verb, *said])):
             return MinedTitle(prompt, objects, (NOT_A_TASK,))
         too_long = len(after) >= self._max_words
         return MinedTitle(prompt, objects, (TOO_LONG,) if too_long else ())
+
+    def _without_lead_in(self, words: list[str]) -> tuple[str, bool]:
+        line = " ".join(words)
+        lead = self._lead_in.match(line)
+        return (line[lead.end() :], True) if lead else (line, False)
+
+    def _trimmed(self, words: list[str]) -> list[str]:
+        """Without words that say nothing at the end; one that is the whole object stays."""
+        empty = self._joints | self._fillers
+        while words and (
+            words[-1] in empty
+            or ((words[-1] in self._endings or words[-1].isdigit()) and self._object(words[:-1]))
+        ):
+            words = words[:-1]
+        return [] if all(word.isdigit() for word in words) else words
+
+    def _is_verb_before(self, words: list[str]) -> bool:
+        """Whether a word that is rather a noun is a verb here: "farm the iron", "farm iron", but
+        not "farm tour" and "farm house".
+        """
+        first = words[:1]
+        named = bool(self._named & {*first, *map(singular, first)})
+        return bool(self._fillers.intersection(first)) or (named and not self._thing_of(first))
+
+    def _thing_of(self, words: Sequence[str]) -> str:
+        """The verb of the thing that these words end with; "" where they end with none."""
+        ends = (tuple(words[place:]) for place in range(len(words)))  # longer ones first
+        return next((self._things[end] for end in ends if end in self._things), "")
+
+    def _of_thing(self, words: list[str], shown: bool) -> MinedTitle | None:
+        """The prompt of a part of two to six words that names a thing, where the title says that it
+        is shown how it is made, or praises it.
+        """
+        line, _ = self._without_lead_in(words)
+        named = line.split()
+        while named and named[0] in self._joints | self._fillers | self._owners:
+            named = named[1:]
+        named = self._trimmed(named)
+        objects, verb = self._object(named), self._thing_of(self._object(named))
+        if (
+            not verb
+            or not 2 <= len(named) <= _LONGEST_THING
+            or not (shown or self._praise.match(" ".join(named)))
+            or self._never.search(" ".join(named))
+            or tuple(named[: len(objects)]) != objects  # an article in it: a sentence
+            or any(word.isdigit() for word in objects)
+        ):
+            return None
+        return MinedTitle(" ".join([verb, *named]), objects, ())
 
     def _object(self, words: list[str]) -> tuple[str, ...]:
         """The words up to the first joint, without fillers; of "build and decorate a house" those

@@ -24,7 +24,7 @@ from kb.verify import raw
 from kb.verify.findings import KINDS, Findings
 
 # Beside the folders of commands: other roots and what belongs to a checkout.
-NEIGHBOURS = {"demo", "dumps", "profiles", *demo_mark.FILES, ".gitignore", ".gitkeep"}
+NEIGHBOURS = {"demo", "dumps", "profiles", demo_mark.NAME, ".gitignore", ".gitkeep"}
 _OF_STATE = (
     *(".lock", ".key", ".exported", ".repair", ".txt"),
     *(".sqlite-wal", ".sqlite-shm", ".bak"),

@@ -62,7 +62,10 @@ class SegmentVerifier:
             for one in self._findings.of("raw answers")
             if base in one.path.parents and one.state != "foreign"
         ]
-        if not reported and self._state_is_intact():
+        state_is_whole = all(
+            one.path != Layout(self._root).state(self._source) for one in self._findings.of("state")
+        )
+        if not reported and state_is_whole:
             try:
                 damaged_answers.check(self._root, self._source)
             except DamagedData as error:
@@ -76,12 +79,7 @@ class SegmentVerifier:
             with reading.state(path) as frontier:
                 return dict(frontier.offsets())
         except (DamagedData, sqlite3.Error):
-            return {}  # told with the state
-
-    def _state_is_intact(self) -> bool:
-        return not any(
-            one.path == Layout(self._root).state(self._source) for one in self._findings.of("state")
-        )
+            return {}  # reported with the state
 
 
 def state(findings: Findings, path: Path) -> None:
@@ -148,7 +146,7 @@ def _named(root: Path) -> tuple[dict[str, str], set[str]]:
 
 def _answers(root: Path, kind: str) -> Iterator[dict[str, Any]]:
     for path in rawlog.segments(root, CAPTURED, kind):
-        for _, line in rawlog.Frames(path, mending=True, checked=True):
+        for _, line in rawlog.Frames(path, skip_damage=True, checked=True):
             yield rawlog.decode(line).response
 
 
@@ -164,7 +162,7 @@ def _sprites(folder: Path) -> list[str]:
         text = zstandard.ZstdDecompressor().decompressobj().decompress(packed)
         return sorted(msgspec.json.decode(text, type=_Extraction).sprites.values())
     except (OSError, zstandard.ZstdError, msgspec.DecodeError):
-        return []  # told with the captures
+        return []  # reported with the captures
 
 
 def _unpacks(path: Path) -> bool:

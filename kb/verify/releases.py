@@ -9,7 +9,7 @@ from typing import Any
 from kb.artifacts import manifest, release_folder
 from kb.core.errors import DamagedData
 from kb.store.artifact_registry import SUMS
-from kb.store.damage import read_small
+from kb.store.damage import read_small, short_lines
 from kb.store.tables import checksums
 from kb.verify.files import problem
 from kb.verify.findings import Findings
@@ -68,16 +68,19 @@ def _tar(path: Path) -> str:
     index = path.parent / release_folder.INDEX
     if not index.is_file():
         return ""
-    with path.open("rb") as tar, index.open(encoding="utf-8") as lines:
-        for line in lines:
-            try:
+    left = path.stat().st_size  # the members lie side by side, so together they are no larger
+    try:
+        with path.open("rb") as tar:
+            for line in short_lines(index):
                 entry = json.loads(line)
                 if entry["tar"] != path.name:
                     continue
-                if not _holds(tar, int(entry["offset"]), int(entry["size"]), entry["sha256"]):
+                offset, size = int(entry["offset"]), int(entry["size"])
+                left -= size
+                if size < 0 or left < 0 or not _holds(tar, offset, size, entry["sha256"]):
                     return f"{entry['member']} in it is not what {release_folder.INDEX} says"
-            except (ValueError, KeyError, TypeError, OverflowError, RecursionError, OSError):
-                return f"{release_folder.INDEX} beside it can't be read"
+    except (DamagedData, ValueError, KeyError, TypeError, OverflowError, RecursionError, OSError):
+        return f"{release_folder.INDEX} beside it can't be read"
     return ""
 
 
@@ -109,5 +112,5 @@ def _metadata(
         return
     for name, value in sorted(digests.items()):
         if known.get(name, value) != value:
-            what = f"says another digest of {name} than {SUMS}"
+            what = f"has another digest of {name} than {SUMS}"
             findings.damaged("release", path, what, advice(path))

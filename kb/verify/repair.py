@@ -33,7 +33,7 @@ class Step(Protocol):
 
 
 def repaired(root: Path, progress: Progress, steps: Iterable[Step]) -> tuple[Findings, list[str]]:
-    """Look, repair and look again, under all locks: (what is left, lines of what was done).
+    """Verify, repair and verify again, under all locks: (what is left, lines of what was done).
 
     Raises WriterLocked, DiskFull, Interrupted.
     """
@@ -56,10 +56,15 @@ class Crawl:
 
     def take(self, root: Path, findings: Findings) -> list[str]:
         """See `Step`. What is filtered afterwards is noted: the repair may be killed before."""
-        note = Layout(root).repairing(self.source)
-        if not is_lost(root, findings, self.source) and not note.exists():
+        at = Layout(root)
+        note, places = at.repairing(self.source), (at.raw(self.source), at.state(self.source))
+        is_lost = any(
+            one.state != "foreign" and any(map(one.path.is_relative_to, places))
+            for one in findings.of("raw answers", "captures", "images", "state")
+        )
+        if not is_lost and not note.exists():
             return []
-        if Layout(root).clean(self.source).is_dir():
+        if at.clean(self.source).is_dir():
             write_bytes(note, b"")
         return [*self.set_aside(), *_tried(f"kb {self.source} crawl", self.crawl)]
 
@@ -108,16 +113,6 @@ class Describe:
         return _tried("kb release", self.describe)
 
 
-def is_lost(root: Path, findings: Findings, source: str) -> bool:
-    """Whether something is lost that a crawl of the source asks for again."""
-    at = Layout(root)
-    places = (at.raw(source), at.state(source))
-    return any(
-        one.state != "foreign" and any(map(one.path.is_relative_to, places))
-        for one in findings.of("raw answers", "captures", "images", "state")
-    )
-
-
 def _tried(command: str, act: Act, note: Path | None = None) -> list[str]:
     """What a command does, or why it could not; `note` goes when it succeeded."""
     try:
@@ -128,7 +123,7 @@ def _tried(command: str, act: Act, note: Path | None = None) -> list[str]:
         raise
     except KbError as error:
         way = f"; {error.hint}" if error.hint else ""
-        return [f"`{command}` has to be run: {error}{way}"]
+        return [f"`{command}` failed: {error}{way}"]
     return [f"`{command}` was run"]
 
 
@@ -162,5 +157,5 @@ def _tombstones(root: Path, one: VerifyFinding) -> str:
         # A copy that is as whole takes its place; of two damaged ones none is right.
         if other != one.path and tombstones.is_readable(other):
             write_bytes(one.path, other.read_bytes())
-            return f"{one.path} is its copy {other} again"
+            return f"{one.path} was restored from its copy {other}"
     return f"{one.path} could not be repaired: no intact copy exists; restore it from a backup"

@@ -144,8 +144,8 @@ def _release(findings: Findings, root: Path, source: str) -> None:
 def verify(folder: Path, progress: Progress) -> Findings:
     """Read every byte of a data root, a release folder or a folder of releases.
 
-    Changes nothing and takes no lock: what other processes write to meanwhile is looked at once
-    more, and what is on its way there is not told. Memory is bounded by a piece of a file and the
+    Changes nothing and takes no lock: what other processes write to meanwhile is checked once more,
+    and their unfinished files are not reported. Memory is bounded by a piece of a file and the
     names of files. Raises SettingError for a folder that does not exist, FatalError for one that is
     none of these.
     """

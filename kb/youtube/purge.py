@@ -105,9 +105,11 @@ def repair(purge: Purge) -> None:
 
 
 def forget(purge: Purge) -> None:
-    """Forget channels that are left out."""
+    """Forget channels that are left out, and how well clips of removed videos fit."""
     for kind in (CHANNELS, UPLOADS):
         purge.frontier.remove(kind, purge.names.get(CHANNEL, ()))
+    for key in purge.keys:
+        (Layout(purge.root).scoring / f"{key}.json").unlink(missing_ok=True)
 
 
 RULES = PurgeRules(
@@ -118,6 +120,7 @@ RULES = PurgeRules(
         location_of("pairs/pairs", "video_id"),
         # A pair whose first copy goes has no figures until the next `kb pairs`.
         *(location_of("pairs/quality", name) for name in ("video_id", "duplicate_video_id")),
+        location_of("pairs/scores", "video_id"),
         *(location_of(f"tasks/{name}", "video_id") for name in ("tasks", "titles")),
         location_of("open-text/open_text", "video_id"),
         location_of("labels/labels", "video_id"),

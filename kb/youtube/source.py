@@ -52,8 +52,11 @@ class YouTube(Source):
         *("keywords", "search_pages", "uploads", "transcripts_per_hour"),
         *("max_age_days", "max_tries", "searches_per_day", "units_per_day"),
     )
+    credential = "youtube_api_key"
+    keyless = "transcripts"
     waiting = {
-        "transcript": "import their transcripts or run `kb youtube crawl`; with"
+        "transcript": "run `kb youtube crawl` or import transcripts, YouTube's or your own (`kb"
+        " youtube missing-transcripts` lists the videos); with"
         ' `transcripts = "optional"` in [youtube] of the profile they are kept without',
     }
     refreshed = "refresh"
@@ -95,6 +98,7 @@ class YouTube(Source):
         "youtube.transcripts",
         "youtube.language",
         "youtube.translate",
+        "youtube.own_transcripts",
     )
     ways = {
         "searched": RecordedWay(raw="search"),
@@ -102,8 +106,8 @@ class YouTube(Source):
         "api": RecordedWay("metadata_origin", "api", ages=True),
         "files": RecordedWay("metadata_origin", "file"),
         "meant": RecordedWay("topic_evidence", "profile"),
-        "watched": RecordedWay(raw="transcripts"),
-        "subtitles": RecordedWay(raw="ytdlp_subtitles"),
+        "watched": RecordedWay("read_from", "watch_page", raw="transcripts"),
+        "subtitles": RecordedWay("read_from", "file", raw="ytdlp_subtitles"),
         "own_transcripts": RecordedWay("transcript_origin", "own"),
     }
     title = "YouTube"

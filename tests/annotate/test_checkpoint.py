@@ -23,16 +23,16 @@ from tests.conftest import needs
 needs("torch", "detoxify")
 
 BESIDE = {
-    "cut configuration": ("config.json", '{"a":', "config.json is no JSON object"),
-    "list as configuration": ("config.json", "[]", "config.json is no JSON object"),
+    "cut configuration": ("config.json", '{"a":', "config.json is not a JSON object"),
+    "list as configuration": ("config.json", "[]", "config.json is not a JSON object"),
     "cut options of the tokenizer": (
         "tokenizer_config.json",
         '{"a":',
-        "tokenizer_config.json is no JSON object",
+        "tokenizer_config.json is not a JSON object",
     ),
     "empty vocabulary": ("vocab.txt", "", "[UNK]"),
     "vocabulary in another code": ("vocab.txt", "[UNK]\nfünf", "UTF-8"),
-    "a tokenizer that is none": ("tokenizer.json", "{}", "tokenizer.json is no tokenizer"),
+    "a tokenizer that is none": ("tokenizer.json", "{}", "tokenizer.json is not a tokenizer"),
     "a web page": ("spiece.model", "<!DOCTYPE html><p>log in", "web page"),
 }
 

@@ -67,37 +67,47 @@ def test_parts_of_a_crawl_are_the_whole_one(
     done = merged.done("merge", *roots)
     assert done["files"] == sum(len(rawlog.all_segments(job.root, "youtube")) for job in parts)
     assert done["requests"] == sum(requests(job.root) for job in parts) == requests(merged.root)
-    assert videos(merged) == videos(alone)
-
     again = merged.done("merge", *roots)
     assert (again["files"], again["requests"]) == (0, 0)
     assert requests(merged.root) == done["requests"]
 
-    # What the machines know is known: nothing is asked for again.
+    # Channels that only the other part had found are read now, and nothing is asked for again.
+    merged.done("youtube", "crawl")
+    assert units(merged.root) <= units(alone.root) + len(parts)
+    assert videos(merged) == videos(alone)
     asked = len(sandbox.ledger)
     assert merged.done("youtube", "crawl")["crawled"] == 0
     assert len(sandbox.ledger) == asked
 
 
-def test_searches_that_were_made_once_are_shared(
-    sandbox: Sandbox, parts: list[Job], tmp_path: Path
-) -> None:
-    """One machine finds the videos, and every part begins with what it found."""
-    alone, found = Job(sandbox, tmp_path / "alone"), Job(sandbox, tmp_path / "found")
-    alone.done("youtube", "crawl")
-    for phase in ("channels", "uploads"):
-        found.done("youtube", "crawl", "--only", phase)
-    machines = [Job(sandbox, tmp_path / f"part{number}") for number in (1, 2, 3)]
-    for number, job in enumerate(machines, 1):
-        assert job.done("merge", str(found.root))["requests"] == requests(found.root)
-        job.done("youtube", "crawl", "--part", f"{number}/3")
-    merged = Job(sandbox, tmp_path / "merged")
-    merged.done("merge", *(str(job.root) for job in (*machines, found)))
-    assert videos(merged) == videos(alone)
-    # Each part's last question about videos is not full; nothing else is asked twice.
-    assert units(merged.root) <= units(alone.root) + len(machines) - 1
-    ours = sum(requests(job.root) - requests(found.root) for job in machines)
-    assert requests(merged.root) == requests(found.root) + ours
+def test_parts_that_know_all_channels_spend_what_one_machine_does(tmp_path: Path) -> None:
+    """Each searches for its keywords, learns what the others found, and reads its channels."""
+    phases = ("uploads", "metadata")
+    with Sandbox(World(n_channels=12, n_videos=300), services=["youtube"]) as sandbox:
+        alone, found = Job(sandbox, tmp_path / "alone"), Job(sandbox, tmp_path / "found")
+        for phase in ("channels", *phases):
+            alone.done("youtube", "crawl", "--only", phase)
+        machines = [Job(sandbox, tmp_path / f"part{number}") for number in (1, 2, 3)]
+        for number, job in enumerate(machines, 1):
+            job.done("youtube", "crawl", "--only", "channels", "--part", f"{number}/3")
+        found.done("merge", *(str(job.root) for job in machines))
+        for number, job in enumerate(machines, 1):
+            job.done("merge", str(found.root))
+            for phase in phases:
+                job.done("youtube", "crawl", "--only", phase, "--part", f"{number}/3")
+        merged = Job(sandbox, tmp_path / "merged")
+        merged.done("merge", *(str(job.root) for job in machines))
+        for job in (alone, merged):
+            job.done("youtube", "crawl", "--only", "metadata")
+    assert described(merged.root) == described(alone.root)
+    assert len(described(merged.root)) == 300
+    assert units(merged.root) <= 1.05 * units(alone.root)
+
+
+def described(root: Path) -> set[str]:
+    """Videos whose metadata was asked for."""
+    asked = (one.request.params["id"].split(",") for one in rawlog.read(root, "youtube", "videos"))
+    return {key for keys in asked for key in keys}
 
 
 def test_a_merge_that_was_cut_short_goes_on(parts: list[Job], tmp_path: Path) -> None:
@@ -144,6 +154,26 @@ def test_what_one_machine_has_purged_leaves_what_the_others_bring(
     tables = videos(merged)
     assert len(tables["videos"]) > 1
     assert all(gone not in rows for rows in tables.values())
+
+
+def test_a_removal_by_name_on_one_machine_holds_for_what_the_others_bring(
+    parts: list[Job], tmp_path: Path
+) -> None:
+    first = Job(parts[0].sandbox, tmp_path / "first")
+    shutil.copytree(parts[0].root, first.root)
+    first.done("youtube", "filter")
+    channel, video = next(
+        (row["channel_id"], row["video_id"])
+        for path in (first.root / "clean/youtube/videos").glob("*.parquet")
+        for row in pq.read_table(path, columns=["channel_id", "video_id"]).to_pylist()
+    )
+    (tmp_path / "channels.txt").write_text(channel + "\n")
+    first.done("purge", "youtube", "--channels", str(tmp_path / "channels.txt"))
+    merged = Job(parts[0].sandbox, tmp_path / "merged")
+    merged.done("merge", str(first.root), str(parts[0].root), str(parts[1].root))
+    for name in (channel, video):
+        assert raw_with(parts[0].root, name)
+        assert raw_with(merged.root, name) == []
 
 
 def raw_with(root: Path, text: str) -> list[str]:

@@ -2,7 +2,8 @@
 what reading alone costs (the floor), and what that makes at 100 %.
 
     python -m tests.bench.scale 0.05
-        --code DIR       another checkout's code on the same raw data, for before and after
+        --code DIR       another checkout's code, for before and after: on the same answers, each in
+                         the raw format of its checkout
         --keep FILE      write the figures; --against FILE: compare with figures written before
         --work DIR       where raw data and roots are made (default /tmp/lorecrawl-scale)
         --only STAGE     a stage alone, of a root that an earlier run has left; may be repeated
@@ -16,6 +17,7 @@ import json
 import os
 import shutil
 import socket
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -74,12 +76,23 @@ _TODAY, _LATER = "2026-11-22T12:00:00Z", "2027-11-22T12:00:00Z"  # then all is d
 _SHARED = ("reddit import", "youtube filter", "reddit filter", "wiki filter", "pairs")
 
 
+_MAKE = """
+import sys
+from pathlib import Path
+from tests.bench import scale_raw
+
+root, share = Path(sys.argv[1]), float(sys.argv[2])
+scale_raw.make(root, share)
+scale_raw.dumps(root / "dumps", share)
+"""
+
+
 class Bench:
     """One checkout's code on raw data of one share."""
 
     def __init__(self, work: Path, code: Path, share: float, workers: int) -> None:
         self.share, self.code, self.workers = share, code, workers
-        self.raw = work / f"raw-{share:g}"
+        self.raw = work / f"raw-{share:g}-{code.name}"
         self.root = work / f"root-{share:g}-{code.name}"
         self.profile = work / f"profile-{code.name}" / "profile.toml"
 
@@ -87,8 +100,9 @@ class Bench:
         """Raw data, once a share; a root that shares its bytes; a profile without models."""
         if not (self.raw / "made").exists():
             shutil.rmtree(self.raw, ignore_errors=True)
-            scale_raw.make(self.raw, self.share)
-            scale_raw.dumps(self.raw / "dumps", self.share)
+            env = {**os.environ, "PYTHONPATH": str(self.code)}
+            command = [sys.executable, "-c", _MAKE, str(self.raw), str(self.share)]
+            subprocess.run(command, env=env, cwd=self.code, check=True)
             (self.raw / "made").touch()
         if fresh or not self.root.exists():
             shutil.rmtree(self.root, ignore_errors=True)

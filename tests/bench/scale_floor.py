@@ -54,10 +54,17 @@ class _VideoAnswer(msgspec.Struct, gc=False):
     response: _Videos
 
 
+class _Cues(msgspec.Struct, gc=False):
+    start_s: list[float]
+    duration_s: list[float]
+    text: list[str]
+    word_start_s: list[list[float] | None] | None = None
+
+
 class _Transcript(msgspec.Struct, gc=False):
     video_id: str
     outcome: str
-    cues: list[tuple[float, float, str]] | None = None
+    cues: _Cues | None = None
 
 
 class _TranscriptAnswer(msgspec.Struct, gc=False):

@@ -31,6 +31,8 @@ import zstandard
 from kb.core.config.profile import load_profile
 from kb.schema.raw import raw, types
 from kb.store.rawlog.rawlog import SUFFIX, compressor
+from kb.youtube.parse.answers import FORMAT
+from kb.youtube.ytdlp.subtitles import Cue, as_columns
 
 SOURCES = ("youtube", "reddit", "wiki")
 VIDEOS = 1_460_000  # listed; about half of them pass all stages
@@ -305,6 +307,7 @@ def _transcripts(part: Part, chance: random.Random, words: Words) -> Iterator[An
         outcome = "ok" if chance.random() < 0.93 else chance.choice(("none", "disabled"))
         made = _spoken(chance, words) if outcome == "ok" else {"cues": None}
         response = {
+            "format": FORMAT,
             "video_id": video_id(number),
             "outcome": outcome,
             "reason": None if outcome == "ok" else "no transcript",
@@ -346,10 +349,10 @@ def _spoken(chance: random.Random, words: Words) -> dict[str, Any]:
         if automatic:  # real automatic tracks have the time of each word
             times = [round(at + 0.38 * word, 3) for word in range(len(text.split()))]
             cue.append(times)
-        cues.append(cue)
+        cues.append(Cue(*cue))
         place, at = place + size, at + size * 0.38
     kind = "asr" if automatic else "manual"
-    return {"kind": kind, "language": "en", "original_kind": kind, "cues": cues}
+    return {"kind": kind, "language": "en", "original_kind": kind, "cues": as_columns(cues)}
 
 
 # Reddit

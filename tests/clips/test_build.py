@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import os
+import shutil
 import tarfile
 import threading
 from collections.abc import Iterator
@@ -178,6 +179,29 @@ def test_what_is_wrong_is_said_before_anything_is_cut(run: Run, places, tmp_path
     ):
         with pytest.raises(UsageError, match=message):
             build.build(run, [films], tmp_path / "out", OPTIONS, chosen)
+
+
+def test_a_misspelt_keyword_and_texts_that_are_not_there_are_told(
+    run: Run, places, tmp_path: Path
+) -> None:
+    root, films = places
+    keyword = next(iter(_pairs(root).values()))["keyword"]
+    misspelt = build.Chosen(f"{keyword[:-1]}q{keyword[-1]}")
+    with pytest.raises(UsageError) as refused:
+        build.plan(run, [films], OPTIONS, misspelt)
+    assert refused.value.hint == f"did you mean {keyword!r}?"
+    said: list[str] = []
+    run.progress.say = said.append  # type: ignore[method-assign]
+    build.plan(run, [films], OPTIONS, build.Chosen())
+    assert said == []
+    released = tmp_path / "release"
+    shutil.copytree(
+        root / "pairs", released / "pairs", ignore=shutil.ignore_patterns("_*", "*.json")
+    )
+    for path in released.rglob("pairs-*.parquet"):
+        pq.write_table(pq.read_table(path).drop_columns(["text"]), path)
+    build.plan(replace(run, root=released), [films], OPTIONS, build.Chosen())
+    assert [one for one in said if one.startswith("the pairs have no texts")] == said != []
 
 
 def test_only_the_pairs_of_a_file_or_condition_are_cut(run: Run, places, tmp_path: Path) -> None:

@@ -10,9 +10,12 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+from kb.sandbox.reddit.service import dumps
 from kb.sandbox.world import World
+from kb.store.artifact_registry import ARTIFACTS
 from tests.conftest import needs
 from tests.faults import Sandbox
+from tests.labels import answers
 from tests.youtube.job import Job
 
 needs("torch")
@@ -208,21 +211,40 @@ def test_stored_scores_need_no_model(job: Job) -> None:
     assert job.kb("youtube", "filter", **nowhere).returncode == 2
 
 
-EDITS = {
-    "min_views": ("profile.toml", "clean/youtube"),
-    "min_score": ("profile.toml", "clean/reddit"),
-    "max_gap_s": ("profile.toml", "tasks"),
-    "min_gap_s": ("profile.toml", "pairs"),
-    "keywords": ("keywords.tsv", "pairs"),
+EDITS = {  # what each may make out of date, besides all that is made of it
+    "min_views": {"clean/youtube"},
+    "min_score": {"clean/reddit"},
+    "max_gap_s": {"tasks"},
+    "min_gap_s": {"pairs"},
+    "keywords": {"pairs", "tasks", "links"},
+    "purge": {"clean/youtube"},
+    "recount": {"clean/youtube"},
+    "import": {"clean/reddit"},
+    "judge": {"pairs", "tasks"},  # pairs/measures.json has the judgements of both
 }
 COMMANDS = ("youtube filter", "reddit filter", "youtube export", "pairs", "tasks", "links", "build")
 COMPARED = ("clean", "pairs", "tasks", "links", "release")
 
 
 def changed_by(job: Job, chance: random.Random, what: str) -> None:
-    """Another value of a setting, another keyword, or a purge."""
+    """Another value of a setting, another keyword, other raw answers, or a judgement."""
     profile = job.place / "profile"
-    if what == "purge":
+    if what == "recount":  # a video has fewer views than before
+        videos = job.sandbox.world.youtube.videos
+        videos[chance.choice(sorted(videos))].view_count = "7"
+        job.done("refresh", "youtube", "--older-than", "0")
+    elif what == "import":
+        months = dumps(job.sandbox.world.reddit, job.place / "dumps")
+        job.done("reddit", "import", str(chance.choice(months)))
+    elif what == "judge":
+        project, number = job.place / "judged", len(list(job.place.glob("answers-*.json")))
+        shutil.rmtree(project, ignore_errors=True)
+        if job.kb("label", "export", "tasks", "--out", str(project)).returncode == 0:
+            item = chance.choice(answers.items(project))
+            said = answers.judgement(chance.randrange(3), is_task=chance.choice(["yes", "no"]))
+            file = answers.exported(job.place / f"answers-{number}.json", [(item, [said])])
+            job.done("label", "import", str(file))
+    elif what == "purge":
         rows = pq.read_table(job.root / "clean/youtube/videos", columns=["video_id"])
         (job.place / "gone.txt").write_text(chance.choice(rows["video_id"].to_pylist()))
         job.done("purge", "youtube", "--ids", str(job.place / "gone.txt"))
@@ -262,15 +284,16 @@ def test_after_any_sequence_a_build_gives_what_a_fresh_root_has(job: Job, seed: 
         done = set()
         for _ in range(3):
             if chance.random() < 0.6:
-                done.add(what := chance.choice([*EDITS, "purge"]))
+                done.add(what := chance.choice([*EDITS]))
                 changed_by(job, chance, what)
             else:
                 job.kb(*chance.choice(COMMANDS).split())
         before, named = content(job.root), planned(job)
-        if not done & {"min_score"}:
-            assert "clean/reddit" not in named
-        if not done & {"min_views", "purge"}:
-            assert "clean/youtube" not in named
+        expected = {"release", *(artifact for one in done for artifact in EDITS[one])}
+        for name in named:  # inputs first
+            if expected & {name, *(ARTIFACTS[name].inputs if name in ARTIFACTS else ())}:
+                expected.add(name)
+        assert named.keys() <= expected, (seed, done)
         job.done("build")
         after = content(job.root)
         differ = {one for one in before.keys() | after.keys() if before.get(one) != after.get(one)}
@@ -284,4 +307,7 @@ def test_after_any_sequence_a_build_gives_what_a_fresh_root_has(job: Job, seed: 
         shutil.copytree(job.root / folder, fresh / folder)
     shutil.rmtree(fresh / "state/manifests")
     job.done("build", KB_DATA=str(fresh))
+    if judged := sorted(map(str, job.place.glob("answers-*.json"))):
+        job.done("label", "import", *judged, KB_DATA=str(fresh))
+        job.done("build", KB_DATA=str(fresh))
     assert content(fresh) == content(job.root)

@@ -1,5 +1,6 @@
 """Crawl, filter, export and `kb status` of one data root: the same nouns, the same numbers."""
 
+import itertools
 import json
 import re
 from typing import Any
@@ -38,7 +39,8 @@ class Done:
 
     def block(self, source: str) -> str:
         """The lines of a source in `kb status`."""
-        return next(part for part in self.text.split("\n\n") if part.startswith(source))
+        _, _, below = self.text.partition(f"\n{source}\n")
+        return "\n".join(itertools.takewhile(lambda line: line[:1] == " ", below.splitlines()))
 
 
 @pytest.fixture(scope="module")

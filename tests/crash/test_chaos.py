@@ -16,7 +16,7 @@ SEED = 14
 # Once: they take longest.
 ONCE = ("wiki crawl", "report", "restore", "purge", "annotate", "release", "index")
 LONGER = {  # `make chaos` alone
-    *("youtube export --format=minedojo", "pairs --format=video2dataset"),
+    *("youtube export --format=minedojo", "pairs --format=video2dataset", "build"),
     *("annotate reddit --workers=2", "pairs --again --workers=2"),
 }
 OF_SOURCES = [
@@ -37,6 +37,7 @@ NAMES = [
     *("verify --repair", "index --again", "release publish --publish"),
     *("reddit export --format=convokit", "youtube filter --workers=2"),
     "reddit import --workers=2",
+    "build youtube reddit pairs tasks links release",
     "profile new ferns",
 ]
 

@@ -25,7 +25,7 @@ from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.conftest import ROOT
 from tests.crash.chaos import leaked
-from tests.filters.made import MONDAY, digests, listing, put, run_at, transcript, video
+from tests.filters.made import MONDAY, cues, digests, listing, put, run_at, transcript, video
 
 pytestmark = pytest.mark.crash
 
@@ -75,10 +75,12 @@ def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
         *(
             transcript(
                 key,
-                cues=[
-                    [at * 3, 3, f"{words.get(key, 'we dig')} and a creeper comes along number {at}"]
-                    for at in range(12)
-                ],
+                cues=cues(
+                    *(
+                        [at * 3, 3, f"{words.get(key, 'we dig')} and a creeper comes along {at}"]
+                        for at in range(12)
+                    )
+                ),
             )
             for key in titles
         ),

@@ -185,6 +185,10 @@ class Worlds:
             ("pairs", "--format=video2dataset"),
         ):
             yield Case(words, ("made",), ("export",))
+        built = ("clean", "pairs", "tasks", "links", "release")
+        parts = (*self.sources[:2], "pairs", "tasks", "links", "release")
+        yield Case(("build", *parts), ("scored", "made"), built)
+        yield Case(("build",), ("scored",), (*built, "report"), slow=True)
         yield Case(("index", "--again"), ("clean",), ())
         yield Case(("pairs",), ("clean",), ("pairs", "release/pairs"))
         yield Case(("pairs", "--again"), ("made",), ("pairs", "release/pairs"))

@@ -1,5 +1,5 @@
-"""Fifty items that always fail among five hundred, with each source's real client: all others are
-read in one run, and the fifty are counted. (The feed of test_loop.py has the same in every order.)
+"""Twenty items that always fail among two hundred, with each source's real client: all others are
+read in one run, and the twenty are counted. (The feed of test_loop.py has the same in every order.)
 """
 
 from pathlib import Path
@@ -14,7 +14,7 @@ from tests.faults import Sandbox
 from tests.reddit.work import NOW, Work
 from tests.youtube.job import Job
 
-ALL, BAD = 500, 50
+ALL, BAD = 200, 20
 
 
 def test_captions_that_are_always_empty(tmp_path: Path) -> None:

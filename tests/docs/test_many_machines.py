@@ -86,6 +86,7 @@ def test_the_job_with_scheduler_and_workers_filters_as_one_process(job: Job) -> 
 
 @pytest.mark.slow
 def test_the_array_job_crawls_its_parts_and_a_stopped_one_is_queued_again(job: Job) -> None:
+    job.done("youtube", "crawl", "--only", "channels", KB_DATA=str(job.place / "parts" / "found"))
     before = len(job.sandbox.ledger)
     first = started(job, CRAWL, SLURM_ARRAY_TASK_ID="1")
     while len(job.sandbox.ledger) < before + 3:

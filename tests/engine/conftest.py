@@ -9,8 +9,11 @@ from kb.core import dask_engine
 
 @pytest.fixture(autouse=True)
 def _a_busy_machine_may_take_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A worker that was killed is started again: a new Python that imports everything."""
+    """A worker that was killed is started again: a new Python that imports everything, before it
+    answers.
+    """
     monkeypatch.setattr(dask_engine, "WORKERS_S", 600.0)
+    monkeypatch.setattr(dask_engine, "ANSWER_S", 120.0)
 
 
 @pytest.fixture(scope="session")

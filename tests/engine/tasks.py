@@ -56,3 +56,8 @@ def fill_up(path: str) -> None:
     """Writes where there is no room."""
     with full_disk_is_resumable(Path(path)), Path(path).open("wb") as file:
         file.write(b"x" * (1 << 20))
+
+
+def take_memory() -> int:
+    """Takes more than any machine has."""
+    return len(bytearray(1 << 60))

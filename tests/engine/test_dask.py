@@ -12,6 +12,7 @@ import socket
 import subprocess
 import sys
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 
 import psutil
@@ -168,10 +169,17 @@ class Own:
         self.address = found.rpartition("Scheduler at:")[2].strip()
         threading.Thread(target=line.read, daemon=True).start()
 
-    def start(self, what: str, *words: str, code: str = "", place: Path | None = None) -> None:
+    def start(
+        self,
+        what: str,
+        *words: str,
+        code: str = "",
+        place: Path | None = None,
+        before: Sequence[str] = (),
+    ) -> None:
         paths = (str(Path(__file__).parent), code, str(ROOT))  # this code, wherever it is installed
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
-        command = [sys.executable, "-m", "dask", what, *words]
+        command = [*before, sys.executable, "-m", "dask", what, *words]
         err = subprocess.PIPE if what == "scheduler" else subprocess.DEVNULL
         if what in self.processes:
             what = f"{what} {len(self.processes)}"
@@ -195,11 +203,9 @@ class Own:
         """Call `do` from another thread once the task is being worked on."""
 
         def watch() -> None:
-            for _ in range(6000):
-                if self.begun.exists():
-                    return do()
+            while not self.begun.exists():
                 threading.Event().wait(0.01)
-            return None
+            do()
 
         threading.Thread(target=watch, daemon=True).start()
 
@@ -239,6 +245,7 @@ def test_when_no_worker_is_left_it_says_so_once_and_ends(own, caplog, monkeypatc
         make_executor("dask", 1, own.address) as pool,
     ):
         monkeypatch.setattr(dask_engine, "WORKERS_S", 1.0)
+        caplog.clear()  # the wait for the worker to start
         future = pool.submit(tasks.linger, str(own.place))
         own.when_begun(lambda: own.kill("worker"))
         future.result()
@@ -376,3 +383,31 @@ def test_the_disk_of_one_worker_that_is_full_is_named(own, tmp_path):
     message, _, code = describe(error.value)
     assert code == 3
     assert "(on the Dask worker tcp://127.0.0.1:" in message
+
+
+def test_a_worker_that_has_too_little_memory_is_named(own, tmp_path):
+    own.worker()
+    with (
+        make_executor("dask", 1, own.address, tmp_path) as pool,
+        pytest.raises(MemoryError) as error,
+    ):
+        pool.submit(tasks.take_memory).result()
+    message, hint, code = describe(error.value)
+    assert re.fullmatch(r"out of memory \(on the Dask worker tcp://127.0.0.1:\d+\)", message)
+    assert (hint, code) == ("try fewer --workers", 1)
+
+
+def test_a_worker_that_can_only_read_the_data_root_is_refused(own, tmp_path):
+    """In a mount namespace of its own, as on a machine that mounts the folder read-only."""
+    root = tmp_path / "data"
+    root.mkdir()
+    read_only = f"mount --bind {root} {root} && mount -o remount,ro,bind {root}"
+    unshared = ("unshare", "--mount", "sh", "-c")
+    if os.geteuid() or subprocess.run([*unshared, read_only], check=False).returncode:
+        pytest.skip("nothing can be mounted here")
+    own.worker(before=(*unshared, f'{read_only} && exec "$@"', "sh"))
+    with (
+        pytest.raises(SettingError, match="can't write to the data root"),
+        make_executor("dask", 1, own.address, root),
+    ):
+        pass

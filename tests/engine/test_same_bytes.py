@@ -181,6 +181,21 @@ def test_every_engine_makes_the_same_bytes(
     assert killed, "no worker was killed"
 
 
+@pytest.mark.dask
+def test_a_build_on_a_cluster_makes_what_one_machine_makes(crawled: Job, cluster, tmp_path) -> None:
+    def made(place: Path, *engine: str) -> dict[str, str]:
+        job = Job(crawled.sandbox, place, toxicity=True)
+        for name in ("raw", "state"):
+            shutil.copytree(crawled.root / name, job.root / name)
+        assert job.done("build", *engine)["made"] > 5
+        assert job.done("build", *engine)["made"] == 0
+        tops = (*MADE, "tasks", "report")
+        return {f"{top}/{name}": at for top in tops for name, at in job.digests(top).items()}
+
+    words = ("--engine", "dask", "--scheduler", cluster.scheduler_address)
+    assert made(tmp_path / "dask", *words) == made(tmp_path / "here")
+
+
 def test_another_processor_locale_time_zone_hash_seed_and_number_of_workers(
     crawled: Job, tmp_path
 ) -> None:

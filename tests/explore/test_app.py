@@ -1,6 +1,7 @@
 """The pages over HTTP: who may ask, what is answered, and that nothing is written."""
 
 import signal
+import socket
 from pathlib import Path
 from typing import Any
 
@@ -101,3 +102,14 @@ def test_a_signal_ends_it_as_done(demo: Path, number: signal.Signals) -> None:
         assert pages.ask("/").status == 200
         pages.process.send_signal(number)
         assert pages.process.wait(30) == 0
+
+
+@pytest.mark.slow
+def test_connections_that_send_no_whole_request_are_closed(demo_pages: Explored) -> None:
+    waiting = [socket.create_connection(("127.0.0.1", demo_pages.port)) for _ in range(100)]
+    for number, one in enumerate(waiting):
+        one.settimeout(120)
+        one.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Slow: "[: number % 40])
+    assert demo_pages.ask("/").status == 200
+    assert {one.recv(1) for one in waiting} == {b""}
+    assert demo_pages.ask("/").status == 200

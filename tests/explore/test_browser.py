@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -26,15 +25,16 @@ PAGES = (
 )
 
 
-@pytest.fixture
-def hostile(tmp_path: Path, make_rows: Any) -> Iterator[Explored]:
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory: pytest.TempPathFactory, make_rows: Any) -> Iterator[Explored]:
     """A root whose titles, texts and keywords are markup."""
+    root = tmp_path_factory.mktemp("hostile")
     videos = make_rows("youtube/videos", 3, title=[HOSTILE] * 3)
     text = {name: [HOSTILE] * 3 for name in ("keyword", "text")}
     pairs = make_rows("pairs/pairs", 3, **text)
-    write_table(tmp_path / "clean/youtube/videos/videos-0.parquet", videos, "youtube/videos")
-    write_table(tmp_path / "pairs/pairs-00000-of-00001.parquet", pairs, "pairs/pairs")
-    with explored(tmp_path) as pages:
+    write_table(root / "clean/youtube/videos/videos-0.parquet", videos, "youtube/videos")
+    write_table(root / "pairs/pairs-00000-of-00001.parquet", pairs, "pairs/pairs")
+    with explored(root) as pages:
         yield pages
 
 

@@ -18,15 +18,14 @@ from tests.inprocess import Here
 
 @pytest.fixture(scope="module")
 def indexed(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The demo's root with an index of its own."""
+    """The demo's root without its index: the pages build it."""
     root = tmp_path_factory.mktemp("indexed") / "demo"
     shutil.copytree(demo / "data" / "demo", root, ignore=shutil.ignore_patterns("index"))
     return root
 
 
-@pytest.fixture
-def pages(indexed: Path, here: Here) -> Iterator[Explored]:
-    assert here("index", "--data", str(indexed), "--quiet").code == 0
+@pytest.fixture(scope="module")
+def pages(indexed: Path) -> Iterator[Explored]:
     with explored(indexed) as one:
         yield one
 

@@ -52,6 +52,6 @@ def root(tmp_path: Path) -> Path:
         transcript("broken", "failed", player=None),
         transcript("restricted", "age_restricted", player=None),
         transcript("roblox", player={"game_label_id": "UCx", "game_label": "Roblox"}),
-        transcript("badcues", cues=[[0, "x"]], player=None),
+        transcript("badcues", cues={"start_s": [0], "text": ["x"]}, player=None),
     )
     return tmp_path

@@ -6,7 +6,7 @@ from kb.core.config.pipeline import load, locate
 from kb.export import minedojo, parquet
 from kb.filters.filter_run import run_clean
 from kb.pairs.build import build
-from tests.filters.made import MONDAY, listing, put, run_at, transcript, video
+from tests.filters.made import MONDAY, cues, listing, put, run_at, transcript, video
 
 GONE, OTHER = "AAAAAAAAAA1", "AAAAAAAAAA2"
 
@@ -28,9 +28,10 @@ def _video(key: str) -> dict[str, object]:
     return video(key, snippet__title="Zanzibar marmalade" if key == GONE else f"Minecraft {key}")
 
 
-def _cues(key: str) -> list[list[object]]:
+def _cues(key: str) -> dict[str, object]:
     words = "quinquereme of nineveh" if key == GONE else "we dig down a little"
-    return [[at * 3, 3, f"{words} and a creeper comes along number {at}"] for at in range(12)]
+    said = f"{words} and a creeper comes along number"
+    return cues(*([at * 3, 3, f"{said} {at}"] for at in range(12)))
 
 
 def purge(root: Path, *keys: str) -> None:

@@ -10,6 +10,8 @@ from kb.core.config.profile import load_profile
 from kb.core.config.settings import Settings
 from kb.core.context import Run
 from kb.store.rawlog import rawlog
+from kb.youtube.parse.answers import FORMAT
+from kb.youtube.ytdlp import subtitles
 
 GAME = "UCQvWX73GQygcwXOTSf_VDVg"
 MONDAY, TUESDAY = "2026-11-16T12:00:00Z", "2026-11-17T12:00:00Z"
@@ -59,13 +61,19 @@ def listing(*items: dict[str, Any]) -> dict[str, Any]:
     return {"items": list(items)}
 
 
+def cues(*rows: list[Any]) -> dict[str, Any]:
+    """Cues as a raw answer has them, of [start_s, duration_s, text, word_start_s] each."""
+    return subtitles.as_columns([subtitles.Cue(*row) for row in rows])
+
+
 def transcript(key: str, outcome: str = "ok", **change: Any) -> tuple[str, dict[str, Any], Any]:
     response = {
+        "format": FORMAT,
         "video_id": key,
         "outcome": outcome,
         "kind": "asr",
         "language": "en",
-        "cues": [[0, 2, "one two"], [1, 2, "three"]],
+        "cues": cues([0, 2, "one two"], [1, 2, "three"]),
         "player": {
             "width": 1920,
             "height": 1080,

@@ -131,6 +131,8 @@ def root(judged: Run, tmp_path: Path, make_rows: Any) -> Path:
         collection=["youtube"] * len(SOURCES),
         start_s=times,
         end_s=[None if one is None else one + 50.5 for one in times],
+        start_mined_s=times,
+        end_mined_s=[None if one is None else one + 50.5 for one in times],
     )
     root = tmp_path / "data"
     inputs = manifest.inputs(root, "tasks")

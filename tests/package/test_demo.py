@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from kb.core.sources import BY_DEFAULT
-from tests import trap
+from tests import processes, trap
+from tests.cli.conftest import clean_environment
 
 pytestmark = pytest.mark.wheel
 
@@ -108,7 +109,18 @@ def test_it_prints_queries_with_results(demo: Path) -> None:
     out = (demo / "demo.out").read_text()
     assert out.count("\nkb query ") >= 3
     assert re.search(r"^kb search .*\n 1\. ", out, re.MULTILINE)
-    assert "Traceback" not in (demo / "demo.err").read_text()
+    said = (demo / "demo.err").read_text()
+    assert "Traceback" not in said
+    assert "leaked" not in said  # nothing of DuckDB's outlives the interpreter
+
+
+def test_its_status_fits_on_a_screen(demo: Path) -> None:
+    words = ["status", "--data", str(demo / "data" / "demo")]
+    done = processes.run(words, env=clean_environment(), cwd=demo)
+    lines = done.stdout.splitlines()
+    assert len(lines) <= 20, done.stdout
+    assert lines[-1] == "nothing is left to do"
+    assert "quota" not in done.stdout
 
 
 @pytest.mark.parametrize("source", BY_DEFAULT)

@@ -137,6 +137,8 @@ def tables(
             "language": ["en"] * videos,
             "cues": pa.array(cues, schema.field("cues").type),
             "word_times": pa.nulls(videos, pa.string()),
+            "read_from": ["watch_page"] * videos,
+            "fetched_at": pa.nulls(videos, schema.field("fetched_at").type),
         },
         schema=schema,
     )

@@ -65,6 +65,11 @@ NAMED = {
     "the sulfur cube lives in the sulfur caves": {"Sulfur Cube", "Sulfur Caves"},
     "a polished cinnabar slab looks nice here": {"Polished Cinnabar Slab"},
     "play pigstep on the jukebox": {"Music Disc Pigstep", "Jukebox"},
+    "he popped two totems and drank a splash pot": {"Totem", "Potion"},
+    "shoot a firework through the trap door": {"Firework", "Trapdoor"},
+    "cook the pork chops on a camp fire": {"Porkchop"},
+    "froglights and cobble stone walls": {"Froglight", "Cobblestone Wall"},
+    "the ender men are at my e chest": {"Enderman", "Ender Chest"},
 }
 TRAPS = (
     "log in to the server before we start",
@@ -89,6 +94,17 @@ TRAPS = (
     "it is chest day for cookie monster",
 )
 
+# What counts in a video about the game and means nothing elsewhere.
+ELSEWHERE = (
+    "it is like talking to a brick wall",
+    "they walked the red carpet tonight",
+    "that is such bad luck",
+    "quick charge your phone before we go",
+    "we had raw fish and a baked potato",
+    "a totem pole stands on the hill",
+    "the fireworks after the game were great",
+)
+
 
 @pytest.fixture(scope="module")
 def tools() -> Tools:
@@ -109,6 +125,13 @@ def test_every_name_is_found(tools: Tools, sentence: str) -> None:
 @pytest.mark.parametrize("sentence", TRAPS)
 def test_no_everyday_phrase_is_a_name(tools: Tools, sentence: str) -> None:
     assert found(tools, sentence, known=True) == set()
+
+
+@pytest.mark.parametrize("sentence", ELSEWHERE)
+def test_everyday_phrases_are_no_names_where_the_topic_is_unknown(
+    tools: Tools, sentence: str
+) -> None:
+    assert found(tools, sentence, known=False) == set()
 
 
 def test_topic_words_need_the_topic_and_help_no_other(tools: Tools) -> None:

@@ -65,6 +65,7 @@ ESCAPES = [
     "CREATE MACRO f() AS 1",
     "PREPARE p AS SELECT 1",
     "VACUUM",
+    "UPDATE EXTENSIONS",
     "SELECT * FROM parquet_metadata('/etc/hosts')",
     "SELECT * FROM sniff_csv('/etc/passwd')",
     "FROM root",

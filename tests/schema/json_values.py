@@ -47,24 +47,34 @@ words = st.text("ab \n♪é", max_size=9)
 odd_words = st.sampled_from(["a\0b", "\ud800", "\\u0000", None, 3, ["a"]])
 
 
-good_cue = st.tuples(number, number, words).map(list)
+good_cue = st.tuples(number, number, words)
 
 
-odd_cue = (
-    st.tuples(number | odd_number | nan, number | odd_number, words | odd_words).map(list)
-    | st.lists(number | words, max_size=4)
-    | st.sampled_from(["abc", None, {"start": 1, "duration": 2, "text": "a"}, 7])
+odd_cue = st.tuples(number | odd_number | nan, number | odd_number, words | odd_words)
+
+
+def in_columns(cues: list[Any]) -> dict[str, list[Any]]:
+    """Cues as the raw answer has them: a list for each field."""
+    return {name: [cue[at] for cue in cues] for at, name in enumerate(_FIELDS)}
+
+
+_FIELDS = ("start_s", "duration_s", "text")
+_some = number | odd_number | words | odd_words
+
+
+good_cues = st.none() | st.lists(good_cue, max_size=4).map(in_columns)
+
+
+odd_cues = (
+    st.lists(good_cue | odd_cue, max_size=4).map(in_columns)
+    | st.dictionaries(st.sampled_from(_FIELDS), st.lists(_some, max_size=2) | scalars)
+    | st.lists(good_cue, max_size=2)
+    | scalars
 )
 
 
-good_cues = st.none() | st.lists(good_cue, max_size=4)
-
-
-odd_cues = st.lists(good_cue | odd_cue, max_size=4) | scalars | st.just({"a": 1})
-
-
 transcript = st.fixed_dictionaries(
-    {"video_id": st.just("a")},
+    {"video_id": st.just("a"), "format": st.just(2)},
     optional={
         "outcome": st.sampled_from(["ok", "none", 5, None]),
         "cues": good_cues | odd_cues,

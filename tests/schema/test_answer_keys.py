@@ -33,7 +33,7 @@ def test_an_answer_without_the_keys_is_the_same_object() -> None:
 
 
 def test_an_answer_about_one_key_goes_as_a_whole() -> None:
-    cues: dict[str, Any] = {"video_id": "a", "cues": []}
+    cues: dict[str, Any] = {"video_id": "a", "cues": None}
     assert without("youtube/transcripts", {}, cues, {"": {"a"}}) is None
     assert without("youtube/transcripts", {}, cues, {"": {"b"}}) == ({}, cues)
 

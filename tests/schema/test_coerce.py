@@ -15,6 +15,7 @@ from tests.schema.json_values import (
     anything,
     digits,
     good_cues,
+    in_columns,
     moments,
     odd_cues,
 )
@@ -124,20 +125,26 @@ CUES = parse_type("list<struct<start_s: float64, duration_s: float64, text: stri
 
 
 def cell_by_cell(values: list[Any]) -> tuple[list[Any], list[tuple[int, str]]]:
-    """What a list of cues is, cell by cell: the rule that columns must come to as well."""
+    """What cues are, cell by cell: the rule that whole columns must come to as well."""
     made: list[Any] = []
     bad: list[tuple[int, str]] = []
     for row, value in enumerate(values):
         try:
-            made.append(None if value is None else [_cue(cue) for cue in _a_list(value)])
-        except (TypeError, ValueError, OverflowError):
+            made.append(None if value is None else _cues(value))
+        except (TypeError, ValueError, LookupError, OverflowError):
             made.append(None)
             bad.append((row, coerce.shown(value)))
     return made, bad
 
 
-def _cue(cue: Any) -> dict[str, Any]:
-    start, length, text = _a_list(cue)
+def _cues(value: Any) -> list[dict[str, Any]]:
+    if not isinstance(value, dict):
+        raise TypeError
+    columns = [_a_list(value[name]) for name in ("start_s", "duration_s", "text")]
+    return [_cue(*cells) for cells in zip(*columns, strict=True)]
+
+
+def _cue(start: Any, length: Any, text: Any) -> dict[str, Any]:
     for one in (start, length):
         if isinstance(one, bool) or not isinstance(one, int | float):
             raise TypeError
@@ -166,7 +173,9 @@ def test_cues_as_columns_are_the_cues_cell_by_cell(good: list[Any], odd: list[An
 
 def test_one_odd_list_of_cues_costs_that_list_only() -> None:
     huge = 10**400  # no float holds it
-    values = [[[0, 1.5, "a"]], [[huge, 1, "b"]], None, [[True, 1, "c"]], [], [[2**53 + 1, 1, "d"]]]
+    rows = [[(0, 1.5, "a")], [(huge, 1, "b")], [(True, 1, "c")], [], [(2**53 + 1, 1, "d")]]
+    values = [in_columns(one) for one in rows]
+    values.insert(2, None)
     column, bad = coerce.coerce(values, CUES, {})
     assert [row for row, _ in bad] == [1, 3]
     assert column.to_pylist() == [
@@ -182,17 +191,17 @@ def test_one_odd_list_of_cues_costs_that_list_only() -> None:
 @pytest.mark.parametrize(
     ("cues", "starts"),
     [
-        (b'[[-0,1,"a"]]', [0.0]),
-        (b'[[1e400,1,"a"]]', [float("inf")]),
-        (b'[[1E-3,1,"a"], [2.50,1,"\xc3\xa9"]]', [0.001, 2.5]),
-        (b'[[1,1,"\xed\xa0\x80"]]', [1.0]),  # half of a pair, as some write it
-        (b"[[1,1]]", None),
-        (b'[[1,1,"a",2]]', None),
-        (b"{}", None),
+        (b'[-0],"duration_s":[1],"text":["a"]', [0.0]),
+        (b'[1e400],"duration_s":[1],"text":["a"]', [float("inf")]),
+        (b'[1E-3,2.50],"duration_s":[1,1],"text":["a","\xc3\xa9"]', [0.001, 2.5]),
+        (b'[1],"duration_s":[1],"text":["\xed\xa0\x80"]', [1.0]),  # half of a pair
+        (b'[1],"duration_s":[1]', None),
+        (b'[1],"duration_s":[1],"text":["a",2]', None),
+        (b"7", None),
     ],
 )
 def test_numbers_and_texts_as_json_may_write_them(cues: bytes, starts: list[float] | None) -> None:
-    column, bad = coerce.coerce([None, decoded(cues)], CUES, {})
+    column, bad = coerce.coerce([None, decoded(b'{"start_s":%s}' % cues)], CUES, {})
     nothing, one = column.to_pylist()
     assert nothing is None
     assert (one and repr([cue["start_s"] for cue in one])) == (starts and repr(starts))
@@ -203,12 +212,14 @@ WORDS = parse_type("list<struct<start_s: float64, text: string, word_start_s: li
 
 
 def test_a_list_of_numbers_may_be_left_out_and_an_odd_one_is_empty() -> None:
-    lists = [
-        [[0, "a b", [0, 0.5]], [1, "c"], [2, "d", None]],
-        [[3, "e", ["x"]]],
-        [[4, "f", [True]]],
+    values: list[dict[str, Any]] = [
+        {"start_s": [0, 1, 2], "text": ["a b", "c", "d"], "word_start_s": [[0, 0.5], None, None]},
+        {"start_s": [3], "text": ["e"], "word_start_s": [["x"]]},
+        {"start_s": [4], "text": ["f"], "word_start_s": [[True]]},
+        {"start_s": [5], "text": ["g"], "word_start_s": None},
+        {"start_s": [6], "text": ["h"]},
     ]
-    column, bad = coerce.coerce(lists, WORDS, {})
+    column, bad = coerce.coerce(values, WORDS, {})
     assert bad == []
     starts = [[row["word_start_s"] for row in rows] for rows in column.to_pylist()]
-    assert starts == [[[0.0, 0.5], None, None], [[]], [[]]]
+    assert starts == [[[0.0, 0.5], None, None], [[]], [[]], [None], [None]]

@@ -164,12 +164,15 @@ def test_unknown_keys_are_counted_not_refused() -> None:
     assert not raw.unknown_keys("youtube/videos", {"items": "no list"})
 
 
+CUES = {"start_s": [0.0], "duration_s": [1.5], "text": ["hi"]}
+
+
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
         ({}, None),
-        ({"cues": [[0.0, 1.0, 2.0]]}, "2.0 is not of type 'string'"),
-        ({"cues": [[0.0, "x"]]}, "[0.0, 'x'] is too short"),
+        ({"cues": {**CUES, "text": [2.0]}}, "2.0 is not of type 'string'"),
+        ({"cues": {"start_s": [0.0], "text": ["x"]}}, "'duration_s' is a required property"),
         ({"outcome": "maybe"}, "'maybe' is not one of"),
         ({"video_id": None}, "None is not of type 'string'"),
     ],
@@ -180,7 +183,7 @@ def test_a_transcript_s_schema(change: dict[str, Any], problem: str | None) -> N
         "outcome": "ok",
         "kind": "asr",
         "language": "en",
-        "cues": [[0.0, 1.5, "hi"]],
+        "cues": CUES,
         "player": {"fps": 30},
     }
     found = problems("youtube/transcripts", good | change)

@@ -64,8 +64,9 @@ def test_how_a_file_is_made_again(path: str, hint: str, tmp_path: Path) -> None:
     assert remedy(tmp_path / "pairs" / path) == hint
 
 
-def test_a_file_of_a_download_is_downloaded_again(tmp_path: Path) -> None:
-    folder = tmp_path / "release/wiki"
+@pytest.mark.parametrize("name", ["release/wiki", "wiki", "download/pairs"])
+def test_a_file_of_a_download_is_downloaded_again(tmp_path: Path, name: str) -> None:
+    folder = tmp_path / name
     folder.mkdir(parents=True)
     (folder / "SHA256SUMS").touch()
     shard = folder / "pages-00000-of-00001.parquet"

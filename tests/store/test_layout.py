@@ -9,15 +9,16 @@ import pytest
 
 from kb.core.sources import PUBLISHED
 from kb.schema import tables
+from kb.store.artifact_registry import ARTIFACTS
 from kb.store.layout import TOP, Layout, parquet_files
 
 ROOT = Path(__file__).resolve().parents[2]
-EXCUSED = (
-    "kb/schema/",  # schemas/raw/ is no data
-    "kb/store/layout.py",
-    "kb/store/artifact_registry.py",  # "raw/wiki/pages" is the name of an input there
-    "kb/core/dask_engine.py",  # below every other room: it imports none
-)
+EXCUSED = ("kb/schema/", "kb/store/layout.py")  # schemas/raw/ is no data
+# Names of inputs ("raw/wiki/pages") are declared; core/ is below the layout, which it can't ask.
+STRINGS = {
+    "kb/store/artifact_registry.py": {name for one in ARTIFACTS.values() for name in one.inputs},
+    "kb/core/dask_engine.py": {"state"},
+}
 # "pairs/pairs" and "links/…" are names of declared tables as well, and with one more part
 # ("clean/wiki") names of artifacts, which no path is.
 WRITTEN = re.compile(rf"(?:{'|'.join(sorted(set(TOP) - {'pairs', 'links'}))})/[^/ ]+/[^/ ]")
@@ -64,7 +65,9 @@ def test_no_other_file_writes_a_path_under_the_data_root() -> None:
     for path in [*(ROOT / "kb").rglob("*.py"), *(ROOT / "pipelines").glob("*.py")]:
         name = path.relative_to(ROOT).as_posix()
         if not name.startswith(EXCUSED):
-            wrong += [f"{name}:{line}: {text!r}" for line, text in paths(path.read_text())]
+            found = list(paths(path.read_text()))
+            excused = STRINGS.get(name, set())
+            wrong += [f"{name}:{line}: {text!r}" for line, text in found if text not in excused]
     assert not wrong, "ask kb.store.layout for these paths:\n" + "\n".join(wrong)
 
 

@@ -1,18 +1,24 @@
 """`kb tasks` as a user: the tables, MineDojo's file, a purge, and a run that finds nothing new."""
 
 import json
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import duckdb
 import pyarrow as pa
 import pytest
 import yaml
 
+from kb.artifacts import release_folder
 from kb.pairs.transcript_batch import Text
+from kb.release.metadata.quality import task_quality
 from kb.sandbox.world import World
 from kb.tasks.build import TaskTimes, by_chapter, by_mentions, chapters
 from tests.faults import Sandbox
+from tests.labels.answers import exported, judgement
 from tests.youtube.job import Job
 
 SCHEMA = {"collection", "guidance", "prompt", "source"}
@@ -129,6 +135,107 @@ def test_purged_videos_leave_every_place(job: Job, tmp_path: Path) -> None:
         assert not _rows(job, f"FROM '$/{place}' SELECT 1 WHERE video_id = '{gone}'")
     assert gone not in (job.root / "export/minedojo/creative_tasks.yaml").read_text()
     assert json.loads((job.root / "tasks/_manifest.json").read_text())["rules"]
+
+
+def _project(job: Job) -> list[dict[str, Any]]:
+    """`data` of every task of a project for Label Studio."""
+    job.done("label", "export", "tasks", "--sample", "9999", "--out", "project")
+    return [one["data"] for one in json.loads((job.place / "project/tasks.json").read_text())]
+
+
+def test_what_people_say_of_tasks_counts(job: Job) -> None:
+    """An import is a reason for `kb build`; rejected tasks go, wordings and times replace the mined
+    ones, and figures stay those of what was found.
+    """
+    job.done("build", "tasks")
+    mined = _rows(job, "FROM '$/tasks/tasks-*.parquet' SELECT task_id, prompt, start_s")
+    items = _project(job)
+    listed = [one for one in items if "<br>0:00 Hello<br>" in one["description"]]
+    assert listed, "no description has its chapters"
+    no, tie, possible, worded, timed = items[:5]
+    given = [
+        (no, [judgement(1, is_task="no"), judgement(2, is_task="no", wording=["build it"])]),
+        (tie, [judgement(1, is_task="no"), judgement(2, is_task="yes", possible="unsure")]),
+        (possible, [judgement(1, is_task="yes", possible="no")]),
+        (
+            worded,
+            [
+                judgement(1, 0, is_task="yes", wording=["build a first one"]),
+                judgement(2, 5, is_task="unsure", wording=["build  a better one"]),
+                judgement(3, 9, is_task="no", wording=["build the last one"]),
+            ],
+        ),
+        (timed, [judgement(n, begins_s=at, ends_s=at + 9) for n, at in ((1, 2.0), (2, 5.0))]),
+    ]
+    file = str(exported(job.place / "answers.json", given))
+    said = job.done("label", "import", file)["figures"]["task"]["questions"]
+    (step,) = [
+        one for one in job.done("build", "--plan", "tasks")["steps"] if "labels" in one["reasons"]
+    ]
+    assert step["artifact"] == "tasks"
+    assert job.done("release", code=1)
+    job.done("build", "tasks")
+    sql = """FROM '$/release/tasks/tasks-*.parquet'
+        SELECT task_id, prompt, prompt_mined, start_s, end_s, judged, n_judges"""
+    rows = {row[0]: row[1:] for row in _rows(job, sql)}
+    assert {one for one, *_ in mined} - rows.keys() == {no["item_id"], possible["item_id"]}
+    assert rows[worded["item_id"]][:2] == ("build a better one", worded["prompt"])
+    assert rows[timed["item_id"]][2:] == (3.5, 12.5, True, 2)
+    assert rows[tie["item_id"]][0] == tie["prompt"]
+    assert sum(judged for *_, judged, _ in rows.values()) == 3
+    gone = "FROM '$/tasks/titles-*.parquet' SELECT task_id WHERE rejected_reason = 'judged'"
+    assert {one for (one,) in _rows(job, gone)} == {no["item_id"], possible["item_id"]}
+    job.done("tasks", "--format", "minedojo")
+    read = yaml.safe_load((job.root / "export/minedojo/creative_tasks.yaml").read_text())
+    prompts = [one["prompt"] for one in read.values()]
+    assert "build a better one" in prompts
+    assert not {no["prompt"], possible["prompt"], worded["prompt"]} & set(prompts)
+    # A second import finds the same, although two tasks have left the table.
+    assert job.done("label", "import", file)["figures"]["task"]["questions"] == said
+    job.done("tasks", "--again")
+    assert {row[0]: row[1:] for row in _rows(job, sql)} == rows
+    folder = release_folder.read(job.root / "release/tasks", "tasks")
+    with duckdb.connect() as con:
+        card = " ".join(task_quality(con, job.root, folder))
+    assert f"people judged 5 of {len(mined)} mined tasks. Left out" in card
+    assert "or possible: 2; with a wording of theirs (`prompt_mined` has the title's): 1." in card
+
+
+def test_triage_takes_a_key_a_title_and_goes_on_where_it_ended(job: Job) -> None:
+    """In a pipe; "b" goes back, and answers once more."""
+    job.done("build", "tasks")
+    words = ["label", "triage", "tasks", "--annotator", "7", "--json"]
+    first = _typed(job, words, "a\nr\nb\na\ne\nbuild a whole town\nq\n")
+    assert "channel" in first.stdout
+    summary = json.loads(first.stdout.splitlines()[-1])
+    counted = [summary[f"{name}_tasks"] for name in ("accepted", "rejected", "reworded")]
+    assert counted == [2, 0, 1]
+    second = json.loads(_typed(job, words, "r").stdout.splitlines()[-1])
+    assert (second["rejected_tasks"], second["left"]) == (1, summary["left"] - 1)
+    sql = """FROM '$/labels/labels-*.parquet' SELECT question::VARCHAR, answer, count(*)
+        WHERE annotator = 7 GROUP BY ALL ORDER BY ALL"""
+    assert _rows(job, sql) == [
+        ("is_task", "no", 1),
+        ("is_task", "yes", 3),
+        ("wording", "build a whole town", 1),
+    ]
+    job.done("build", "tasks")
+    assert _rows(job, "FROM '$/tasks/tasks-*.parquet' SELECT 1 WHERE prompt = 'build a whole town'")
+
+
+def _typed(job: Job, words: list[str], keys: str) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run(
+        [sys.executable, "-m", "kb", *words],
+        input=keys,
+        env=job.env,
+        cwd=job.place,
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done
 
 
 def test_chapters_are_lines_with_times_from_zero_on() -> None:

@@ -69,6 +69,11 @@ RELEASES: dict[str, Callable[[Path], object]] = {
     "metadata is deep": lambda folder: (folder / "croissant.json").write_text(DEEP),
     "metadata is a list": lambda folder: (folder / "croissant.json").write_text('["distribution"]'),
     "profile is a pipe": lambda folder: replaced(folder / "profile.toml", os.mkfifo),
+    "profile is large": lambda folder: replaced(folder / "profile.toml", large),
+    "profile is deep": lambda folder: (folder / "profile.toml").write_text(f"a = {DEEP}"),
+    "keywords are a pipe": lambda folder: replaced(folder / "keywords.tsv", os.mkfifo),
+    "an index is one line": lambda folder: replaced(folder / "index.ndjson", large),
+    "an index is a pipe": lambda folder: replaced(folder / "index.ndjson", os.mkfifo),
     "names count to 99,999": many,
     "offsets are endless": offsets,
 }
@@ -77,6 +82,7 @@ COMMANDS = (
     ("query", "SELECT count(*) FROM reddit_posts", "--data", "{folder}"),
     ("restore", "{folder}", "--plan", "--data", "{place}/new"),
     ("status", "--data", "{folder}"),
+    ("search", "a word", "--data", "{folder}"),
 )
 
 

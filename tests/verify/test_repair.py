@@ -34,7 +34,7 @@ def test_repair_makes_again_what_raw_data_can_make(root: Path) -> None:
     assert released.read_bytes() == whole
     commands = ("kb youtube filter", "kb pairs --again", "kb youtube export")
     assert all(any(f"`{command}` was run" in line for line in said) for command in commands)
-    assert any("is its copy" in line for line in said)
+    assert any("was restored from its copy" in line for line in said)
 
 
 def test_a_release_without_its_description_gets_it_where_nothing_is_damaged(root: Path) -> None:
@@ -101,7 +101,7 @@ def test_repair_says_which_command_asks_where_no_key_is_there(root: Path) -> Non
     flipped(path)
     said = repair(root)
     assert any("was set aside" in line or "set aside as" in line for line in said)
-    assert any("`kb youtube crawl` has to be run" in line for line in said)
+    assert any("`kb youtube crawl` failed" in line for line in said)
     assert any(f"{path.name}.damaged-" in name.name for name in path.parent.iterdir())
     (path.parent / "notes.txt").write_text("x")
     told = {(each.state, each.path.name): each.advice for each in verify(root).entries}

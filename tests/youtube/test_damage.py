@@ -153,7 +153,7 @@ def test_a_flipped_bit_never_makes_another_answer(job: Job) -> None:
         flipped = bytearray(whole)
         flipped[place] ^= 1 << place % 8
         path.write_bytes(flipped)
-        read = rawlog.Frames(path, mending=True)
+        read = rawlog.Frames(path, skip_damage=True)
         found = {line for _, line in read}
         assert found <= lines
         assert found == lines or read.damaged or read.torn

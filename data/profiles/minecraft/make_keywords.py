@@ -45,29 +45,29 @@ BY_HAND = {
 Baby Zombie, Chicken Jockey, Dragon, Golem, Librarian, Spider Jockey, Sulfur Cube
 """,
     "block": """
-Acacia, Amethyst, Birch, Block, Comparator, Dark Oak, Door, Dripstone, Flower, Log, Magma, Moss,
-Oak, Ore, Planks, Portal, Pressure Plate, Repeater, Slab, Spruce, Staircase, Stairs, Tree, Vine,
-Wall
+Acacia, Amethyst, Birch, Block, Comparator, Dark Oak, Door, Dripstone, Flower, Froglight, Log,
+Magma, Moss, Oak, Ore, Planks, Portal, Pressure Plate, Repeater, Slab, Spruce, Staircase, Stairs,
+Tree, Vine, Wall
 """,
     "item": """
 Armor, Axe, Beef, Boots, Chainmail Armor, Copper, Copper Armor, Debris, Diamond Armor, Diamond
-Tools, Explorer Map, Food, Gold, Golden Armor, Helmet, Hoe, Honey, Ingot, Iron, Iron Armor, Iron
-Tools, Leather Armor, Leggings, Chestplate, Meat, Music Disc Bounce, Music Disc Creator, Music Disc
-Lava Chicken, Music Disc Otherside, Music Disc Pigstep, Music Disc Precipice, Music Disc Relic,
-Music Disc Tears, Netherite, Netherite Armor, Nugget, Ocean Explorer Map, Pearl, Pickaxe, Quartz,
-Shovel, Spear, Stone Tools, Sword, Treasure Map, Trial Explorer Map, Woodland Explorer Map, Wooden
-Tools
+Tools, Explorer Map, Firework, Food, Gold, Golden Armor, Helmet, Hoe, Honey, Ingot, Iron, Iron
+Armor, Iron Tools, Leather Armor, Leggings, Chestplate, Meat, Music Disc Bounce, Music Disc
+Creator, Music Disc Lava Chicken, Music Disc Otherside, Music Disc Pigstep, Music Disc Precipice,
+Music Disc Relic, Music Disc Tears, Netherite, Netherite Armor, Nugget, Ocean Explorer Map, Pearl,
+Pickaxe, Porkchop, Quartz, Shovel, Spear, Stone Tools, Sword, Totem, Treasure Map, Trial Explorer
+Map, Woodland Explorer Map, Wooden Tools
 """,
     "biome": "Biome, Sulfur Caves, Tundra",
     "enchantment": "Enchantment",
     "structure": """
-abandoned mineshaft, ancient city, base, bastion, bastion remnant, bridge, buried treasure, castle,
-cave, desert pyramid, desert temple, desert well, dungeon, end city, end gateway, end portal, end
-ship, exit portal, farm, fortress, fossil, geode, house, igloo, jungle pyramid, jungle temple,
-mansion, mineshaft, mob spawner, monument, nether fortress, nether fossil, nether portal, ocean
-monument, ocean ruins, outpost, pillager outpost, pyramid, raid, ravine, ruined portal, shipwreck,
-spawner, stronghold, sulfur spring, swamp hut, temple, tower, trail ruins, trial chamber, village,
-witch hut, woodland mansion
+abandoned mineshaft, ancient city, base, bastion, bastion remnant, bridge, buried treasure,
+castle, cave, desert pyramid, desert temple, desert well, dungeon, end city, end gateway, end
+portal, end ship, exit portal, farm, fortress, fossil, geode, house, igloo, jungle pyramid, jungle
+temple, mansion, mineshaft, mob spawner, monument, nether fortress, nether fossil, nether portal,
+ocean monument, ocean ruins, outpost, pillager outpost, pyramid, raid, ravine, ruined portal,
+shipwreck, spawner, stronghold, sulfur spring, swamp hut, temple, tower, trail ruins, trial
+chamber, village, witch hut, woodland mansion
 """,
     "dimension": "Nether, The Nether, The End, Overworld",
     "term": "Chunk, Coordinates, Inventory, Recipe, Seed, Spawn, Spawn Point, XP",
@@ -80,11 +80,15 @@ SPOKEN = {  # what people say and no version writes
     "Bucket of Sulfur Cube": "sulfur cube bucket",
     "Cactus": "cactuses",
     "Cobblestone": "cobble",
+    "Cobweb": "cob web, spider web",
     "Coordinates": "coords, cords",
-    "Crafting Table": "workbench, crafting bench",
-    "Elytra": "elytra wings",
+    "Crafting Table": "workbench, crafting bench, work bench",
+    "Elytra": "elytra wings, elitra",
     "Enchanted Golden Apple": "god apple, notch apple",
     "Enchanting Table": "enchantment table, enchant table",
+    "Ender Chest": "e chest, echest",
+    "Ender Pearl": "e pearl, epearl",
+    "Enderman": "ender men",
     "Experience Orb": "xp orb",
     "Explorer Map": "explorer's map",
     "Eye of Ender": "ender eye",
@@ -108,18 +112,19 @@ SPOKEN = {  # what people say and no version writes
     "Nether Wart": "wart",
     "Netherrack": "nether rack",
     "Phantom Membrane": "membrane",
+    "Potion": "invis pot, strength pot, speed pot, health pot, healing pot, splash pot",
     "Powder Snow": "powdered snow",
     "Powder Snow Bucket": "bucket of powder snow",
     "Redstone Dust": "redstone",
     "Skeleton": "skelly, skellies",
-    "Smelting": "smelt",
+    "Smelting": "smelt, smelted",
     "Spawn Point": "respawn point",
     "Strip Mine": "strip mining",
     "TNT": "t n t",
     "Water Bucket": "bucket of water",
     "Wither Skeleton": "wither skelly, wither skellies",
-    "XP": "experience points",
-    "Zombified Piglin": "zombie pigman, pig zombie, pigman",
+    "XP": "experience points, exp",
+    "Zombified Piglin": "zombie pigman, pig zombie, pigman, pig man, zombie pig man",
 }
 # What is said in place of a word of a name, in any name that has it: gold pick, Golden Pickaxe.
 SAID = {
@@ -127,12 +132,19 @@ SAID = {
     "axe": ("ax",),
     "chainmail": ("chain",),
     "chestplate": ("chest plate",),
+    "cobblestone": ("cobble stone",),
+    "crossbow": ("cross bow",),
     "deepslate": ("deep slate",),
     "golden": ("gold",),
+    "grindstone": ("grind stone",),
+    "gunpowder": ("gun powder",),
     "minecart": ("mine cart",),
     "mineshaft": ("mine shaft",),
     "pickaxe": ("pick", "pick axe", "pickax", "pick ax"),
+    "porkchop": ("pork chop",),
     "sculk": ("skulk",),
+    "stonecutter": ("stone cutter",),
+    "trapdoor": ("trap door",),
     "wooden": ("wood",),
 }
 # "At the end portal" is no end, and "the nether portal" is a portal.
@@ -141,19 +153,25 @@ THERE = {"end": ("the", "at the", "in the"), "nether": ("the",)}
 # Everyday words. `topic` counts in a video that is known to be about the game; `near` wants an
 # unmistakable keyword close by, in such a video too; `never` makes no pair.
 TOPIC = """
-apple, armor, arrow, axe, bamboo, bastion, beacon, bed, birch, block, boat, bone, book, boots, bow,
-bread, brewing, brick, bricks, bridge, bucket, bundle, cactus, camel, carpet, carrot, carrots,
-cauldron, cave, chest, chicken, chunk, clay, coal, cod, coordinates, copper, cow, crafting, desert,
-diamond, dirt, door, drowned, dungeon, dye, efficiency, emerald, enchanting, enchantment, farm,
-feather, fence, fishing bobber, fishing rod, food, forest, fortress, fossil, goat, gold, granite,
-grass, gravel, guardian, helmet, hoe, house, ice, infinity, inventory, iron, jungle, kelp, ladder,
-lantern, leather, leggings, lever, llama, log, loom, mace, magma, meat, mining, mountains, mule,
-mushroom, oak, ocean, ore, pearl, phantom, pig, plains, planks, portal, potato, potatoes, potion,
-protection, pufferfish, pumpkin, pyramid, rail, ravine, recipe, river, salmon, sand, savanna,
-scaffolding, seeds, sheep, shield, shipwreck, shovel, slab, slime, smelting, snow, snowball, spawn,
-spawn point, spear, spider, spruce, staircase, stairs, stick, stone, string, strip mine, sugar,
-swamp, sword, temple, the end, torch, tower, tree, tropical fish, tundra, village, villager, water,
-wheat, witch, wolf, wood, xp
+apple, armor, arrow, axe, bad luck, baked potato, bamboo, bastion, beacon, bed, birch, block, blue
+egg, boat, bone, book, boots, bow, bread, brewing, brick, brick wall, bricks, bridge, brown egg,
+brown mushroom, bucket, bundle, cactus, camel, carpet, carrot, carrots, cauldron, cave, chest,
+chicken, chunk, clay, coal, cod, cooked chicken, cooked cod, cooked fish, cooked mutton, cooked
+porkchop, cooked rabbit, cooked salmon, coordinates, copper, cow, crafting, dark forest, dead
+bush, desert, diamond, dirt, door, drowned, dungeon, dye, efficiency, emerald, enchanting,
+enchantment, farm, feather, fence, firework, fishing bobber, fishing rod, flower forest, food,
+forest, fortress, fossil, goat, gold, granite, grass, gravel, guardian, helmet, hoe, house, ice,
+infinity, inventory, iron, iron chain, jungle, kelp, ladder, lantern, leaf litter, leather,
+leggings, lever, lightning bolt, lightning rod, llama, log, loom, mace, magma, meat, mining,
+mountains, mule, mushroom, mushroom stew, oak, ocean, ore, pearl, phantom, pig, pink petals,
+plains, planks, polar bear, porkchop, portal, potato, potatoes, potion, protection, pufferfish,
+pumpkin, pumpkin pie, pyramid, quick charge, rail, ravine, raw beef, raw chicken, raw cod, raw
+fish, raw mutton, raw porkchop, raw rabbit, raw salmon, recipe, red mushroom, river, salmon, sand,
+savanna, scaffolding, seeds, sheep, shield, shipwreck, short grass, shovel, slab, slime, smelting,
+snow, snowball, spawn, spawn point, spear, spider, spruce, stained glass, staircase, stairs,
+stick, stone, string, strip mine, sugar, swamp, sweet berries, sword, tall grass, temple, the end,
+torch, totem, tower, tree, tropical fish, tundra, turtle egg, turtle shell, village, villager,
+wall sign, water, wheat, wildflowers, witch, wolf, wood, xp
 """
 NEAR = """
 absorption, banner, barrel, barrier, base, bat, beach, bee, beef, bell, blindness, bowl, breeze,
@@ -173,6 +191,11 @@ player, power, punch, save, seed, sign, speed, target
 ALWAYS = """
 anvil, furnace, hopper, levitation, mending, mob, observer, regeneration, saddle, sapling, wool
 """  # everyday words that are mostly meant when they are said
+# Coloured things that every home has are `topic` as well.
+AT_HOME = re.compile(
+    "(white|orange|magenta|yellow|lime|pink|gr[ae]y|light gr[ae]y|cyan|purple|blue|light blue|brown"
+    "|green|red|black) (bed|candle|carpet|cushion)"
+)
 SKIP = re.compile(
     r"^(?:tile|item|block)\.|%|\(|^minecraft|unused|^null$|^unknown"
     r"|smithing template|^map \d|^the void$|^\W*$| wall banner$|text"
@@ -262,7 +285,16 @@ def main(data: Path) -> None:
         more = [form for form in said(key) if form not in taken]
         taken.update(more)
         forms = ", ".join([*hand[key], *more])
-        print("\t".join((shown[key], kinds[key], rules.get(key, ""), forms)).rstrip())
+        print(
+            "\t".join(
+                (
+                    shown[key],
+                    kinds[key],
+                    rules.get(key, "topic" if AT_HOME.fullmatch(key) else ""),
+                    forms,
+                )
+            ).rstrip()
+        )
 
 
 if __name__ == "__main__":

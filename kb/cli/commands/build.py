@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -99,11 +100,11 @@ def _make(run: Run, size: int, found: dict[str, list[str]], steps: list[dict[str
             step["outcome"] = f"left out: {without[0]} failed"
             run.progress.say(f"{name} is left out, because {without[0]} failed")
             continue
-        if not (why := freshness.reasons(run, name)):
+        if not freshness.reasons(run, name):
             step["outcome"] = "unchanged"
             summary["current"] += 1
             continue
-        run.progress.say(f"{name}: {', '.join(why)}")
+        run.progress.say(f"{name}: {', '.join(step['reasons'])}")
         try:
             _make_one(run, name)
         except Stopped as error:
@@ -192,10 +193,11 @@ def update(
 ) -> Summary:
     """Bring a data root up to date, as a timer does.
 
-    It crawls what is new, reads again what is older than the services' terms allow, purges what was
-    deleted there, then builds. Only sources that this data root has crawled through a service.
-    Where a quota or limit ends a source, the others and the build go on, the exit code is 3, and
-    the next run goes on there.
+    It reads again what is older than the services' terms allow, crawls what is new, purges what was
+    deleted there, then builds. Only sources that this data root has crawled through a service. A
+    crawl keeps to --ids, --titles, --part and --since of the newest one, and to no --until. Where a
+    quota or limit ends a source, the others and the build go on, the exit code is 3, and the next
+    run goes on there.
     """
     chosen = _crawled_sources(run, sources or [])
     if plan:
@@ -203,14 +205,16 @@ def update(
     done: dict[str, dict[str, Any]] = {name: {} for name in chosen}
     failures: list[tuple[str, KbError]] = []
     for name, step in ((one, step) for one in chosen for step in _steps_of(one)):
-        if any(name in failed.split() for failed, _ in failures):
-            continue
+        if not step.startswith("purge ") and any(name in one.split() for one, _ in failures):
+            continue  # what is known to be gone goes all the same
         run.progress.say(f"kb {step}")
+        crawls = step.endswith(" crawl")
         # An unfinished round goes on; a finished one is followed by the next.
-        as_run = replace(run, again=step.endswith(" crawl"))
+        as_run = replace(run, again=crawls)
         try:
             command_: Any = find_command(step.split())
-            done[name][step] = command_.function(as_run)
+            bounds = _as_before(run, name) if crawls else {}
+            done[name][step] = command_.function(as_run, **bounds)
         except (Interrupted, DiskFull):
             raise
         except KbError as error:
@@ -236,13 +240,33 @@ def update(
 
 
 def _steps_of(source: str) -> list[str]:
-    """The commands that ask the service, in order."""
+    """The commands that ask the service, in order: first what its terms ask for, as a crawl may
+    spend the quota, then what removes.
+    """
     refresh = [f"refresh {source}"] if SOURCES[source].refreshed else []
-    return [f"{source} crawl", *refresh, f"purge {source}"]
+    return [*refresh, f"{source} crawl", f"purge {source}"]
+
+
+def _as_before(run: Run, source: str) -> dict[str, Any]:
+    """The options of the source's newest crawl that bound what it collects. Raises FatalError."""
+    from kb.crawl.job import ASKED
+    from kb.store.layout import Layout
+    from kb.store.tables import reading
+
+    with reading.state(Layout(run.root).state(source)) as frontier:
+        bounds: dict[str, Any] = frontier.cursor(ASKED, {}, of=dict[str, str])
+    for name in {"ids", "titles"} & bounds.keys():
+        bounds[name] = Path(bounds[name])
+        if not bounds[name].exists():
+            raise FatalError(
+                f"{bounds[name]}, which says what to crawl, is gone",
+                hint=f"bring it back, or run `kb {source} crawl` once as it is to go on",
+            )
+    return bounds
 
 
 def _crawled_sources(run: Run, asked: list[str]) -> list[str]:
-    """The sources that were crawled through a service, with their credentials.
+    """The sources that were crawled through a service, with what asking it again needs.
 
     Raises SettingError, FatalError without any, MissingCredential.
     """
@@ -271,8 +295,7 @@ def _crawled_sources(run: Run, asked: list[str]) -> list[str]:
             hint="run a crawl first; `kb build` makes what is out of date",
         )
     for name in chosen:
-        if credential := SOURCES[name].credential:
-            run.settings.need(credential)
+        SOURCES[name].connector(run).identity()
     return chosen
 
 
@@ -284,7 +307,10 @@ def _planned_update(run: Run, chosen: list[str]) -> Summary:
     for name in chosen:
         for step in _steps_of(name)[:-1]:  # what was deleted is known after a refresh
             command_: Any = find_command(step.split())
-            planned = command_.function(run, plan=True)
+            bounds = _as_before(run, name) if step.endswith(" crawl") else {}
+            if "ids" not in bounds:  # of all remaining work
+                bounds.pop("part", None)
+            planned = command_.function(run, plan=True, **bounds)
             phases += [{**one, "phase": f"{step}: {one['phase']}"} for one in planned["phases"]]
             assumed += [planned["assumed"]] if planned.get("assumed") else []
     found = freshness.plan(run, freshness.graph(run))

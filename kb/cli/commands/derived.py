@@ -30,7 +30,7 @@ class TasksFormat(StrEnum):
     tasks_app,
     uses=("pipeline",),
     again="Mine all titles again, even if nothing has changed.",
-    json="tasks, titles, starts, rejected_by",
+    json="tasks, titles, judged, reworded, starts, rejected_by",
     needs_data=True,
     checks=True,
     examples=[
@@ -50,7 +50,8 @@ def tasks(
 
     Each video gives at most one task, which begins where a chapter or the transcript first names
     its object. Every title that gives none is in tasks_titles with the reason. The verbs and
-    phrases are those of [tasks] in the profile.
+    phrases are those of [tasks] in the profile. What people judged (`kb label`) counts: tasks that
+    they rejected are left out, their wordings and times replace those of the title.
     """
     summary: Summary = pipeline(run, "tasks").tasks(run, format.value)
     return summary
@@ -116,7 +117,7 @@ def report(
 
 
 annotate_app = group("Score text for toxicity. `filter` does this as well.")
-models_app = group("Download the toxicity model.")
+models_app = group("Download the models for toxicity and for scores of pairs.")
 
 
 class Precision(StrEnum):
@@ -203,11 +204,12 @@ for _name, _source in SOURCES.items():
 
 @command(
     models_app,
-    without=("data", "profile"),
+    without=("data",),
     json="model, fetched, present, bytes, folder",
     examples=[
         "kb models fetch                the model of the paper, Detoxify `original`",
         "kb models fetch unbiased       another model; then set KB_TOXICITY_MODEL=unbiased",
+        "kb models fetch clip           the profile's CLIP model, for `kb pairs score`",
     ],
 )
 def fetch(
@@ -216,7 +218,7 @@ def fetch(
         str,
         typer.Argument(
             metavar="[NAME]",
-            help="original, unbiased, multilingual, original-small or unbiased-small.",
+            help="original, unbiased, multilingual, original-small, unbiased-small or clip.",
         ),
     ] = "original",
 ) -> Summary:
@@ -224,6 +226,10 @@ def fetch(
 
     An interrupted download resumes. The files are kept in the user's cache, for all data roots.
     """
+    if name == "clip":
+        from kb.score.models import fetch as fetch_clip
+
+        return fetch_clip(run)
     from kb.annotate.fetch import fetch as room
 
     return room(run, name)

@@ -16,6 +16,15 @@ from kb.core.errors import SettingError
 from kb.core.summary import Summary
 from kb.core.summary.intervals import interval_text
 
+
+class Device(StrEnum):
+    """Where a model runs."""
+
+    auto = "auto"
+    cpu = "cpu"
+    cuda = "cuda"
+
+
 app = group("Make keyword-matched video-text pairs.")
 
 
@@ -147,6 +156,63 @@ def draw(
 
     limits = Limits(per_keyword, per_video, max_videos)
     return drawn(run, n, limits, where, run.seed if seed is None else seed, out, plan=plan)
+
+
+@command(
+    app,
+    uses=("workers",),
+    json="pairs, scored, missing, short, undecodable, no_text, videos, model, path",
+    needs_data=True,
+    examples=[
+        "kb pairs score --videos films --model ViT-B-16.pt   all pairs whose film is in films",
+        "kb pairs score --videos films --sample 1000         the model of `kb models fetch clip`",
+        "kb pairs score --videos films --pairs draw/pairs.parquet",
+    ],
+)
+def score(
+    run: Run,
+    videos: Annotated[
+        list[Path],
+        typer.Option(
+            "--videos", metavar="DIR", help="A folder with video files; may be given repeatedly."
+        ),
+    ],
+    pairs: Annotated[
+        Path | None,
+        typer.Option(
+            "--pairs", metavar="FILE", help="Only these pairs: Parquet, as `kb pairs draw` writes."
+        ),
+    ] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model",
+            metavar="FOLDER|FILE",
+            help="A CLIP model: a folder of transformers, or a state dict of OpenAI's CLIP,"
+            " open_clip or MineCLIP. [default: what `kb models fetch clip` stored]",
+        ),
+    ] = None,
+    sample: Annotated[
+        int | None, typer.Option("--sample", min=1, metavar="N", help="Random sample of N pairs.")
+    ] = None,
+    device: Annotated[
+        Device,
+        typer.Option("--device", help="Where the model runs; auto uses a GPU if there is one."),
+    ] = Device.auto,
+) -> Summary:
+    """Score how well clips show what texts say, with a CLIP model and your own video files.
+
+    Writes pairs/scores-*.parquet: similarity, margin over the texts of other clips of the video,
+    the offset at which the picture fits best, and the share of static frames. pairs/measures.json
+    and the card get their distribution and, where people judged pairs, what share of them shows
+    what is named at each score. A run that was stopped resumes, and what the same model scored
+    before is not scored again. Lorecrawl downloads no video.
+    """
+    from kb.clips.build import Chosen
+    from kb.score.build import score as scored
+
+    folders = [one.expanduser() for one in videos]
+    return scored(run, folders, model, Chosen("", pairs, "", sample), str(device))
 
 
 @command(

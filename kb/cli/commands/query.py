@@ -42,13 +42,10 @@ class SqlCommand(Command):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the arguments without the comments before a query."""
-        return super().parse_args(ctx, [_without_comments(one) for one in args])
-
-
-def _without_comments(argument: str) -> str:
-    if argument.startswith("-- ") or (argument.startswith("--") and "\n" in argument):
-        return re.sub(r"\A(?:\s*--[^\n]*(?:\n|\Z))+", "", argument)
-    return argument
+        for place, one in enumerate(args):
+            if one.startswith("-- ") or (one.startswith("--") and "\n" in one):
+                args[place] = re.sub(r"\A(?:\s*--[^\n]*(?:\n|\Z))+", "", one)
+        return super().parse_args(ctx, args)
 
 
 @command(

@@ -13,7 +13,8 @@ from typing import Annotated
 import typer
 
 from kb.cli.framework.command import DumpsCommand, command, group
-from kb.cli.framework.options import CLUSTER, Dumps, Part, Plan, parse_part, pipeline
+from kb.cli.framework.messages import show_summary
+from kb.cli.framework.options import CLUSTER, Dumps, Options, Part, Plan, parse_part, pipeline
 from kb.cli.framework.source_commands import add_export, add_filter
 from kb.core import clock
 from kb.core.context import Run
@@ -137,30 +138,43 @@ def check(
     youtube_app,
     name="import",
     limit="Stop after N more files (exit code 3); the next run resumes.",
-    json="crawled, subtitles, playlists, files, known_files, left_out_by, left_out_files,"
-    " null_columns",
+    json="crawled, subtitles, playlists, own_transcripts, unknown_videos, files, known_files,"
+    " left_out_by, left_out_files, null_columns",
     checks=True,
     examples=[
         "kb youtube import ~/Videos/minecraft          files that yt-dlp wrote there",
         "kb youtube import disk1 disk2 && kb youtube filter",
+        "kb youtube import --own-transcripts whisper   what Whisper wrote: ID.json, TITLE [ID].srt",
     ],
 )
 def youtube_import(
     run: Run,
     folders: Annotated[
-        list[Path], typer.Argument(metavar="DIR...", help="Folders that yt-dlp wrote to.")
-    ],
+        list[Path] | None, typer.Argument(metavar="[DIR]...", help="Folders that yt-dlp wrote to.")
+    ] = None,
+    own_transcripts: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--own-transcripts",
+            metavar="DIR",
+            help="Transcripts of your own speech recognition: JSON of Whisper, WhisperX or"
+            " faster-whisper, .srt or .vtt, named by video as ID.json, TITLE [ID].srt or ID/…; may"
+            " be repeated.",
+        ),
+    ] = None,
 ) -> Summary:
     """Import videos and subtitles from yt-dlp's folders. Sends nothing; needs no key.
 
-    Reads *.info.json (videos, playlists, channels) and subtitles as .vtt, .srv3 and .json3,
-    including subfolders. Files that were imported before are skipped; after an interruption the
-    same command resumes. Columns that the files don't contain stay null and are listed at the end.
-    The files lack YouTube's game label, so keywords alone decide the topic.
+    Reads *.info.json (videos, playlists, channels) and subtitles as .vtt, .srv3, .json3 and .srt,
+    including subfolders. Own transcripts are used where YouTube has none (`own_transcripts` in
+    [youtube] of the profile), in the profile's language where they name none. Files that were
+    imported before are skipped; after an interruption the same command resumes. Columns that the
+    files don't contain stay null and are listed at the end. The files lack YouTube's game label, so
+    keywords alone decide the topic.
     """
     from kb.youtube.ytdlp.importer import import_folders, unfilled_columns
 
-    summary = import_folders(run, folders)
+    summary = import_folders(run, folders or (), own_transcripts or ())
     for line in unfilled_columns(summary):
         typer.echo(line)
     return summary
@@ -168,6 +182,51 @@ def youtube_import(
 
 add_filter(youtube_app, "youtube")
 add_export(youtube_app, "youtube")
+
+
+@command(
+    youtube_app,
+    "missing-transcripts",
+    raw=True,
+    json="missing_transcripts, path",
+    needs_data=True,
+    examples=[
+        "kb youtube missing-transcripts --out todo.txt              most viewed first",
+        "kb youtube missing-transcripts | head -9 | yt-dlp -x -a -  their sound, for Whisper",
+    ],
+)
+def missing_transcripts(
+    options: Options,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Write to FILE. [default: stdout]")
+    ] = None,
+) -> None:
+    """List videos that pass every other stage but have no transcript, most viewed first.
+
+    One id a line, for speech recognition of your own; `kb youtube import --own-transcripts DIR`
+    takes its transcripts. Sends nothing.
+    """
+    from kb.artifacts import freshness
+    from kb.store.atomic import write_text
+    from kb.youtube.status import missing_transcripts as listed
+
+    run = options.make_run()
+    ids = listed(run.root)
+    if freshness.reasons(run, "clean/youtube"):
+        run.progress.say("the tables are out of date; run `kb youtube filter` for a newer list")
+    text, path = "".join(f"{one}\n" for one in ids), None
+    if out is None:
+        typer.echo(text, nl=False)
+    else:
+        path = out.expanduser().absolute()
+        write_text(path, text)
+    summary = Summary(command="youtube missing-transcripts", missing_transcripts=len(ids))
+    if path is not None:
+        summary["path"] = str(path)
+    if options.json or path is not None:
+        show_summary(summary, options.json)
+    else:  # stdout holds the list alone, ready to be redirected
+        typer.echo(summary.line(), err=True)
 
 
 wiki_app = group("Collect wiki pages: screenshots, elements with boxes, tables and images.")

@@ -6,6 +6,7 @@ The traceback is shown with --debug only.
 """
 
 import difflib
+import errno
 import os
 import sys
 import traceback
@@ -17,11 +18,13 @@ import typer
 
 from kb.cli.framework.messages import fail, show_summary
 from kb.core import terminal
-from kb.core.errors import KbError
+from kb.core.errors import KbError, Stopped
 from kb.net import redact
 from kb.store.full_disk import as_disk_full
+from kb.store.out_of_memory import HINT, is_out_of_memory
 
 INTERRUPTED = 3
+UNWRITABLE = "name a --data that you may write to, or change who may"
 
 
 def run_to_exit_code(app: Any, words: Sequence[str] | None = None) -> int:
@@ -90,14 +93,15 @@ def _discard_stdout() -> None:
 def describe(error: BaseException) -> tuple[str, str, int]:
     """(message, hint, exit code) of anything that can end a command; notes say on which machine."""
     notes = "".join(f" ({note})" for note in getattr(error, "__notes__", ()))
+    if not isinstance(error, Stopped) and is_out_of_memory(error):
+        return f"out of memory{notes}", HINT, 1
     if isinstance(error, KbError):
         return f"{error}{notes}", error.hint, error.exit_code
     if isinstance(error, KeyboardInterrupt):
         return "stopped", "run the same command to resume", INTERRUPTED
     if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}{notes}", "", 1
-    if isinstance(error, MemoryError):
-        return f"out of memory{notes}", "try fewer --workers", 1
+        hint = UNWRITABLE if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM) else ""
+        return f"{error.filename}: {error.strerror}{notes}", hint, 1
     text = str(error).splitlines()[0] if str(error) else ""
     message = f"unexpected {type(error).__name__}: {text}{notes}"
     return message, "run it again with --debug for the traceback", 1

@@ -116,10 +116,12 @@ class Options:
         Raises SettingError, ProfileError or OtherService before anything is sent or written.
         """
         from kb.artifacts.table_catalog import address_of, existing
+        from kb.core.arrow_without_pandas import without_pandas
         from kb.core.config.settings import load_settings, unknown_names
         from kb.core.context import Run, default_workers
         from kb.net import redact
 
+        without_pandas()
         given = {"kb_data": self.data, "kb_profile": self.profile, **settings}
         loaded = load_settings(dotenv=dotenv, **given)
         redact.know(loaded.secret_values())
@@ -231,7 +233,7 @@ Plan = Annotated[
 ]
 Part = Annotated[
     str | None,
-    typer.Option("--part", metavar="I/N", help="The I-th of N parts of the ids, for N machines."),
+    typer.Option("--part", metavar="I/N", help="The I-th of N parts, for N machines."),
 ]
 
 

@@ -20,7 +20,7 @@ def root_of(value: str, example: str) -> str:
     if parts.scheme not in ("http", "https") or not host or " " in value:
         raise ValueError(f"must be an address like {example}")
     if parts.username is not None or parts.password is not None:
-        raise ValueError("must not hold a user name or password")
+        raise ValueError("must not contain a user name or password")
     if "?" in value or "#" in value:
         raise ValueError("must be a root, without ? or #")
     try:

@@ -3,6 +3,7 @@
 What travels to workers is a shipped one's name, and the text of a user's own.
 """
 
+import atexit
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
@@ -55,3 +56,8 @@ def _module(path: str, text: str) -> ModuleType:
     except (SyntaxError, ImportError) as error:
         raise SettingError(f"the pipeline {path} can't be loaded: {error}") from error
     return module
+
+
+# A module outside of sys.modules is not cleared when the interpreter ends, and DuckDB complains on
+# stderr about all that it still holds then.
+atexit.register(_module.cache_clear)

@@ -118,7 +118,7 @@ class Settings(BaseSettings):
         if isinstance(value, str):
             value = value.strip()
             if _CONTROL.search(value):
-                raise ValueError("must not hold line breaks or other control characters")
+                raise ValueError("must not contain line breaks or other control characters")
         # An empty secret says something of its own: a Reddit app that has none.
         if value == "" and info.field_name not in _MAY_BE_EMPTY:
             return cls.model_fields[info.field_name or ""].default
@@ -137,7 +137,7 @@ class Settings(BaseSettings):
     def _fits_a_header(cls, value: object) -> object:
         if isinstance(value, str) and not _LATIN.fullmatch(value):
             raise ValueError(
-                "must be of Latin letters, digits and signs, as it is sent in a header"
+                "must consist of Latin letters, digits and signs, as it is sent in a header"
             )
         return value
 
@@ -159,11 +159,13 @@ class Settings(BaseSettings):
     def _is_time(cls, value: str | None) -> str | None:
         if value:
             try:
-                clock.parse(value)
+                known = clock.FIRST <= clock.parse(value) <= clock.LAST
             except OverflowError:
-                raise ValueError("must be a time from the years 1 to 9999") from None
+                known = False
             except ValueError:
                 raise ValueError("must be a date and time: 2026-11-20T12:00:00Z") from None
+            if not known:
+                raise ValueError("must be a time from the years 1970 to 2200")
         return value
 
     def secret_values(self) -> list[str]:

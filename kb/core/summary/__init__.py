@@ -57,8 +57,9 @@ class Summary(dict[str, Any]):
         phrases = [vocabulary.phrase(name, self[name], self) for name in self if name not in silent]
         if tally:
             phrases.insert(0, "; ".join(vocabulary.tally(of, each) for of, each in tally.items()))
-            if others := self._other_tables(tally):
-                phrases.insert(1, others)
+            tables = {name.rpartition("/")[2]: n for name, n in self.get("tables", {}).items()}
+            if others := {noun: n for noun, n in tables.items() if noun not in tally}:
+                phrases.insert(1, f"with {vocabulary.nouns(others)}")
         if left := self.get("left_by"):
             phrases.append("left: " + vocabulary.nouns(left))
         for name in _END:
@@ -66,15 +67,6 @@ class Summary(dict[str, Any]):
             phrases.append(why if why.startswith(name) or not why else f"{name}: {why}")
         head = f"{self['command']}: " if self.get("command") else ""
         return head + ", ".join(phrase for phrase in phrases if phrase)
-
-    def _other_tables(self, tally: dict[str, Any]) -> str:
-        """Tables that follow the sorted ones: "with 189 elements and …"."""
-        rows = {
-            name.rpartition("/")[2]: n
-            for name, n in self.get("tables", {}).items()
-            if name.rpartition("/")[2] not in tally
-        }
-        return f"with {vocabulary.nouns(rows)}" if rows else ""
 
 
 _ANSWERS = ("crawled", "kept", "rejected", "failed", "pending", "missing")

@@ -55,6 +55,8 @@ WORDS: dict[str, Word] = {
     "word_times": Word("Kept automatic transcripts by whether they have word times, or why not."),
     "subtitles": Word("Subtitle files that were imported.", "{n} subtitle files"),
     "playlists": Word("Playlists and channels that were imported.", "{n} playlists"),
+    "own_transcripts": Word("Own transcripts that were imported.", "{n} own transcripts"),
+    "unknown_videos": Word("Own transcripts of videos that are not in the data root."),
     "youtube import.files": Word("Files that were imported in this run."),
     "known_files": Word("Files that were imported before.", "{n} files imported before"),
     "left_out_by": Word("Files that were left out, by reason."),
@@ -65,9 +67,12 @@ WORDS: dict[str, Word] = {
     ),
     "unknown_keys": Word("Keys of answers that schemas/ does not declare, with their counts."),
     # What was asked and read.
+    "missing_transcripts": Word(
+        "Videos that pass every other stage but have no transcript.", "{n} without transcript"
+    ),
     "po_token": Word(
         "Videos whose captions need a PO token; a crawl on a later day tries them again.",
-        "{n} without captions for want of a PO token",
+        "{n} without captions, as they need a PO token",
     ),
     "requests": Word(
         "Requests sent, not counting those of the browser for a page.", "{n} requests"
@@ -77,9 +82,11 @@ WORDS: dict[str, Word] = {
         "Units of the general quota; searches have a quota of their own.", "{n} quota units"
     ),
     "bad_lines": Word("Unreadable lines of an input file or dump.", "{n} bad lines"),
-    "truncated_files": Word("Truncated files; their complete part was read.", "{n} files cut off"),
+    "truncated_files": Word(
+        "Truncated files; their complete part was read.", "{n} truncated files"
+    ),
     "foreign_files": Word("Files in the given folders that are not dumps.", "{n} other files"),
-    "lines": Word("Lines read from dumps.", "{n} lines looked through"),
+    "lines": Word("Lines read from dumps.", "{n} lines searched"),
     # What `kb profile check` finds.
     "profile": Word("The profile's name."),
     "errors": Word("Problems that prevent the profile from being used.", "{n} errors", always=True),
@@ -109,9 +116,7 @@ WORDS: dict[str, Word] = {
     "facts": Word("Fields of infoboxes.", "{n} facts"),
     "recipes": Word("Slots of recipes, one row per item in a slot.", "{n} slots of recipes"),
     "wiki crawl.images": Word("Image files fetched in all runs.", "{n} image files"),
-    "images_failed": Word(
-        "Image files that could not be fetched.", "{n} image files not to be had"
-    ),
+    "images_failed": Word("Image files that could not be fetched.", "{n} image files not fetched"),
     "robots": Word("Pages that robots.txt disallows.", "{n} barred by robots.txt"),
     "gone": Word("Pages that were deleted from the wiki.", "{n} gone from the wiki"),
     "there": Word("Videos that match the list.", "{n} there", always=True),
@@ -138,6 +143,8 @@ WORDS: dict[str, Word] = {
         "{n} without credit left out",
     ),
     "titles": Word("Titles of kept videos.", "{n} titles"),
+    "judged": Word("Tasks that people judged and did not reject.", "{n} judged by people"),
+    "reworded": Word("Tasks with a better wording of people.", "{n} with their wording"),
     "starts": Word("Tasks by what says when they begin: chapter, transcript, none."),
     "clips": Word("Clips.", "{n} clips"),
     "clips.missing": Word("Pairs of videos without a file.", "{n} of videos without a file"),
@@ -193,6 +200,9 @@ WORDS: dict[str, Word] = {
     ),
     "label import.answers": Word("Answers in the files.", "{n} answers read", always=True),
     "added": Word("Answers that were not there before.", "{n} new"),
+    "accepted_tasks": Word("Tasks that were accepted.", "{n} accepted", always=True),
+    "rejected_tasks": Word("Tasks that were rejected.", "{n} rejected", always=True),
+    "reworded_tasks": Word("Tasks that got a better wording.", "{n} reworded", always=True),
     "labels": Word("Answers in labels/ now.", "{n} labels in all"),
     "skipped": Word("Judgements that people skipped or left empty.", "{n} skipped"),
     "undefined": Word(

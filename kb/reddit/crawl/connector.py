@@ -9,13 +9,15 @@ from collections.abc import Callable, Collection, Iterator
 from datetime import datetime
 from typing import Any
 
+from kb.core import clock
 from kb.core.cached_property import cached_property
 from kb.core.config.profile.collecting import RedditSection
 from kb.core.context import Run
-from kb.core.errors import FatalError, ItemFinal
+from kb.core.errors import FatalError, ItemFinal, Retryable
 from kb.core.summary import Summary
 from kb.crawl.connector import Answer, Connector, Opened, Phase
 from kb.crawl.job import work
+from kb.crawl.limits import check_length
 from kb.crawl.loop import Loop
 from kb.crawl.session import CrawlSession
 from kb.reddit.crawl import reduce
@@ -33,6 +35,7 @@ from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier, Item
 
 Asked = tuple[Answer | None, Collection[str]]
+PARTS = 5_000  # requests for the comments of one post; each gives up to some hundreds
 
 
 class RedditFetcher:
@@ -222,6 +225,15 @@ class RedditConnector(Connector):
 
     def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
         """One listing's page, one post's page, one thread, one post's stubs, or up to 100 names."""
+        if phase.kind in ("more", "thread"):
+            post = reduce.post_of(phase.kind, items[0])
+            read = reduce.parts_read(self.opened.frontier, post)
+            try:
+                check_length(f"the comments of the post {post}", read, PARTS)
+            except Retryable as error:  # about this post, not about the service
+                keys = [item.key for item in items]
+                self.opened.frontier.mark(phase.kind, keys, "error", error.reason)
+                return
         try:
             answer, purged = self._fetch.ask(phase.kind, items)
         except ItemFinal as fact:
@@ -284,6 +296,7 @@ def crawl(run: Run, since: datetime | None = None, until: datetime | None = None
     FatalError (exit 1); the summary so far is on the error.
     """
     source = RedditConnector(run, since, until)
+    source.asked = {"since": clock.stamp(since)} if since else {}
 
     def summary(session: CrawlSession, loop: Loop) -> Summary:
         """Figures of this run and what is left."""

@@ -14,7 +14,7 @@ from typing import NamedTuple, cast
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from kb.core.errors import SettingError
+from kb.core.errors import DamagedData, SettingError
 from kb.core.installation import PROFILE_FILE
 from kb.crawl.id_list import (
     IdRules,
@@ -24,6 +24,7 @@ from kb.crawl.id_list import (
     is_parquet,
     readable,
 )
+from kb.store.damage import read_small
 from kb.store.tables import parquet
 
 Ids = Path | str | Iterable[str | Path] | None
@@ -157,9 +158,9 @@ def subreddit_of(sources: Sequence[Path]) -> str:
 
 def _subreddit(folder: Path) -> str:
     try:
-        profile = tomllib.loads((folder / PROFILE_FILE).read_text(encoding="utf-8"))
+        profile = tomllib.loads(read_small(folder / PROFILE_FILE).decode())
         name = profile["reddit"]["subreddit"]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (DamagedData, ValueError, KeyError, TypeError, RecursionError):
         return ""
     return name if isinstance(name, str) else ""
 

@@ -120,13 +120,11 @@ def import_files(run: Run, job: ImportJob, files: Sequence[Path]) -> Summary:
 
 
 def _import(run: Run, jobs: list[ImportJob]) -> None:
-    """Import files side by side, or the lines of one file after the other where files are few.
-
-    The workers of a cluster read whole files where they lie: lines that are sent to them cost more
-    than they save. With a limit everything is read in order, as it counts records of all files.
+    """Import files side by side, each in one process. With a limit they are read in order, as it
+    counts records of all files.
     """
     size = sum(Path(job.file).stat().st_size for job in jobs)
-    workers = 1 if run.limit else run.processes(size)
+    workers = 1 if run.limit else min(run.processes(size), len(jobs))
     done: list[DumpCursor] = []
     with (
         make_executor(run.engine, workers, run.scheduler, run.root) as executor,
@@ -136,8 +134,6 @@ def _import(run: Run, jobs: list[ImportJob]) -> None:
         jobs = [msgspec.structs.replace(job, lease=str(leased.absolute())) for job in jobs]
         if run.limit:
             results = _in_sequence(jobs)
-        elif run.engine == "local" and len(jobs) < workers:
-            results = _in_sequence(jobs, executor, executor.window)
         else:
             most = int(run.settings.kb_import_memory_gb * 1e9)
             results = _side_by_side(jobs, executor, executor.window, most)
@@ -168,15 +164,13 @@ def _import(run: Run, jobs: list[ImportJob]) -> None:
             )
 
 
-def _in_sequence(
-    jobs: list[ImportJob], executor: Executor | None = None, window: int = 1
-) -> Iterator[DumpCursor]:
+def _in_sequence(jobs: list[ImportJob]) -> Iterator[DumpCursor]:
     """Cursors of files that are read one after the other, until the run is asked to stop."""
     limit = jobs[0].limit
     for job in jobs:
         if signals.stop.requested():
             return
-        cursor = import_file(msgspec.structs.replace(job, limit=limit), executor, window)
+        cursor = import_file(msgspec.structs.replace(job, limit=limit))
         limit -= cursor.fresh if limit else 0
         yield cursor
 

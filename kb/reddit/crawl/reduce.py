@@ -11,11 +11,12 @@ info      full names that are asked for by name         RefreshItem
 from typing import Any, NamedTuple
 
 import msgspec
+from msgspec.structs import replace
 
 from kb.core.config.profile.collecting import RedditSection as Section
 from kb.reddit.parse import answer_tree
 from kb.store.rawlog.rawlog import Envelope
-from kb.store.state.frontier import Frontier
+from kb.store.state.frontier import Frontier, Item
 
 PAGES = 10  # of 100: Reddit ends a listing at about 1,000
 AGAIN = "came back as a stub"
@@ -43,9 +44,12 @@ class ListingCursor(msgspec.Struct):
 
 
 class PostItem(msgspec.Struct):
-    """When a post was made, in seconds of Unix time, as far as its listing said so."""
+    """When a post was made, in seconds of Unix time, as far as its listing said so, and how many
+    parts of its comments came after its page.
+    """
 
     created_utc: float | None = None
+    parts: int = 0
 
 
 class StubItem(msgspec.Struct):
@@ -91,6 +95,23 @@ def fullname(kind: str, key: str) -> str:
     }.get(kind, "")
 
 
+def post_of(kind: str, item: Item) -> str:
+    """The bare id of the post whose comments an item of the kind more or thread asks for."""
+    return str(item.payload.post if kind == "more" else item.key.partition("/")[0])
+
+
+def parts_read(frontier: Frontier, post: str) -> int:
+    """How many parts of a post's comments came after its page."""
+    _, known, _ = frontier.get("tree", post) or ("", None, None)
+    return known.parts if known is not None else 0
+
+
+def _count_part(frontier: Frontier, post: str) -> None:
+    _, known, _ = frontier.get("tree", post) or ("", None, None)
+    known = known or PostItem()
+    frontier.payload("tree", post, replace(known, parts=known.parts + 1))
+
+
 def reduce(frontier: Frontier, kind: str, envelope: Envelope) -> None:
     """Take one answer in. Idempotent."""
     params, response = envelope.request.params, envelope.response
@@ -106,7 +127,9 @@ def reduce(frontier: Frontier, kind: str, envelope: Envelope) -> None:
 
 def _more(frontier: Frontier, params: dict[str, Any], response: Any) -> None:
     """Some may come back as a stub: they are asked once more as long as that settles any."""
-    _stubs(frontier, answer_tree.bare(params["link_id"]), response)
+    post = answer_tree.bare(params["link_id"])
+    _count_part(frontier, post)
+    _stubs(frontier, post, response)
     stubs = (thing.data for thing in answer_tree.things(response) if thing.kind == "more")
     unresolved = {key for stub in stubs for key in answer_tree.stub_ids(stub)}
     asked = str(params["children"]).split(",")
@@ -158,6 +181,8 @@ def _page(frontier: Frontier, params: dict[str, Any], status: int, response: Any
     post, comment = str(params["article"]), params.get("comment")
     kind, key = ("thread", f"{post}/{comment}") if comment else ("tree", post)
     frontier.add(kind, [key])
+    if comment:
+        _count_part(frontier, post)
     if status == 200:
         _stubs(frontier, post, response)
         frontier.done(kind, key)

@@ -1,23 +1,20 @@
 """One dump → raw segments, from where the last import of it stopped.
 
-Workers turn chunks of the dump into the wanted records, anonymized and as JSON. An envelope has the
-form of a Listing with 100 things, so that the reader of live answers reads it. The cursor is saved
-whenever a segment is complete, and when the run is asked to stop.
+One process reads a dump from its first line to its last: handing its lines to others costs more
+than they save. Wanted records are anonymized and kept as JSON. An envelope has the form of a
+Listing with 100 things, so that the reader of live answers reads it. The cursor is saved whenever a
+segment is complete, and when the run is asked to stop.
 """
 
 import hashlib
 import os
-from collections import deque
-from collections.abc import Collection, Iterable, Iterator
-from concurrent.futures import Executor, Future
+from collections.abc import Collection, Iterator
 from datetime import UTC, datetime
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
 
-from kb.core.engine import Inline
 from kb.reddit.dumps.cursor import (
     KIND,
     DumpCursor,
@@ -27,9 +24,9 @@ from kb.reddit.dumps.cursor import (
     publish_segment,
     save_cursor,
 )
-from kb.reddit.dumps.files import CHUNK, Chunk, ReadProgress, chunks
+from kb.reddit.dumps.files import Chunk, ReadProgress, chunks
 from kb.reddit.dumps.search import ById, IdIndex, SubredditSearch
-from kb.reddit.parse.anonymize import Scrubber, key_digest, load_key
+from kb.reddit.parse.anonymize import Scrubber, load_key
 from kb.reddit.parse.answer_tree import PURGED
 from kb.reddit.parse.removal import LATEST, retrieved
 from kb.reddit.parse.remove_ids import without
@@ -38,120 +35,6 @@ from kb.store.full_disk import full_disk_is_resumable
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import SEGMENT_BYTES, SUFFIX, Envelope, Request
 from kb.store.state import tombstones
-
-
-class RecordRules(msgspec.Struct, frozen=True):
-    """Which records are wanted, and the root whose key and tombstones count; plain values.
-
-    `ids` is a folder of kb.reddit.dumps.search: these records instead of the subreddit's, or,
-    with a subreddit, these of it. `stamp` stands for the key and the tombstones as they are, so
-    that no worker that stays up uses older ones.
-    """
-
-    root: str
-    subreddit: str
-    since: float
-    until: float
-    stamp: str
-    ids: str = ""
-
-
-class ExtractedRecord(NamedTuple):
-    """A post or comment: the offset behind its line, its JSON, and when the archive read it last
-    (Unix time).
-    """
-
-    end: int
-    line: bytes
-    retrieved: int | None
-
-
-class ExtractedChunk(NamedTuple):
-    """What a chunk holds: the offset behind it, its lines, damaged ones and where the first is."""
-
-    offset: int
-    lines: int
-    bad_lines: int
-    first_bad: int | None
-    records: list[ExtractedRecord]
-
-
-def extract(chunks: list[Chunk], rules: RecordRules, limit: int = 0) -> list[ExtractedChunk]:
-    """The wanted records of consecutive chunks. Runs in a worker.
-
-    With a `limit` nothing behind that many records counts as read.
-    """
-    search = SubredditSearch(rules.subreddit)
-    if rules.ids:
-        search = ById(_id_index(rules.ids, rules.stamp), rules.subreddit)
-    extracted = []
-    for chunk in chunks:
-        one = _extract_chunk(search, chunk, rules)
-        if limit and len(one.records) >= limit:
-            size = one.records[limit - 1].end - chunk.offset
-            part = Chunk(chunk.offset, chunk.data[chunk.begin : chunk.begin + size], 0, size)
-            extracted.append(_extract_chunk(search, part, rules))
-            break
-        limit -= len(one.records) if limit else 0
-        extracted.append(one)
-    return extracted
-
-
-def _extract_chunk(search: SubredditSearch, chunk: Chunk, rules: RecordRules) -> ExtractedChunk:
-    scrubber, purged = _tools(rules.root, rules.stamp, rules.ids)
-    records: list[ExtractedRecord] = []
-
-    def take(end: int, record: dict[str, Any]) -> None:
-        if not _in_span(record, rules):
-            return
-        kind = "t3" if "title" in record else "t1"
-        data = scrubber.scrub(record)
-        things = [{"kind": kind, "data": data}]
-        if purged or scrubber.people:  # most data roots leave nothing out
-            things = without(things, purged)
-        if not things and rules.ids and data.get("author") == PURGED:
-            # Whoever asks for it by its id is told why it does not come.
-            known = {name: data.get(name) for name in ("id", "link_id", "author")}
-            things = [{"kind": kind, "data": known}]
-        for thing in things:
-            records.append(ExtractedRecord(end, _encode(thing), retrieved(thing["data"])))
-
-    matches = search(chunk, take)
-    offset = chunk.offset + chunk.end - chunk.begin
-    return ExtractedChunk(offset, matches.lines, matches.bad_lines, matches.first_bad, records)
-
-
-@lru_cache(maxsize=2)
-def _tools(root: str, stamp: str, ids: str) -> tuple[Scrubber, Collection[str]]:
-    """The anonymizer and the purged names; made once in each worker."""
-    purged = tombstones.keys(Path(root), "reddit")
-    scrubber = Scrubber(load_key(Path(root)), tombstones.people(Path(root), "reddit"))
-    return scrubber, purged | _id_index(ids, stamp).purged if ids else purged
-
-
-@lru_cache(maxsize=2)
-def _id_index(folder: str, stamp: str) -> IdIndex:
-    return IdIndex(Path(folder))
-
-
-def _encode(thing: dict[str, Any]) -> bytes:
-    try:
-        return msgspec.json.encode(thing)
-    except UnicodeEncodeError:  # lone surrogates, which real titles hold
-        return msgspec.json.encode(holdable(thing))
-
-
-def _in_span(record: dict[str, Any], rules: RecordRules) -> bool:
-    """Whether a record is of the span. The filter judges records whose date can't be read."""
-    try:
-        at = float(record.get("created_utc"))  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        at = -1.0
-    return not 0 <= at < LATEST or rules.since <= at < rules.until
-
-
-THINGS = 100  # records of an envelope
-BLOCK = 4 << 20  # decompressed bytes that a worker gets at once
 
 
 class ImportJob(msgspec.Struct):
@@ -180,11 +63,77 @@ class ImportJob(msgspec.Struct):
         return cursor_name(Path(self.file), self.since, self.until)
 
 
-def import_file(job: ImportJob, executor: Executor | None = None, window: int = 1) -> DumpCursor:
-    """Import one dump; its cursor. Memory is bounded by `window` blocks.
-
-    With an `executor` its workers share the lines of the dump. Raises DiskFull.
+class ExtractedRecord(NamedTuple):
+    """A post or comment: the offset behind its line, its JSON, and when the archive read it last
+    (Unix time).
     """
+
+    end: int
+    line: bytes
+    retrieved: int | None
+
+
+class ExtractedChunk(NamedTuple):
+    """What a chunk holds: the offset behind it, its lines, damaged ones and where the first is."""
+
+    offset: int
+    lines: int
+    bad_lines: int
+    first_bad: int | None
+    records: list[ExtractedRecord]
+
+
+def _extract(
+    chunk: Chunk,
+    job: ImportJob,
+    search: SubredditSearch,
+    scrubber: Scrubber,
+    purged: Collection[str],
+) -> ExtractedChunk:
+    """The wanted records of a chunk."""
+    records: list[ExtractedRecord] = []
+
+    def take(end: int, record: dict[str, Any]) -> None:
+        if not _in_span(record, job):
+            return
+        kind = "t3" if "title" in record else "t1"
+        data = scrubber.scrub(record)
+        things = [{"kind": kind, "data": data}]
+        if purged or scrubber.people:  # most data roots leave nothing out
+            things = without(things, purged)
+        if not things and job.ids and data.get("author") == PURGED:
+            # Whoever asks for it by its id is told why it does not come.
+            known = {name: data.get(name) for name in ("id", "link_id", "author")}
+            things = [{"kind": kind, "data": known}]
+        for thing in things:
+            records.append(ExtractedRecord(end, _encode(thing), retrieved(thing["data"])))
+
+    matches = search(chunk, take)
+    offset = chunk.offset + chunk.end - chunk.begin
+    return ExtractedChunk(offset, matches.lines, matches.bad_lines, matches.first_bad, records)
+
+
+def _encode(thing: dict[str, Any]) -> bytes:
+    try:
+        return msgspec.json.encode(thing)
+    except UnicodeEncodeError:  # lone surrogates, which real titles hold
+        return msgspec.json.encode(holdable(thing))
+
+
+def _in_span(record: dict[str, Any], job: ImportJob) -> bool:
+    """Whether a record is of the span. The filter judges records whose date can't be read."""
+    try:
+        at = float(record.get("created_utc"))  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        at = -1.0
+    return not 0 <= at < LATEST or job.since <= at < job.until
+
+
+THINGS = 100  # records of an envelope
+
+
+def import_file(job: ImportJob) -> DumpCursor:
+    """Import one dump; its cursor. Memory is bounded by a chunk. Raises DiskFull."""
     root, name = Path(job.root), job.name
     cursor = load_cursor(root, name, job.file)
     base = rawlog.folder(root, "reddit", KIND)
@@ -197,7 +146,7 @@ def import_file(job: ImportJob, executor: Executor | None = None, window: int = 
     batch: list[ExtractedRecord] = []
     offset = cursor.offset
     with full_disk_is_resumable(root):
-        for chunk in _extracted(job, cursor, progress, executor or Inline(), window):
+        for chunk in _extracted(job, cursor, progress):
             for record in chunk.records:
                 batch.append(record)
                 if len(batch) == THINGS:
@@ -219,47 +168,32 @@ def import_file(job: ImportJob, executor: Executor | None = None, window: int = 
 
 
 def _extracted(
-    job: ImportJob, cursor: DumpCursor, progress: ReadProgress, executor: Executor, window: int
+    job: ImportJob, cursor: DumpCursor, progress: ReadProgress
 ) -> Iterator[ExtractedChunk]:
-    """The records of the chunks in their order, the same for any number of workers."""
+    """The records of the chunks in their order. With a limit nothing behind that many records
+    counts as read.
+    """
     home = Path(job.home or job.root)
-    stamp = f"{key_digest(load_key(home))} {tombstones.version(home, 'reddit')}"
-    rules = RecordRules(str(home), job.subreddit, job.since, job.until, stamp, job.ids)
-    limit = job.limit
-    waiting: deque[Future[list[ExtractedChunk]]] = deque()
+    purged = frozenset(tombstones.keys(home, "reddit"))
+    search = SubredditSearch(job.subreddit)
+    if job.ids:
+        index = IdIndex(Path(job.ids))
+        search, purged = ById(index, job.subreddit), purged | index.purged
+    scrubber = Scrubber(load_key(home), tombstones.people(home, "reddit"))
+    left = job.limit
 
     def may_go_on() -> bool:
         return not job.lease or Path(job.lease).exists()
 
-    source = chunks(Path(job.file), progress, cursor.offset, may_go_on)
-    # A limit may end anywhere: nothing behind it is read.
-    least = BLOCK if window > 1 else 1 if job.limit else CHUNK // 2
-    for block in _blocks(source, least):
-        waiting.append(executor.submit(extract, block, rules, limit))
-        if len(waiting) < window:
-            continue
-        for chunk in waiting.popleft().result():
-            yield chunk
-            if job.limit:
-                limit -= len(chunk.records)
-                if limit <= 0:
-                    return
-    while waiting:
-        yield from waiting.popleft().result()
-
-
-def _blocks(source: Iterable[Chunk], least: int) -> Iterator[list[Chunk]]:
-    """Chunks together, so that handing them to other processes costs little."""
-    block: list[Chunk] = []
-    size = 0
-    for chunk in source:
-        block.append(chunk)
-        size += chunk.end - chunk.begin
-        if size >= least:
-            yield block
-            block, size = [], 0
-    if block:
-        yield block
+    for chunk in chunks(Path(job.file), progress, cursor.offset, may_go_on):
+        one = _extract(chunk, job, search, scrubber, purged)
+        if left and len(one.records) >= left:
+            size = one.records[left - 1].end - chunk.offset
+            part = Chunk(chunk.offset, chunk.data[chunk.begin : chunk.begin + size], 0, size)
+            yield _extract(part, job, search, scrubber, purged)
+            return
+        left -= len(one.records) if left else 0
+        yield one
 
 
 class SegmentWriter:

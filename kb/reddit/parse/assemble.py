@@ -15,8 +15,7 @@ from kb.reddit.parse.answer_tree import depths
 from kb.reddit.parse.answers import KINDS, MARKS, OPEN, READ, schema
 from kb.store.layout import parquet_files
 from kb.store.tables import parquet
-from kb.store.tables.columns import put
-from kb.store.tables.latest import newest
+from kb.store.tables.columns import newest, put
 from kb.store.tables.reading import reading
 from kb.store.tables.shard_writer import write_table
 

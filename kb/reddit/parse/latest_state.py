@@ -5,6 +5,7 @@ bucket is reduced to one row per thing. Memory is bounded by a piece of a segmen
 """
 
 import shutil
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -21,8 +22,7 @@ from kb.store.full_disk import full_disk_is_resumable
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.tables import partition
-from kb.store.tables.columns import aligned, put
-from kb.store.tables.latest import newest
+from kb.store.tables.columns import aligned, newest, put
 
 COLUMNS = ("fullname", "post_id", "state", "fetched_at", "live", "gone", "undated", "dump")
 
@@ -38,10 +38,11 @@ class LatestState:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self.written: Counter[int] = Counter()  # rows by bucket
 
     def __iter__(self) -> Iterator[pa.Table]:
-        for bucket in sorted(self.folder.glob("[0-9]*")):
-            yield _newest(sorted(bucket.glob("*.arrow")))
+        for bucket, rows in sorted(self.written.items()):
+            yield _newest(partition.read_bucket(self.folder / str(bucket), rows))
 
 
 @contextmanager
@@ -49,11 +50,13 @@ def latest_state(run: Run, folder: Path | None = None) -> Iterator[LatestState]:
     """The state of all things, in a folder that is deleted at the end. The caller holds the
     writer's lock, or gives another `folder`.
 
-    Stubs and things without an id are left out. Raises DamagedData, DiskFull and Interrupted.
+    Stubs and things without an id are left out. Raises DamagedData, CountMismatch, DiskFull and
+    Interrupted.
     """
     folder = folder or Layout(run.root).known("reddit")
     shutil.rmtree(folder, ignore_errors=True)  # of a killed run
     folder.mkdir(parents=True)
+    things = LatestState(folder)
     try:
         segments = [
             (kind, path)
@@ -70,20 +73,26 @@ def latest_state(run: Run, folder: Path | None = None) -> Iterator[LatestState]:
             executor_of(run, size) as executor,
             run.progress.task("read reddit", total=len(segments), unit="raw files") as task,
         ):
-            for _ in map_in_order(executor, spread, tasks, window=executor.window):
+            for rows in map_in_order(executor, spread, tasks, window=executor.window):
+                things.written.update(rows)
                 task.advance(1)
-        yield LatestState(folder)
+        yield things
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def spread(kind: str, links: Links, segment: str, place: int, folder: str, number: int) -> None:
-    """Spread a segment: `folder/<bucket>/<place>.arrow` of `number` buckets; runs in a worker."""
+def spread(
+    kind: str, links: Links, segment: str, place: int, folder: str, number: int
+) -> dict[int, int]:
+    """Spread a segment: `folder/<bucket>/<place>.arrow` of `number` buckets; rows by bucket.
+    Runs in a worker.
+    """
     about = partition.RawKind(
         partial(_rows, kind=kind, links=links), key=("fullname",), bucket="fullname"
     )
     with full_disk_is_resumable(Path(folder)):
-        partition.spread(about, f"reddit/{kind}", Path(segment), place, Path(folder), number)
+        done = partition.spread(about, f"reddit/{kind}", Path(segment), place, Path(folder), number)
+    return dict(done["rows"])
 
 
 def _rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
@@ -93,11 +102,9 @@ def _rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]
         yield rows.filter(pc.is_in(rows["state"], value_set=states)).select(COLUMNS)
 
 
-def _newest(paths: list[Path]) -> pa.Table:
+def _newest(parts: list[pa.Table]) -> pa.Table:
     """One row a thing of a bucket."""
-    rows = pa.concat_tables(
-        [pa.ipc.open_file(pa.memory_map(str(path))).read_all() for path in paths]
-    )
+    rows = pa.concat_tables(parts)
     # As in assemble the later kind wins between answers of the same age: segments are in the order
     # of the kinds, dumps first.
     copies = newest(rows.filter(pc.invert(rows["live"])), ["fullname"], parse.COPIES)

@@ -37,8 +37,7 @@ from kb.reddit.parse.assemble import assemble, newest_of, with_counts
 from kb.schema.tables import Table
 from kb.store.full_disk import full_disk_is_resumable
 from kb.store.rawlog import rawlog
-from kb.store.tables.columns import aligned, put
-from kb.store.tables.latest import newest
+from kb.store.tables.columns import aligned, newest, put
 from kb.store.tables.partition import Shuffle
 
 TABLES = (RestoredTable("reddit/posts", "t3_"), RestoredTable("reddit/comments", "t1_"))

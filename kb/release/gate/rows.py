@@ -22,7 +22,16 @@ from kb.store.tables import database, parquet
 
 def check(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) -> list[GateProblem]:
     """Every problem of rows of `readable` tables; with damaged clean rows nothing is compared."""
-    if unfinished := _unfinished_purges(run, folder):
+    unfinished = [
+        GateProblem(
+            "removed",
+            folder.source,
+            f"a purge of {source} has not finished; run `kb purge {source}` again",
+        )
+        for source in made_of(folder.source)
+        if Layout(run.root).purge(source).exists()
+    ]
+    if unfinished:  # rows that were to be removed may still be here
         return unfinished
     if PUBLISHED[folder.source].part_of:
         return []
@@ -45,19 +54,6 @@ def check(run: Run, folder: ReleaseFolder, readable: list[ReleasedTable]) -> lis
     return problems + [problem for part in readable for problem in _age(run, folder.source, part)]
 
 
-def _unfinished_purges(run: Run, folder: ReleaseFolder) -> list[GateProblem]:
-    """Purges that stopped early: rows that were to be removed may still be here."""
-    return [
-        GateProblem(
-            "removed",
-            folder.source,
-            f"a purge of {source} has not finished; run `kb purge {source}` again",
-        )
-        for source in made_of(folder.source)
-        if Layout(run.root).purge(source).exists()
-    ]
-
-
 def _damaged(root: Path, declared: Table) -> list[GateProblem]:
     """Clean files that can't be read."""
     problems = []
@@ -65,12 +61,14 @@ def _damaged(root: Path, declared: Table) -> list[GateProblem]:
         manifest.check_complete(root, declared.name)
     except DamagedData as error:
         return [GateProblem("damaged", declared.name, f"{error}; {error.hint}")]
+    command = made_by(declared.source) + ("" if declared.source in SOURCES else " --again")
+    again = " again" if declared.source in SOURCES else ""
     for path in Layout(root).rows(declared.name):
         try:
             parquet.open_file(path).close()
         except DamagedData as error:
             where = str(path.relative_to(root))
-            problems.append(damaged(where, error, _rerun(declared.source)))
+            problems.append(damaged(where, error, f"run `{command}`{again}"))
     return problems
 
 
@@ -155,9 +153,3 @@ def _count_unscored(files: Sequence[Path], names: set[str]) -> dict[str, int]:
             if row and row[0]:
                 counts[text] = int(row[0])
     return counts
-
-
-def _rerun(source: str) -> str:
-    """The command that makes the clean rows of a source again."""
-    command = f"run `{made_by(source)}"
-    return f"{command}` again" if source in SOURCES else f"{command} --again`"

@@ -52,7 +52,7 @@ def check(folder: ReleaseFolder, values: Sequence[str]) -> list[GateProblem]:
         search = _in_parquet if path.suffix == ".parquet" else _in_file
         with contextlib.suppress(DamagedData):  # kb.release.gate.tables reports it
             for place, what in search(path, wanted):
-                problems.append(GateProblem("secret", where, f"{place} holds {what}"))
+                problems.append(GateProblem("secret", where, f"{place} contains {what}"))
     return problems
 
 

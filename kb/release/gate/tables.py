@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Collection
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import duckdb
 import orjson
@@ -61,7 +60,14 @@ def _shard(path: Path, declared: Table, source: str) -> list[GateProblem]:
     try:
         with parquet.open_file(path) as file:
             schema = file.schema_arrow
-        problems = _columns(declared, schema.names, where) + _types(declared, schema, where)
+        problems = _columns(declared, schema.names, where)
+        for field in declared.arrow(True):
+            if field.name in schema.names and schema.field(field.name).type != field.type:
+                what = (
+                    f"column {field.name} is {schema.field(field.name).type}, schemas/ says"
+                    f" {declared.column(field.name).type}"
+                )
+                problems.append(GateProblem("undescribed", where, what))
         if problems:
             return problems
         columns = [column for column in declared.columns if column.released]
@@ -88,8 +94,11 @@ def _json(path: Path, declared: Table, source: str) -> list[GateProblem]:
     problems, arrays = [], {}
     for field in declared.arrow(True):
         try:
-            arrays[field.name] = _array([row.get(field.name) for row in rows], field.type)
-        except (pa.ArrowException, ValueError, TypeError):
+            values = [row.get(field.name) for row in rows]
+            if pa.types.is_timestamp(field.type):  # as ISO 8601
+                values = [None if one is None else datetime.fromisoformat(one) for one in values]
+            arrays[field.name] = pa.array(values, field.type)
+        except (pa.ArrowException, ValueError, TypeError, OverflowError):
             what = (
                 f"column {field.name} contains other values than {declared.column(field.name).type}"
             )
@@ -98,13 +107,6 @@ def _json(path: Path, declared: Table, source: str) -> list[GateProblem]:
         con.register("rows", pa.table(arrays))
         columns = [declared.column(name) for name in arrays]
         return problems + _values(con, "rows", columns, declared, where, source)
-
-
-def _array(values: list[Any], kind: pa.DataType) -> pa.Array[Any]:
-    """JSON values in a column's type; times are ISO 8601."""
-    if pa.types.is_timestamp(kind):
-        values = [None if one is None else datetime.fromisoformat(one) for one in values]
-    return pa.array(values, kind)
 
 
 def _columns(declared: Table, names: Collection[str], where: str) -> list[GateProblem]:
@@ -124,20 +126,6 @@ def _columns(declared: Table, names: Collection[str], where: str) -> list[GatePr
         GateProblem("undescribed", where, f"column {name} is missing")
         for name in expected
         if name not in names
-    ]
-
-
-def _types(declared: Table, schema: pa.Schema, where: str) -> list[GateProblem]:
-    """Columns of other types than the schema declares."""
-    return [
-        GateProblem(
-            "undescribed",
-            where,
-            f"column {field.name} is {schema.field(field.name).type}, schemas/ says"
-            f" {declared.column(field.name).type}",
-        )
-        for field in declared.arrow(True)
-        if field.name in schema.names and schema.field(field.name).type != field.type
     ]
 
 

@@ -51,17 +51,21 @@ def picture(facts: Facts) -> list[tuple[str, int, str]]:
 
 
 def _funnel(facts: Facts, source: Source) -> list[tuple[str, int]]:
-    """What was read, then what was left behind each stage that dropped something."""
+    """What was crawled, then what was left behind each stage that dropped something."""
     dropped: dict[str, int] = {}
     for stage, _, n in facts.rejected:
         dropped[stage] = dropped.get(stage, 0) + n
     left = sum(one.rows for one in facts.tables if one.table.short in source.tables)
-    left += sum(dropped.values())
-    steps = [("read", left)]
+    left += sum(dropped.values()) + facts.failed + facts.pending
+    steps = [("crawled", left)]
     for stage in source.stages:
         if stage in dropped:
             left -= dropped[stage]
             steps.append((f"after {stage}", left))
+    for verdict, n in (("failed", facts.failed), ("pending", facts.pending)):
+        if n:
+            left -= n
+            steps.append((f"without {n:,} {verdict}", left))
     return steps
 
 

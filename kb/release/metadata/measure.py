@@ -20,6 +20,7 @@ from kb.core.licences import KNOWN
 from kb.core.sources import PUBLISHED, SOURCES, made_of
 from kb.release.gate.personal import personal_counts
 from kb.schema import Column, Table, released_tables
+from kb.schema.tables import tables
 from kb.store.layout import Layout, parquet_files
 from kb.store.state import tombstones
 from kb.store.tables import database, parquet
@@ -249,13 +250,13 @@ def _ways(con: DuckDBPyConnection, root: Path, source: str) -> Iterator[Way]:
     for name, recorded in of.ways.items():
         if recorded.raw:
             answers = any(at.raw(source, recorded.raw).glob("*.ndjson.zst*"))
-            if answers != recorded.absent and at.raw(source).is_dir():
-                yield Way(source, name)
-            continue
+            if answers == recorded.absent or not at.raw(source).is_dir():
+                continue
         counts, known, undated = [], [], 0
-        for declared in sorted(released_tables(source), key=lambda one: one.short != of.main):
+        own = (one for one in tables().values() if one.source == source)
+        for declared in sorted(own, key=lambda one: (one.short != of.main, one.name)):
             files = at.rows(declared.name)
-            if not files or recorded.column not in declared.names():
+            if not files or not recorded.column or recorded.column not in declared.names():
                 continue
             came = f"FILTER ({recorded.column} = '{recorded.value}')"
             total, n, dated, low, high = con.execute(
@@ -267,7 +268,7 @@ def _ways(con: DuckDBPyConnection, root: Path, source: str) -> Iterator[Way]:
                 counts.append((declared.short, n, total))
                 known += [time.replace(tzinfo=UTC) for time in (low, high) if time is not None]
                 undated += n - dated
-        if counts:
+        if counts or recorded.raw:
             read = (min(known), max(known)) if known else None
             yield Way(source, name, tuple(counts), read, undated)
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from duckdb import DuckDBPyConnection
 
+from kb.artifacts import manifest
 from kb.artifacts.measures import pair_figures, read_measures
 from kb.artifacts.release_folder import ReleaseFolder
 from kb.store.layout import Layout
@@ -107,7 +108,21 @@ def _speech_recognition(section: dict[str, Any]) -> str:
 
 
 def task_quality(con: DuckDBPyConnection, root: Path, folder: ReleaseFolder) -> tuple[str, ...]:
-    return tuple(judgements(read_measures(Layout(root).pairs), "task"))
+    """What people said of tasks, and what became of it; of a root without pairs only the latter."""
+    said = tuple(judgements(read_measures(Layout(root).pairs), "task"))
+    made = manifest.read(root, "tasks")
+    figures = made.figures if made is not None else {}
+    rejected = figures.get("rejected", {}).get("judged", 0)
+    if not (figures.get("judged") or rejected):
+        return said
+    judged, every = figures["judged"] + rejected, figures["tasks"] + rejected
+    curation = (
+        f"Curation: people judged {judged:,} of {every:,} mined tasks. Left out, as more said"
+        f" no than yes to whether it is a task, or possible: {rejected:,}; with a wording of theirs"
+        f" (`prompt_mined` has the title's): {figures['reworded']:,}. Times that they gave replace"
+        " the mined ones."
+    )
+    return (*(said if len(said) > 1 else ()), curation)
 
 
 def judgements(measures: Mapping[str, Any], kind: str) -> Iterator[str]:

@@ -136,7 +136,7 @@ def render(name: str, **values: Any) -> str:
 class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One source in sentences: for card, datasheet, Croissant's RAI part and the deposit.
 
-    `kinds` are Croissant's types of collection.
+    `kinds` are Croissant's types of collection, `origins` the recorded ways with shares and dates.
     """
 
     title: str
@@ -156,13 +156,17 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     tasks: tuple[str, ...]
     attribution: str
     kinds: tuple[str, ...] = ()
+    origins: tuple[str, ...] = ()
 
 
 class AboutWay(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What follows from one way by which rows came: [ways.<name>] of a source's sentences."""
+    """What follows from one way by which rows came: [ways.<name>] of a source's sentences. `label`
+    is its name where rows are counted.
+    """
 
     collection: str
     kind: str
+    label: str = ""
     biases: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
     upkeep: str = ""
@@ -190,6 +194,7 @@ def about(profile: Profile, facts: Facts, show: Callable[[str], str] = line) -> 
     return msgspec.structs.replace(
         neutral,
         collection=line(" ".join([neutral.collection, *(one.collection for one in ways)])),
+        origins=tuple(line(one.label) for one in ways if one.label),
         kinds=tuple(dict.fromkeys([*(one.kind for one in ways), *neutral.kinds])),
         upkeep=line(" ".join([neutral.upkeep, *(one.upkeep for one in ways)])),
         biases=(*neutral.biases, *_of(ways, "biases"), *map(show, own.biases)),

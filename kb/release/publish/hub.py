@@ -28,6 +28,7 @@ from kb.core.errors import (
 )
 from kb.core.installation import install_extra
 from kb.net import redact
+from kb.net.hub_client import use_own_client
 from kb.net.retry import retry_after
 
 PUBLIC = "https://huggingface.co"
@@ -83,10 +84,8 @@ class Hub:
 
     def __init__(self, endpoint: str, token: str) -> None:
         check_installed()
-        import httpx2
         import huggingface_hub
         from huggingface_hub import constants
-        from huggingface_hub.utils import _http
         from huggingface_hub.utils.tqdm import disable_progress_bars
 
         constants.HF_HUB_DISABLE_XET = True
@@ -94,12 +93,7 @@ class Hub:
         logging.getLogger("huggingface_hub").setLevel(logging.CRITICAL)
         disable_progress_bars()
 
-        def client() -> Any:
-            one = _http.default_client_factory()
-            one.timeout = httpx2.Timeout(TIMEOUT_S[1], connect=TIMEOUT_S[0])
-            return one
-
-        huggingface_hub.set_client_factory(client)
+        use_own_client(endpoint, TIMEOUT_S)
         self.root = endpoint.rstrip("/")
         self._token = token
         self._api = huggingface_hub.HfApi(
@@ -272,7 +266,7 @@ class Hub:
     def _refused(self, error: Any, repo: str) -> Exception:
         """What an answer with an error means."""
         status, headers = int(error.response.status_code), error.response.headers
-        said = self._line(error.server_message or error.response.reason_phrase or "no message")
+        message = self._line(error.server_message or error.response.reason_phrase or "no message")
         if status == 401:
             return CredentialRefused(
                 "the hub does not accept HF_TOKEN",
@@ -281,17 +275,19 @@ class Hub:
         if status == 403:
             owner = repo.partition("/")[0]
             return CredentialRefused(
-                f"HF_TOKEN may not write to {repo}: {said}" if repo else f"refused (403): {said}",
+                f"HF_TOKEN may not write to {repo}: {message}"
+                if repo
+                else f"refused (403): {message}",
                 hint=f"use a token with write access to {owner}, or another --repo",
             )
         if status == 404:
             return FatalError(
-                f"the hub answered 404 for {repo or self.root}: {said}",
+                f"the hub answered 404 for {repo or self.root}: {message}",
                 hint="check --repo and HF_ENDPOINT",
             )
         if status == 409:
             return FatalError(
-                f"the name {repo} is taken: {said}", hint="choose another name with --repo"
+                f"the name {repo} is taken: {message}", hint="choose another name with --repo"
             )
         if status == 412:
             return FatalError(
@@ -301,9 +297,9 @@ class Hub:
         if status == 429:
             return _limited(headers)
         if status >= 500:
-            return Unreachable(f"the hub answers {status}: {said}", hint=_GO_ON)
+            return Unreachable(f"the hub answers {status}: {message}", hint=_GO_ON)
         return FatalError(
-            f"the hub refused ({status}): {said}",
+            f"the hub refused ({status}): {message}",
             hint="correct that, then run the same command again",
         )
 

@@ -72,7 +72,7 @@ def send(
     card = _card(run, repo, tag, cards)
     digests = _digests(exports)
     changed = [path for path in wanted if not _same(newest.files.get(path), wanted[path], digests)]
-    gone = [
+    removed = [
         path
         for path in newest.files
         if "/" in path and path.partition("/")[0] in mine and path not in wanted
@@ -81,13 +81,15 @@ def send(
     if newest.files.get(CARD) != _git_oid(card):
         files[CARD] = card
     head = newest.id
-    if files or gone:
+    if files or removed:
         signals.stop.check()
         size = sum(
             len(one) if isinstance(one, bytes) else one.stat().st_size for one in files.values()
         )
         with run.progress.task(f"upload {repo}", size, "bytes") as task:
-            head = service.commit(repo, newest.id, files, gone, f"Version {tag[1:]}", task.advance)
+            head = service.commit(
+                repo, newest.id, files, removed, f"Version {tag[1:]}", task.advance
+            )
     older, tags = service.older(repo), service.tags(repo)
     if squash:
         signals.stop.check()
@@ -104,7 +106,7 @@ def send(
         {"repository": repo, "files": digests | kept, "revision": head, "tag": tag},
     )
     more = {"older_revisions": older, "older_tags": ", ".join(sorted({*tags} - {tag}))}
-    return Summary(_summary(service.root, repo, tag, head, exports, files, gone) | more)
+    return Summary(_summary(service.root, repo, tag, head, exports, files, removed) | more)
 
 
 def planned(
@@ -153,16 +155,16 @@ def _opened(service: Hub, repo: str, *, private: bool, known: bool) -> Revision:
         newest = service.newest(repo)
         if newest is None:
             raise FatalError(
-                f"the hub made {repo} and does not show it",
+                f"the hub created {repo} but does not show it",
                 hint="check that HF_TOKEN may read it, then run the same command again",
             )
         return newest
-    held = any(f"{one}/{SUMS}" in newest.files for one in PUBLISHED)
+    is_release = any(f"{one}/{SUMS}" in newest.files for one in PUBLISHED)
     foreign = sorted(set(newest.files) - _BARE)
-    if foreign and not (known or held):
+    if foreign and not (known or is_release):
         shown = ", ".join(foreign[:3]) + (" …" if len(foreign) > 3 else "")
         raise FatalError(
-            f"the name {repo} is taken: it holds files that are no release ({shown})",
+            f"the name {repo} is taken: it contains files that are not a release ({shown})",
             hint="choose another name with --repo; nothing was changed there",
         )
     if private and not newest.private:
@@ -208,8 +210,12 @@ def _known_name(records: Records, endpoint: str) -> str | None:
 
 def _card(run: Run, repo: str, tag: str, cards: Mapping[str, str]) -> bytes:
     """The root's card; folders in the contract's order."""
-    order = [*PUBLISHED, *cards]
-    ordered = {one: metadata_of(cards[one]) for one in sorted(cards, key=order.index)}
+    from huggingface_hub import DatasetCard
+
+    order, ordered = [*PUBLISHED, *cards], {}
+    for one in sorted(cards, key=order.index):
+        data: Any = DatasetCard(cards[one], ignore_metadata_errors=True).data
+        ordered[one] = dict(data.to_dict())
     title = f"{run.profile.title}: knowledge base"
     about = f"A knowledge base about {run.profile.title}, in {len(cards)} folders."
     if len(cards) == 1:
@@ -243,7 +249,6 @@ def _same(there: str | None, path: Path, digests: Mapping[str, str]) -> bool:
 
 
 def _git_oid(data: bytes) -> str:
-    """What git calls these bytes."""
     return hashlib.sha1(b"blob %d\0" % len(data) + data, usedforsecurity=False).hexdigest()
 
 
@@ -258,9 +263,9 @@ def _summary(
     revision: str,
     exports: Sequence[ReleaseFolder],
     files: Mapping[str, Any],
-    gone: Sequence[str],
+    removed: Sequence[str],
 ) -> Summary:
-    touched = {path.partition("/")[0] for path in (*files, *gone)}
+    touched = {path.partition("/")[0] for path in (*files, *removed)}
     states = {
         folder.source: "published" if folder.path.name in touched else "unchanged"
         for folder in exports
@@ -281,17 +286,9 @@ def _summary(
         published=list(states.values()).count("published"),
         unchanged=list(states.values()).count("unchanged"),
         uploaded=len(files),
-        removed=len(gone),
+        removed=len(removed),
         sources=sources,
     )
-
-
-def metadata_of(card: str) -> dict[str, Any]:
-    """The YAML of a folder's card as plain values."""
-    from huggingface_hub import DatasetCard
-
-    data: Any = DatasetCard(card, ignore_metadata_errors=True).data
-    return dict(data.to_dict())
 
 
 def joined(title: str, cards: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
@@ -313,14 +310,14 @@ def joined(title: str, cards: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]
     }
     sizes = [one for one in SIZES if one in lists["size_categories"]]
     lists["size_categories"] = sizes[-1:] or lists["size_categories"]
-    whole = {
+    metadata = {
         "license": lists.pop("license"),
         "pretty_name": title,
         **lists,
         "configs": configs,
         "dataset_info": infos,
     }
-    return {name: what for name, what in whole.items() if what}
+    return {name: what for name, what in metadata.items() if what}
 
 
 def repository_card(
@@ -329,8 +326,8 @@ def repository_card(
     """The text of README.md."""
     from huggingface_hub import DatasetCardData
 
-    whole = joined(title, cards)
-    names = [config["config_name"] for config in whole.get("configs", [])]
+    metadata = joined(title, cards)
+    names = [config["config_name"] for config in metadata.get("configs", [])]
     rows = "\n".join(
         f"| [{folder}]({folder}/README.md) | {card.get('pretty_name', folder)}"
         f" | {', '.join(config['config_name'] for config in card.get('configs', []))}"
@@ -339,7 +336,7 @@ def repository_card(
     )
     first = names[0] if names else ""
     return f"""---
-{DatasetCardData(**whole).to_yaml().rstrip()}
+{DatasetCardData(**metadata).to_yaml().rstrip()}
 ---
 
 # {title}

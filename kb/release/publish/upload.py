@@ -121,20 +121,16 @@ class Upload:
             self.records.write(self.key, known | {"creating": True})
             draft = self.service.new_version(known["id"])
         else:
-            draft = self._lost_draft() if known.pop("creating", False) else None
+            # A run that never got the answer left an empty draft with our title.
+            drafts = self.service.drafts() if known.pop("creating", False) else ()
+            lost = (one for one in drafts if one.get("title") == self.metadata["title"])
+            draft = next((one for one in lost if not one.get("files")), None)
             if draft is None:
                 self.records.write(self.key, {"creating": True})
                 draft = self.service.create(self.metadata)
         known.pop("creating", None)
         self.records.write(self.key, known | {"draft": draft["id"]})
         return draft
-
-    def _lost_draft(self) -> Any:
-        """An empty draft with our title: an earlier run created it and never got the answer."""
-        for draft in self.service.drafts():
-            if draft.get("title") == self.metadata["title"] and not draft.get("files"):
-                return draft
-        return None
 
     def _same(self, record: dict[str, Any]) -> bool:
         """Whether a record holds exactly the folder's files."""

@@ -50,6 +50,7 @@ ACCOUNTS = {
     READER: Account("sandbox", (ORGANISATION,), writes=False),
     STRANGER: Account("stranger", (), writes=True),
 }
+_SLASH = "\x01"  # an escaped "/" on its way through the routes
 PART = 5 * 2**20  # bytes of a part; a larger object is uploaded in parts
 
 
@@ -106,13 +107,17 @@ class HubService:
     def __call__(self, environ: Any, start_response: Any) -> Any:
         # A revision may hold "/", which the client escapes: routes see it still escaped.
         environ = dict(environ)
-        environ["PATH_INFO"] = environ.get("RAW_URI", environ["PATH_INFO"]).partition("?")[0]
-        environ["PATH_INFO"] = _unescaped(environ["PATH_INFO"])
+        raw = environ.get("RAW_URI", environ["PATH_INFO"]).partition("?")[0]
+        marked = raw.replace("%2F", _SLASH).replace("%2f", _SLASH)
+        environ["PATH_INFO"] = unquote_to_bytes(marked).decode("latin-1")  # as WSGI writes paths
         request = Request(environ)
         try:
             handler, values = self._routes.bind_to_environ(environ).match()
             with self._lock:
-                values = {name: _plain(what) for name, what in values.items()}
+                values = {
+                    name: what.replace(_SLASH, "/") if isinstance(what, str) else what
+                    for name, what in values.items()
+                }
                 response = handler(request, **values)
         except HubError as error:
             response = error.get_response()
@@ -247,10 +252,10 @@ class HubService:
 
     def _put(self, request: Request, owner: str, name: str, oid: str) -> Response:
         """Bytes at the address that the batch gave: it stands for itself, as a signed one does."""
-        return self._stored(owner, name, oid, _whole(request))
+        return self._stored(owner, name, oid, _body(request))
 
     def _put_part(self, request: Request, owner: str, name: str, oid: str, part: int) -> Response:
-        data = _whole(request)
+        data = _body(request)
         self._parts.setdefault(f"{owner}/{name}/{oid}", {})[part] = data
         return Response(headers={"ETag": f'"{hashlib.md5(data).hexdigest()}"'})
 
@@ -379,22 +384,9 @@ def _apply(one: Repository, files: dict[str, StoredFile], key: str, value: dict[
         raise HubError(400, f"Unknown operation {key}")
 
 
-def _whole(request: Request) -> bytes:
+def _body(request: Request) -> bytes:
     """The body. Raises HubError where it was cut off."""
     data = request.get_data(cache=False)
     if request.content_length is not None and len(data) != request.content_length:
         raise HubError(400, "The request body was cut off.")
     return data
-
-
-_SLASH = "\x01"  # an escaped "/" on its way through the routes
-
-
-def _unescaped(path: str) -> str:
-    """A raw path with every escape resolved but that of "/", as WSGI writes paths."""
-    marked = path.replace("%2F", _SLASH).replace("%2f", _SLASH)
-    return unquote_to_bytes(marked).decode("latin-1")
-
-
-def _plain(value: Any) -> Any:
-    return value.replace(_SLASH, "/") if isinstance(value, str) else value

@@ -232,7 +232,6 @@ class Subreddit:
         return post
 
     def _cast(self, number: int) -> Cast:
-        """What a post and its comments are about."""
         return self.domain.speech.cast(clock.rng("thread of", self.seed, number))
 
     def _thread(self, number: int, post: dict[str, Any]) -> list[dict[str, Any]]:

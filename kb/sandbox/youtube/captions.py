@@ -122,7 +122,12 @@ def misheard(
             error = _error(rng, noun, nouns, rates, words[at].start) if noun else None
             if error:
                 ends = words[at + size].start if at + size < len(words) else words[-1].start + 0.3
-                heard += _spread(error.heard.split(), words[at].start, ends)
+                instead = error.heard.split()
+                step = (ends - words[at].start) / max(len(instead), 1)
+                heard += [
+                    SpokenWord(round(words[at].start + step * place, 3), word)
+                    for place, word in enumerate(instead)
+                ]
                 errors.append(error)
             else:
                 heard += words[at : at + size]
@@ -165,9 +170,3 @@ def _error(
         heard = rng.choice(["", *grammar().rules["misheard"]])
         return Mishearing(noun.title, start, heard, None)
     return None
-
-
-def _spread(words: Sequence[str], start: float, end: float) -> list[SpokenWord]:
-    """Words one after the other between two times."""
-    step = (end - start) / max(len(words), 1)
-    return [SpokenWord(round(start + step * at, 3), word) for at, word in enumerate(words)]

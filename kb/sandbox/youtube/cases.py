@@ -15,7 +15,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from kb.core.config.profile import Profile
-from kb.core.config.profile.collecting import YouTubeSection
 from kb.sandbox.speech import Cast
 
 
@@ -169,7 +168,7 @@ def rules_of(profile: Profile, tags: tuple[str, str, str]) -> CaseRules:
         tags=tags,
         language=section.language,
         category=section.category_ids[0],
-        other_category=_other(section),
+        other_category=next(one for one in (MUSIC, NEWS, 1, 0) if one not in section.category_ids),
         labelled=bool(section.game_ids),
         min_views=section.min_views,
         min_seconds=math.ceil(section.min_duration_s),
@@ -178,10 +177,6 @@ def rules_of(profile: Profile, tags: tuple[str, str, str]) -> CaseRules:
         translate=section.translate,
         toxicity=profile.toxicity.threshold("youtube") is not None,
     )
-
-
-def _other(section: YouTubeSection) -> int:
-    return next(one for one in (MUSIC, NEWS, 1, 0) if one not in section.category_ids)
 
 
 def cases_by(rules: CaseRules) -> list[Case]:

@@ -18,6 +18,7 @@ from kb.sandbox.youtube.planted import Planted, shifted, truth_of
 
 PAGE = 50
 _TASKS, _IDLE = 0.25, 0.08  # of ordinary titles: that name a task, or its verb alone
+_THINGS = 0.3  # of both: with a thing in place of the verb, with a noun in place of it
 
 
 class Catalogue:
@@ -180,15 +181,21 @@ class Catalogue:
         """The titles of some videos say what is done in them, and half of these have chapters."""
         rng, speech = clock.rng(self.seed, "task", video.number), self.domain.speech
         drawn = rng.random()
+        own = clock.rng(self.seed, "thing", video.number)
+        named = bool(speech.things) and own.random() < _THINGS
         if drawn < _TASKS:
             video.title, video.task = speech.task_title(rng, video.cast)
+            if named:
+                video.title, video.task = speech.thing_title(own, video.cast)
             if rng.random() < 0.5:
                 begin, end = (int(video.seconds * share) for share in (0.1, 0.8))
                 video.task_start = float(begin)
                 times = f"0:00 Hello\n{_clock(begin)} {video.task}\n{_clock(end)} Goodbye"
                 video.description = f"{video.description}\n\n{times}"
         elif drawn < _TASKS + _IDLE:
-            video.title = speech.idle_title(rng, video.cast)
+            video.title = speech.title(rng, video.cast, "idle_title")
+            if named and speech.task_nouns:
+                video.title = speech.noun_title(own, video.cast)
 
 
 def _clock(seconds: int) -> str:

@@ -21,7 +21,6 @@ from kb.core.installation import np, require
 from kb.pairs.keyword_list import Keyword
 from kb.pairs.keywords import make
 from kb.pairs.matching import WALL, Matcher
-from kb.sandbox.domain import Domain
 from kb.sandbox.world import World
 from kb.sandbox.youtube.captions import spoken_words
 from kb.sandbox.youtube.cases import Video
@@ -48,13 +47,6 @@ class Look(NamedTuple):
     shape: int
 
 
-class Mention(NamedTuple):
-    """A keyword that is spoken, and when (s)."""
-
-    keyword: str
-    start_s: float
-
-
 def write_films(world: World, folder: Path) -> int:
     """Write `ID.mp4` for each video, atomically, and return how many. The same world gives the same
     pixels. Raises MissingExtra, DiskFull, OSError.
@@ -72,11 +64,13 @@ class Mentions:
 
     def __init__(self, world: World) -> None:
         self._catalogue = world.youtube
-        self._keywords = make(_spoken_of(world.domain))
+        domain = world.domain
+        nouns = [Keyword(noun.title, "noun") for noun in domain.speech.nouns]
+        self._keywords = make(list(domain.keywords) or nouns)
         self._matcher = Matcher(self._keywords.phrases)
 
-    def of(self, video: Video) -> Iterator[Mention]:
-        """The mentions of a video in order, in the domain's language."""
+    def of(self, video: Video) -> Iterator[tuple[str, float]]:
+        """(keyword, start in s) of each mention in a video, in order, in the domain's language."""
         raw, places, starts = bytearray(b" "), list[int](), list[float]()
         for sentence in self._catalogue.talk(video, self._catalogue.planted.language):
             for start_s, text in spoken_words(sentence):
@@ -89,13 +83,7 @@ class Mentions:
         words = np.searchsorted(places, found.start, "right") - 1
         for phrase, word in zip(found.phrase.tolist(), words.tolist(), strict=True):
             keyword = self._keywords.every[self._keywords.of[phrase]]
-            yield Mention(keyword.name, starts[word])
-
-
-def _spoken_of(domain: Domain) -> list[Keyword]:
-    """The keywords of the domain, or its nouns where the profile has none."""
-    nouns = (Keyword(noun.title, "noun") for noun in domain.speech.nouns)
-    return list(domain.keywords or nouns)
+            yield keyword.name, starts[word]
 
 
 def look_of(keyword: str) -> Look:
@@ -105,7 +93,7 @@ def look_of(keyword: str) -> Look:
     return Look((round(255 * red), round(255 * green), round(255 * blue)), digest[2] % 5)
 
 
-def _timeline(mentions: Iterable[Mention], seconds: int) -> Iterator[tuple[int, Picture]]:
+def _timeline(mentions: Iterable[tuple[str, float]], seconds: int) -> Iterator[tuple[int, Picture]]:
     """Each tick (1 / RATE s) at which the picture changes, and the picture; the first tick always,
     and the last one, which ends the film.
     """

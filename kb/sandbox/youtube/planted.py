@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import random
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import groupby
 from typing import Any
 
@@ -45,18 +45,20 @@ def replaced(
     talk where they would reach into its last sentence.
     """
     pace = talk[0].seconds / letters(talk[0].text)
-    at, said = talk[place].start, []
+    at, sentences = talk[place].start, list[Sentence]()
     for text in texts:
-        said.append(Sentence(at, round(pace * letters(text), 2), text, label))
-        at = round(at + said[-1].seconds + 0.3, 2)
+        sentences.append(Sentence(at, round(pace * letters(text), 2), text, label))
+        at = round(at + sentences[-1].seconds + 0.3, 2)
     if at > talk[-1].start:
         return list(talk)
-    return [*talk[:place], *said, *(one for one in talk[place:] if one.start >= at)]
+    return [*talk[:place], *sentences, *(one for one in talk[place:] if one.start >= at)]
 
 
 def reworded(rng: random.Random, talk: Sequence[Sentence]) -> list[Sentence]:
     """The talk with a few words changed, none of them in what is planted."""
-    others = _alternatives()
+    # Single words of the grammar, and what may stand in their place.
+    lists = [[one for one in grammar().rules[rule] if one.isalpha()] for rule in _SINGLE]
+    others = {word: words for words in lists for word in words if len(words) > 1}
     places = [
         (number, at)
         for number, sentence in enumerate(talk)
@@ -71,12 +73,6 @@ def reworded(rng: random.Random, talk: Sequence[Sentence]) -> list[Sentence]:
         words[at] = rng.choice([word for word in others[words[at]] if word != words[at]])
         made[number] = made[number]._replace(text=" ".join(words))
     return made
-
-
-def _alternatives() -> Mapping[str, Sequence[str]]:
-    """Single words of the grammar, and what may stand in their place."""
-    lists = [[one for one in grammar().rules[rule] if one.isalpha()] for rule in _SINGLE]
-    return {word: words for words in lists for word in words if len(words) > 1}
 
 
 def shifted(cues: Sequence[SpokenCue], shift_s: float) -> list[SpokenCue]:
@@ -98,7 +94,12 @@ class Planted:
         self.copies: dict[str, str] = {}
         self._said: dict[str, list[tuple[str, str]]] = {}
         self._foreign: dict[str, str] = {}
-        usual = [video for channel in channels for video in channel.videos if self._is_usual(video)]
+        usual = [
+            video
+            for channel in channels
+            for video in channel.videos
+            if video.case.stage is None and self.own_kinds(video) and video.seconds <= _LONGEST
+        ]
         self._copy(rng, usual)
         for number, channel in enumerate(channels):
             own = [one for one in usual if one.channel is channel and one.id not in self.copies]
@@ -107,10 +108,6 @@ class Planted:
         for video in usual:
             if video.id not in self.copies and rng.random() < _FOREIGN:
                 self._foreign[video.id] = rng.choice(languages)
-
-    def _is_usual(self, video: Video) -> bool:
-        kept = video.case.stage is None
-        return kept and bool(self.own_kinds(video)) and video.seconds <= _LONGEST
 
     def own_kinds(self, video: Video) -> set[str]:
         """The kinds of its tracks in the domain's language: "" and "asr"."""
@@ -197,7 +194,6 @@ class Planted:
 
 
 def _within(rng: random.Random, talk: Sequence[Sentence], low: float, high: float) -> int:
-    """A sentence of this part of the talk."""
     return int(len(talk) * rng.uniform(low, high))
 
 

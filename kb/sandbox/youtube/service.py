@@ -114,14 +114,12 @@ class DataApi:
             else []
         )
         page, tokens, size = _paged(request, hits[:MOST_HITS])
-        body = list_response(
-            "search",
-            [_only(search_hit(one), parts | {"id"}) for one in page],
-            max(len(hits), 1_000_000 * bool(hits)),
-            size,
-            **tokens,
-        )
-        return {**body, "regionCode": "US"}
+        results = [search_hit(one) for one in page]
+        if "snippet" not in parts:
+            for one in results:
+                del one["snippet"]
+        total = max(len(hits), 1_000_000 * bool(hits))
+        return {**list_response("search", results, total, size, **tokens), "regionCode": "US"}
 
     def _playlistItems(self, request: Request, parts: set[str]) -> dict[str, Any]:
         playlist = request.args.get("playlistId", "")
@@ -134,7 +132,10 @@ class DataApi:
         items = []
         for position, video in page:
             key = base64.b64encode(f"{playlist}.{position}".encode()).decode()
-            items.append(_item("playlistItem", key, entry_parts(video, playlist, position), parts))
+            values = {**_of(video), "playlist": playlist, "position": position}
+            # What is no longer public says so and has lost all else.
+            entry = dict(_resource("entry" if video.in_api else "entry_private", values))
+            items.append(_item("playlistItem", key, entry, parts))
         return list_response("playlistItem", items, len(entries), size, **tokens)
 
     def _videos(self, request: Request, parts: set[str]) -> dict[str, Any]:
@@ -216,12 +217,6 @@ def _item(kind: str, key: str, by_part: dict[str, Any], parts: set[str]) -> dict
     return head | {name: value for name, value in by_part.items() if name in parts}
 
 
-def _only(hit: dict[str, Any], parts: set[str]) -> dict[str, Any]:
-    return {
-        name: value for name, value in hit.items() if name not in ("snippet", "id") or name in parts
-    }
-
-
 _resource = partial(written, "youtube/resources.json")
 
 
@@ -258,12 +253,6 @@ def search_hit(channel: Channel) -> dict[str, Any]:
         "description": html.escape(channel.description[:160]),
     }
     return dict(_resource("search_hit", values))
-
-
-def entry_parts(video: Video, playlist: str, position: int) -> dict[str, Any]:
-    """A playlist item by part. What is no longer public says so and has lost all else."""
-    values = {**_of(video), "playlist": playlist, "position": position}
-    return dict(_resource("entry" if video.in_api else "entry_private", values))
 
 
 def video_parts(video: Video, max_width: int | None, max_height: int | None) -> dict[str, Any]:

@@ -221,24 +221,19 @@ def srv3(cues: Sequence[SpokenCue]) -> str:
         if number and cue.word_starts:
             lines.append(f'<p t="{start - 10}" d="{length}" w="1" a="1">\n</p>')
         words = cue.text.split() if len(cue.word_starts) > 1 else ()
-        said = "".join(
-            f'<s{_offset(at, start)} ac="0">{" " if place else ""}{html.escape(word)}</s>'
-            for place, (word, at) in enumerate(zip(words, cue.word_starts, strict=False))
-        )
+        spoken = ""
+        for place, (word, at) in enumerate(zip(words, cue.word_starts, strict=False)):
+            offset = round(at * 1000) - start  # of the word in its line (ms); none for the first
+            later = f' t="{offset}"' if offset else ""
+            spoken += f'<s{later} ac="0">{" " if place else ""}{html.escape(word)}</s>'
         window = ' w="1"' if cue.word_starts else ""
-        text = said or html.escape(cue.text, quote=False)
+        text = spoken or html.escape(cue.text, quote=False)
         lines.append(f'<p t="{start}" d="{length}"{window}>{text}</p>')
     body = "\n".join(lines)
     return (
         '<?xml version="1.0" encoding="utf-8" ?><timedtext format="3">\n<body>\n'
         f"{body}\n</body></timedtext>\n"
     )
-
-
-def _offset(at: float, start: int) -> str:
-    """When a word begins after its line does (ms); the first one's is left out."""
-    offset = round(at * 1000) - start
-    return f' t="{offset}"' if offset else ""
 
 
 PAGE_KEY = "sandbox_page_key"  # every page shows it; the player wants it back

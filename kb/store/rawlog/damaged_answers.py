@@ -30,17 +30,16 @@ Apply = Callable[[Frontier, str, Envelope], None]
 DUMPS = "dumps"  # the one raw kind that no crawl can ask for: its files have to be imported again
 _LOST, _SUSPECTS = "lost", "suspects"  # cursors of the frontier
 _PAIRS = list[tuple[str, str]]
-_STORED_AS = {"quarantined_as": "aside", "reported": "told"}  # names in the state's cursor
 _NAMED = 3  # items that a message names
 _CHUNK = 1 << 16
 
 
-class LostRange(msgspec.Struct, rename=_STORED_AS):
+class LostRange(msgspec.Struct):
     """A stretch of a raw segment that is gone, `start` and `end` in bytes of the segment as it was.
 
-    `aside` is the name of the file beside it that has the bytes, "" where there are none. `items`
-    are the (kind, key) of what the state says was answered and no raw answer shows any more, None
-    until that was looked up. `told`: an error has named it.
+    `quarantined_as` is the name of the file beside it that has the bytes, "" where there are none.
+    `items` are the (kind, key) of what the state says was answered and no raw answer shows any
+    more, None until that was looked up. `reported`: an error has named it.
     """
 
     kind: str
@@ -103,7 +102,7 @@ def quarantine_damage(root: Path, source: str, frontier: Frontier, *, every: boo
     for (kind, name), committed in known.items():
         with frontier.transaction():
             _note(frontier, [LostRange(kind, name, 0, committed)] if committed else [])
-            frontier.drop_offset(kind, name)
+            frontier.set_offset(kind, name, None)
     frontier.set_cursor(_SUSPECTS, None)
 
 
@@ -142,7 +141,7 @@ def requeue_lost_items(
     try:
         with rebuilt.transaction():
             for path in rawlog.all_segments(root, source):
-                for _, line in rawlog.Frames(path, mending=True):
+                for _, line in rawlog.Frames(path, skip_damage=True):
                     apply(rebuilt, path.parent.name, rawlog.decode(line))
         items = [
             (kind, key)
@@ -268,8 +267,8 @@ def _hint(source: str, losses: list[LostRange]) -> str:
     if any(lost.kind == DUMPS for lost in losses):
         return "run `kb reddit import --again` with the dumps that were imported"
     if all(lost.items == [] for lost in losses):
-        return "no answer was lost that the state knows of: the same command goes on"
-    return f"run `kb {source} crawl`: it asks for them again"
+        return "no known answer was lost: the same command resumes"
+    return f"run `kb {source} crawl`: it fetches them again"
 
 
 def _note(frontier: Frontier, new: list[LostRange]) -> None:
@@ -296,7 +295,7 @@ def gaps(path: Path, committed: int) -> list[tuple[int, int]]:
     A torn tail of an open segment counts where it begins before `committed`, the offset that the
     state knows; behind it nothing was promised.
     """
-    frames = rawlog.Frames(path, mending=True, checked=True)
+    frames = rawlog.Frames(path, skip_damage=True, checked=True)
     for _ in frames:
         pass
     stretches = list(frames.damaged)

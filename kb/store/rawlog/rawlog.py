@@ -31,7 +31,7 @@ SUFFIX = ".ndjson.zst"
 OPEN = SUFFIX + ".open"
 SEGMENT_BYTES = 64 << 20
 MAGIC = b"\x28\xb5\x2f\xfd"
-_WINDOW = 1 << 31
+_WINDOW = 1 << 29
 _CHUNK = 1 << 16  # small, as the rest of a chunk is copied once for each frame in it
 
 
@@ -101,8 +101,8 @@ class Frames:
     """The readable frames of a segment, in order, as (offset behind the frame, line).
 
     After the last of them the iteration raises DamagedData where something could not be read, so
-    that nobody takes what is damaged for what never was. Whoever deals with damage says `mending`:
-    then it is passed over, and reading goes on at the next whole frame. `start` is the offset of
+    that nobody takes what is damaged for what never was. With `skip_damage` it does not:
+    damage is passed over, and reading goes on at the next whole frame. `start` is the offset of
     the frame in hand. After the iteration `good` is the offset behind the last readable frame,
     `torn` tells whether bytes follow it (no damage while a segment is open), and `damaged` lists
     the stretches (start, end) between readable frames that hold none. With `checked` a frame whose
@@ -110,11 +110,11 @@ class Frames:
     """
 
     def __init__(
-        self, path: Path, start: int = 0, *, mending: bool = False, checked: bool = False
+        self, path: Path, start: int = 0, *, skip_damage: bool = False, checked: bool = False
     ) -> None:
         self.path, self.start, self.good, self.torn = path, start, start, False
         self.damaged: list[tuple[int, int]] = []
-        self._mending, self._checked = mending, checked
+        self._skip_damage, self._checked = skip_damage, checked
 
     def __iter__(self) -> Iterator[tuple[int, bytes]]:
         at = self.good
@@ -128,25 +128,22 @@ class Frames:
                 yield end, line
             self.torn = self.good < file.seek(0, os.SEEK_END)
         at_byte = self.first_damaged()
-        if at_byte is not None and not self._mending:
-            raise _damaged(self.path, at_byte)
+        if at_byte is None or self._skip_damage:
+            return
+        source = self.path.parent.parent.name
+        error = DamagedData(
+            f"{self.path} is damaged at byte {at_byte:,}",
+            hint=f"run `kb {source} filter`, then `kb {source} crawl`: it moves damaged data"
+            " away and fetches it again",
+        )
+        error.path = self.path  # type: ignore[attr-defined]
+        raise error
 
     def first_damaged(self) -> int | None:
         """The first byte that could not be read, after the iteration; None: there is none."""
         if self.damaged:
             return self.damaged[0][0]
         return self.good if self.torn and not self.path.name.endswith(".open") else None
-
-
-def _damaged(path: Path, at: int) -> DamagedData:
-    source = path.parent.parent.name
-    error = DamagedData(
-        f"{path} is damaged at byte {at:,}",
-        hint=f"run `kb {source} filter`, then `kb {source} crawl`: it moves damaged data"
-        " away and fetches it again",
-    )
-    error.path = path  # type: ignore[attr-defined]
-    return error
 
 
 def _is_envelope(line: bytes) -> bool:
@@ -204,15 +201,12 @@ def read(root: Path, source: str, kind: str) -> Iterator[Envelope]:
 
 def any_answer(root: Path, source: str) -> bool:
     """Whether a source has answers on disk, readable or not."""
-    return any(map(_holds_answers, all_segments(root, source)))
-
-
-def _holds_answers(path: Path) -> bool:
-    """A closed segment held some, whatever is left of it; in an open one there may be none yet."""
-    if not path.name.endswith(".open"):
-        return True
-    frames = Frames(path, mending=True)
-    return next(iter(frames), None) is not None
+    # A closed segment held some, whatever is left of it; in an open one there may be none yet.
+    return any(
+        not path.name.endswith(".open")
+        or next(iter(Frames(path, skip_damage=True)), None) is not None
+        for path in all_segments(root, source)
+    )
 
 
 class Segment:
@@ -240,7 +234,11 @@ class Segment:
                 self.size = append(self._file, frames)
             except BaseException:
                 if os.fstat(self._file.fileno()).st_size != self.size:
-                    self._abandon()
+                    # A torn frame that can't be cut away is left for recorder.recover, which cuts
+                    # open segments only: what follows goes into another segment.
+                    self._file.close()
+                    self._file = self.path = None
+                    self.size = 0
                 raise
         assert self.path is not None
         place = base_name(self.path), self.size
@@ -259,14 +257,6 @@ class Segment:
         else:  # of its first frame nothing could be written
             self.path.unlink()
         sync_folder(self._base)
-        self._file = self.path = None
-        self.size = 0
-
-    def _abandon(self) -> None:
-        """Leave a torn frame that can't be cut away for `kb.store.rawlog.recorder.recover`, which
-        cuts open segments only; what follows goes into another segment.
-        """
-        self._file.close()
         self._file = self.path = None
         self.size = 0
 
@@ -315,7 +305,7 @@ def _frame(
     while rest:
         try:
             parts.append(frame.decompress(rest))
-        except (zstandard.ZstdError, MemoryError):
+        except zstandard.ZstdError:
             return None
         used += len(rest) - len(frame.unused_data)
         rest = frame.unused_data

@@ -3,8 +3,8 @@
     ledger row (committed) → request → one frame, synced → frontier and offset in one transaction
 
 At start the raw tail past the known offset is replayed into the frontier by the same function
-that a live answer goes through, so nothing that was answered is asked again. What the state knows
-and the raw data have lost is (kb.store.rawlog.damaged_answers).
+that a live answer goes through, so nothing that was answered is asked again, but for what the raw
+data have lost since (kb.store.rawlog.damaged_answers).
 """
 
 import os
@@ -160,7 +160,7 @@ def recover(root: Path, source: str) -> None:
     for path in rawlog.all_segments(root, source):
         if not path.name.endswith(".open"):
             continue
-        frames = rawlog.Frames(path, mending=True)
+        frames = rawlog.Frames(path, skip_damage=True)
         for _ in frames:
             pass
         if frames.torn:

@@ -3,8 +3,8 @@
     raw/wiki/images/<sha256>.<ending>   the name says what is in it
     raw/wiki/pages/<id>/<revision>/…    SHA256SUMS beside them says it, as for `sha256sum -c`
 
-Whoever meets one that is not what it was notes it, without any lock; the next crawl sets it aside
-as `<name>.damaged` and asks again for what it held.
+A reader that finds one changed notes it, without any lock; the next crawl sets it aside as
+`<name>.damaged` and fetches again what was in it.
 """
 
 import fcntl

@@ -90,16 +90,14 @@ class State:
         if version < 0:
             raise self._damaged(f"its version is {version}")
         while version < VERSION:
-            self._back_up(self.path.with_name(f"{self.path.name}.v{version}.bak"))
+            backup = self.path.with_name(f"{self.path.name}.v{version}.bak")
+            # Whole: also what a killed writer left in the log only.
+            with writing(backup) as fresh, contextlib.closing(sqlite3.connect(fresh)) as copy:
+                self._db.backup(copy)
             self._db.executescript(
                 f"BEGIN; {MIGRATIONS[version]} PRAGMA user_version = {version + 1}; COMMIT;"
             )
             version += 1
-
-    def _back_up(self, path: Path) -> None:
-        """A whole copy, what a killed writer left in the log included."""
-        with writing(path) as temporary, contextlib.closing(sqlite3.connect(temporary)) as copy:
-            self._db.backup(copy)
 
     def forget(self) -> None:
         """What was removed stands in no free page, no log and no backup any more.
@@ -193,48 +191,58 @@ class State:
     def add_ledger(self, other: "State", name: str) -> int:
         """Add another state's ledger, each request once; how many were new.
 
-        The cursor MERGED + `name` keeps how far it was read, and which of our rows came of it. What
-        `other` has from a third machine may have come here on another way.
+        The cursor MERGED + `name` keeps how far it was read, which of our rows came of it, and
+        which of these it had from a third machine. A third machine's may come here on several ways,
+        its own among them.
         """
         columns = "at, day, bucket, units, endpoint, outcome"
         with self.transaction(), other._access():
-            known, ours = self.cursor(MERGED + name, [0, []])
+            known, ours, *via = self.cursor(MERGED + name, [0, [], []])
             (last,) = other._db.execute("SELECT coalesce(max(id), 0) FROM ledger").fetchone()
-            (first,) = self._db.execute("SELECT coalesce(max(id), 0) + 1 FROM ledger").fetchone()
+            first = self._next_row()
             after = known if known <= last else 0
-            third = " OR ".join(f"id BETWEEN {a} AND {b}" for a, b in other.merged()) or "FALSE"
-            chosen = f"SELECT {columns} FROM ledger WHERE id > ? AND "
-            self._db.executemany(
-                f"INSERT INTO ledger ({columns}) VALUES (?, ?, ?, ?, ?, ?)",
-                other._db.execute(f"{chosen} NOT ({third})", (after,)),
-            )
-            self._db.execute(f"CREATE TEMP TABLE third AS SELECT {columns} FROM ledger LIMIT 0")
-            self._db.executemany(
-                "INSERT INTO third VALUES (?, ?, ?, ?, ?, ?)",
-                other._db.execute(f"{chosen} ({third})", (after,)),
-            )
-            self._db.execute(
-                f"INSERT INTO ledger ({columns}) SELECT {columns} FROM (SELECT *, row_number() OVER"
-                f" (PARTITION BY {columns}) AS number FROM third) AS new WHERE number > (SELECT"
-                " count(*) FROM ledger AS old WHERE old.bucket = new.bucket AND old.day = new.day"
-                " AND old.at = new.at AND old.endpoint = new.endpoint AND old.units = new.units"
-                " AND old.outcome IS new.outcome AND old.id < ?)",
-                (first,),
-            )
-            self._db.execute("DROP TABLE third")
-            (end,) = self._db.execute("SELECT coalesce(max(id), 0) FROM ledger").fetchone()
+            third = _among(other.merged())
+            passed_on = _among(self.merged(2))
+            for which, old in ((f"NOT ({third})", passed_on), (third, "TRUE")):
+                middle = self._next_row()
+                self._db.execute(f"CREATE TEMP TABLE new AS SELECT {columns} FROM ledger LIMIT 0")
+                self._db.executemany(
+                    "INSERT INTO new VALUES (?, ?, ?, ?, ?, ?)",
+                    other._db.execute(
+                        f"SELECT {columns} FROM ledger WHERE id > ? AND ({which})", (after,)
+                    ),
+                )
+                self._db.execute(
+                    f"INSERT INTO ledger ({columns}) SELECT {columns} FROM (SELECT *, row_number()"
+                    f" OVER (PARTITION BY {columns}) AS number FROM new) AS new WHERE number >"
+                    " (SELECT count(*) FROM ledger AS old WHERE old.bucket = new.bucket AND"
+                    " old.day = new.day AND old.at = new.at AND old.endpoint = new.endpoint AND"
+                    " old.units = new.units AND old.outcome IS new.outcome AND old.id < ?"
+                    f" AND ({old}))",
+                    (first,),
+                )
+                self._db.execute("DROP TABLE new")
+            end = self._next_row() - 1
             if end >= first or last != known:
                 rows = [*ours, [first, end]] if end >= first else ours
-                self.set_cursor(MERGED + name, [last, rows])
+                others = [*(via[0] if via else []), *([[middle, end]] if end >= middle else [])]
+                self.set_cursor(MERGED + name, [last, rows, others])
             return int(end - first + 1)
 
-    def merged(self) -> list[tuple[int, int]]:
-        """The first and last id of each stretch of ledger rows that came from other machines."""
+    def _next_row(self) -> int:
+        (first,) = self._db.execute("SELECT coalesce(max(id), 0) + 1 FROM ledger").fetchone()
+        return int(first)
+
+    def merged(self, which: int = 1) -> list[tuple[int, int]]:
+        """The first and last id of each stretch of ledger rows that came from other machines; with
+        2, of those that these had from others themselves.
+        """
         with self._access():
             rows = self._db.execute(
                 "SELECT value FROM cursors WHERE name LIKE ?", (f"{MERGED}%",)
             ).fetchall()
-        return [(a, b) for (value,) in rows for a, b in msgspec.json.decode(value)[1]]
+        values = (msgspec.json.decode(value) for (value,) in rows)
+        return [(a, b) for value in values for a, b in (value[which] if len(value) > which else ())]
 
     def spent(self, bucket: str, day: str) -> int:
         """Units of a bucket spent on a day."""
@@ -282,19 +290,26 @@ class State:
             raise self._damaged(f"an offset is {value!r}")
         return value
 
-    def drop_offset(self, kind: str, segment: str) -> None:
-        """Forget a raw segment that is no longer there."""
+    def set_offset(self, kind: str, segment: str, offset: int | None) -> None:
+        """Note how far a raw segment was taken in, in the transaction of its effects; None forgets
+        one that is no longer there.
+        """
         with self.transaction():
-            self._db.execute("DELETE FROM offsets WHERE kind = ? AND segment = ?", (kind, segment))
-
-    def set_offset(self, kind: str, segment: str, offset: int) -> None:
-        """Note how far a raw segment was taken in, in the transaction of its effects."""
-        with self.transaction():
-            self._db.execute(
-                "INSERT OR REPLACE INTO offsets VALUES (?, ?, ?)", (kind, segment, offset)
-            )
+            if offset is None:
+                self._db.execute(
+                    "DELETE FROM offsets WHERE kind = ? AND segment = ?", (kind, segment)
+                )
+            else:
+                self._db.execute(
+                    "INSERT OR REPLACE INTO offsets VALUES (?, ?, ?)", (kind, segment, offset)
+                )
 
 
 def as_json(value: Any) -> str:
     """A payload or a cursor as it is kept."""
     return msgspec.json.encode(value).decode()
+
+
+def _among(stretches: list[tuple[int, int]]) -> str:
+    """SQL that an id is in one of these."""
+    return " OR ".join(f"id BETWEEN {a} AND {b}" for a, b in stretches) or "FALSE"

@@ -11,8 +11,6 @@ from kb.store.atomic import write_bytes
 from kb.store.state import json_files
 
 NAME = "demo.json"
-OLDER = "demo-finished"  # an empty file, of finished demos of older versions
-FILES = (NAME, OLDER)
 NOTE = (
     "All data here are invented: kb demo made them on this machine. Their ids, names and links"
     " lead to nothing real."
@@ -28,16 +26,12 @@ class DemoMark(msgspec.Struct, frozen=True):
 def read(root: Path) -> DemoMark | None:
     """The mark; None where no demo made the data root. Raises DamagedData."""
     fix = "delete the demo's folder and run `kb demo` again"
-    mark = json_files.read(root / NAME, DemoMark, fix=fix)
-    if mark is None and (root / OLDER).exists():
-        return DemoMark(finished=True)
-    return mark
+    return json_files.read(root / NAME, DemoMark, fix=fix)
 
 
 def write(root: Path, *, finished: bool) -> None:
     """Mark a data root. Raises DiskFull."""
     write_bytes(root / NAME, msgspec.json.encode(DemoMark(finished)) + b"\n")
-    (root / OLDER).unlink(missing_ok=True)
 
 
 def note(root: Path) -> list[str]:

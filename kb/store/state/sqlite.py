@@ -1,7 +1,7 @@
 """Opens SQLite; errors name the file and say what to do.
 
 no room           DiskFull: the same command goes on
-may not           FatalError: permissions are no damage
+not permitted     FatalError: permissions are no damage
 busy              FatalError: another program holds it
 the disk fails    FatalError
 anything else     DamagedData: the file is moved away and made again

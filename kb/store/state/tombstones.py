@@ -4,8 +4,7 @@
     state/<source>/tombstones.parquet    the same again, as another machine's raw folder copied here
                                          has a file of that name and takes the first one's place
 
-Whoever reads takes the union of both, and of other copies beside the first one. Whoever writes
-makes both whole.
+Readers take the union of both, and of other copies beside the first one. Writers complete both.
 
 A person who asked to be left out has a tombstone too, `PERSON` before what stands for them in raw
 data without naming them. It keeps away what they publish later, whose keys nobody knows yet, and is
@@ -44,8 +43,8 @@ def keys(root: Path, source: str) -> set[str]:
 
 def people(root: Path, source: str) -> frozenset[str]:
     """What stands for the people whose content a source leaves out. Raises DamagedData."""
-    found = (key.removeprefix(PERSON) for key in _keys(root, source) if key.startswith(PERSON))
-    return frozenset(found)
+    persons = (key for key in _keys(root, source) if key.startswith(PERSON))
+    return frozenset(key.removeprefix(PERSON) for key in persons)
 
 
 def _keys(root: Path, source: str) -> set[str]:
@@ -127,9 +126,8 @@ def _extra_copies(root: Path, source: str) -> list[Path]:
     tombstones.parquet~).
     """
     first = path(root, source)
-    return sorted(
-        file for file in first.parent.glob("tombstones*") if file != first and file.is_file()
-    )
+    copies = first.parent.glob("tombstones*")
+    return sorted(file for file in copies if file != first and file.is_file())
 
 
 def _files(root: Path, source: str) -> list[Path]:
@@ -138,13 +136,10 @@ def _files(root: Path, source: str) -> list[Path]:
     for file in (*Layout(root).tombstones(source), *_extra_copies(root, source)):
         if not file.exists():
             continue
-        if file.is_dir() or not any(_equal(file, other) for other in files):
+        others = [] if file.is_dir() else [other for other in files if not other.is_dir()]
+        if not any(filecmp.cmp(file, other, shallow=False) for other in others):
             files.append(file)
     return files
-
-
-def _equal(file: Path, other: Path) -> bool:
-    return not other.is_dir() and filecmp.cmp(file, other, shallow=False)
 
 
 def _load(file: Path) -> pa.Table:
@@ -180,7 +175,7 @@ def _read(file: Path) -> tuple[pa.Table | None, str]:
     if any(field.name not in rows.schema.names for field in schema) or any(
         rows.schema.field(field.name).type != field.type for field in schema
     ):
-        return None, "it is no table of tombstones"
+        return None, "it is not a table of tombstones"
     return rows, ""
 
 

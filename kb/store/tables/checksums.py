@@ -4,7 +4,7 @@
     state/manifests/release-wiki.json    the same for folders that are given away as they are
     release/wiki/SHA256SUMS              their public form, as `sha256sum -c` reads it
 
-Whoever reads a file asks `check` first: it compares the bytes with what is recorded, once in a
+Readers of a file call `check` first: it compares the bytes with what is recorded, once in a
 process. Files without a record are read as they are.
 """
 
@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
 
 import msgspec
 
@@ -47,15 +46,8 @@ class _Files(msgspec.Struct):
     files: dict[str, FileEntry] = {}
 
 
-class _Stamp(NamedTuple):
-    """A file as it is now: another one has another inode, size or time."""
-
-    path: str
-    inode: int
-    size: int
-    changed: int
-
-
+# A file as it is now, (path, size, inode, time of change): another one differs in one of these.
+_Stamp = tuple[str, int, int, int]
 _verified: set[_Stamp] = set()  # files that this process has read in full
 
 
@@ -108,7 +100,7 @@ def check(
     fresh = _unverified(paths)
 
     def verify(stamp: _Stamp) -> None:
-        path = Path(stamp.path)
+        path = Path(stamp[0])
         entry = recorded(path)
         if entry is not None and digest(path, advance=advance) != entry.sha256:
             raise unreadable(path, MISMATCH)
@@ -117,7 +109,7 @@ def check(
         if entry is not None or unrecorded is not None:
             _verified.add(stamp)
 
-    if len(fresh) > 1 and sum(stamp.size for stamp in fresh) > _LARGE:
+    if len(fresh) > 1 and sum(size for _, size, *_ in fresh) > _LARGE:
         with ThreadPoolExecutor(min(_THREADS, len(fresh))) as pool:
             list(pool.map(verify, fresh))
     else:
@@ -127,14 +119,14 @@ def check(
 
 def unverified_size(paths: Iterable[Path | str]) -> int:
     """How many bytes `check` would read."""
-    return sum(stamp.size for stamp in _unverified(paths))
+    return sum(size for _, size, *_ in _unverified(paths))
 
 
 def _unverified(paths: Iterable[Path | str]) -> list[_Stamp]:
     stamps = []
     for path in dict.fromkeys(map(str, paths)):
         about = os.stat(path)  # noqa: PTH116  of many files
-        stamps.append(_Stamp(path, about.st_ino, about.st_size, about.st_mtime_ns))
+        stamps.append((path, about.st_size, about.st_ino, about.st_mtime_ns))
     return [stamp for stamp in stamps if stamp not in _verified]
 
 

@@ -3,7 +3,7 @@
 A connection is in memory, prints times in UTC whatever the machine's zone, never loads or fetches
 an extension by itself, and spills to a folder of this process below the data root, not to where the
 command was typed. DuckDB removes it at the end; what a killed process left there holds rows that
-may have been purged since, so kb.store.leftovers asks `abandoned` and clears it.
+may have been purged since, so kb.store.leftovers clears it.
 """
 
 import atexit
@@ -30,10 +30,13 @@ def connect(
     Without a `root`, or where that is not there or can't be written to, it spills to the system's
     temporary folder.
     """
+    spill = Path(tempfile.gettempdir()) / f"lorecrawl-duckdb-{os.getuid()}"
+    if root is not None and root.is_dir() and os.access(root, os.W_OK):
+        spill = root.absolute() / f"{SPILL}-{atomic.mark()}"
     config: dict[str, str | bool | int | float | list[str]] = {
         "autoinstall_known_extensions": False,
         "autoload_known_extensions": False,
-        "temp_directory": str(_spill(root)),
+        "temp_directory": str(spill),
     }
     if threads is not None:
         config["threads"] = threads
@@ -79,14 +82,3 @@ def _set(con: duckdb.DuckDBPyConnection) -> None:
     # In a notebook without ipywidgets DuckDB shows no progress, and refuses to be told so.
     with contextlib.suppress(duckdb.InvalidInputException):
         con.execute("SET enable_progress_bar = false")
-
-
-def _spill(root: Path | None) -> Path:
-    if root is not None and root.is_dir() and os.access(root, os.W_OK):
-        return root.absolute() / f"{SPILL}-{atomic.mark()}"
-    return Path(tempfile.gettempdir()) / f"lorecrawl-duckdb-{os.getuid()}"
-
-
-def abandoned(folder: Path) -> bool:
-    """Whether a folder is what a process spilled that is not there any more."""
-    return folder.name.startswith(f"{SPILL}-") and atomic.has_ended(folder.name)

@@ -23,7 +23,7 @@ import pyarrow.compute as pc
 from kb.core.errors import CountMismatch, DamagedData
 from kb.schema import raw
 from kb.store.rawlog.rawlog import Frames
-from kb.store.tables.latest import duplicates, newest
+from kb.store.tables.columns import duplicates, newest
 
 RAW_BYTES = 8 << 20  # compressed raw data a bucket, about 100,000 rows of small answers
 MOST = 512
@@ -84,17 +84,17 @@ def spread(
     folder: Path,
     buckets: int,
     *,
-    mending: bool = False,
+    skip_damage: bool = False,
 ) -> dict[str, Any]:
     """Parse one segment and write `folder/<bucket>/<number>.arrow`.
 
-    Returns rows by bucket, unknown keys as they were seen, and with `mending` the first byte that
-    can't be read, if any (the frames around it are read; the tail of an open segment doesn't
+    Returns rows by bucket, unknown keys as they were seen, and with `skip_damage` the first byte
+    that can't be read, if any (the frames around it are read; the tail of an open segment doesn't
     count). Raises DamagedData naming the segment when a line is not an envelope, and without
-    `mending` also when something can't be read.
+    `skip_damage` also when something can't be read.
     """
     unknown: Counter[str] = Counter()
-    frames = Frames(segment, mending=mending)
+    frames = Frames(segment, skip_damage=skip_damage)
     try:
         with without_collecting(), Shuffle(folder, f"{number:06d}", buckets) as shuffle:
             for piece in _pieces(kind.parse(_lines(frames, name, unknown))):
@@ -140,28 +140,34 @@ def _pieces(tables: Iterator[pa.Table]) -> Iterator[pa.Table]:
         yield pa.concat_tables(waiting)
 
 
+def read_bucket(folder: Path, written: int) -> list[pa.Table]:
+    """What the segments wrote into a bucket. Raises CountMismatch unless these are `written` rows:
+    a file that is missing is no empty bucket.
+    """
+    parts = []
+    for path in sorted(folder.glob("*.arrow")):
+        with pa.ipc.open_file(pa.memory_map(str(path))) as file:
+            parts.append(file.read_all())
+    there = sum(part.num_rows for part in parts)
+    if there != written:
+        raise CountMismatch(
+            f"{written:,} rows were written to {folder}, and {there:,} can be read",
+            hint="every worker must see the same data root; no output was replaced",
+        )
+    return parts
+
+
 def newest_of(
     folder: Path, kind: RawKind, written: int, wanted: pa.Array[Any] | None = None
 ) -> tuple[pa.Table | None, int]:
     """The newest row of each key of one kind's bucket, and how many others were left out.
 
     Sorted by key. With `wanted` only the rows whose first key column is in it are read. Echoes
-    don't count as left out. Raises CountMismatch unless the `written` rows are there: a file that
-    is missing is no empty bucket.
+    don't count as left out. Raises CountMismatch as `read_bucket`.
     """
-    there, parts = 0, []
-    for path in sorted(folder.glob("*.arrow")):
-        with pa.ipc.open_file(pa.memory_map(str(path))) as file:
-            part = file.read_all()
-        there += part.num_rows
-        if wanted is not None:
-            part = part.filter(pc.is_in(part.column(kind.key[0]), value_set=wanted))
-        parts.append(part)
-    if there != written:
-        raise CountMismatch(
-            f"{written:,} rows were written to {folder}, and {there:,} can be read",
-            hint="every worker must see the same data root; no output was replaced",
-        )
+    parts = read_bucket(folder, written)
+    if wanted is not None:
+        parts = [part.filter(pc.is_in(part[kind.key[0]], value_set=wanted)) for part in parts]
     if not parts:
         return None, 0
     rows = pa.concat_tables(parts)
@@ -208,7 +214,8 @@ def _split(
         return
     named = pc.fill_null(keys.cast(pa.string()), "None").cast(pa.binary()).to_pylist()
     numbers = pa.array([zlib.crc32(key) % buckets for key in named], pa.int32())
-    rows = rows.take(pc.sort_indices(numbers))
+    # Lists of records in many chunks take three times as long.
+    rows = rows.combine_chunks().take(pc.sort_indices(numbers))
     counts = {entry["values"]: entry["counts"] for entry in pc.value_counts(numbers).to_pylist()}
     start = 0
     for bucket in sorted(counts):

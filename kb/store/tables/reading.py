@@ -1,5 +1,5 @@
-"""How the data root's own files are read: paths taken literally, and damage told by the file's name
-with what to do.
+"""How the data root's own files are read: paths are taken literally, and an error names the damaged
+file and what to do.
 
 with reading(files):                    # what a library says of a broken file becomes DamagedData
     con.execute(f"SELECT count(*) FROM {scan(files)}")
@@ -19,6 +19,7 @@ from kb.core.errors import DamagedData
 from kb.schema.tables import table, tables
 from kb.store.damage import unreadable
 from kb.store.layout import Layout
+from kb.store.out_of_memory import is_out_of_memory
 from kb.store.state import json_files
 from kb.store.state.frontier import Frontier
 from kb.store.tables import parquet
@@ -36,7 +37,7 @@ def reading(files: Iterable[Path | str]) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if _a_readers(error) and (damage := broken(files)):
+        if _a_readers(error) and not is_out_of_memory(error) and (damage := broken(files)):
             raise damage from error
         raise
 
@@ -81,7 +82,7 @@ def _declared(path: Path) -> str:
         case (_, _, "releases" | "restored", *_):
             return ""
         case (name, "pairs", *_):
-            return "pairs/quality" if name.startswith("quality-") else "pairs/pairs"
+            return f"pairs/{name.partition('-')[0]}"
         case (_, "labels", *_):
             return "labels/labels"
         case (name, "links", *_):

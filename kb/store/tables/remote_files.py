@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, BinaryIO, cast
@@ -25,6 +26,7 @@ from fsspec.implementations.cached import CachingFileSystem
 from kb.core.cached_property import cached_property
 from kb.core.errors import DamagedData, FatalError, KbError, MissingExtra, SettingError
 from kb.core.installation import install_extra
+from kb.net.hub_client import use_own_client
 from kb.store.artifact_registry import SUMS
 from kb.store.damage import unreadable
 from kb.store.tables.checksums import MISMATCH, parsed
@@ -109,6 +111,10 @@ def remote_folders(address: str, options: Mapping[str, Any] | None = None) -> li
     it needs, FatalError without permission or connection.
     """
     with reading_at(address):
+        if "hf://" in address:
+            use_own_client(
+                str((options or {}).get("endpoint") or os.environ.get("HF_ENDPOINT", ""))
+            )
         system, path = fsspec.core.url_to_fs(address, **(options or {}))
         path = path.rstrip("/")
         found = system.find(path, maxdepth=2, detail=True)
@@ -156,7 +162,9 @@ def reading_at(address: str) -> Iterator[None]:
     except FileNotFoundError:
         raise _missing(address) from None
     except Exception as error:
-        if _is_refusal(error):
+        status = getattr(getattr(error, "response", None), "status_code", None)
+        refused = not _REFUSED.isdisjoint(kind.__name__ for kind in type(error).__mro__)
+        if refused or status in (401, 403):
             raise FatalError(
                 f"{address}: no permission to read it ({_line(error)})",
                 hint="give a credential as its service documents it, such as HF_TOKEN or"
@@ -169,12 +177,6 @@ def reading_at(address: str) -> Iterator[None]:
                 f"{address}: {_line(error)}", hint="use hf://, s3:// or another of fsspec's"
             ) from None
         raise FatalError(f"{address} can't be read: {_line(error)}", hint=UNREACHABLE) from error
-
-
-def _is_refusal(error: Exception) -> bool:
-    """Whether a client says that a credential is missing or refused."""
-    status = getattr(getattr(error, "response", None), "status_code", None)
-    return status in (401, 403) or bool(_REFUSED & {kind.__name__ for kind in type(error).__mro__})
 
 
 def _missing(address: str) -> SettingError:

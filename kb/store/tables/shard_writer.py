@@ -1,8 +1,9 @@
 """The one place that writes Parquet.
 
-Settings as measured best on 10 M comment rows: zstd 3, row groups of 131,072 rows, statistics and
-page index, dictionaries on the columns that `schemas/` marks as low-cardinality and on no other,
-sorted by the table's `sort_by`. Every file appears whole or not at all.
+Settings as measured best on 10 M comment rows: zstd 3 (zstd 1 for tables that are never released),
+row groups of 131,072 rows, statistics and page index, dictionaries on the columns that `schemas/`
+marks as low-cardinality and on no other, sorted by the table's `sort_by`. Every file appears whole
+or not at all.
 
 Bytes depend on the rows alone: each row group is written from one contiguous block, so page
 boundaries can't follow from how the rows arrived, and nothing in the file tells the time.
@@ -12,7 +13,7 @@ import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -25,7 +26,7 @@ from kb.store.tables.merge import Merge
 
 ROW_GROUP = 131_072  # rows
 SHARD = 256_000_000  # bytes after which a shard ends; row groups are whole
-ZSTD_LEVEL = 3
+RELEASED, INTERNAL = 3, 1  # levels of zstd
 PAGE = 128 << 10  # bytes: small pages keep a merge of many files small, and a look-up cheap
 
 
@@ -103,10 +104,25 @@ class ShardWriter:
         self._in_order, self._sync = in_order, sync
 
     def __enter__(self) -> Self:
+        declared, schema = self.declared, self._schema
+        low = [one.name for one in declared.columns if one.dictionary and one.name in schema.names]
+        marks = pq.SortingColumn.from_ordering(
+            schema, [(name, "ascending") for name in order(declared)], "at_end"
+        )
         self._stack = contextlib.ExitStack()
         self._temporary = self._stack.enter_context(writing(self.path, sync=self._sync))
         self._file = self._stack.enter_context(
-            _open(self._temporary, self.declared, self._schema, self._in_order)
+            parquet.writing(
+                self._temporary,
+                schema,
+                version="2.6",
+                compression_level=RELEASED if declared.released else INTERNAL,
+                use_dictionary=low or False,
+                data_page_size=PAGE,
+                write_statistics=True,
+                write_page_index=True,
+                sorting_columns=marks if self._in_order else None,
+            )
         )
         return self
 
@@ -146,29 +162,6 @@ class ShardWriter:
             group = pa.concat_tables(self._waiting).combine_chunks()
             self._waiting, self._held = [], 0
             self._file.write_table(group, row_group_size=self._group_rows)
-
-
-def _open(path: Path, declared: Table, schema: pa.Schema, in_order: bool) -> Any:
-    """A writer with the project's settings, as a context manager."""
-    low = [
-        column.name
-        for column in declared.columns
-        if column.dictionary and column.name in schema.names
-    ]
-    marks = pq.SortingColumn.from_ordering(
-        schema, [(name, "ascending") for name in order(declared)], "at_end"
-    )
-    return parquet.writing(
-        path,
-        schema,
-        version="2.6",
-        compression_level=ZSTD_LEVEL,
-        use_dictionary=low or False,
-        data_page_size=PAGE,
-        write_statistics=True,
-        write_page_index=True,
-        sorting_columns=marks if in_order else None,
-    )
 
 
 def sorted_shards(
@@ -238,27 +231,25 @@ def write_sorted(
                 writer.write(group)
                 group = next(groups, None)
         written.append(Shard(path, writer.rows))
-    return [_named(shard, declared, at, len(written)) for at, shard in enumerate(written)]
-
-
-def _named(shard: Shard, declared: Table, index: int, number: int) -> Shard:
-    """A shard under its name, which says how many there are."""
-    name = f"{declared.short}-{index:05d}-of-{number:05d}.parquet"
-    return Shard(shard.path.rename(shard.path.with_name(name)), shard.rows)
+    number = len(written)  # which the name of each shard says
+    return [
+        Shard(path.rename(folder / f"{declared.short}-{at:05d}-of-{number:05d}.parquet"), count)
+        for at, (path, count) in enumerate(written)
+    ]
 
 
 def _in_groups(tables: Iterator[pa.Table], size: int) -> Iterator[pa.Table]:
     """The rows of a stream in tables of `size` rows; the last one may have fewer."""
     waiting: list[pa.Table] = []
-    held = 0
+    count = 0
     for table_ in tables:
         rows = table_
         while rows.num_rows:
-            waiting.append(rows.slice(0, size - held))
-            rows = rows.slice(size - held)
-            held += waiting[-1].num_rows
-            if held == size:
+            waiting.append(rows.slice(0, size - count))
+            rows = rows.slice(size - count)
+            count += waiting[-1].num_rows
+            if count == size:
                 yield pa.concat_tables(waiting)
-                waiting, held = [], 0
-    if held:
+                waiting, count = [], 0
+    if count:
         yield pa.concat_tables(waiting)

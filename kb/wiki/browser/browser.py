@@ -5,16 +5,20 @@ The browser gets a fresh profile and home folder, none of our environment variab
 only the hosts of the wiki.
 """
 
+import base64
 import contextlib
+import json
 import os
 import re
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Self, TypeVar
 from urllib.parse import urlsplit
 
+from requests.utils import get_environ_proxies, select_proxy
 from urllib3.exceptions import HTTPError
 
+from kb.core.config.addresses import is_loopback
 from kb.core.errors import ItemFinal, MissingExtra, Retryable
 from kb.wiki.browser.chromium import INSTALL, START_SECONDS, DriverProcess, Programs
 from kb.wiki.errors import NoResponse, PageTimeout, ServerFault, of_browser
@@ -69,7 +73,6 @@ FLAGS = (
     "--mute-audio",
     "--no-first-run",
     "--no-default-browser-check",
-    "--no-proxy-server",
     "--disable-component-update",
     "--disable-background-networking",
     "--disable-sync",
@@ -117,7 +120,7 @@ class Browser:
         self.uses = 0
         self.process = DriverProcess(programs.driver)
         try:
-            self._open(programs, hosts, user_agent, viewport, page_seconds)
+            self._open(programs, hosts, origins, user_agent, viewport, page_seconds)
             self._prepare(origins, viewport, before)
         except BaseException:
             self.end()
@@ -127,6 +130,7 @@ class Browser:
         self,
         programs: Programs,
         hosts: Sequence[str],
+        origins: Sequence[str],
         user_agent: str,
         viewport: tuple[int, int],
         page_seconds: float,
@@ -134,6 +138,7 @@ class Browser:
         from selenium.common.exceptions import SessionNotCreatedException, WebDriverException
         from selenium.webdriver import ChromeOptions
         from selenium.webdriver.chrome.remote_connection import ChromeRemoteConnection
+        from selenium.webdriver.common.proxy import Proxy, ProxyType
         from selenium.webdriver.remote.client_config import ClientConfig
         from selenium.webdriver.remote.webdriver import WebDriver
 
@@ -148,9 +153,12 @@ class Browser:
         )
         options.add_experimental_option("prefs", PREFERENCES)
         # A host with a port allows that port only: on loopback other ports are other services.
+        ways = proxies(origins)
+        hosts = [*hosts, *(way.partition(" ")[2] for way in ways.values())]
         rules = ", ".join([*(f"MAP {host} {host}" for host in hosts), "MAP * ~NOTFOUND"])
         flags = [
             *FLAGS,
+            proxy_flag(ways),
             f"--window-size={viewport[0]},{viewport[1]}",
             f"--user-agent={user_agent}",
             f"--host-resolver-rules={rules}",
@@ -165,6 +173,7 @@ class Browser:
         config = ClientConfig(
             remote_server_addr=address,
             keep_alive=True,
+            proxy=Proxy({"proxyType": ProxyType.DIRECT}),  # the driver is on this machine
             timeout=int(page_seconds) + 15,
         )
         try:
@@ -272,6 +281,37 @@ class Browser:
     def end(self) -> None:
         """End every process of the browser and remove its profile."""
         self.process.end()
+
+
+def proxies(origins: Sequence[str]) -> dict[str, str]:
+    """By origin the proxy that the environment names for it, "PROXY HOST:PORT" as Chromium has it;
+    none for this machine. Chromium takes no user name and password of a proxy.
+    """
+    ways = {}
+    for origin in origins:
+        proxy = select_proxy(origin, get_environ_proxies(origin))
+        if proxy and not is_loopback(origin):
+            parts = urlsplit(proxy if "://" in proxy else f"http://{proxy}")
+            kind = {"https": "HTTPS", "http": "PROXY"}.get(parts.scheme, "SOCKS5")
+            port = parts.port or {"HTTPS": 443, "PROXY": 80}.get(kind, 1080)
+            ways[origin] = f"{kind} {parts.hostname}:{port}"
+    return ways
+
+
+def proxy_flag(ways: Mapping[str, str]) -> str:
+    """The flag by which only these origins are asked through a proxy. All others are asked
+    directly, so that the resolver's rules refuse those that are not allowed.
+    """
+    if not ways:
+        return "--no-proxy-server"
+    script = (
+        f"const ways = {json.dumps(ways)};"
+        "function FindProxyForURL(url) {"
+        " for (const origin in ways) if (url.startsWith(origin + '/')) return ways[origin];"
+        " return 'DIRECT'; }"
+    )
+    packed = base64.b64encode(script.encode()).decode()
+    return f"--proxy-pac-url=data:application/x-ns-proxy-autoconfig;base64,{packed}"
 
 
 def reach(url: str, others: Sequence[str]) -> tuple[list[str], list[str]]:

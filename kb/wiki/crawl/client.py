@@ -17,13 +17,20 @@ import msgspec
 
 from kb.core.errors import Blocked, FatalError, ItemFinal, Retryable
 from kb.crawl.connector import Answer
-from kb.net import retry
+from kb.crawl.limits import check_length
+from kb.net import bounded, retry
 from kb.wiki.crawl.http_client import WikiHosts
 from kb.wiki.errors import PageRefused
 from kb.wiki.parse import answers
 
 BATCH = 50
+# Parts of one answer, 500 entries each. A batch of pages that have more is halved.
+_CONTINUED = 500
+# Parts of a list, 500 titles each, beside those that the wiki's own count of pages explains: that
+# count may be old, and a wiki may give fewer titles at a time.
+_LISTED, _PAGES_A_PART, _MOST_PAGES = 1_000, 20, 100_000_000
 _NOTICE = re.compile(rb"\b(?:Notice|Warning|Deprecated)\b")  # of PHP
+_FRONT = 1_000_000  # bytes of the front page, whose head has the link
 _AGAIN = ("maxlag", "readonly", "ratelimited", "internal_api_error")  # and what begins like them
 _DETAILS = {
     "prop": "info|revisions|contributors|redirects|categories",
@@ -63,11 +70,22 @@ class WikiApi:
         status, answer = self.ask(params)
         return Answer("site", self.endpoint, params, answer, status)
 
-    def listing(self, number: int, namespace: int, going: dict[str, str | int]) -> Answer:
+    def listing(
+        self,
+        number: int,
+        namespace: int,
+        going: dict[str, str | int],
+        *,
+        read: int = 0,
+        pages: int = 0,
+    ) -> Answer:
         """The next 500 pages of a namespace, without redirects.
 
-        `going` is the `continue` of the previous answer. Raises Retryable when the list loops.
+        `going` is the `continue` of the previous answer, `read` how many parts came before, `pages`
+        how many pages the wiki says it has. Raises Retryable when the list loops or has no end.
         """
+        most = _LISTED + min(max(pages, 0), _MOST_PAGES) // _PAGES_A_PART
+        check_length(f"the list of namespace {namespace}", read, most)
         params = {
             "action": "query",
             "list": "allpages",
@@ -109,14 +127,16 @@ class WikiApi:
         return Answer("imageinfo", self.endpoint, {"titles": titles}, answer, status)
 
     def ask_all(self, params: Mapping[str, str | int]) -> tuple[int, dict[str, Any]]:
-        """Ask one question and merge all continuations of the answer."""
+        """Ask one question and merge all continuations of the answer, of 100 MB at most."""
         status, first = self.ask(params)
-        answer, loop = first, _LoopDetector()
+        answer, loop, merged, read = first, _LoopDetector(), _Merged(first), 1
         while going := answer.get("continue"):
             loop.check(going)
+            check_length("the wiki's answer", read, _CONTINUED)
             status, answer = self.ask({**params, **going})
             loop.note(going)
-            _join(first, answer)
+            merged.add(answer)
+            read += 1
         first.pop("continue", None)
         return status, first
 
@@ -176,9 +196,10 @@ class WikiApi:
             return content
         if not self._told:
             self._told = True
-            text = re.sub(r"<[^>]*>", "", content[:start].decode("utf-8", "replace"))
-            said = answers.quoted(text)
-            self._web.run.progress.say(f"{self.endpoint} writes {said} before its answers")
+            said = content[: min(start, _FRONT // 100)].decode("utf-8", "replace")
+            text = re.sub(r"<[^<>]*>", "", said)
+            notice = answers.quoted(text)
+            self._web.run.progress.say(f"{self.endpoint} writes {notice} before its answers")
         return content[start:]
 
 
@@ -208,22 +229,51 @@ def _step_key(going: Mapping[str, str | int]) -> bytes:
     return msgspec.json.encode(going, order="sorted")
 
 
-def _join(first: dict[str, Any], more: dict[str, Any]) -> None:
-    """Merge the lists of a continued answer into the first one, page by page."""
-    pages = {
-        page.get("pageid", page.get("title")): page
-        for page in first.get("query", {}).get("pages", [])
-    }
-    for page in more.get("query", {}).get("pages", []):
-        known = pages.get(page.get("pageid", page.get("title")))
-        if known is None:
-            first["query"]["pages"].append(page)
-            continue
-        for name, value in page.items():
-            if isinstance(value, list) and isinstance(known.get(name), list):
-                known[name] += [entry for entry in value if entry not in known[name]]
-            else:
-                known.setdefault(name, value)
+class _Merged:
+    """An answer that takes in its continuations, page by page: lists grow by what is new."""
+
+    def __init__(self, first: dict[str, Any]) -> None:
+        self._pages = first.setdefault("query", {}).setdefault("pages", [])
+        self._known: dict[Any, dict[str, Any]] = {}
+        self._entries: dict[tuple[Any, str], set[bytes]] = {}
+        self._size = 0
+        for page in self._pages:
+            self._known[_key(page)] = page
+
+    def add(self, more: dict[str, Any]) -> None:
+        """Merge another part. Raises Retryable when the whole has too many bytes."""
+        for page in more.get("query", {}).get("pages", []):
+            known = self._known.setdefault(_key(page), page)
+            if known is page:
+                self._pages.append(page)
+                self._count(msgspec.json.encode(page))
+                continue
+            for name, value in page.items():
+                if isinstance(value, list) and isinstance(known.get(name), list):
+                    self._extend(known[name], (_key(page), name), value)
+                elif name not in known:
+                    known[name] = value
+                    self._count(msgspec.json.encode(value))
+
+    def _extend(self, entries: list[Any], place: tuple[Any, str], more: list[Any]) -> None:
+        seen = self._entries.get(place)
+        if seen is None:
+            seen = self._entries[place] = {*map(msgspec.json.encode, entries)}
+        for entry in more:
+            text = msgspec.json.encode(entry)
+            if text not in seen:
+                seen.add(text)
+                entries.append(entry)
+                self._count(text)
+
+    def _count(self, text: bytes) -> None:
+        self._size += len(text)
+        if self._size > bounded.ANSWER_BYTES:
+            raise Retryable("the wiki's answer has too many parts")
+
+
+def _key(page: dict[str, Any]) -> Any:
+    return page.get("pageid", page.get("title"))
 
 
 class _FrontPage(HTMLParser):
@@ -260,7 +310,7 @@ def find_endpoint(web: WikiHosts, url: str, *, known: bool = False) -> str:
     except ItemFinal as error:
         raise FatalError(f"{url} does not answer as a wiki: {error}") from None
     front = _FrontPage()
-    front.feed(page.content.decode("utf-8", "replace"))
+    front.feed(page.content[:_FRONT].decode("utf-8", "replace"))
     if not front.href and (known or front.unlisted or web.foreign_robots):
         raise retry.blocked(f"{url} shows a page that is not the wiki's, as a challenge does")
     if not front.href:

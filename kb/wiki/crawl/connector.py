@@ -63,6 +63,7 @@ def crawl(run: Run, titles: Path | None = None) -> Summary:
     """
     named = _named(run, titles) if titles else None
     source = WikiConnector(run, named)
+    source.asked = {"titles": str(titles.absolute())} if titles else {}
     return work(run, source, source.summary, phases=source.wanted, facts=source.facts)
 
 
@@ -149,7 +150,14 @@ class WikiConnector(Connector):
             yield api.site()
         elif phase is TITLES:
             asked = items[0].payload
-            yield api.listing(asked.round, asked.namespace, asked.going)
+            site = self.opened.frontier.cursor(reduce.SITE + str(asked.round), {})
+            yield api.listing(
+                asked.round,
+                asked.namespace,
+                asked.going,
+                read=asked.read,
+                pages=site.get("pages", 0),
+            )
         elif phase is INFO:
             titles = [item.payload.title for item in items]
             answer = api.details(fetch.tag(items[0]), titles=titles)

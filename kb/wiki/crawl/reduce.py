@@ -36,11 +36,12 @@ class SiteItem(msgspec.Struct):
 
 
 class List(msgspec.Struct):
-    """`going` is the `continue` of the last answer, at first empty."""
+    """`going` is the `continue` of the last answer, at first empty; `read` parts came so far."""
 
     round: int
     namespace: int
     going: dict[str, str | int] = {}
+    read: int = 0
 
 
 class Title(msgspec.Struct):
@@ -105,13 +106,16 @@ def _site(frontier: Frontier, envelope: Envelope) -> None:
     """The wiki's description of itself tells waiting rounds what to list."""
     spaces = envelope.response.get("query", {}).get("namespaces", {})
     content = sorted(int(key) for key, space in spaces.items() if space.get("content"))
+    counts = envelope.response.get("query", {}).get("statistics")
+    said = counts.get("pages") if isinstance(counts, dict) else None
+    pages = said if isinstance(said, int) else 0
     frontier.add("site", [(ANSWERED, SiteItem(listed=False))])
     frontier.done("site", ANSWERED)
     for tag, _, _, site in list(frontier.items("site")):
         if tag == ANSWERED:
             continue
         namespaces = sorted(site.namespaces) or content or [0]
-        frontier.set_cursor(SITE + tag, {"namespaces": namespaces})
+        frontier.set_cursor(SITE + tag, {"namespaces": namespaces, "pages": pages})
         frontier.remove("site", [tag])
         if site.listed:
             add_lists(frontier, int(tag))
@@ -132,8 +136,10 @@ def _titles(frontier: Frontier, envelope: Envelope) -> None:
     listed = answer.get("query", {}).get("allpages", [])
     frontier.add("info", [(f"{number}:{page['title']}", Title(page["title"])) for page in listed])
     key, going = f"{number}:{namespace}", answer.get("continue") or {}
-    frontier.add("titles", [key])
-    frontier.payload("titles", key, List(number, namespace, going))
+    frontier.add("titles", [(key, List(number, namespace))])
+    _, before, _ = frontier.get("titles", key) or ("", List(number, namespace), None)
+    read = before.read + (before.going != going)
+    frontier.payload("titles", key, List(number, namespace, going, read))
     frontier.mark("titles", [key], "todo" if going else "done")
     _compare_when_listed(frontier, number)
 

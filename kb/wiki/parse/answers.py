@@ -7,7 +7,7 @@ checked first (`problem`), and a page absent from the answer is "unanswered", ne
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Annotated, Any, Generic, NamedTuple, TypeVar
 from urllib.parse import unquote
 
 import msgspec
@@ -31,7 +31,7 @@ class _Titled(msgspec.Struct):
 
 class _Site(msgspec.Struct):
     general: dict[str, Any]
-    namespaces: dict[str, dict[str, Any]] = {}
+    namespaces: Annotated[dict[str, dict[str, Any]], msgspec.Meta(max_length=10_000)] = {}
 
 
 class _List(msgspec.Struct):

@@ -36,7 +36,7 @@ from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier, Item
-from kb.store.tables.latest import newest
+from kb.store.tables.columns import newest
 from kb.youtube.crawl.client import FINAL, GOOGLE
 from kb.youtube.crawl.fetch import API, PACK, WEB, YouTubeFetcher
 from kb.youtube.crawl.ids import RULES, Part, share
@@ -44,6 +44,7 @@ from kb.youtube.crawl.quota import GENERAL, SEARCH, limit, today
 from kb.youtube.crawl.reduce import (
     BEYOND,
     CHANNELS,
+    ELSEWHERE,
     PAYLOADS,
     RAW_INFO,
     RAW_STATISTICS,
@@ -193,6 +194,7 @@ PHASES = (
     # So many that fail one after the other are the site's trouble, not the videos'.
     Phase(kind=TRANSCRIPTS, unit="videos", workers=4, down=6, service=WEB),
 )
+PART = "part"  # cursor: the share that the last run had
 Worth = Callable[[pa.Table], "pa.Array[Any]"]
 """Which assembled videos are worth asking for their transcript."""
 
@@ -213,6 +215,9 @@ def crawl(
     what kb.core.errors says for the rest.
     """
     source = YouTubeConnector(run, partial(_promising, worth), only=only, ids=ids, part=part)
+    if only is None or ids:  # a phase alone goes on with what was asked for before
+        bounds = {"ids": str(ids.absolute()) if ids else "", "part": "/".join(map(str, part or ()))}
+        source.asked = {name: text for name, text in bounds.items() if text}
     try:
         summary = work(run, source, source.summary, phases=source.chosen, facts=source.facts)
     except KbError as error:
@@ -220,6 +225,12 @@ def crawl(
             source.check_keywords(error.summary)
         raise
     source.check_keywords(summary)
+    if part and ids is None:
+        run.progress.say(
+            f"youtube: this part has searched its share of the keywords and read its share of the"
+            f" {summary['channels']:,} channels that it knows; `kb merge` tells it of those that"
+            " others have found"
+        )
     if not summary["requests"]:
         again = "" if run.again else "; --again starts a new round"
         run.progress.say(f"youtube: nothing left to crawl{again}")
@@ -263,7 +274,7 @@ class YouTubeConnector(Connector):
         ]
         self.chosen = _chosen(self.phases, only, ids)
         self._known = RULES.read_some(ids, run.progress.say) if ids else None
-        self._wanted, self._mine = wanted, share(part)
+        self._wanted, self._mine, self._part = wanted, share(part), list(part or ())
         self.counts: Counter[str] = Counter()
         self.theirs: set[str] = set()
         self._unproductive: list[str] = []
@@ -285,12 +296,22 @@ class YouTubeConnector(Connector):
         """What reads and asks knows the data root now."""
         super().begin(opened)
         self.left_out = ChannelFilter(tombstones.people(self.run.root, self.name))
-        self._reduce = Reducer(self.profile, self._wanted, self._mine, opened.purged, self.left_out)
+        self._reduce = Reducer(
+            self.profile,
+            self._wanted,
+            self._mine,
+            opened.purged,
+            self.left_out,
+            by_id=self._known is not None,
+        )
         self._fetch = YouTubeFetcher(self.run, self.profile, opened, self._count)
 
     def discover(self, frontier: Frontier) -> None:
         """Known ids, or the profile's keywords, channels, and a new round."""
         reopen(frontier, self.profile)
+        if frontier.cursor(PART, []) != self._part:  # what was left to other machines counts now
+            frontier.set_cursor(PART, self._part)
+            frontier.set_cursor(UNJUDGED, True)
         judge_pending(self._reduce, self.run.root, frontier)
         if self._known is not None:
             purged = self.opened.purged
@@ -303,10 +324,12 @@ class YouTubeConnector(Connector):
             new_round(frontier)
 
     def leave_out(self, phase: Phase, item: Item) -> str | None:
-        """Pages of a search that the profile does not want."""
-        if phase.kind == SEARCHES and item.payload.page > self.profile.search_pages:
+        """Pages of a search that the profile does not want, or that another part asks for."""
+        if phase.kind != SEARCHES:
+            return None
+        if item.payload.page > self.profile.search_pages:
             return BEYOND
-        return None
+        return None if self._mine(item.payload.q) else ELSEWHERE
 
     def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
         """A page of a search or list, a pack of videos, or one transcript. Whose a video is, an

@@ -10,6 +10,7 @@ from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import ItemFinal, Retryable
 from kb.crawl.connector import Answer, Opened
+from kb.crawl.limits import check_length
 from kb.net.rate import Pace
 from kb.store.state.frontier import Item
 from kb.youtube.crawl.client import YouTubeApi
@@ -34,6 +35,7 @@ from kb.youtube.parse import answers as parse
 
 API, WEB = "api", "web"  # services
 PACK = 50  # ids a call, and entries a page: the API's largest
+PAGES = 2_000  # of a list of uploads, of which the API gives 20,000 videos
 PARTS = "snippet,contentDetails,statistics,status,player"
 FRAME = {"maxWidth": 1920, "maxHeight": 1080}  # of the embed: its shape is the video's
 
@@ -94,6 +96,7 @@ class YouTubeFetcher:
 
     def _list(self, items: list[Item]) -> Iterator[Answer]:
         (item,) = items
+        check_length(f"the list {item.payload.playlist}", item.payload.pages, PAGES)
         params = {
             "playlistId": item.payload.playlist,
             "part": "contentDetails",

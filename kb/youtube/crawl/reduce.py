@@ -47,9 +47,11 @@ RAW_SEARCH, RAW_LIST, RAW_VIDEOS, RAW_TRANSCRIPTS, RAW_STATISTICS = (
 )
 RAW_SECOND_TRACKS = "second_tracks"
 RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES = "ytdlp_info", "ytdlp_playlists", "ytdlp_subtitles"
+RAW_OWN = "own_transcripts"  # changes nothing that a crawl asks for
 FINAL = {"ok", "none", "disabled", "unavailable", "age_restricted"}
 UNJUDGED = "videos not judged"  # cursor: taken in by what asks for no transcript
 BEYOND = "beyond search_pages"  # why a page of a search is skipped
+ELSEWHERE = "of another part"  # the same
 
 _log = logging.getLogger("kb.youtube")
 
@@ -102,8 +104,9 @@ def uploads_list(channel_id: str, profile: YouTubeSection) -> str:
 
 
 class Reducer:
-    """Takes envelopes into the frontier. `mine` tells a part's channels, `gone` are purged videos,
-    `left_out` channels that are left out.
+    """Takes envelopes into the frontier. `mine` tells a part's channels, and with `by_id` its
+    videos, which elsewhere are those of its channels; `gone` are purged videos, `left_out` channels
+    that are left out.
     """
 
     def __init__(
@@ -113,8 +116,10 @@ class Reducer:
         mine: Callable[[str], bool],
         gone: Collection[str],
         left_out: Container[str] = (),
+        *,
+        by_id: bool = False,
     ) -> None:
-        self._left_out = left_out
+        self._left_out, self._owner = left_out, "video_id" if by_id else "channel_id"
         self._profile, self._wanted, self._mine, self._gone = profile, wanted, mine, gone
         self._language = TrackLanguage(profile.language, profile.translate)
         self._ways: dict[str, Callable[[Frontier, Envelope], None]] = {
@@ -167,6 +172,8 @@ class Reducer:
         params = envelope.request.params
         playlist, token = str(params.get("playlistId", "")), params.get("pageToken")
         channel = channel_of(playlist)
+        if not self._mine(channel):
+            return  # an answer of another part, whose videos these are
         known = frontier.get(UPLOADS, channel)
         if known is None:
             at = Uploads(playlist, token)
@@ -258,8 +265,11 @@ class Reducer:
 
     def judge(self, frontier: Frontier, videos: pa.Table) -> None:
         """Add the transcripts that are worth asking for, of parsed videos."""
-        keys = [key for key in self._wanted(videos) if key not in self._gone]
-        frontier.add(TRANSCRIPTS, keys)
+        owners = dict(
+            zip(*(videos[name].to_pylist() for name in ("video_id", self._owner)), strict=True)
+        )
+        wanted = (key for key in self._wanted(videos) if key not in self._gone)
+        frontier.add(TRANSCRIPTS, [key for key in wanted if self._mine(owners[key] or "")])
 
     def _transcript(self, kind: str, frontier: Frontier, envelope: Envelope) -> None:
         key, status, reason = _outcome(envelope.response)

@@ -26,6 +26,7 @@ from kb.net.rate import Pace
 from kb.net.retry import PATIENCE_S, attempt, blocked
 from kb.net.session import Door, HttpSession, failure, refusal
 from kb.youtube.crawl import player
+from kb.youtube.parse.answers import FORMAT
 from kb.youtube.ytdlp import subtitles
 from kb.youtube.ytdlp.tracks import TrackLanguage, language_of
 
@@ -101,6 +102,7 @@ class Fetcher:
     def _once(self, video_id: str, second: bool) -> dict[str, Any]:
         self._page, self._answer, self._needs_token, self._is_empty = "", None, False, False
         answer: dict[str, Any] = {
+            "format": FORMAT,
             "video_id": video_id,
             "outcome": "ok",
             "reason": None,
@@ -174,20 +176,20 @@ class Fetcher:
             except (lib.NotTranslatable, lib.TranslationLanguageNotAvailable):
                 continue
             cues = (self._with_word_times(track) if shown is track else None) or [
-                [cue.start, cue.duration, cue.text] for cue in shown.fetch()
+                subtitles.Cue(cue.start, cue.duration, cue.text) for cue in shown.fetch()
             ]
-            if not any(cue[2].split() for cue in cues):
+            if not any(cue.text.split() for cue in cues):
                 continue
             original = "asr" if track.is_generated else "manual"
             return {
                 "kind": "translated" if translate else original,
                 "original_kind": original,
                 "language": track.language_code,
-                "cues": cues,
+                "cues": subtitles.as_columns(cues),
             }
         raise lib.NoTranscriptFound(tracks.video_id, [language], tracks)
 
-    def _with_word_times(self, track: Any) -> list[list[Any]] | None:
+    def _with_word_times(self, track: Any) -> list[subtitles.Cue] | None:
         """The cues of an automatic track with the starts of their words; None where the site does
         not give that form.
         """
@@ -198,7 +200,7 @@ class Fetcher:
         if not response.ok:
             return None
         try:
-            return subtitles.as_lists(subtitles.read("srv3", response.text).cues)
+            return subtitles.read("srv3", response.text).cues
         except ValueError:
             return None
 

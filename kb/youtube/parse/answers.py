@@ -15,11 +15,13 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core.errors import FatalError
 from kb.schema.coerce import inner, times
 from kb.schema.decode import ColumnReader, DecodedAnswer, problems
 from kb.schema.tables import table
 from kb.store.rawlog.rawlog import Envelope
 
+FORMAT = 2  # of answers about transcripts; raise it when their form changes
 PO_TOKEN = "po_token"  # outcome: the track can be had only with a proof-of-origin token
 AGAIN = pa.array(["failed", PO_TOKEN])  # outcomes that are tried again
 ROWS = 8_192  # about 50 MB while a batch is made
@@ -72,11 +74,20 @@ def transcripts(lines: Iterable[bytes], rows: int = 512) -> Iterator[pa.Table]:
 
     Columns: `video_id`, `outcome`, `kind`, `language`, `cues`, `player_width`, `player_height`
     (px), `player_fps`, `game_label_id`, `game_label`, `fetched_at`, `problems`, and `final`: false
-    for an outcome that is tried again.
+    for an outcome that is tried again. Raises FatalError for answers of another raw format.
     """
-    for got, _ in _reader("youtube/transcripts", "transcripts", note_absent=False).tables(
+    for got, answers in _reader("youtube/transcripts", "transcripts", note_absent=False).tables(
         lines, rows
     ):
+        for answer in answers:
+            if (number := inner(*answer.records, "format") or 1) != FORMAT and inner(
+                *answer.records, "cues"
+            ):
+                raise FatalError(
+                    f"raw/youtube has transcripts of raw format {number}; this version of"
+                    f" Lorecrawl reads format {FORMAT}",
+                    hint="crawl them again into a new data root",
+                )
         yield got.append_column("final", is_final(got["outcome"]))
 
 

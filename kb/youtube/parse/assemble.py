@@ -19,17 +19,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core.installation import np
 from kb.schema.tables import table
 from kb.store.layout import Layout
 from kb.store.rawlog import rawlog
 from kb.store.tables import reading
-from kb.store.tables.columns import aligned, column, lists, put, sums
-from kb.store.tables.latest import newest
+from kb.store.tables.columns import aligned, column, lists, newest, put, sums
 from kb.store.tables.partition import RawKind
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.view_counting import view_rule
@@ -62,7 +62,7 @@ def checked(
     unordered = cue.slice(1).filter(falling)
     usable = pc.and_kleene(pc.is_finite(start), pc.greater_equal(start, 0))
     negative = cue.filter(pc.invert(pc.fill_null(usable, False)))
-    rows = pa.array(range(len(flat)), pa.int64())
+    rows = pa.array(np.arange(len(flat)))
     reason = pc.if_else(pc.is_in(rows, value_set=unordered), UNORDERED, reason)
     reason = pc.if_else(pc.is_in(rows, value_set=negative), NEGATIVE, reason)
     fits = pc.equal(pc.list_value_length(starts).cast(pa.int64()), words)
@@ -77,7 +77,7 @@ def _of_tracks(
 ) -> pa.Array[Any]:
     """Why the first cue of each track with words and without word times has none."""
     hit = pc.indices_nonzero(without)
-    first = pc.index_in(pa.array(range(tracks), pa.int64()), value_set=track.take(hit))
+    first = pc.index_in(pa.array(np.arange(tracks)), value_set=track.take(hit))
     why = pc.fill_null(reason.take(hit), ABSENT).take(first)
     return pc.fill_null(why, COMPLETE)
 
@@ -169,6 +169,7 @@ KINDS = {
     "statistics": RawKind(parse.statistics, key=("video_id",), bucket="video_id"),
     "ytdlp_info": RawKind(info.rows, key=("video_id",), bucket="video_id"),
     "ytdlp_subtitles": RawKind(tracks.rows, key=("video_id", "track", "format"), bucket="video_id"),
+    "own_transcripts": RawKind(tracks.rows, key=("video_id", "track", "format"), bucket="video_id"),
     "transcripts": RawKind(
         parse.transcripts, key=("video_id",), bucket="video_id", by=("final", "fetched_at")
     ),
@@ -180,10 +181,12 @@ def assemble(
     latest: dict[str, pa.Table],
     words: Callable[[Any], pa.Array[Any]],
     language: TrackLanguage = ENGLISH,
+    own: Literal["fill", "prefer", "ignore"] = "fill",
 ) -> dict[str, pa.Table]:
     """Videos joined with what is known of their transcripts, and the transcripts that were had.
 
-    `words` counts the words of each text; `language` chooses among imported tracks.
+    `words` counts the words of each text; `language` chooses among imported tracks; `own` says
+    whether own transcripts stand where YouTube has none, before YouTube's, or nowhere.
     Adds to the parsed columns: `link`, `imported` (whether a file tells of it), `width`, `height`
     (px; the largest stream's when known, else the embed frame's), `fps`, `view_rule`,
     `metadata_origin`, `age_restricted`, `game_label_id`, `game_label`, `transcript_outcome` (null:
@@ -196,7 +199,12 @@ def assemble(
         latest.get("ytdlp_info"),
         language,
     )
-    transcripts = _usable(outcomes, words)
+    transcripts = _with_own(
+        _usable(outcomes, words),
+        tracks.own(latest.get("own_transcripts") if own != "ignore" else None, language),
+        words,
+        before=own == "prefer",
+    )
     if videos is None:
         return {"youtube/transcripts": _tracks(transcripts)}
     return {
@@ -216,7 +224,8 @@ def unanswered(root: Path) -> Iterator[tuple[str, str]]:
 
 
 def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
-    side = aligned(transcripts, "video_id", column(videos, "video_id"))
+    own = [name for name in transcripts.column_names if name not in ("cues", "cue_words")]
+    side = aligned(transcripts.select(own), "video_id", column(videos, "video_id"))
     outcome = column(side, "outcome")
     from_file: Any = pa.scalar(False)
     if FROM_FILE in videos.column_names:
@@ -236,7 +245,7 @@ def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
         pc.equal(pc.fill_null(column(videos, "yt_rating"), ""), "ytAgeRestricted"),
         pc.equal(pc.fill_null(outcome, ""), "age_restricted"),
     )
-    own: dict[str, Any] = {
+    made: dict[str, Any] = {
         "link": pc.binary_join_element_wise(WATCH, column(videos, "video_id"), ""),
         "width": width,
         "height": height,
@@ -246,12 +255,12 @@ def _joined(videos: pa.Table, transcripts: pa.Table) -> pa.Table:
         "game_label": column(side, "game_label"),
         "transcript_outcome": outcome,
         "transcript_kind": kind,
-        "transcript_origin": pc.if_else(had, "service", pa.scalar(None, pa.string())),
+        "transcript_origin": pc.if_else(had, column(side, "origin"), pa.scalar(None, pa.string())),
         "word_count": pc.if_else(had, column(side, "word_count"), pa.scalar(None, pa.int64())),
         "problems": _renamed(column(videos, "problems")),
     }
-    own["metadata_origin"] = pc.if_else(from_file, "file", pa.array(["api"] * videos.num_rows))
-    for name, values in own.items():
+    made["metadata_origin"] = pc.if_else(from_file, "file", pa.array(["api"] * videos.num_rows))
+    for name, values in made.items():
         videos = put(videos, name, values)
     return videos.append_column("view_rule", view_rule(videos))
 
@@ -295,6 +304,30 @@ def _usable(rows: pa.Table | None, words: Callable[[Any], pa.Array[Any]]) -> pa.
     outcome = pc.if_else(broken, "failed", pc.if_else(empty, "none", rows["outcome"]))
     rows = put(rows, "outcome", pc.fill_null(outcome, "failed"))
     return rows.append_column("cue_words", of_cues).append_column("word_count", counted)
+
+
+def _with_own(
+    service: pa.Table, own: pa.Table | None, words: Callable[[Any], pa.Array[Any]], *, before: bool
+) -> pa.Table:
+    """Usable outcomes and those of own transcripts, which take the place of what YouTube has no
+    text for, `before` of all but what its page restricts by age; `origin` says whose each is. What
+    the page told else stays.
+    """
+    service = service.append_column("origin", pa.repeat(pa.scalar("service"), service.num_rows))
+    if own is None:
+        return service
+    own = _usable(own, words)
+    own = own.filter(pc.equal(own["outcome"], "ok"))
+    kept = pa.array(["age_restricted"] if before else ["ok", "age_restricted"])
+    stays = service.filter(pc.is_in(service["outcome"], value_set=kept))["video_id"]
+    own = own.filter(pc.invert(pc.is_in(own["video_id"], value_set=stays.combine_chunks())))
+    page = aligned(service, "video_id", column(own, "video_id"))
+    for name in tracks.FACTS:
+        own = put(own, name, column(page, name))
+    own = own.append_column("origin", pa.repeat(pa.scalar("own"), own.num_rows))
+    replaced = pc.is_in(service["video_id"], value_set=column(own, "video_id"))
+    both = [name for name in service.column_names if name in own.column_names]
+    return pa.concat_tables([service.filter(pc.invert(replaced)).select(both), own.select(both)])
 
 
 def _tracks(transcripts: pa.Table) -> pa.Table:
@@ -346,15 +379,14 @@ def _lengths(cues: pa.Array[Any], flat: Any, automatic: pa.Array[Any]) -> pa.Arr
 def _stretched(
     cues: pa.Array[Any], start: pa.Array[Any], length: pa.Array[Any], words: pa.Array[Any]
 ) -> tuple[pa.Array[Any], pa.Array[Any]]:
-    """Start and length (s) of cues that hold all their words, the last one until the next cue
-    begins but at most a second.
+    """Start and length (s) of cues that hold all their words (which are in order), the last one
+    until the next cue begins but at most a second.
     """
-    times = pa.table({"cue": pc.list_parent_indices(words), "at": pc.list_flatten(words)})
-    times = times.group_by("cue").aggregate([("at", "min"), ("at", "max")])
-    place = pc.index_in(
-        pa.array(range(len(start)), pa.int64()), times["cue"].combine_chunks().cast(pa.int64())
-    )
-    first, last = (times[f"at_{side}"].combine_chunks().take(place) for side in ("min", "max"))
+    times, sizes = pc.list_flatten(words), pc.fill_null(pc.list_value_length(words), 0)
+    ends = pc.cumulative_sum(sizes.cast(pa.int64()))
+    some = pc.greater(sizes, 0)
+    first = times.take(pc.if_else(some, pc.subtract(ends, sizes), pa.scalar(None, pa.int64())))
+    last = times.take(pc.if_else(some, pc.subtract(ends, 1), pa.scalar(None, pa.int64())))
     track = pc.list_parent_indices(cues)
     same = pc.equal(track.slice(1), track.slice(0, max(len(track) - 1, 0)))
     nothing = pa.scalar(None, start.type)

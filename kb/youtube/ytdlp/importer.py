@@ -1,4 +1,4 @@
-"""`kb youtube import`: folders of yt-dlp → raw answers. Sends nothing.
+"""`kb youtube import`: folders of yt-dlp and one's own transcripts → raw answers. Sends nothing.
 
 A file is known by its name, size and time of change, which its raw answer names: what is in the raw
 log is not read again, so the same command goes on after a kill and repeats nothing. Files are taken
@@ -8,8 +8,9 @@ as the disk lists them, a few at a time.
 import hashlib
 import os
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,24 +18,34 @@ import msgspec
 
 from kb.core import clock, signals
 from kb.core.context import Run
-from kb.core.errors import FatalError, KbError, LimitReached, SettingError
+from kb.core.errors import DamagedData, FatalError, KbError, LimitReached, SettingError
+from kb.core.progress import Task
 from kb.core.summary import Summary
 from kb.crawl.session import CrawlSession, open_session
 from kb.schema.tables import table
+from kb.store.damage import SMALL, regular
 from kb.store.rawlog import rawlog
 from kb.store.rawlog.rawlog import Envelope, Request
 from kb.store.state import tombstones
 from kb.youtube.crawl.connector import YouTubeConnector
-from kb.youtube.crawl.reduce import RAW_INFO, RAW_PLAYLISTS, RAW_SUBTITLES
+from kb.youtube.crawl.reduce import RAW_INFO, RAW_OWN, RAW_PLAYLISTS, RAW_SUBTITLES, VIDEOS
 from kb.youtube.parse.channels import ChannelFilter
 from kb.youtube.ytdlp import info, lenient, subtitles
 
 AT_ONCE = 256  # answers that are written and synced together
 AT_ONCE_BYTES = 8 << 20
 NAMED = 20  # files left out for one reason that are named
-LARGEST = 1 << 30  # bytes of a file; one larger is not yt-dlp's
+LARGEST = 100_000_000  # bytes of an info.json; one larger is not yt-dlp's. Of texts: SMALL
 BROKEN_INFO, BROKEN_SUBTITLES = "broken_info", "broken_subtitles"
+BROKEN_TRANSCRIPTS = "broken_transcripts"
 NAMELESS, FOREIGN, PURGED, UNREADABLE = "without_video_id", "other_sites", "purged", "unreadable"
+# Kinds of raw answers and their names in the summary, in the order in which they are written.
+_COUNTED = {
+    RAW_INFO: "crawled",
+    RAW_SUBTITLES: "subtitles",
+    RAW_PLAYLISTS: "playlists",
+    RAW_OWN: "own_transcripts",
+}
 
 
 class _Params(msgspec.Struct):
@@ -53,28 +64,38 @@ class _Head(msgspec.Struct):
     request: _Request
 
 
-def import_folders(run: Run, folders: Sequence[Path]) -> Summary:
-    """Import every info.json and subtitle file below the folders that was not imported before.
+def import_folders(
+    run: Run, folders: Sequence[Path], own_transcripts: Sequence[Path] = ()
+) -> Summary:
+    """Import every info.json and subtitle file below the folders, and every transcript below those
+    of one's own, that was not imported before.
 
     Raises SettingError when a folder is none, FatalError when nothing in them can be used,
     LimitReached and Interrupted (the same command goes on), DiskFull.
     """
-    for folder in folders:
+    every = [*folders, *own_transcripts]
+    for folder in every:
         if not folder.is_dir():
-            raise SettingError(
-                f"{folder} is not a folder", hint="name the folders that yt-dlp wrote to"
-            )
+            wrote = "yt-dlp wrote to" if folder in folders else "your transcripts are in"
+            raise SettingError(f"{folder} is not a folder", hint=f"name the folders that {wrote}")
+    if not every:
+        raise SettingError(
+            "there is no folder to import",
+            hint="name the folders that yt-dlp wrote to, or --own-transcripts DIR",
+        )
     with open_session(run, YouTubeConnector(run), online=False) as session:
         work = _Import(run, session)
         try:
-            work.read(folders)
+            work.read(folders, own_transcripts)
         except KbError as error:
             error.summary = work.summary()
             raise
         if not (work.counts["imported_files"] or work.counts["known_files"]):
             nothing = FatalError(
-                f"nothing to import in {', '.join(map(str, folders))}: {work.why()}",
-                hint="run yt-dlp with --write-info-json --write-subs --write-auto-subs",
+                f"nothing to import in {', '.join(map(str, every))}: {work.why()}",
+                hint="run yt-dlp with --write-info-json --write-subs --write-auto-subs"
+                if folders
+                else "name each transcript by its video, such as ID.json or TITLE [ID].srt",
             )
             nothing.summary = work.summary()
             raise nothing
@@ -95,49 +116,86 @@ class _Import:
         self.named: defaultdict[str, list[str]] = defaultdict(list)
         self.null: Counter[str] = Counter()
 
-    def read(self, folders: Sequence[Path]) -> None:
-        """Take in every file. Raises what ends the run, with all that was read written."""
+    def read(self, folders: Sequence[Path], own_transcripts: Sequence[Path]) -> None:
+        """Take in every file, own transcripts last. A folder within one of the other kind is not
+        read as part of that; in one that is given as both the name tells whose a file is.
+
+        Raises what ends the run, with all that was read written.
+        """
+        theirs, own = ({*map(os.path.realpath, some)} for some in (folders, own_transcripts))
         with self._run.progress.task("import", unit="files") as task:
             try:
-                for entry in info.walk(folders):
-                    signals.stop.check()
-                    self._take(entry)
-                    self._flush(at_least=AT_ONCE)
-                    task.advance(1, videos=self.counts["crawled"])
-                    if self._run.limit and self.counts["imported_files"] >= self._run.limit:
-                        raise LimitReached(
-                            f"--limit {self._run.limit} reached",
-                            hint="run the same command to resume",
-                        )
+                for folder in folders:
+                    shared = os.path.realpath(folder) in own
+                    for entry in info.walk(folder, own):
+                        if not (shared and _is_own(entry)):
+                            self._take(entry)
+                            self._continue(task)
+                self._flush(at_least=1)  # whose transcripts come next is known then
+                for folder in own_transcripts:
+                    shared = os.path.realpath(folder) in theirs
+                    for entry in info.walk(folder, theirs):
+                        if not shared or _is_own(entry):
+                            self._take_own(entry)
+                            self._continue(task)
             finally:
                 self._flush(at_least=1)
+                task.advance(0, videos=self.counts["crawled"])
+
+    def _continue(self, task: Task) -> None:
+        """Write what waits, when it is much. Raises Interrupted, LimitReached."""
+        self._flush(at_least=AT_ONCE)
+        task.advance(1, videos=self.counts["crawled"])
+        signals.stop.check()
+        if self._run.limit and self.counts["imported_files"] >= self._run.limit:
+            raise LimitReached(
+                f"--limit {self._run.limit} reached", hint="run the same command to resume"
+            )
 
     def _take(self, entry: os.DirEntry[str]) -> None:
         name = entry.name
         named = info.subtitle_name(name)
-        if named is None and not name.endswith(info.INFO):
-            if (reason := info.left_out_as(name)) is not None:
-                self._leave_out(reason, name)
-            return
+        if named is not None:
+            take = partial(self._subtitles, Path(entry.path), named)
+            self._read(entry, name, BROKEN_SUBTITLES, SMALL, take)
+        elif name.endswith(info.INFO):
+            self._read(entry, name, BROKEN_INFO, LARGEST, self._info)
+        elif (reason := info.left_out_as(name)) is not None:
+            self._leave_out(reason, name)
+
+    def _take_own(self, entry: os.DirEntry[str]) -> None:
+        path = Path(entry.path)
+        named = info.own_name(path)
+        if named is not None:
+            # Where the folder is the video, all files may have one name.
+            name = f"{path.parent.name}/{path.name}" if path.parent.name in named.ids else path.name
+            self._read(entry, name, BROKEN_TRANSCRIPTS, SMALL, partial(self._own, named))
+        elif (reason := info.left_out_as(entry.name)) is not None:
+            self._leave_out(reason, entry.name)
+
+    def _read(
+        self,
+        entry: os.DirEntry[str],
+        name: str,
+        broken: str,
+        most: int,
+        take: Callable[[bytes, dict[str, Any], datetime], Iterable[tuple[str, Envelope]]],
+    ) -> None:
+        """What `take` makes of a file of at most so many bytes, unless it was imported before."""
         try:
             about = entry.stat()
             params = _params(name, about)
-            if (key := _key(**params)) in self._known:
+            if (key := _key(broken == BROKEN_TRANSCRIPTS, **params)) in self._known:
                 self.counts["known_files"] += 1
                 return
-            if about.st_size > LARGEST:
-                raise ValueError("too large")
+            if about.st_size > most:
+                raise ValueError(f"it has more than {most:,} bytes")
             data = Path(entry.path).read_bytes()
-            changed = _time(about)
-            if named is None:
-                made = list(self._info(data, params, changed))
-            else:
-                made = [self._subtitles(entry, named, data, params, changed)]
+            made = list(take(data, params, _time(about)))
         except OSError as error:
             self._leave_out(UNREADABLE, name, error.strerror or "")
         except ValueError as error:
-            kind = BROKEN_INFO if named is None else BROKEN_SUBTITLES
-            self._leave_out(kind, name, str(error).splitlines()[0])
+            self._leave_out(broken, name, str(error).splitlines()[0])
         except _LeftOut as reason:
             self._leave_out(str(reason), name)
         else:
@@ -183,18 +241,16 @@ class _Import:
 
     def _subtitles(
         self,
-        entry: os.DirEntry[str],
+        path: Path,
         named: info.SubtitleName,
         data: bytes,
         params: dict[str, Any],
         changed: datetime,
-    ) -> tuple[str, Envelope]:
-        text = lenient.text_of(data).removeprefix("\ufeff")
-        if not subtitles.read(named.format, text).cues:
-            raise ValueError("no cue in it")
+    ) -> Iterator[tuple[str, Envelope]]:
+        text = _with_cues(named.format, data)
         video = None
         if named.video_id is None or self._left_out:
-            video = _video_beside(Path(entry.path), named.stem)
+            video = _video_beside(path, named.stem)
         video_id = named.video_id or (video and video["id"]) or named.or_else
         if video_id is None:
             raise _LeftOut(NAMELESS)
@@ -207,13 +263,32 @@ class _Import:
             "format": named.format,
             "text": text,
         }
-        return RAW_SUBTITLES, _envelope(changed, params, answer)
+        yield RAW_SUBTITLES, _envelope(changed, params, answer)
+
+    def _own(
+        self, named: info.OwnName, data: bytes, params: dict[str, Any], changed: datetime
+    ) -> Iterator[tuple[str, Envelope]]:
+        text = _with_cues(named.format, data)
+        if not self._session.purged.isdisjoint(named.ids):
+            raise _LeftOut(PURGED)
+        known = (one for one in named.ids if self._session.frontier.get(VIDEOS, one))
+        video_id = next(known, None)
+        if video_id is None:
+            video_id = named.likely
+            self.counts["unknown_videos"] += video_id is not None
+        if video_id is None:
+            raise _LeftOut(NAMELESS)
+        language = named.language
+        if language is None and named.format == "json":
+            language = subtitles.heard_language(text)
+        about = {"video_id": video_id, "language": language, "format": named.format}
+        yield RAW_OWN, _envelope(changed, params, about | {"text": text})
 
     def _flush(self, *, at_least: int) -> None:
         """Write what waits, by kind: what is known to be read is on disk before it counts."""
         if len(self._waiting) < at_least and self._bytes < AT_ONCE_BYTES:
             return
-        for kind in (RAW_INFO, RAW_SUBTITLES, RAW_PLAYLISTS):
+        for kind in _COUNTED:
             made = [envelope for of, envelope in self._waiting if of == kind]
             if made:
                 lines = self._session.recorder.record_all(kind, made)
@@ -221,8 +296,7 @@ class _Import:
         self._waiting, self._bytes = [], 0
 
     def _count(self, kind: str, lines: list[bytes]) -> None:
-        name = {RAW_INFO: "crawled", RAW_SUBTITLES: "subtitles", RAW_PLAYLISTS: "playlists"}[kind]
-        self.counts[name] += len(lines)
+        self.counts[_COUNTED[kind]] += len(lines)
         if kind != RAW_INFO:
             return
         names = [column.name for column in table("youtube/videos").columns]
@@ -234,7 +308,7 @@ class _Import:
     def why(self) -> str:
         """Why nothing could be used: the most frequent reason."""
         if not self.left_out:
-            return "there is no info.json and no subtitle file"
+            return "there is no info.json, no subtitle file and no transcript"
         reason, count = self.left_out.most_common(1)[0]
         return f"{reason.replace('_', ' ')} ({count:,} files), such as {self.named[reason][0]}"
 
@@ -247,6 +321,8 @@ class _Import:
             crawled=self.counts["crawled"],
             subtitles=self.counts["subtitles"],
             playlists=self.counts["playlists"],
+            own_transcripts=self.counts["own_transcripts"],
+            unknown_videos=self.counts["unknown_videos"],
             files=self.counts["imported_files"],
             known_files=self.counts["known_files"],
             left_out_by=dict(self.left_out.most_common()),
@@ -278,6 +354,11 @@ def unfilled_columns(summary: Summary) -> list[str]:
             f"columns that these files leave null, of {videos:,} videos:"
             f" {', '.join([*([f'{name} (all)' for name in every]), *some])}"
         )
+    if unknown := summary["unknown_videos"]:
+        lines.append(
+            f"{unknown:,} of these transcripts are of videos that are not here; they are used once"
+            " the videos are crawled or imported"
+        )
     return lines
 
 
@@ -285,17 +366,19 @@ def _known(root: Path) -> set[bytes]:
     """The files whose answers are in the raw log, as digests."""
     decoder = msgspec.json.Decoder(_Head)
     known = set()
-    for kind in (RAW_INFO, RAW_SUBTITLES, RAW_PLAYLISTS):
+    for kind in _COUNTED:
         for path in rawlog.segments(root, "youtube", kind):
             for _, line in rawlog.Frames(path):
                 params = decoder.decode(line).request.params
                 if params.file is not None:
-                    known.add(_key(params.file, params.bytes, params.changed))
+                    known.add(_key(kind == RAW_OWN, params.file, params.bytes, params.changed))
     return known
 
 
-def _key(file: str, bytes: int, changed: str) -> bytes:
-    return hashlib.blake2b(f"{file}\0{bytes}\0{changed}".encode(), digest_size=12).digest()
+def _key(own: bool, file: str, bytes: int, changed: str) -> bytes:
+    """A file may be both yt-dlp's and one's own transcript, as the user says."""
+    text = f"{own:d}\0{file}\0{bytes}\0{changed}"
+    return hashlib.blake2b(text.encode(), digest_size=12).digest()
 
 
 def _params(name: str, about: os.stat_result) -> dict[str, Any]:
@@ -312,10 +395,26 @@ def _envelope(at: datetime, params: dict[str, Any], response: Any) -> Envelope:
     return Envelope(clock.stamp(at), Request("file", params), 200, response)
 
 
+def _is_own(entry: os.DirEntry[str]) -> bool:
+    """Whether a file of a folder that yt-dlp wrote to is a transcript of one's own: yt-dlp's files
+    of subtitles name their language.
+    """
+    return bool(info.own_name(Path(entry.path))) and info.subtitle_name(entry.name) is None
+
+
+def _with_cues(form: str, data: bytes) -> str:
+    """The text of a file that has cues. Raises ValueError."""
+    text = lenient.text_of(data).removeprefix("\ufeff")
+    if not subtitles.read(form, text).cues:
+        raise ValueError("no cue in it")
+    return text
+
+
 def _video_beside(path: Path, stem: str) -> dict[str, Any] | None:
     """The video in the info.json of the same name; None where there is none."""
     try:
-        parsed = info.read(path.with_name(f"{stem}{info.INFO}").read_bytes())
-    except (OSError, ValueError):
+        with regular(path.with_name(f"{stem}{info.INFO}")) as file:
+            parsed = info.read(file.read(LARGEST))
+    except (OSError, ValueError, DamagedData):
         return None
     return parsed.videos[0] if len(parsed.videos) == 1 else None

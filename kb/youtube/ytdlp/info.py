@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -21,6 +21,8 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from kb.core import clock
+from kb.core.video_names import possible_ids
 from kb.schema import raw
 from kb.schema.decode import ColumnReader
 from kb.schema.tables import table
@@ -34,11 +36,9 @@ VIDEO_ID = re.compile(r"[A-Za-z0-9_-]{11}")
 
 # Behind the language YouTube's id of a track with a name may stand.
 _SUBTITLES = re.compile(
-    r"(?P<stem>.+)\.(?P<language>[a-z]{2,3}(?:-[a-z0-9_-]+)?)\.(?P<format>vtt|srv3|json3)",
+    r"(?P<stem>.+)\.(?P<language>[a-z]{2,3}(?:-[a-z0-9_-]+)?)\.(?P<format>vtt|srv3|json3|srt)",
     re.IGNORECASE,
 )
-_IN_BRACKETS = re.compile(r"\[(?:youtube[-_= ])?([A-Za-z0-9_-]{11})\]$", re.IGNORECASE)
-_BEHIND_TITLE = re.compile(r".+-([A-Za-z0-9_-]{11})")  # youtube-dl's default
 _UNFINISHED = re.compile(r"\.(?:part|ytdl|part-Frag\d+|temp|temp\.[a-z0-9]+)$")
 _MEDIA = re.compile(
     r".+\.(?:3gp|aac|avi|flac|flv|gif|jpe?g|m4[av]|mhtml|mk[av]|mov|mp[34]|og[gv]|opus|png|ts|wav"
@@ -66,15 +66,49 @@ def subtitle_name(name: str) -> SubtitleName | None:
     match = _SUBTITLES.fullmatch(name)
     if match is None:
         return None
-    stem = match["stem"]
-    video_id = stem if VIDEO_ID.fullmatch(stem) else None
-    if in_brackets := _IN_BRACKETS.search(stem):
-        video_id = in_brackets[1]
-    behind = _BEHIND_TITLE.fullmatch(stem)
+    stem, in_brackets, behind = possible_ids(match["stem"])
+    video_id = next(filter(VIDEO_ID.fullmatch, (in_brackets, stem)), None)
     language = match["language"]
     if language.isupper():  # EN, EN-GB
         language = language[:3].lower() + language[3:]
-    return SubtitleName(stem, video_id, behind and behind[1], language, match["format"].lower())
+    return SubtitleName(stem, video_id, behind or None, language, match["format"].lower())
+
+
+# `ID.f140.m4a.en.json`: programs put their suffix behind that of the film or sound.
+_TRANSCRIPT = re.compile(
+    r"(?P<stem>.+?)(?:\.f\d+(?:-\w+)?)?"
+    r"(?:\.(?:3gp|aac|avi|flac|flv|m4[av]|mk[av]|mov|mp[34]|og[gv]|opus|ts|wav|webm))?"
+    r"(?:\.(?P<language>[a-z]{2}(?:-[a-z]{2,4})?))?\.(?P<format>json|vtt|srt)",
+    re.IGNORECASE,
+)
+_WORD = re.compile(r"[A-Za-z]?[a-z]{10}")  # no id: "transcripts", a folder
+
+
+class OwnName(NamedTuple):
+    """What the name of one's own transcript says: what may be the video's id, in the order in which
+    films are found; which of them is one although nobody knows the video; the language.
+    """
+
+    ids: list[str]
+    likely: str | None
+    language: str | None
+    format: str
+
+
+def own_name(path: Path) -> OwnName | None:
+    """`ID.json`, `TITLE [ID].en.srt` or `ID/…` in its parts; None for any other name."""
+    match = _TRANSCRIPT.fullmatch(path.name)
+    if match is None or path.name.endswith((INFO, ".live_chat.json")):
+        return None
+    stem, in_brackets, behind = possible_ids(match["stem"])
+    folder = path.parent.name
+    ids = [*filter(VIDEO_ID.fullmatch, (stem, in_brackets, behind, folder))]
+    named = (in_brackets, stem, "" if _WORD.fullmatch(folder) else folder)
+    language = match["language"]
+    if language is not None:
+        language = language[:2].lower() + language[2:]
+    likely = next(filter(VIDEO_ID.fullmatch, named), None)
+    return OwnName(ids, likely, language, match["format"].lower())
 
 
 def left_out_as(name: str) -> str | None:
@@ -88,18 +122,20 @@ def left_out_as(name: str) -> str | None:
     return OTHER_SUBTITLES if _TEXT_TRACKS.fullmatch(name) else OTHER_FILES
 
 
-def walk(folders: Iterable[Path]) -> Iterator[os.DirEntry[str]]:
-    """Every file below the folders, as the disk lists them: no folder is held in memory.
+def walk(folder: Path, others: Collection[str] = ()) -> Iterator[os.DirEntry[str]]:
+    """Every file below a folder, as the disk lists them: no folder is held in memory.
 
-    Links to folders are not followed. A folder that can't be read is passed over.
+    Links to folders are not followed. A folder below it that can't be read is passed over, as one
+    of `others` (resolved) is.
     """
-    waiting = [str(folder) for folder in folders]
+    waiting = [str(folder)]
     while waiting:
         try:
             with os.scandir(waiting.pop()) as entries:
                 for entry in entries:
                     if entry.is_dir(follow_symlinks=False):
-                        waiting.append(entry.path)
+                        if not others or os.path.realpath(entry.path) not in others:
+                            waiting.append(entry.path)
                     elif entry.is_file():
                         yield entry
         except (PermissionError, FileNotFoundError):
@@ -221,10 +257,7 @@ def read_at(record: dict[str, Any]) -> datetime | None:
     epoch = record.get("epoch")
     if isinstance(epoch, bool) or not isinstance(epoch, (int, float)):
         return None
-    try:
-        return datetime.fromtimestamp(epoch, UTC)
-    except (ValueError, OverflowError, OSError):
-        return None
+    return clock.since_1970(epoch)
 
 
 # -- rows ------------------------------------------------------------------------------------------

@@ -1,5 +1,5 @@
-"""Subtitle files of YouTube's three timed forms → cues, as the plain form has them that a crawl
-reads: one cue a line, in the track's order.
+"""Subtitle files and transcripts of speech recognition → cues, as a crawl reads them in YouTube's
+plain form: one cue a line, in the track's order.
 
     srv3    <p t d> with <s t> for each word; `a="1"` only breaks the line of the rolling display;
             where YouTube answers with its plain form (<text start dur>), that is read
@@ -7,6 +7,10 @@ reads: one cue a line, in the track's order.
     vtt     what the rolling display shows: a cue repeats the line before it, and cues of 10 ms hold
             only the repetition; <00:00:18.239><c> no</c> before each word. Identifiers of cues,
             notes, styles and regions are no speech (W3C WebVTT, section 4)
+    srt     the same without times of words, where yt-dlp converted it. Whisper can underline the
+            word that is spoken, in a cue of its own that repeats the whole text
+    json    what Whisper, WhisperX and faster-whisper heard: `segments` with `start`, `end` (s) and
+            `text`, and perhaps `words` with a `start` each
 
 A value that can't be read costs that value, or the line that can't be placed without it; what is
 not of the form at all raises ValueError.
@@ -22,11 +26,13 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
+from kb.core.installation import np
+from kb.core.languages import code_of
 from kb.youtube.ytdlp import lenient
 
 _TAG = re.compile(r"</?(?:[A-Za-z][^<>]*)?>|<[\d:.]+>")
 _WORD = re.compile(r"\S+")
-_TIME = r"(?:(\d+):)?(\d\d):(\d\d)\.(\d\d\d)"
+_TIME = r"(?:(\d+):)?(\d\d):(\d\d)[.,](\d\d\d)"  # SubRip has a comma
 _TIMING = re.compile(rf"{_TIME}[ \t]*-->[ \t]*{_TIME}(?:[ \t].*)?")
 _MARK = re.compile(r"<(?:(\d+):)?(\d\d):(\d\d)\.(\d\d\d)>")
 # What XML can't hold, as such or as a reference.
@@ -59,16 +65,20 @@ Parts = list[tuple[int, str]]
 
 
 class _Line(NamedTuple):
-    """`start` is -1 where it can't be read."""
+    """`start` is -1 where it can't be read; `timed` is false for one without times of words."""
 
     start: int
     end: int
     parts: Parts
+    timed: bool = True
 
 
 def read(form: str, text: str) -> CaptionTrack:
-    """The track in a file of the form vtt, srv3 or json3. Raises ValueError for anything else."""
-    lines, timed = {"vtt": _vtt, "srv3": _srv3, "json3": _json3}[form](text.removeprefix("\ufeff"))
+    """The track in a file of the form vtt, srv3, json3, srt or json. Raises ValueError for anything
+    else.
+    """
+    forms = {"vtt": _vtt, "srv3": _srv3, "json3": _json3, "srt": _srt, "json": _segments}
+    lines, timed = forms[form](text.removeprefix("\ufeff"))
     placed = [line for line in lines if line.start >= 0]
     if lines and not placed:
         raise ValueError("no line has a time that can be read")
@@ -79,7 +89,9 @@ def read(form: str, text: str) -> CaptionTrack:
         words = [starts[word.start()] / 1000 for word in _WORD.finditer(said)]
         if words:
             length = max(0, line.end - line.start) / 1000
-            cues.append(Cue(line.start / 1000, length, said, words if timed else None))
+            cues.append(
+                Cue(line.start / 1000, length, said, words if timed and line.timed else None)
+            )
     return CaptionTrack(cues, timed)
 
 
@@ -177,11 +189,14 @@ def _json3(text: str) -> tuple[list[_Line], bool]:
 
 
 class _Row(NamedTuple):
-    """A row of what is shown: its pieces, its text, and whether words in it have times."""
+    """A row of what is shown: its pieces, its text, and whether words in it have times or are
+    underlined.
+    """
 
     parts: Parts
     text: str
     timed: bool
+    underlined: bool
 
 
 class _Shown(NamedTuple):
@@ -195,6 +210,10 @@ class _Shown(NamedTuple):
 def _vtt(text: str) -> tuple[list[_Line], bool]:
     if not text.startswith("WEBVTT"):
         raise ValueError("not WebVTT")
+    return _srt(text)
+
+
+def _srt(text: str) -> tuple[list[_Line], bool]:
     cues = list(_cues(text))
     if not cues and "-->" in text:
         raise ValueError("no timing can be read")
@@ -227,7 +246,8 @@ def _row(line: str, start: int) -> _Row:
         at, done = _ms(mark.groups()), mark.end()
     pieces.append((at, line[done:]))
     parts = [(at, html.unescape(_TAG.sub("", piece))) for at, piece in pieces]
-    return _Row(parts, "".join(text for _, text in parts).strip(), len(parts) > 1)
+    said = "".join(text for _, text in parts).strip()
+    return _Row(parts, said, len(parts) > 1, "<u>" in line)
 
 
 def _ms(groups: tuple[str | None, ...]) -> int:
@@ -239,16 +259,18 @@ def _without_repetition(cues: list[_Shown], timed: bool) -> list[_Line]:
     """Each line once: from the cue that shows it first to the end of the last that still does.
 
     In a track without word times people may say a line twice: there only what a cue of 10 ms
-    repeats counts as shown on, and the first row of the cue right behind such a one.
+    repeats counts as shown on, the first row of the cue right behind such a one, and what is shown
+    again with another word underlined.
     """
     lines: list[_Line] = []
-    shown, until, after_brief = [""], -1, False
+    shown, until, after_brief, underlined = [""], -1, False, False
     for start, end, rows in cues:
         if not rows:
             continue
         texts, new = [row.text for row in rows], rows
         brief = end - start <= _REPETITION_MS
-        is_rolling = timed or brief or (after_brief and len(rows) > 1)
+        underlined = any(row.underlined for row in rows) or (underlined and texts == shown)
+        is_rolling = timed or brief or underlined or (after_brief and len(rows) > 1)
         after_brief = False
         if lines and start <= until and not rows[0].timed and is_rolling:
             same = texts == shown and not any(row.timed for row in rows)
@@ -270,8 +292,69 @@ def _in_one(rows: list[_Row]) -> Parts:
     return parts
 
 
-def as_lists(cues: list[Cue]) -> list[list[Any]]:
-    """The cues as the raw answer of a crawl has them: [start_s, duration_s, text] each, and the
-    starts of its words (s) in a track that has them.
+# -- json ------------------------------------------------------------------------------------------
+
+
+def _segments(text: str) -> tuple[list[_Line], bool]:
+    document = lenient.json_value(text)
+    segments = document.get("segments") if isinstance(document, dict) else document
+    if not isinstance(segments, list):
+        raise ValueError("it has no segments")  # noqa: TRY004 (a fact about the file)
+    lines = []
+    for segment in segments:
+        if not isinstance(segment, dict):
+            continue
+        start, end = (_seconds(segment.get(name)) for name in ("start", "end"))
+        given, said = segment.get("words"), segment.get("text")
+        words = [one for one in given if isinstance(one, dict)] if isinstance(given, list) else []
+        pieces = [str(one.get("word", "")) for one in words]
+        said = said.strip() if isinstance(said, str) else ""
+        # Whisper's words bring their spaces along, WhisperX's don't.
+        joined = (glue.join(pieces).split() for glue in ("", " "))
+        fits = next((one for one in joined if one == (said or " ".join(pieces)).split()), [])
+        starts = _every_start([_seconds(one.get("start")) for one in words], start, end)
+        if not (fits and starts):
+            lines.append(_Line(start, end, [(start, said)], timed=False))
+            continue
+        glue = "" if "".join(pieces).split() == fits else " "
+        parts = [(at, f"{piece}{glue}") for at, piece in zip(starts, pieces, strict=True)]
+        parts[0] = (parts[0][0], parts[0][1].lstrip())
+        parts[-1] = (parts[-1][0], parts[-1][1].rstrip())
+        lines.append(_Line(starts[0] if start < 0 else start, max(end, starts[-1]), parts))
+    return lines, any(line.timed for line in lines)
+
+
+def heard_language(text: str) -> str | None:
+    """The language that JSON of speech recognition names; None where it names none."""
+    document = lenient.json_value(text)
+    whole = document if isinstance(document, dict) else {}
+    for part in (whole, whole.get("info"), whole.get("result")):
+        if isinstance(part, dict) and isinstance(language := part.get("language"), str):
+            return code_of(language) or None
+    return None
+
+
+def _every_start(starts: list[int], begin: int, end: int) -> list[int]:
+    """The starts (ms) of a segment's words, of those without one (-1, such as WhisperX's numbers)
+    in equal parts of what lies between; [] where no word has one.
     """
-    return [list(cue if cue.word_start_s is not None else cue[:3]) for cue in cues]
+    known = {place: start for place, start in enumerate(starts) if start >= 0}
+    if not known:
+        return []
+    ends = {0: begin if begin >= 0 else min(known.values()), len(starts): end}
+    places, times = zip(
+        *sorted(({at: t for at, t in ends.items() if t >= 0} | known).items()), strict=True
+    )
+    return [round(at) for at in np.interp(range(len(starts)), places, times)]
+
+
+def as_columns(cues: list[Cue]) -> dict[str, list[Any] | None]:
+    """The cues as the raw answer of a crawl has them: a list for each field; `word_start_s` is None
+    where no cue has times of words.
+    """
+    columns: dict[str, list[Any] | None] = {
+        name: [cue[place] for cue in cues] for place, name in enumerate(Cue._fields)
+    }
+    if all(cue.word_start_s is None for cue in cues):
+        columns["word_start_s"] = None
+    return columns

@@ -7,7 +7,7 @@ them that no info.json lists counts as manual.
 
 import json
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -19,14 +19,14 @@ from kb.schema.coerce import records
 from kb.schema.decode import ColumnReader, in_batches, problems
 from kb.schema.tables import table
 from kb.store.rawlog import rawlog
-from kb.store.tables.columns import aligned, put
-from kb.store.tables.latest import newest
+from kb.store.tables.columns import aligned, newest, put
 from kb.youtube.ytdlp import subtitles
 
 ORIGINAL = "-orig"
+READ_FROM, PAGE, FILE = "read_from", "watch_page", "file"
 NOT_IMPORTED = "not_imported"  # outcome of a video that only a file tells of, without a track
-_RICHEST = ("json3", "srv3", "vtt")
-_FACTS = ("player_width", "player_height", "player_fps", "game_label_id", "game_label")
+_RICHEST = ("json3", "srv3", "json", "vtt", "srt")
+FACTS = ("player_width", "player_height", "player_fps", "game_label_id", "game_label")
 
 
 # A language as BCP 47 writes it; what else stands behind one is YouTube's id of a named track.
@@ -102,8 +102,9 @@ def kind_of(name: str, timed: bool, listed: ListedTracks | None) -> TrackKind:
 
 
 def rows(lines: Iterable[bytes], most: int = 512) -> Iterator[pa.Table]:
-    """Envelopes of ytdlp_subtitles → `video_id`, `track` (yt-dlp's name of the language), `format`,
-    `timed`, `cues` (JSON text) and `fetched_at` of each file.
+    """Envelopes of ytdlp_subtitles and own_transcripts → `video_id`, `track` (the language as the
+    file names it, null where it does not), `format`, `timed`, `cues` (JSON text) and `fetched_at`
+    of each file.
     """
     for files in in_batches(_files(lines), most):
         kinds = (pa.string(), pa.string(), pa.string(), pa.bool_(), pa.string(), pa.string())
@@ -113,7 +114,7 @@ def rows(lines: Iterable[bytes], most: int = 512) -> Iterator[pa.Table]:
         yield pa.table(columns, names=[*names])
 
 
-def _files(lines: Iterable[bytes]) -> Iterator[tuple[str, str, str, bool, str, str | None]]:
+def _files(lines: Iterable[bytes]) -> Iterator[tuple[str, str | None, str, bool, str, str | None]]:
     for line in lines:
         envelope = rawlog.decode(line)
         answer = envelope.response
@@ -121,7 +122,7 @@ def _files(lines: Iterable[bytes]) -> Iterator[tuple[str, str, str, bool, str, s
             track = subtitles.read(answer["format"], answer["text"])
         except ValueError:  # text that a purge or an older version left; the import counted others
             continue
-        cues = json.dumps(subtitles.as_lists(track.cues), ensure_ascii=False)
+        cues = json.dumps(subtitles.as_columns(track.cues), ensure_ascii=False)
         about = (answer["video_id"], answer["language"], answer["format"])
         yield *about, track.timed, cues, envelope.fetched_at
 
@@ -139,8 +140,14 @@ def with_imported(
     restriction that the page named does. A video whose info.json (`files`) lists no track in the
     language has none, unless an answer says other.
     """
+    if crawled is not None:
+        crawled = put(crawled, READ_FROM, pa.array([PAGE] * crawled.num_rows, pa.string()))
     listed = _listed(files)
-    outcomes = [*_chosen(imported, listed, wanted), *_none(listed, wanted)]
+    outcomes = [*_none(listed, wanted)]
+    if imported is not None:
+        outcomes += _chosen(
+            imported, wanted, lambda video, name, timed: kind_of(name, timed, listed.get(video))
+        )
     if not outcomes:
         return crawled
     made = _outcomes(outcomes)
@@ -151,7 +158,7 @@ def with_imported(
     every = pa.concat_tables([crawled, made.select(crawled.column_names)])
     best = newest(every.combine_chunks(), ("video_id",), ("final", "fetched_at"))
     page = aligned(crawled, "video_id", best["video_id"].combine_chunks())
-    for name in _FACTS:
+    for name in FACTS:
         best = put(best, name, pc.coalesce(best[name], page[name]))
     return best
 
@@ -161,16 +168,16 @@ _Found = tuple[str, str, "TrackKind | None", str | None, Any]
 
 
 def _chosen(
-    imported: pa.Table | None, listed: dict[str, ListedTracks], wanted: TrackLanguage
+    files: pa.Table, wanted: TrackLanguage, kind_of: Callable[[str, str, bool], TrackKind]
 ) -> Iterator[_Found]:
     """The best track of each video: manual, automatic, translated; the plain language before its
-    variants; the richest file.
+    variants; the richest file. One that names no language is in the wanted one.
     """
     best: dict[str, tuple[Any, TrackKind, int]] = {}
-    names = ("video_id", "track", "format", "timed")
-    columns = [imported[name].to_pylist() for name in names] if imported is not None else [[]] * 4
-    for row, (video, name, form, timed) in enumerate(zip(*columns, strict=True)):
-        kind = kind_of(name, timed, listed.get(video))
+    columns = (files[name].to_pylist() for name in ("video_id", "track", "format", "timed"))
+    for row, (video, given, form, timed) in enumerate(zip(*columns, strict=True)):
+        name = given or wanted.name
+        kind = kind_of(video, name, timed)
         if not wanted.spoken(name) or (kind.kind == "translated" and not wanted.translate):
             continue
         is_variant = language_of(name) != language_of(wanted.name)
@@ -179,9 +186,16 @@ def _chosen(
         if video not in best or rank < best[video][0]:
             best[video] = (rank, kind, row)
     for video, (_, kind, row) in sorted(best.items()):
-        assert imported is not None
-        cues, at = imported["cues"][row].as_py(), imported["fetched_at"][row].as_py()
-        yield video, "ok", kind, cues, at
+        yield video, "ok", kind, files["cues"][row].as_py(), files["fetched_at"][row].as_py()
+
+
+def own(files: pa.Table | None, wanted: TrackLanguage) -> pa.Table | None:
+    """The collector's own transcripts in the language as outcomes, the best one of each video."""
+    if files is None:
+        return None
+    return _outcomes(
+        [*_chosen(files, wanted, lambda video, name, timed: TrackKind("asr", name, "asr"))]
+    )
 
 
 def _none(listed: dict[str, ListedTracks], wanted: TrackLanguage) -> Iterator[_Found]:
@@ -227,6 +241,7 @@ def _outcomes(outcomes: list[_Found]) -> pa.Table:
             columns[name], _ = records(own[name], kind, clean=True)
         else:
             columns[name] = pa.array(own.get(name, [None] * len(outcomes)), arrow)
+    columns[READ_FROM] = pa.array([FILE] * len(outcomes), pa.string())
     return pa.table(columns)
 
 

@@ -86,16 +86,6 @@ def test_a_demo_starts_over_after_a_finished_one_and_else_goes_on(
     assert demo_mark.read(tmp_path / "demo") == demo_mark.DemoMark(finished=False)
 
 
-def test_a_finished_demo_of_an_older_version_is_one(
-    tmp_path: Path, begun: Callable[..., list[Run]]
-) -> None:
-    (tmp_path / "demo" / "clean").mkdir(parents=True)
-    (tmp_path / "demo" / demo_mark.OLDER).touch()
-    assert demo_mark.note(tmp_path / "demo")
-    begun(tmp_path)
-    assert {path.name for path in (tmp_path / "demo").iterdir()} == {"dumps", demo_mark.NAME}
-
-
 def test_data_that_no_demo_has_made_are_left_alone(
     tmp_path: Path, begun: Callable[..., list[Run]]
 ) -> None:

@@ -1,17 +1,16 @@
 """One dump becomes raw segments with the wanted records."""
 
 import random
-from concurrent.futures import ThreadPoolExecutor
+import shutil
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from kb.core import engine
 from kb.core.errors import LimitReached
 from kb.reddit.crawl.importer import import_dumps
-from kb.reddit.dumps import import_file as module
-from kb.reddit.dumps.import_file import ImportJob, extract, import_file
 from kb.reddit.parse.anonymize import load_key
 from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
@@ -92,36 +91,21 @@ def dump(tmp_path: Path) -> Path:
     return write(tmp_path / "RS_2020-09.zst", lines(6_000), frames=3)
 
 
-def test_blocks_give_the_same_segments_and_counts(
+def test_a_file_is_read_by_one_process_however_many_there_are(
     dump: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "BLOCK", 100_000)
-    jobs = []
-    for name in ("one", "many"):
-        load_key(tmp_path / "one")  # the same key in both
-        if name == "many":
-            key = tmp_path / "many" / "state" / "reddit.key"
-            key.parent.mkdir(parents=True)
-            key.write_bytes((tmp_path / "one" / "state" / "reddit.key").read_bytes())
-        jobs.append(ImportJob(str(tmp_path / name), str(dump), "Minecraft", 0, 4e9, 0, 10_000))
-    alone = import_file(jobs[0])
-    handed_out: list[int] = []
-
-    class Pool(ThreadPoolExecutor):
-        def submit(self, *task: Any, **options: Any) -> Any:
-            handed_out.append(task[0] is extract)
-            return super().submit(*task, **options)
-
-    with Pool(3) as pool:
-        together = import_file(jobs[1], pool, 6)
-    assert all(handed_out)
-    assert len(handed_out) > 5
+    """Two workers never cost more than one, and give the same segments of a file."""
+    load_key(tmp_path / "one")
+    shutil.copytree(tmp_path / "one", tmp_path / "many")  # the same key in both
+    alone = import_dumps(run_in(tmp_path / "one"), [dump])
+    monkeypatch.setattr(engine, "Processes", None)
+    together = import_dumps(run_in(tmp_path / "many", workers=2), [dump])
     assert together == alone
-    assert min(alone.things - 500, alone.bad_lines - 10, alone.segments - 2) > 0
+    assert min(alone["crawled"] - 500, alone["bad_lines"] - 10) > 0
     assert files(tmp_path / "many") == files(tmp_path / "one")
 
 
-def test_a_file_left_in_the_middle_goes_on_with_all_workers(dump: Path, tmp_path: Path) -> None:
+def test_a_file_left_in_the_middle_goes_on_with_more_workers(dump: Path, tmp_path: Path) -> None:
     whole = import_dumps(run_in(tmp_path / "whole"), [dump])
     root = tmp_path / "parts"
     with pytest.raises(LimitReached):

@@ -3,16 +3,20 @@ for each way and for mixtures, and nothing else.
 """
 
 import json
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
 import pytest
 
 from kb.release.build import release
+from kb.schema import table
 from kb.store.layout import Layout
+from kb.store.tables.shard_writer import write_table
 from tests.release.conftest import a_run
-from tests.release.made import build
+from tests.release.made import START, build, filled
 
 EARLY = datetime(2026, 10, 20, tzinfo=UTC)
 SEARCH = "Channels were found by keyword search in the YouTube Data API v3."
@@ -43,6 +47,10 @@ def texts(root: Path, source: str) -> dict[str, str]:
     }
 
 
+def first_screen(root: Path) -> str:
+    return (root / "release/youtube/README.md").read_text().partition("## Tables")[0]
+
+
 def released_from(
     root: Path, source: str, raw: tuple[str, ...], own: int, value: dict[str, Any]
 ) -> dict[str, str]:
@@ -53,6 +61,14 @@ def released_from(
             row.update({key: what for key, what in value.items() if key in row})
 
     build(root, edit, (source, "pairs") if source == "youtube" else (source,))
+    if {"transcripts", "ytdlp_subtitles"} & set(raw):
+        tracks, of = table("youtube/transcripts"), [{"video_id": f"vid{n:08d}"} for n in range(60)]
+        for number, row in enumerate(of):
+            from_file = number < own
+            row |= {"read_from": "file" if from_file else "watch_page"}
+            row |= {"fetched_at": EARLY if from_file else START}
+        made = pa.Table.from_pylist([filled(tracks, row) for row in of], tracks.arrow())
+        write_table(Layout(root).table(tracks.name) / "part-00000.parquet", made, tracks)
     for kind in raw:
         segment = Layout(root).raw(source, kind) / "20261101T000000Z-0001.ndjson.zst"
         segment.parent.mkdir(parents=True, exist_ok=True)
@@ -73,7 +89,10 @@ IMPORTED = ("ytdlp_info", "ytdlp_subtitles")
         (
             CRAWLED,
             0,
-            {SEARCH, UPLOADS, WATCHED, TERMS, LARGE, "API v3 described all 60 videos"},
+            {
+                *(SEARCH, UPLOADS, WATCHED, TERMS, LARGE, "API v3 described all 60 videos"),
+                "; all 60 transcripts are from them, read 2026-11-01.",
+            },
         ),
         (("videos",), 0, {TERMS, "API v3 described all 60 videos", CHOSEN}),
         (
@@ -83,6 +102,7 @@ IMPORTED = ("ytdlp_info", "ytdlp_subtitles")
                 SUBTITLES,
                 DELETED,
                 "for the collector described all 60 videos; their dates are 2026-10-20.",
+                "for the collector: all 60 transcripts; their dates are 2026-10-20.",
                 CHOSEN,
             },
         ),
@@ -93,6 +113,8 @@ IMPORTED = ("ytdlp_info", "ytdlp_subtitles")
                 *(SEARCH, UPLOADS, WATCHED, SUBTITLES, TERMS, LARGE, DELETED),
                 "API v3 described 45 of 60 videos (75.0%)",
                 "for the collector described 15 of 60 videos (25.0%)",
+                "45 of 60 transcripts (75.0%) are from them, read 2026-11-01.",
+                "for the collector: 15 of 60 transcripts (25.0%); their dates are 2026-10-20.",
             },
         ),
     ],
@@ -104,6 +126,14 @@ def test_videos(tmp_path: Path, raw: tuple[str, ...], own: int, said: set[str]) 
     collection = {one for one in said if one not in (TERMS, LARGE, DELETED)}
     for name, text in texts(tmp_path, "pairs").items():  # how its videos came to be
         assert [one for one in collection if one not in text] == [], name
+    (row,) = re.findall(r"^\| Rows came from \| (.*) \|$", first_screen(tmp_path), re.MULTILINE)
+    if own == 15:
+        assert row.split("; ") == [
+            "the YouTube Data API, 45 of 60 videos (75.0%), 2026-11-01 to 2026-11-03",
+            "files of yt-dlp, 15 of 60 videos (25.0%), 2026-10-20",
+            "YouTube's watch pages, 45 of 60 transcripts (75.0%), 2026-11-01",
+            "subtitle files of yt-dlp, 15 of 60 transcripts (25.0%), 2026-10-20",
+        ]
 
 
 @pytest.mark.parametrize(
@@ -186,6 +216,17 @@ QUESTIONS = {
 }
 
 
+FLAGS = re.MULTILINE | re.DOTALL
+OTHERS = (  # of "Datasheets for Datasets", what would be easy to leave out
+    "Does the dataset identify any subpopulations?",
+    "If the dataset is a sample, what was the sampling strategy?",
+    "Was the data collected from the individuals directly, or obtained via third parties?",
+    "If consent was obtained, can it be revoked?",
+    "When will it be distributed?",
+    "Are there limits on how long data about people may be kept?",
+)
+
+
 def test_the_authors_answers_are_in_the_datasheet(tmp_path: Path) -> None:
     build(tmp_path / "root", sources=("reddit",))
     profile = tmp_path / "mine.toml"
@@ -199,4 +240,7 @@ def test_the_authors_answers_are_in_the_datasheet(tmp_path: Path) -> None:
         for number, question in enumerate(QUESTIONS.values()):
             said = f"We say {number} \\<b\\>\\*" if answered else "Not stated by the authors."
             assert f"**{question}**\n\n{said}\n" in sheet
+        found = re.findall(r"^\*\*([^\n]+\?)\*\*\n\n(.*?)(?=^\*\*[^\n]+\?\*\*$|\Z)", sheet, FLAGS)
+        assert [asked for asked, given in found if not given.partition("\n## ")[0].strip()] == []
+        assert {asked for asked, _ in found} >= {*OTHERS, *QUESTIONS.values()}
         assert "**Is there a label or target associated with each instance?**\n\nNo." in sheet

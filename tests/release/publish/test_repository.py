@@ -177,7 +177,10 @@ def test_a_repository_of_something_else_is_left_alone(root: Path, hub: Sandbox) 
     held(hub, other).commit({"train.csv": git_blob(b"a,b")}, "mine", "", "sandbox")
     done = publish(hub, root, "--repo", other, "--only", "pairs")
     assert done.code == 1
-    assert "the name sandbox-lab/pictures is taken: it holds files that are no release" in done.said
+    assert (
+        "the name sandbox-lab/pictures is taken: it contains files that are not a release"
+        in done.said
+    )
     assert list(held(hub, other).head.files) == ["train.csv"]
 
 

@@ -193,7 +193,7 @@ def test_whole_frames_of_any_prefix(tmp_path_factory, lines, cut):
     data = b"".join(frames)
     cut = min(cut, len(data))
     path.write_bytes(data[: len(data) - cut])
-    read = Frames(path, mending=True)
+    read = Frames(path, skip_damage=True)
     found = [line for _, line in read]
     whole = 0
     while sum(map(len, frames[: whole + 1])) <= len(data) - cut and whole < len(frames):

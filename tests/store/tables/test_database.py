@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from kb.store import atomic
 from kb.store.tables import database
 
 KB = Path(__file__).resolve().parents[3] / "kb"
@@ -42,7 +43,7 @@ def test_it_spills_to_the_data_root_and_leaves_nothing(
     rows.read_next_batch()
     [spill] = root.glob(f"{database.SPILL}-*")
     assert list(spill.iterdir())
-    assert not database.abandoned(spill)
+    assert not atomic.has_ended(spill.name)
     assert list(here.iterdir()) == []
     del rows
     con.close()

@@ -7,9 +7,10 @@ import socket
 
 import pytest
 from PIL import Image
-from werkzeug.wrappers import Response
+from werkzeug.wrappers import Request, Response
 
 from kb.core import clock
+from kb.wiki.browser.browser import Browser, reach
 from kb.wiki.crawl.connector import crawl
 
 TEXT = "<!DOCTYPE html><div id=content><p>A page that has something to say.</p>"
@@ -164,3 +165,32 @@ def test_a_page_reaches_no_stun_server(pages, look, where):
         stun.settimeout(1)
         with pytest.raises(TimeoutError):
             stun.recv(100)
+
+
+def test_a_wiki_behind_a_proxy_is_asked_through_it_and_nothing_else(programs, serve, monkeypatch):
+    asked = []
+
+    def proxy(request):
+        asked.append(request.url)
+        return Response(TEXT + "<img src=http://other.example/i.png>", content_type="text/html")
+
+    for name in ("http_proxy", "https_proxy"):
+        monkeypatch.setenv(
+            name, serve(Request.application(proxy)).replace("://", "://user:secret@")
+        )
+    hosts, origins = reach("http://wiki.example", ())
+    browser = Browser(
+        programs,
+        hosts=hosts,
+        origins=origins,
+        user_agent="lorecrawl/test",
+        viewport=(800, 600),
+        page_seconds=60.0,
+    )
+    try:
+        browser.go("http://wiki.example/wiki/Page")
+        text = browser.script("return document.body.innerText")
+    finally:
+        browser.end()
+    assert "something to say" in text
+    assert asked == ["http://wiki.example/wiki/Page"]

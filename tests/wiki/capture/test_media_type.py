@@ -100,6 +100,7 @@ def test_frames_that_are_too_many_pixels_together_are_not_decoded(monkeypatch):
 KINDS = ("PNG", "JPEG", "WEBP", "GIF", "BMP", "TIFF", "ICO", "AVIF")
 
 
+@pytest.mark.slow
 def test_whatever_a_decoder_raises_is_no_picture():
     """10,000 files: bytes of each format's header and of the rest changed, cut or repeated."""
     rng = random.Random(51)

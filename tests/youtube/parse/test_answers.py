@@ -8,11 +8,11 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from kb.annotate.word_count import word_count
-from kb.core.errors import DamagedData
+from kb.core.errors import DamagedData, FatalError
+from kb.store.tables.columns import word_count
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.assemble import assemble
-from tests.filters.made import change_at
+from tests.filters.made import change_at, cues
 
 GOOD: dict[str, Any] = {
     "id": "a",
@@ -201,22 +201,23 @@ def test_transcripts_of_every_outcome() -> None:
                 "fetched_at": "2026-11-20T12:00:00Z",
                 "request": {"endpoint": "transcript", "params": {}},
                 "status": 200,
-                "response": response,
+                "response": {"format": parse.FORMAT, **response},
             }
         ).encode()
 
+    odd = {"start_s": [0], "duration_s": ["x"], "text": ["y"]}
     lines = [
         outcome(
             video_id="a",
             outcome="ok",
             kind="asr",
             language="en",
-            cues=[[0, 1.5, "hi"], [1, 2, "a\x00b"]],
+            cues=cues([0, 1.5, "hi"], [1, 2, "a\x00b"]),
             player={"fps": 60, "game_label_id": "UC1"},
         ),
         outcome(video_id="b", outcome="disabled", player=None),
-        outcome(video_id="c", outcome="ok", kind="manual", language="en-GB", cues=[[0, "x", "y"]]),
-        outcome(video_id="d", outcome="ok", kind="manual", language="en", cues=[]),
+        outcome(video_id="c", outcome="ok", kind="manual", language="en-GB", cues=odd),
+        outcome(video_id="d", outcome="ok", kind="manual", language="en", cues=cues()),
     ]
     table = pa.concat_tables(parse.transcripts(lines))
     # What has no words in it, or can't be read, is no transcript.
@@ -237,5 +238,14 @@ def test_transcripts_of_every_outcome() -> None:
     assert (b["outcome"], b["cues"], b["kind"]) == ("disabled", None, None)
     assert b["problems"] == []
     assert c["cues"] is None
-    assert c["problems"] == [{"column": "cues", "reason": "malformed", "value": '[[0, "x", "y"]]'}]
+    assert c["problems"] == [{"column": "cues", "reason": "malformed", "value": json.dumps(odd)}]
     assert d["cues"] == []
+
+
+@pytest.mark.parametrize("number", [None, 1, 3])
+def test_transcripts_of_another_raw_format_are_refused(number: int | None) -> None:
+    answer = {"format": number, "video_id": "a", "outcome": "ok", "cues": [[0, 1, "hi"]]}
+    line = {"fetched_at": None, "request": {"params": {}}, "status": 200, "response": answer}
+    with pytest.raises(FatalError, match=f"raw format {number or 1}; .* reads format 2") as caught:
+        list(parse.transcripts([json.dumps(line).encode()]))
+    assert "new data root" in caught.value.hint

@@ -8,14 +8,15 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from kb.annotate.word_count import word_count
 from kb.release.folders import in_root
 from kb.store.rawlog.rawlog import Envelope, Request, Segment, encode, folder
 from kb.store.tables import database
+from kb.store.tables.columns import word_count
 from kb.youtube.card import gaps
 from kb.youtube.parse import answers as parse
 from kb.youtube.parse.assemble import assemble, one_row_each, second_tracks
 from kb.youtube.parse.view_counting import view_rule
+from tests.filters.made import cues
 from tests.youtube.crawl.test_fetch import CRAWL
 from tests.youtube.job import Job
 
@@ -31,7 +32,7 @@ def put(root: Path, *answers: dict[str, Any]) -> None:
 
 def heard(key: str, text: str) -> dict[str, Any]:
     about = {"video_id": key, "outcome": "ok", "reason": None, "kind": "asr", "language": "en"}
-    return {**about, "original_kind": "asr", "cues": [[0, 1, text]]}
+    return {**about, "original_kind": "asr", "format": parse.FORMAT, "cues": cues([0, 1, text])}
 
 
 def test_second_tracks_of_a_sample_are_read_once_each(tmp_path: Path) -> None:
@@ -108,7 +109,7 @@ def test_no_file_brings_back_what_the_service_has_removed() -> None:
     assert one_row_each(None, None, answers(video(FRIDAY, views=1))) is None
 
 
-def track(kind: str, *cues: list[object]) -> dict[str, object]:
+def track(kind: str, *rows: list[object]) -> dict[str, object]:
     """The row of youtube/transcripts that an answer with these cues becomes."""
     answer = {
         "video_id": "a",
@@ -116,7 +117,8 @@ def track(kind: str, *cues: list[object]) -> dict[str, object]:
         "kind": kind,
         "original_kind": "manual" if kind == "manual" else "asr",
         "language": "en",
-        "cues": cues,
+        "format": parse.FORMAT,
+        "cues": cues(*rows),
     }
     request = {"endpoint": "transcript", "params": {}}
     envelope = {"fetched_at": "2026-11-20T12:00:00Z", "request": request, "status": 200}
@@ -167,7 +169,7 @@ def test_other_tracks_have_none(kind: str) -> None:
     assert (row["cues"][0]["word_start_s"], row["word_times"]) == (None, None)
 
 
-def test_older_answers_have_none() -> None:
+def test_answers_without_word_times_have_none() -> None:
     row = track("asr", [0, 1, "said twice"], [1, 1, ""])
     assert [cue["word_start_s"] for cue in row["cues"]] == [None, None]
     assert row["word_times"] == "absent"

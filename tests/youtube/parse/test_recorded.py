@@ -12,6 +12,7 @@ import pytest
 
 from kb.youtube.crawl.player import facts
 from kb.youtube.parse import answers as parse
+from tests.filters import made
 
 WHEN = "2026-11-20T12:00:00Z"
 VIDEOS = [
@@ -152,7 +153,8 @@ def test_transcripts_of_recorded_timed_text(recorded: Path) -> None:
         "outcome": "ok",
         "kind": "manual",
         "language": "en",
-        "cues": cues,
+        "format": parse.FORMAT,
+        "cues": made.cues(*cues),
         "player": player,
     }
     row = next(parse.transcripts([line(answer)])).to_pylist()[0]

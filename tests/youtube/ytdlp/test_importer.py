@@ -77,6 +77,7 @@ def test_what_cannot_be_used_is_counted_by_reason_and_never_fatal(job: Job) -> N
         f"{key}.en-GB.json3": b"\xff\xfe\x00",
         f"{key}.live_chat.json": "{}",
         f"{key}.en.srt": "1",
+        f"{key}.en.ass": "1",
         "nameless.en.vtt": vtt(spoken("a b"), automatic=True),
         "notes.txt": "x",
     }.items():
@@ -88,7 +89,7 @@ def test_what_cannot_be_used_is_counted_by_reason_and_never_fatal(job: Job) -> N
         "broken_info": 3,
         "other_sites": 1,
         "unfinished_downloads": 3,
-        "broken_subtitles": 3,
+        "broken_subtitles": 4,
         "other_subtitles": 1,
         "without_video_id": 1,
         "other_files": 2,

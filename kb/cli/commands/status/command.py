@@ -10,6 +10,8 @@ from kb.core import terminal
 from kb.core.sources import SOURCES
 from kb.core.summary import vocabulary
 
+_COPIES = "restored", "released"
+
 app = group("Show progress, quota, age of the data and what is left.")
 
 
@@ -49,35 +51,47 @@ def lines(about: dict[str, Any]) -> list[str]:
             (
                 "nothing collected yet; try `kb demo` to see the whole job,"
                 " `kb youtube crawl --plan` to see what a crawl costs,"
-                " or `kb reddit import FILE…` to read archive dumps without a key"
+                " or without a key `kb youtube import DIR…` for folders of yt-dlp and"
+                " `kb reddit import FILE…` for archive dumps"
             ),
         ]
     for source, facts in about["sources"].items():
-        shown += ["", *_source(source, facts)]
-    if made := [f"{n:,} {schema}" for schema, n in about["pairs"].items() if n]:
-        shown += ["", f"pairs: {', '.join(made)}"]
-    if about["tasks"]:
-        shown += ["", f"tasks: {about['tasks']:,}"]
-    if about["links"]:
-        shown += ["", f"links: {vocabulary.nouns(about['links'])}"]
+        told = _source(source, facts)
+        shown += told if len(told) > 1 or facts["running_pid"] else []
+    rows = {"pairs": next(filter(None, about["pairs"].values()), 0), "tasks": about["tasks"]}
+    if made := {name: n for name, n in (rows | about["links"]).items() if n}:
+        shown.append(f"made of them: {vocabulary.nouns(made)}")
     if about["stale"]:
         why = [f"{one['artifact']}: {', '.join(one['reasons'])}" for one in about["stale"]]
-        shown += ["", "out of date:", *(f"  {line}" for line in why)]
+        shown += ["out of date:", *(f"  {line}" for line in why)]
     disk = ", ".join(f"{name} {terminal.size(n)}" for name, n in about["disk_bytes"].items())
-    shown += ["", f"disk: {disk}"]
+    shown.append(f"disk: {disk}")
     shown += [f"next: {step}" for step in about["next"]]
     if about["download"]:
         shown.append("next: `kb restore` restores its content; `kb search` and `kb query` read it")
         return shown
     sources = about["sources"].values()
-    waits = {name: sum(facts.get(name, 0) for facts in sources) for name in ("pending", "failed")}
+    waits = {
+        "to read": about["left"],
+        "pending": sum(facts.get("pending", 0) for facts in sources),
+        "failed": sum(max(facts.get("failed", 0), _failed(facts)) for facts in sources),
+        "too old": about["too_old"],
+    }
     if any(facts["running_pid"] for facts in sources):
-        shown += [] if about["next"] else ["next: wait for the running command"]
+        shown.append("next: wait for the running command")
     elif any(waits.values()) and not about["next"]:
-        shown.append("left: " + ", ".join(f"{n:,} {name}" for name, n in waits.items() if n))
+        open_ = (one for one in sources if one["left"] or _failed(one) or one["too_old"])
+        lacking = [name.upper() for one in open_ if (name := one["lacks"])]
+        without = f"; {' and '.join(lacking)} not set" if lacking else ""
+        what = ", ".join(f"{n:,} {name}" for name, n in waits.items() if n)
+        shown.append(f"left: {what}{without}")
     elif not about["next"]:
         shown.append("nothing is left to do")
     return shown
+
+
+def _failed(facts: dict[str, Any]) -> int:
+    return sum(counts.get("error", 0) for counts in facts["phases"].values())
 
 
 def _source(source: str, facts: dict[str, Any]) -> list[str]:
@@ -92,52 +106,50 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
             facts["crawled_so_far"] - sorted_so_far, f"{{n}} {facts['counted']} crawled"
         )
         lines.append(f"  {more} but not filtered yet")
+    own = (*facts["tally"], "rejected", "failed", "pending")  # told by the lines above
+    extra = {name: n for name, n in facts["rows"].items() if name not in own}
     for title, numbers in (
         ("left", facts["left_by"]),
-        ("kept with them", {k: n for k, n in facts["rows"].items() if _is_extra(k, facts)}),
-        ("restored", facts["restored"]),
-        ("released", facts["released"]),
+        ("kept with them", extra),
     ):
         if numbers:
             lines.append(f"  {title}: {vocabulary.nouns(numbers)}")
+    copies = [f"{one}: {vocabulary.nouns(facts[one])}" for one in _COPIES if facts[one]]
+    lines += [f"  {'; '.join(copies)}"] if copies else []
+    phases = facts["phases"].items()
     lines += _table(
         "to read",
         ["done", "left", "failed", "skipped"],
         {
-            kind: [
-                counts.get("done", 0),
-                counts["left"],
-                counts.get("error", 0),
-                counts.get("skipped", 0),
-            ]
-            for kind, counts in facts["phases"].items()
+            kind: [one.get("done", 0), one["left"], one.get("error", 0), one.get("skipped", 0)]
+            for kind, one in phases
+            if one["left"] or one.get("error", 0)  # what is done says nothing about what to do
         },
     )
-    for bucket, quota in facts["quota"].items():
-        lines.append(
-            f"  quota {bucket}: {quota['spent']:,} of {quota['limit']:,} spent today,"
-            f" {quota['left']:,} left, resets {quota['resets_at']}"
-        )
+    if facts["quota"] and not facts["lacks"]:
+        buckets = facts["quota"].items()
+        shares = [f"{name} {one['spent']:,} of {one['limit']:,}" for name, one in buckets]
+        resets = next(iter(facts["quota"].values()))["resets_at"]
+        lines.append(f"  quota spent today: {', '.join(shares)}; resets {resets}")
     for reason, n in facts["waiting"].items():
         if reason == "po_token":  # they have a line of their own
             continue
         hint = SOURCES[source].waiting.get(reason, "the next crawl asks for them again")
         lines.append(f"  {n:,} pending ({reason}): {hint}")
-    asked = {name: facts[name] for name in ("units", "requests")}
-    asked_for = [vocabulary.phrase(name, value, {}) for name, value in asked.items()]
-    if any(asked_for):
-        lines.append("  asked so far: " + ", ".join(filter(None, asked_for)))
-    if facts["oldest"]:
-        old = (
-            f"; {facts['too_old']:,} rows older than {facts['max_age_days']} days"
-            if facts["max_age_days"]
-            else ""
-        )
-        lines.append(f"  read between {facts['oldest']} and {facts['newest']}{old}")
+    spent = ("requests",) if facts["lacks"] else ("units", "requests")  # a quota is a key's
+    cost = [vocabulary.phrase(name, facts[name], {}) for name in spent]
+    read = [f"read between {facts['oldest']} and {facts['newest']}"] if facts["oldest"] else []
+    if facts["too_old"]:
+        read.append(f"{facts['too_old']:,} rows older than {facts['max_age_days']} days")
+    read += ["asked so far: " + ", ".join(filter(None, cost))] if any(cost) else []
+    if read:
+        lines.append(f"  {'; '.join(read)}")
     if facts.get("po_token"):
         lines.append(
             f"  {vocabulary.phrase('po_token', facts['po_token'], {})};"
-            " a crawl on a later day tries them again"
+            " a crawl on a later day tries them again. Or make transcripts of your own:"
+            " `kb youtube missing-transcripts` lists what lacks one, `kb youtube import"
+            " --own-transcripts DIR` takes them"
         )
     if facts.get("incomplete_posts"):
         names = ", ".join(facts["incomplete"])
@@ -150,11 +162,6 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
         keys = ", ".join(f"{key} ({n:,})" for key, n in facts["unknown_keys"].items())
         lines.append(f"  unknown keys in answers: {keys}")
     return lines
-
-
-def _is_extra(name: str, facts: dict[str, Any]) -> bool:
-    """Whether a clean table is neither filtered itself nor a list of verdicts."""
-    return name not in facts["tally"] and name not in ("rejected", "failed", "pending")
 
 
 def _table(head: str, columns: list[str], rows: dict[str, list[int]]) -> list[str]:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,8 +43,11 @@ def _step(run: Run, source: str, about: dict[str, Any]) -> str:
     crawled without it.
     """
     of = SOURCES[source]
-    if about["running_pid"] or (of.credential and getattr(run.settings, of.credential) is None):
+    if about["running_pid"]:
         return ""
+    if about["lacks"]:
+        alone = of.keyless and set(about["left_by"]) == {of.keyless}
+        return f"{source} crawl --only {of.keyless}" if alone else ""
     if of.refreshed and set(about["left_by"]) == {of.noun(of.refreshed)}:
         return f"refresh {source}"
     failed = sum(counts.get("error", 0) for counts in about["phases"].values())
@@ -67,7 +70,9 @@ def overview(run: Run) -> dict[str, Any]:
         found = freshness.plan(run, freshness.graph(run))
         stale = [{"artifact": name, "reasons": why} for name, why in found.items()]
     folders = [one.path for one in catalog.releases] if catalog.is_download else []
-    disk = {path.name: _size(path) for path in folders or _folders(run.root)}
+    if not folders:
+        folders = [run.root / name for name in (*TOP, "demo") if (run.root / name).is_dir()]
+    disk = {path.name: _size(path) for path in folders}
     collected = any(about["rows"] or about["phases"] for about in sources.values())
     return {
         "data": str(run.root),
@@ -86,19 +91,24 @@ def overview(run: Run) -> dict[str, Any]:
         "tasks": _schema_rows(catalog, "clean", "tasks").get("tasks", 0)
         or _schema_rows(catalog, "release", "tasks").get("tasks", 0),
         "stale": stale,
-        "next": next_steps(run, sources, stale) if collected else [],
+        "next": next_steps(run, sources, stale) if collected or stale else [],
     }
 
 
 def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     """Progress, quota, age and rows of a source; empty without data of it."""
     of, state = SOURCES[source], Layout(run.root).state(source)
-    tables = _clean_rows(run.root, source)
+    clean = sorted(Layout(run.root).clean(source).glob("*/"))
+    tables = _in_order({one.name: rows(one) for one in clean if parquet_files(one)})
     released, restored = (_schema_rows(catalog, one, source) for one in ("release", "restored"))
     if not (state.is_file() or tables or released or restored):
         return {}
+    pid = lock.holders(run.root).get(source, "")
     about: dict[str, Any] = {
-        "running_pid": _writer(run.root, source),
+        "running_pid": int(pid) if pid.isdigit() else None,
+        "lacks": of.credential
+        if of.credential and getattr(run.settings, of.credential) is None
+        else "",
         "counted": of.counted,
         "phases": {},
         "left_by": {},
@@ -157,12 +167,6 @@ def _waiting(root: Path, source: str) -> dict[str, int]:
     return dict(sorted(counts.items()))
 
 
-def _clean_rows(root: Path, source: str) -> dict[str, int]:
-    """Rows by table of clean/<source>, verdicts included, from the files' footers."""
-    folders = sorted(Layout(root).clean(source).glob("*/"))
-    return _in_order({one.name: rows(one) for one in folders if parquet_files(one)})
-
-
 def _schema_rows(catalog: Catalog, schema: str, source: str) -> dict[str, int]:
     """Rows by table of a source in one schema of the catalog, such as release or restored."""
     named = {f"{schema}.{view_name(one)}": one for one in declared().values()}
@@ -202,16 +206,6 @@ def _unknown_keys(root: Path, source: str) -> dict[str, int]:
 
 def _in_order(counts: Mapping[str, int]) -> dict[str, int]:
     return dict(sorted(counts.items(), key=lambda item: vocabulary.place(item[0])))
-
-
-def _writer(root: Path, source: str) -> int | None:
-    """The pid of the process that is writing to the source."""
-    pid = lock.holders(root).get(source, "")
-    return int(pid) if pid.isdigit() else None
-
-
-def _folders(root: Path) -> Iterator[Path]:
-    yield from (root / name for name in (*TOP, "demo") if (root / name).is_dir())
 
 
 def _size(folder: Path) -> int:

@@ -13,9 +13,18 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from pydantic import Field, ValidationError, create_model
 
-from kb.core.config.profile.base import Section, explain
+from kb.core.config.profile.base import Section, problems
 from kb.core.config.profile.collecting import RedditSection, WikiSection, YouTubeSection
-from kb.core.config.profile.products import ClipFiles, Pairs, Release, Report, Tasks, Toxicity
+from kb.core.config.profile.products import (
+    ClipFiles,
+    Pairs,
+    Release,
+    Report,
+    Scoring,
+    Tasks,
+    Toxicity,
+)
+from kb.core.config.text_files import read_text
 from kb.core.errors import ProfileError
 from kb.core.installation import PROFILE_FILE, folder
 from kb.core.sources import SOURCES
@@ -40,6 +49,7 @@ class ShippedProfile(Section):
     pairs: Pairs | None = None
     tasks: Tasks = Tasks()
     clips: ClipFiles = ClipFiles()
+    score: Scoring = Scoring()
     toxicity: Toxicity = Toxicity()
     release: Release = Release()
     report: Report = Report()
@@ -96,7 +106,7 @@ def load_profile(name: str | Path) -> Profile:
     path = find_profile(str(name))
     check = f"`kb profile check {shlex.quote(str(name))}` lists all that is wrong, with its line"
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(read_text(path))
     except OSError as error:
         raise ProfileError(f"profile {path} can't be read: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -108,7 +118,8 @@ def load_profile(name: str | Path) -> Profile:
     try:
         return Profile(**data, path=path.resolve())
     except ValidationError as error:
-        raise ProfileError(f"profile {path}: {explain(error, Profile)}", hint=check) from None
+        wrong = [f"{what}: {fix}" if fix else what for _, what, fix in problems(error, Profile)]
+        raise ProfileError(f"profile {path}: {'; '.join(wrong)}", hint=check) from None
 
 
 def is_shipped(name: str) -> bool:

@@ -34,7 +34,7 @@ class Section(BaseModel):
 
 def _without_empty(value: tuple[str, ...]) -> tuple[str, ...]:
     if not all(phrase.strip() for phrase in value):
-        raise ValueError("holds an empty phrase")
+        raise ValueError("contains an empty phrase")
     return value
 
 
@@ -102,11 +102,6 @@ class QuestionCost:
 
 
 Problem = tuple[str, str, str]
-
-
-def explain(error: ValidationError, model: type[BaseModel]) -> str:
-    """All problems of a profile in one line."""
-    return "; ".join(f"{what}: {fix}" if fix else what for _, what, fix in problems(error, model))
 
 
 def problems(error: ValidationError, model: type[BaseModel]) -> list[Problem]:

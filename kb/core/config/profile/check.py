@@ -28,6 +28,7 @@ from kb.core.config.profile.base import (
     problems,
 )
 from kb.core.config.profile.products import is_list_name
+from kb.core.config.text_files import read_text
 from kb.core.errors import ProfileError
 from kb.core.installation import folder
 from kb.core.licences import KNOWN
@@ -63,7 +64,7 @@ def check_file(path: Path, *, publishing: bool = True) -> Checked:
         return Checked(None, lists, [Finding(ERROR, path.name, line, "", what, fix)])
 
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except OSError as error:
         return unread(f"the profile {path} can't be read", f"{error.strerror}")
     except UnicodeDecodeError as error:
@@ -105,7 +106,7 @@ def _understand(data: dict[str, Any], path: Path) -> tuple[Profile | None, list[
     data = copy.deepcopy(data)
     wrong: dict[str, Problem] = {}
     if data.pop("path", None) is not None:
-        wrong["path"] = ("path", "unknown key 'path'", "take the line out")
+        wrong["path"] = ("path", "unknown key 'path'", "remove the line")
     while True:
         try:
             return Profile(**data, path=path.resolve()), list(wrong.values())
@@ -162,13 +163,13 @@ def _meant(profile: Profile, data: dict[str, Any]) -> Iterator[Remark]:
             for ending in getattr(links, name):
                 if ending != (plain := ending.lower().lstrip(".")):
                     key = f"reddit.links.{name}"
-                    yield WARNING, key, f"'{key}' holds \"{ending}\"", f'write it as "{plain}"'
+                    yield WARNING, key, f"'{key}' contains \"{ending}\"", f'write it as "{plain}"'
         yield from _twice("reddit.search", profile.reddit.search)
     if profile.pairs:
         yield from _twice("pairs.include", profile.pairs.include)
         for word in filter(is_everyday, profile.pairs.include):
             fix = "put it into a keyword list, with the rule near, never or always"
-            what = f"'pairs.include' holds the everyday word \"{word}\""
+            what = f"'pairs.include' contains the everyday word \"{word}\""
             yield WARNING, "pairs.include", what, fix
     if not profile.toxicity.on:
         fix = "the card of a release says so"
@@ -258,7 +259,7 @@ def _youtube(profile: Profile) -> Iterator[Remark]:
             "every video of the categories with it counts as on topic;"
             " name what only your domain says in youtube.topic_keywords"
         )
-        yield WARNING, key, f"'{key}' holds the everyday word \"{word}\"", fix
+        yield WARNING, key, f"'{key}' contains the everyday word \"{word}\"", fix
     for number in section.category_ids:
         if number not in CATEGORIES:
             what = f"'youtube.category_ids' contains {number}, which is not a YouTube category"
@@ -266,7 +267,7 @@ def _youtube(profile: Profile) -> Iterator[Remark]:
             yield WARNING, "youtube.category_ids", what, fix
     for game in section.game_ids:
         if not _GAME.fullmatch(game):
-            what = f"'youtube.game_ids' holds \"{game}\", which is not a browse id"
+            what = f"'youtube.game_ids' contains \"{game}\", which is not a browse id"
             yield WARNING, "youtube.game_ids", what, "it begins with UC and has 24 characters"
     if section.max_age_days > 30:
         what = f"'youtube.max_age_days' is {section.max_age_days}"
@@ -274,7 +275,12 @@ def _youtube(profile: Profile) -> Iterator[Remark]:
         yield WARNING, "youtube.max_age_days", what, fix
     if section.min_aspect_ratio > 1.78:
         what = f"'youtube.min_aspect_ratio' is {section.min_aspect_ratio:g}"
-        yield WARNING, "youtube.min_aspect_ratio", what, "wide-screen is 1.78: hardly one passes"
+        yield (
+            WARNING,
+            "youtube.min_aspect_ratio",
+            what,
+            "wide-screen is 1.78: hardly any video passes",
+        )
 
 
 def _wiki(profile: Profile) -> Iterator[Remark]:
@@ -308,14 +314,14 @@ def _wiki(profile: Profile) -> Iterator[Remark]:
 def _hosts(key: str, hosts: tuple[str, ...]) -> Iterator[Remark]:
     for host in hosts:
         if not _HOST.fullmatch(host):
-            what = f"'{key}' holds \"{host}\", which is not a host's name"
+            what = f"'{key}' contains \"{host}\", which is not a host name"
             yield ERROR, key, what, "write a name such as images.example.org"
 
 
 def _twice(key: str, words: tuple[str, ...]) -> Iterator[Remark]:
     for word, times in Counter(word.lower() for word in words).items():
         if times > 1:
-            yield WARNING, key, f"'{key}' holds \"{word}\" twice", "take one of them out"
+            yield WARNING, key, f"'{key}' contains \"{word}\" twice", "remove one of them"
 
 
 # -- on which line of a TOML text a key stands; tomllib does not say -----------------------------

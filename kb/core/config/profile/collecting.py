@@ -63,6 +63,11 @@ class YouTubeSection(Section):
     translate: bool = Field(
         True, description="use YouTube's translation if there is no transcript in the language"
     )
+    own_transcripts: Literal["fill", "prefer", "ignore"] = Field(
+        "fill",
+        description="transcripts of your own speech recognition: used where YouTube has none, used"
+        " before YouTube's, or not used",
+    )
     transcripts_per_hour: float = Field(
         300, gt=0, description="maximum videos per hour from the public site"
     )

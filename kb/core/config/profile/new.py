@@ -79,8 +79,18 @@ def profile_text(
     source: Profile | None = None,
 ) -> str:
     """The text of a profile.toml named `name`. `wiki` and `subreddit` win over the source's."""
-    title = source.title if source else title_of(name)
-    known = dict(_values("", source)) if source else _unknown(title)
+    if source:
+        title, known = source.title, dict(_values("", source))
+    else:
+        title = " ".join(part.capitalize() for part in re.split("[-_]+", name))
+        known = {
+            "title": title,
+            "youtube.keywords": [title],
+            "youtube.category_ids": [FILL_IN],
+            "wiki.url": FILL_IN,
+            "reddit.subreddit": FILL_IN,
+            "pairs.keyword_files": ["keywords.tsv"],
+        }
     known |= {"name": name}
     if wiki is not None:
         known["wiki.url"] = wiki
@@ -100,23 +110,6 @@ def profile_text(
             head = _comment(f"---- {getattr(inner, 'about', section)}")
             parts.append(f"\n{head}" + "".join(_keys(section, inner, known)))
     return "".join(parts)
-
-
-def title_of(name: str) -> str:
-    """rock-gardens as Rock Gardens."""
-    return " ".join(part.capitalize() for part in re.split("[-_]+", name))
-
-
-def _unknown(title: str) -> dict[str, Any]:
-    """What a new profile has, and what only its user knows."""
-    return {
-        "title": title,
-        "youtube.keywords": [title],
-        "youtube.category_ids": [FILL_IN],
-        "wiki.url": FILL_IN,
-        "reddit.subreddit": FILL_IN,
-        "pairs.keyword_files": ["keywords.tsv"],
-    }
 
 
 def _values(prefix: str, section: BaseModel) -> Iterator[tuple[str, Any]]:

@@ -1,4 +1,4 @@
-"""[pairs], [clips], [tasks], [toxicity], [release], [report]: what is made of the collected."""
+"""[pairs], [clips], [score], [tasks], [toxicity], [release], [report]: what is made of rows."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from kb.core.sources import BY_DEFAULT, PUBLISHED
 def is_list_name(name: str) -> bool:
     """Whether it names a keyword list in the profile's own folder."""
     return name.endswith(".tsv") and not name.startswith("/") and ".." not in name.split("/")
+
+
+_Words = Annotated[str, Field(min_length=1)]
 
 
 class Pairs(Section):
@@ -88,6 +91,32 @@ class ClipFiles(Section):
     jpeg_quality: int = Field(90, ge=1, le=100, description="quality of the frames in tar shards")
 
 
+class Checkpoint(Section):
+    """A CLIP checkpoint that `kb models fetch clip` downloads."""
+
+    url: str = Field(pattern=r"^https?://\S+$", description="address of the file")
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$", description="SHA-256 of the file, in hex digits")
+
+
+class Scoring(Section):
+    """The score part of a profile."""
+
+    table = "score"
+    about = "Score: how well clips show what texts say, by a CLIP model (`kb pairs score`)"
+
+    checkpoint: Checkpoint | None = Field(
+        None,
+        description='the model that `kb models fetch clip` downloads: { url = "…", sha256 = "…" }',
+    )
+    wanted_precision: float = Field(
+        0.8,
+        gt=0,
+        lt=1,
+        description="share of pairs that should show what their text names; the card says from"
+        " which similarity on people's judgements confirm it",
+    )
+
+
 class Tasks(Section):
     """The tasks part of a profile (MineDojo paper, appendix on the benchmark: task mining)."""
 
@@ -121,6 +150,33 @@ class Tasks(Section):
         ),
         description="channel talk that is removed from titles; # stands for a number",
     )
+    things: dict[_Words, _Words] = Field(
+        {},
+        description="what a title may name without a verb, and the verb of its prompt: with"
+        ' `farm = "build"` the title "Easy iron farm tutorial" gives "build easy iron farm"',
+    )
+    marks: Phrases = Field(
+        (
+            *("tutorial", "tutorials", "guide", "how to", "walkthrough", "step by step", "design"),
+            *("designs", "schematic", "build", "per hour", "per minute", "made easy", "explained"),
+        ),
+        description="phrases by which a title that names a thing is about making it",
+    )
+    praise: Phrases = Field(
+        (
+            *("easy", "easiest", "simple", "simplest", "best", "automatic", "fully automatic"),
+            *("auto", "efficient", "most efficient", "fast", "fastest", "compact", "cheap"),
+        ),
+        description="words that say the same where a thing's name begins with them",
+    )
+    nouns: Phrases = Field(
+        (),
+        description="verbs that are more often nouns or adjectives: without a lead-in they count"
+        " only before an article or a keyword",
+    )
+    endings: Phrases = Field(
+        (), description="words that say nothing at the end of a title's part, such as `hardcore`"
+    )
     never: Phrases = Field(
         (
             *("vs", "versus", "but", "or", "# days", "# hours"),
@@ -133,6 +189,9 @@ class Tasks(Section):
     fillers: Phrases = Field(
         ("a", "an", "the", "your", "own", "some", "this", "these", "any"),
         description="words that do not tell two prompts apart, nor belong to an object",
+    )
+    owners: Phrases = Field(
+        ("my", "our"), description="words that are left out before one of `things`"
     )
     joints: Phrases = Field(
         (
@@ -189,11 +248,6 @@ class Toxicity(Section):
     def threshold(self, source: str) -> float | None:
         """The largest score that a row of the source may have; None when none is dropped for it."""
         return getattr(self.thresholds, source, None) if self.on else None
-
-
-def _licences() -> dict[str, str]:
-    """The default licence of each release folder that has one."""
-    return {name: PUBLISHED[name].licence for name in BY_DEFAULT if PUBLISHED[name].licence}
 
 
 class Creator(Section):
@@ -297,7 +351,9 @@ class Release(Section):
         (), description="Zenodo communities that the deposit is offered to"
     )
     licenses: dict[str, str] = Field(
-        default_factory=_licences,
+        default_factory=lambda: {
+            name: PUBLISHED[name].licence for name in BY_DEFAULT if PUBLISHED[name].licence
+        },
         description="SPDX id of each folder's licence; the wiki's own licence is used when its"
         " pages name one",
     )

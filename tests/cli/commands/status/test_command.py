@@ -16,13 +16,16 @@ def test_an_empty_root_says_where_to_start_and_writes_nothing(kb: Any, tmp_path:
 
 def test_for_people(kb: Any, root: Path) -> None:
     fill(root)
-    answer = kb("status", env={"KB_NOW": "2026-11-20T20:00:00Z"})
+    now = {"KB_NOW": "2026-11-20T20:00:00Z"}
+    answer = kb("status", env=now | {"YOUTUBE_API_KEY": "one"})
     assert "metadata" in answer.stdout
-    assert (
-        "quota general: 2 of 10,000 spent today, 9,998 left, resets 2026-11-21T08:00:00Z"
-        in answer.stdout
-    )
+    assert "quota spent today: general 2 of 10,000, search 0 of 100," in answer.stdout
+    assert "resets 2026-11-21T08:00:00Z" in answer.stdout
     assert "1 rows older than 30 days" in answer.stdout
+    assert "next: kb youtube crawl\n" in answer.stdout
+    without = kb("status", env=now).stdout
+    assert "quota" not in without
+    assert "kb youtube crawl" not in without
 
 
 def test_damaged_state_is_one_line(kb: Any, root: Path) -> None:

@@ -10,6 +10,7 @@ from tests.cli.commands.status.conftest import fill, status
 from tests.faults import Sandbox
 from tests.small_worlds import ITEMS, small_world
 from tests.youtube.job import Job
+from tests.youtube.ytdlp.folder import write_video
 
 
 def test_progress_quota_age_and_disk(kb: Any, root: Path) -> None:
@@ -99,3 +100,19 @@ def test_damaged_rows_are_named(kb: Any, root: Path) -> None:
     assert f"{file} can't be read" in answer.stderr
     assert "run `kb youtube filter` again" in answer.stderr
     assert answer.stderr.count("\n") == 1
+
+
+def test_what_was_imported_waits_for_a_build_and_then_for_subtitles(tmp_path: Path) -> None:
+    write_video(tmp_path / "films", 1)
+    write_video(tmp_path / "films", 2, forms=())
+    with Sandbox(small_world()) as sandbox:
+        job = Job(sandbox, tmp_path, YOUTUBE_API_KEY="")
+        job.done("youtube", "import", str(tmp_path / "films"))
+        assert job.kb("status").stdout.splitlines()[-1] == "next: kb build"
+        planned = job.done("build", "--plan")["steps"]
+        assert job.done("status")["stale"] == planned != []
+        job.done("build")
+        text = job.kb("status").stdout
+    assert "1 pending (transcript): import their transcripts" in text
+    assert '`transcripts = "optional"` in [youtube] of the profile' in text
+    assert text.splitlines()[-1] == "left: 1 pending"

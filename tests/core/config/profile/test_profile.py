@@ -158,7 +158,7 @@ def refuse(folder: Path, old: str, new: str, *fragments: str) -> None:
         (
             '["roses"]',
             '["roses", ""]',
-            ['\'youtube.keywords\' is ["roses", ""]: holds an empty phrase'],
+            ['\'youtube.keywords\' is ["roses", ""]: contains an empty phrase'],
         ),
         (
             '["roses"]',

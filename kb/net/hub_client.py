@@ -1,0 +1,61 @@
+"""The HTTP client of the package huggingface_hub, under the rules of kb.net.session: answers are
+bounded in bytes and time, and what is asked of this machine goes through no proxy.
+"""
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from kb.core import clock
+from kb.core.config.addresses import is_loopback
+from kb.net.bounded import ANSWER_BYTES, ANSWER_S
+
+_RANGE = re.compile(r"bytes=(\d{1,18})-(\d{1,18})")
+_SLOWEST = 100_000  # bytes a second of a file's range
+_TIMEOUT_S = (10.0, 60.0)  # to connect, and between two bytes
+
+
+def use_own_client(endpoint: str, timeout: tuple[float, float] = _TIMEOUT_S) -> None:
+    """Make the package's requests to the hub at `endpoint`."""
+    import httpx2
+    import huggingface_hub
+    from huggingface_hub.utils import _http
+
+    class Bounded(httpx2.SyncByteStream):
+        """The bytes of an answer, as they came. Raises ReadError beyond a number or a time."""
+
+        def __init__(self, response: Any, most: int) -> None:
+            self._stream, self._most = response.stream, most
+            self._end = clock.monotonic() + ANSWER_S + most / _SLOWEST
+
+        def __iter__(self) -> Iterator[bytes]:
+            size = 0
+            for part in self._stream:
+                size += len(part)
+                if size > self._most:
+                    raise httpx2.ReadError(f"an answer of more than {self._most:,} bytes")
+                if clock.monotonic() > self._end:
+                    raise httpx2.ReadError("an answer that does not end")
+                yield part
+
+        def close(self) -> None:
+            self._stream.close()
+
+    def bound(response: Any) -> None:
+        if response.headers.get("content-encoding", "identity") != "identity":
+            response.close()
+            raise httpx2.DecodingError("an answer that is packed, which was not asked for")
+        asked = _RANGE.fullmatch(response.request.headers.get("range", ""))
+        size = int(asked[2]) - int(asked[1]) + 1 if asked else 0
+        response.stream = Bounded(response, max(size, ANSWER_BYTES))
+
+    def client() -> Any:
+        return httpx2.Client(
+            event_hooks={"request": [_http.hf_request_event_hook], "response": [bound]},
+            follow_redirects=True,
+            timeout=httpx2.Timeout(timeout[1], connect=timeout[0]),
+            headers={"accept-encoding": "identity"},
+            trust_env=not is_loopback(endpoint),
+        )
+
+    huggingface_hub.set_client_factory(client)

@@ -1,0 +1,179 @@
+"""`kb pairs score`: pairs and the user's own films → pairs/scores-*.parquet.
+
+    state/scores/<video>.json    the scores of a video's pairs, and of what they were made
+
+A video that was scored is not decoded again while its pairs, its film and the model are the same:
+a run that was stopped goes on, and pairs that were made again take their scores from there.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import groupby
+from pathlib import Path
+
+import msgspec
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from kb.annotate.backends import choose_device
+from kb.artifacts import manifest, measures, table_catalog
+from kb.clips.build import MISSING, SHORT, UNDECODABLE, Chosen, pairs_with_films, version_of
+from kb.clips.frames import UndecodableVideo
+from kb.core.context import Run
+from kb.core.engine import make_executor, map_in_order
+from kb.core.errors import MissingModel, UsageError
+from kb.core.summary import Summary
+from kb.schema.tables import table
+from kb.score import calibration
+from kb.score.films import Row, scores_of
+from kb.score.models import ClipModel, checkpoint_file, model_name
+from kb.store.atomic import write_bytes
+from kb.store.layout import Layout
+from kb.store.lock import writer
+from kb.store.state import json_files
+from kb.store.tables import parquet
+from kb.store.tables.shard_writer import write_table
+
+_RULES = 1  # raise it when the same film, pairs and model give other scores
+_COLUMNS = "pair_id, video_id, text, clip_start_s, clip_end_s, match_start_s, match_end_s"
+NAME = "pairs/scores"
+NO_TEXT = "no_text"
+
+
+class VideoScores(msgspec.Struct, frozen=True):
+    """What became of a video's pairs: the score of each by its id, as columns of a row; or why the
+    film could not be read. `made_of`: a digest of pairs, film, model and rules.
+    """
+
+    made_of: str
+    scores: dict[str, tuple[float, float | None, float | None, float | None, int]]
+    undecodable: str = ""
+
+
+def score(
+    run: Run, folders: Sequence[Path], model: Path | None, chosen: Chosen, device: str = "auto"
+) -> Summary:
+    """Score the chosen pairs; those that were scored by the same model before keep their scores.
+
+    pairs = scored + missing + short + undecodable + no_text. Raises FatalError without pairs,
+    UsageError for a wrong folder, MissingExtra, MissingModel, SettingError (no such device),
+    WriterLocked, DiskFull, Interrupted; the same call resumes.
+    """
+    path = checkpoint_file(run.profile) if model is None else model.expanduser()
+    if not path.exists():
+        hint = "run `kb models fetch clip`" if model is None else "give a checkpoint or a folder"
+        raise MissingModel(f"there is no model {path}", hint=hint)
+    name, device = model_name(path), choose_device(device)
+    catalog = table_catalog.read(run.root)
+    if catalog.is_download:
+        raise UsageError(
+            "a download can't be scored in place", hint="score the pairs of a data root"
+        )
+    rows, files = pairs_with_films(run, folders, chosen, _COLUMNS)
+    with_text = [row for row in rows if row["text"] is not None]
+    films = [
+        (str(files[key]), list(own))
+        for key, own in groupby(with_text, key=lambda row: str(row["video_id"]))
+        if key in files
+    ]
+    state = str(Layout(run.root).scoring)
+    todo = ((state, str(path), name, device, *film) for film in films)
+    found: list[pa.Table] = []
+    counts = Counter[str]()
+    with (
+        writer(run.root, "pairs"),
+        run.progress.task("pairs score", total=len(films), unit="videos") as task,
+        make_executor("local", min(run.workers, max(1, len(films)))) as executor,
+    ):
+        for made, (_, own) in zip(
+            map_in_order(executor, score_video, todo, window=executor.window), films, strict=True
+        ):
+            counts[UNDECODABLE if made.undecodable else SHORT] += len(own) - len(made.scores)
+            found.append(_rows(own[0]["video_id"], name, made))
+            task.advance(1, pairs=len(made.scores))
+        _write(run, name, found)
+    with_film = sum(len(own) for _, own in films)
+    return Summary(
+        command="pairs score",
+        pairs=len(rows),
+        scored=sum(map(len, found)),
+        **{
+            MISSING: len(with_text) - with_film,
+            SHORT: counts[SHORT],
+            UNDECODABLE: counts[UNDECODABLE],
+            NO_TEXT: len(rows) - len(with_text),
+        },
+        videos=len(films),
+        model=name,
+        path=str(Layout(run.root).pairs),
+    )
+
+
+def score_video(
+    state: str, model: str, name: str, device: str, film: str, rows: list[Row]
+) -> VideoScores:
+    """The scores of a video's pairs, unless they are there. Runs in a worker. A film that changes
+    while it is read is read again.
+    """
+    place = Path(state, f"{rows[0]['video_id']}.json")
+    while True:
+        version = version_of(film)
+        encoded = msgspec.json.encode((_RULES, name, version, rows), order="sorted")
+        made_of = hashlib.sha256(encoded).hexdigest()
+        done = json_files.read(place, VideoScores, fix="remove it, then score the pairs again")
+        if done is not None and done.made_of == made_of:
+            return done
+        try:
+            scores = {one[0]: one[1:] for one in scores_of(Path(film), rows, _model(model, device))}
+            made = VideoScores(made_of, scores)
+        except (UndecodableVideo, FileNotFoundError) as error:
+            made = VideoScores(made_of, {}, str(error) or "the file is gone")
+        if version_of(film) == version:
+            write_bytes(place, msgspec.json.encode(made))
+
+
+@lru_cache(maxsize=1)
+def _model(path: str, device: str) -> ClipModel:
+    """Loaded once in each worker, which computes on one core: so scores do not depend on how many
+    workers there are.
+    """
+    import torch
+
+    torch.set_num_threads(1)
+    return ClipModel(Path(path), device)
+
+
+def _rows(video_id: str, model: str, made: VideoScores) -> pa.Table:
+    values = ((pair_id, video_id, model, *one) for pair_id, one in made.scores.items())
+    names = table(NAME).names()
+    rows = [dict(zip(names, one, strict=True)) for one in values]
+    return pa.Table.from_pylist(rows, schema=table(NAME).arrow())
+
+
+def _write(run: Run, model: str, found: list[pa.Table]) -> None:
+    """Put new scores beside those of other pairs by the same model, and what they say of all into
+    pairs/measures.json.
+    """
+    folder = Layout(run.root).pairs
+    fresh = pa.concat_tables([table(NAME).arrow().empty_table(), *found])
+    kept = [parquet.read_table(path) for path in Layout(run.root).rows(NAME)]
+    kept = [
+        one.filter(
+            pc.and_(
+                pc.equal(one["model"].cast(pa.string()), model),
+                pc.invert(pc.is_in(one["pair_id"], fresh["pair_id"].combine_chunks())),
+            )
+        )
+        for one in kept
+    ]
+    every = pa.concat_tables([fresh, *(one.cast(fresh.schema) for one in kept)])
+    sections = measures.read_measures(folder) | {
+        calibration.NAME: calibration.section(run.root, run.profile, every)
+    }
+    with manifest.editing(run.root, "pairs"):
+        write_table(folder / "scores-00000-of-00001.parquet", every, NAME)
+        measures.write_measures(folder, sections)
