@@ -14,7 +14,7 @@ pytestmark = pytest.mark.crash
 
 SEED = 14
 # Once: they take longest.
-ONCE = ("wiki crawl", "report", "restore", "purge", "annotate", "release", "index")
+ONCE = ("wiki crawl", "report", "restore", "purge", "annotate", "release", "index", "build")
 LONGER = {  # `make chaos` alone
     *("youtube export --format=minedojo", "pairs --format=video2dataset", "build"),
     *("annotate reddit --workers=2", "pairs --again --workers=2"),

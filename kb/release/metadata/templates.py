@@ -126,6 +126,7 @@ FILTERS = {
     "yaml": folded,
 }
 ENVIRONMENT = environment(TEMPLATES, FILTERS, autoescape=False)
+_compiled = functools.cache(ENVIRONMENT.from_string)  # each sentence stands in several files
 
 
 def render(name: str, **values: Any) -> str:
@@ -233,7 +234,7 @@ def _rendered(sentences: Mapping[str, Any], values: Mapping[str, Any]) -> dict[s
     """Every sentence filled, in one line; a list leaves out those that come to nothing."""
 
     def fill(text: str) -> str:
-        return line(ENVIRONMENT.from_string(text).render(values))
+        return line(_compiled(text).render(values))
 
     return {
         name: fill(text) if isinstance(text, str) else [said for one in text if (said := fill(one))]

@@ -324,7 +324,8 @@ def _with_own(
     page = aligned(service, "video_id", column(own, "video_id"))
     for name in tracks.FACTS:
         own = put(own, name, column(page, name))
-    own = own.append_column("origin", pa.repeat(pa.scalar("own"), own.num_rows))
+    whose = pa.repeat(pa.scalar("own"), own.num_rows)
+    own = put(own.append_column("origin", whose), tracks.READ_FROM, whose)
     replaced = pc.is_in(service["video_id"], value_set=column(own, "video_id"))
     both = [name for name in service.column_names if name in own.column_names]
     return pa.concat_tables([service.filter(pc.invert(replaced)).select(both), own.select(both)])
