@@ -24,8 +24,8 @@ PAGE = (ROOT / "docs" / "trace.md").read_text(encoding="utf-8")
 ENTRY = re.compile(r"^- \[`([\w.]+)`\]\(\.\./([\w./]+)\): (.+(?:\n  .+)*)$", re.MULTILINE)
 FOLLOWED = "followed001"
 MOST_CALLS = 9
-# Cuts columns out of rows wherever something needs one.
-NOT_A_STOP = "kb/store/tables/columns.py"
+# Cuts columns out of rows wherever something needs one, but for what finds the newest row.
+NOT_A_STOP, NEWEST = "kb/store/tables/columns.py", ("newest", "duplicates")
 
 
 class Trace:
@@ -69,7 +69,9 @@ def stop_of(code: CodeType) -> tuple[str, str] | None:
     path = Path(code.co_filename)
     file = str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else ""
     name = code.co_qualname.split(".<locals>")[0]
-    if not file.startswith(("kb/", "pipelines/")) or file == NOT_A_STOP:
+    if not file.startswith(("kb/", "pipelines/")):
+        return None
+    if file == NOT_A_STOP and name not in NEWEST:
         return None
     if any(part.startswith(("_", "<")) for part in name.split(".")):
         return None

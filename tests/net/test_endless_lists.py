@@ -24,7 +24,7 @@ fresh = itertools.count()
 
 @pytest.fixture(scope="module")
 def sandbox() -> Iterator[Sandbox]:
-    with Sandbox(World(n_videos=3)) as running:
+    with Sandbox(World(n_channels=2, n_videos=4, n_posts=24, width=600, depth=8)) as running:
         yield running
 
 
@@ -93,7 +93,7 @@ LISTS: dict[str, tuple[str, str, Callable[[dict[str, Any]], Any], tuple[str, ...
     "no posts": ("reddit", "/r/[^/]+/(new|top|search)", no_posts, ("reddit", "crawl"), ""),
     "new stubs": ("reddit", "/morechildren", new_stubs, ("reddit", "crawl"), "the comments of"),
 }
-PARTS = 40
+PARTS = 10
 
 
 @pytest.mark.parametrize("name", LISTS)
@@ -123,7 +123,7 @@ def test_a_list_without_end_is_given_up(
     done = here(*words, *more, "--json", env=settings)
     assert "unexpected" not in done.err
     assert done.code == int("none of" in done.said), done.err
-    assert fault.hits < 20 * PARTS
+    assert 0 < fault.hits < 20 * PARTS
     with closing(Frontier(Layout(tmp_path / "data").state(service), readonly=True)) as frontier:
         kinds = frontier.kinds()
         failed = [reason for kind in kinds for _, _, reason, _ in frontier.items(kind, "error")]
