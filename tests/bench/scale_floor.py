@@ -190,6 +190,11 @@ FLOORS: dict[str, Callable[[Path], None]] = {
         _files(root, "raw/wiki/pages"),
     )[0],
     "pairs": lambda root: _parquet(root, "clean/youtube/transcripts"),
+    "youtube text": lambda root: _parquet(
+        root, "clean/youtube/transcripts", "clean/youtube/videos"
+    ),
+    "reddit text": lambda root: _parquet(root, *_CLEAN["reddit"]),
+    "wiki text": lambda root: _parquet(root, *_CLEAN["wiki"][:3]),
     "release": lambda root: _files(root, "release"),
     "report": lambda root: _parquet(root, *_CLEAN["youtube"], *_CLEAN["reddit"], *_CLEAN["wiki"]),
     **{

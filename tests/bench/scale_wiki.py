@@ -129,6 +129,7 @@ def _shown(root: Path, number: int, title: str, chance: random.Random, words: Wo
     }
     pack = zstandard.ZstdCompressor(level=3, write_checksum=True)
     extraction = {"cells": cells, "elements": elements, "page": page, "sprites": {}}
+    extraction |= {"facts": [], "recipes": []}
     html = "".join(f"<p>{element['text'] or ''}</p>" for element in elements).encode()
     (folder / "extraction.json.zst").write_bytes(pack.compress(orjson.dumps(extraction)))
     (folder / "page.html.zst").write_bytes(pack.compress(html))

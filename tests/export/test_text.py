@@ -113,10 +113,9 @@ def test_videos_pages_and_threads_are_read_as_data_sets(tmp_path: Path, run_at: 
     root = build(tmp_path / "data")
     videos = pq.read_table(root / "clean/youtube/videos/part-00000.parquet")["video_id"]
     cue = {"start_s": 0.0, "duration_s": 2.0, "text": "now we build"}
-    rows = [
-        {"video_id": key, "kind": "asr", "language": "en", "cues": [cue], "word_times": None}
-        for key in videos.to_pylist()
-    ]
+    told = {"kind": "asr", "language": "en", "cues": [cue], "word_times": None}
+    told |= {"read_from": "watch_page", "fetched_at": DAY}
+    rows = [{"video_id": key, **told} for key in videos.to_pylist()]
     path = root / "clean/youtube/transcripts/part-00000.parquet"
     kinds = table("youtube/transcripts").arrow()
     write_table(path, pa.Table.from_pylist(rows, kinds), "youtube/transcripts")

@@ -249,7 +249,8 @@ def _renders(frontier: Frontier, envelope: Envelope) -> None:
     known = frontier.get("pages", key)
     if outcome == "captured":
         if known is not None:
-            rendered, wanted = (answer["revision_id"], answer["title"]), answer["wanted_revision"]
+            rendered = (answer["revision_id"], answer["title"])
+            wanted = answer.get("wanted_revision", rendered[0])
             withheld = (wanted, known[1].touched) if wanted != rendered[0] else None
             page = replace(known[1], rendered=rendered, withheld=withheld)
             frontier.payload("pages", key, page)

@@ -29,6 +29,7 @@ SKINS = {
       <div class="page-header__categories">in: <a>Tools</a></div>
       <h1 class="page-header__title" id="firstHeading">Kiln</h1><a class="edit">Edit</a></div>
       <div id="content"><div id="mw-content-text">{CONTENT}</div></div>
+      <div class="ad-slot-placeholder">Advertisement</div>
       <div class="page-footer">Categories: Tools. CC BY-SA</div></main>""",
     "tools beside the title": f"""<div id="content"><header><h1 id="firstHeading">Kiln</h1>
       <nav>Share More actions Last edited on Monday</nav></header>
@@ -72,6 +73,7 @@ HIDDEN = {
     "indented away": "display:inline-block;width:9px;overflow:hidden;text-indent:-9999px",
     "of no size": "font-size:0",
     "transparent": "opacity:0",
+    "of no colour": "color:transparent",
     "in a box of no height": "display:inline-block;height:0;overflow:hidden",
 }
 
@@ -142,6 +144,7 @@ def test_what_a_page_offers_to_show_is_folded(pages, look):
 CHARACTERS = [
     ("stone&#8203;cutter", "stonecutter"),
     ("re&shy;mark&#65279;able &lrm;word&#8288;s", "remarkable words"),
+    ("a&#x202a;b&#x2069; c&#x180e;d", "ab cd"),
     ("می&zwnj;خواهم", "می\u200cخواهم"),
     ("क्&zwj;ष a&zwj;b&zwnj;", "क्\u200dष ab"),
     ("&#x1F468;&zwj;&#x1F469;", "\U0001f468\u200d\U0001f469"),

@@ -112,6 +112,26 @@ BOXES = {
             ("Kiln", "By", "Tamsin"),
         ],
     ),
+    "a value below several heads, and names with a colon behind": (
+        """<table class=infobox><tr><th></th><th>Easy</th><th>Hard</th></tr>
+        <tr><th>Fuel</th><td colspan=2>wood</td></tr></table>
+        <div class=infobox><ul><li><b>Wide</b>: 3 m</li></ul></div>""",
+        [
+            ("The page", "Fuel › Easy", "wood"),
+            ("The page", "Fuel › Hard", "wood"),
+            ("The page", "Wide", "3"),
+        ],
+    ),
+    "tabs": (
+        """<aside class=portable-infobox><section class="pi-panel wds-tabber">
+        <ul class=wds-tabs><li class=wds-tabs__tab>Old</li><li class=wds-tabs__tab>New</li></ul>
+        <div class=wds-tab__content><div class=pi-data><h3 class=pi-data-label>Heat</h3>
+        <div class=pi-data-value>5</div></div></div>
+        <div class=wds-tab__content style="display:none"><div class=pi-data>
+        <h3 class=pi-data-label>Heat</h3><div class=pi-data-value>9</div></div></div>
+        </section></aside>""",
+        [("The page", "Old › Heat", "5"), ("The page", "New › Heat", "9")],
+    ),
     "a horizontal group of one": (
         """<aside class=portable-infobox><h2 class=pi-title>Kiln</h2>
         <table class=pi-horizontal-group><thead><tr><th>Age</th></tr></thead>
@@ -129,11 +149,12 @@ def test_facts_of_boxes_as_wikis_write_them(pages, look):
 
 
 def test_rows_that_can_not_be_read_are_counted_and_make_no_facts(pages, look):
-    body = "<table class=infobox><tr><td>1</td><td>2</td><td>3</td></tr></table>"
+    body = """<table class=infobox><tr><td>1</td><td>2</td><td>3</td></tr>
+      <tr><td colspan=3>See <b>also</b> pots</td></tr></table>"""
     url = pages.put("/shown/unread", f"<!DOCTYPE html><body><div id=content>{body}</div>")
     extraction = look(url).extraction
     assert extraction["facts"] == []
-    assert extraction["page"]["unread_facts"] == 3
+    assert extraction["page"]["unread_facts"] == 4
 
 
 @pytest.mark.parametrize(
