@@ -113,6 +113,6 @@ def test_what_was_imported_waits_for_a_build_and_then_for_subtitles(tmp_path: Pa
         assert job.done("status")["stale"] == planned != []
         job.done("build")
         text = job.kb("status").stdout
-    assert "1 pending (transcript): import their transcripts" in text
+    assert "1 pending (transcript): run `kb youtube crawl` or import transcripts" in text
     assert '`transcripts = "optional"` in [youtube] of the profile' in text
     assert text.splitlines()[-1] == "left: 1 pending"
