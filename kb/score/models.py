@@ -226,7 +226,7 @@ def checkpoint_file(profile: Profile) -> Path:
     own. Raises ProfileError where it names none.
     """
     named = profile.score.checkpoint
-    if named is None:
+    if named.url is None or named.sha256 is None:
         raise ProfileError(
             f"profile {profile.name!r} names no CLIP model",
             hint="give --model FILE, or name one in the profile:"
@@ -240,8 +240,8 @@ def fetch(run: Run) -> Summary:
     """`kb models fetch clip`. Raises ProfileError, and what `kb.annotate.fetch.download` does."""
     path = checkpoint_file(run.profile)
     named = run.profile.score.checkpoint
-    assert named is not None  # or there were no path
-    return download(run, "clip", [(path.name, named.url, named.sha256)], path.parent)
+    source = (path.name, str(named.url), str(named.sha256))
+    return download(run, "clip", [source], path.parent)
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:

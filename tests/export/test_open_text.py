@@ -58,7 +58,14 @@ def root(tmp_path: Path) -> Path:
     videos = pq.read_table(root / "clean/youtube/videos/part-00000.parquet")
     cues = [{"start_s": 0.0, "duration_s": 2.0, "text": one} for one in ("now we", "build")]
     rows = [
-        {"video_id": key, "kind": "manual", "language": "en", "cues": cues, "word_times": None}
+        {
+            "video_id": key,
+            "kind": "manual",
+            "language": "en",
+            "cues": cues,
+            "word_times": None,
+            "read_from": "watch_page",
+        }
         for key in videos["video_id"].to_pylist()
     ]
     path = root / "clean/youtube/transcripts/part-00000.parquet"

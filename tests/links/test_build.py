@@ -308,9 +308,9 @@ def test_a_purge_of_one_source_leaves_the_same_key_of_another(run: Run, here: He
 
 def test_status_tells_that_links_are_older(run: Run, here: Here) -> None:
     at = ("--data", str(run.root), "--profile", str(run.profile.path))
-    assert "\nlinks: " not in here("status", *at).out
+    assert "made of them" not in here("status", *at).out
     assert here("links", *at).code == 0
-    assert "\nlinks: 9 entities, " in here("status", *at).out
+    assert "made of them: 9 entities, " in here("status", *at).out
     for path in run.root.rglob("*.parquet"):
         os.utime(path, (1, 1))  # a copy: times say nothing
     assert "links" not in stale(here, *at)

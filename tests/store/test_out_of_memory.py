@@ -16,6 +16,7 @@ import pytest
 
 from kb.cli.framework.exit_codes import describe
 from kb.core.errors import DamagedData
+from kb.sandbox.toxicity import tiny_checkpoint
 from kb.store.damage import opening
 from tests.cli.conftest import clean_environment
 from tests.conftest import ROOT
@@ -95,7 +96,11 @@ def test_a_command_with_little_memory_says_so(root: Path, command: str, limit: i
     before = {path: path.read_bytes() for path in root.glob("raw/**/*.zst")}
     done = subprocess.run(
         [sys.executable, "-m", "kb", *words.get(command, command.split()), "--data", str(root)],
-        env={**clean_environment(), "PYTHONPATH": str(ROOT)},
+        env={
+            **clean_environment(),
+            "PYTHONPATH": str(ROOT),
+            "KB_TOXICITY_MODEL": str(tiny_checkpoint()),
+        },
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit * MB, limit * MB)),
         capture_output=True,
         text=True,

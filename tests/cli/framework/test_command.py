@@ -61,6 +61,7 @@ APPLIES = {
     **{f"purge {source}": CLUSTER for source in SOURCES},
     "pairs": {*CLUSTER, "limit", "again", "pipeline"},
     "pairs measure": {"wait", "pipeline"},
+    "pairs score": {"workers"},
     "clips": {"workers"},
     "label export": set(),
     "tasks": {"again", "pipeline"},
@@ -83,7 +84,7 @@ APPLIES = {
 
 
 WITHOUT = {
-    "models fetch": {"data", "profile"},
+    "models fetch": {"data"},
     "profile new": {"data", "profile"},
     "sandbox": {"json"},
     "mcp": {"json"},

@@ -241,7 +241,7 @@ def test_a_word_that_is_like_no_command_gets_no_guess(capsys: pytest.CaptureFixt
         ("run `kb youtube filter` first", "run `kb youtube filter --data 'my data' --profile x`"),
         ("`kb query --tables` lists", "`kb query --tables --data 'my data' --profile x` lists"),
         ("run `kb pairs --data y`", "run `kb pairs --data y --profile x`"),
-        ("run `kb models fetch`", "run `kb models fetch`"),
+        ("run `kb models fetch`", "run `kb models fetch --profile x`"),
         ("see `kb youtube crawl --help`", "see `kb youtube crawl --help`"),
         ("`kb demo` shows it", "`kb demo` shows it"),
         ("run `pip install x`", "run `pip install x`"),

@@ -21,7 +21,8 @@ def test_literal_value_of_every_secret_setting(tmp_path: Path, key: str) -> None
     )
     lines = refused(tmp_path)
     assert lines == [
-        "secret: youtube/videos-00000-of-00002.parquet: column title holds the value of a setting"
+        "secret: youtube/videos-00000-of-00002.parquet: column title contains the value of a"
+        " setting"
     ]
     assert not any(value in line for line in lines for value in SECRETS.values())
 
@@ -44,7 +45,7 @@ def test_shapes_of_keys(tmp_path: Path, text: str, what: str) -> None:
         ("wiki",),
     )
     assert refused(tmp_path) == [
-        f"secret: wiki/elements-00000-of-00001.parquet: column text holds {what}"
+        f"secret: wiki/elements-00000-of-00001.parquet: column text contains {what}"
     ]
 
 
@@ -66,7 +67,7 @@ def test_secret_in_the_profile_that_the_card_would_show(tmp_path: Path) -> None:
         + f'\n[release]\ncontact = "{SECRETS["zenodo_token"]}"\n'
     )
     lines = refused(tmp_path, profile=profile)
-    assert "secret: youtube/README.md: it holds the value of a setting" in lines
+    assert "secret: youtube/README.md: it contains the value of a setting" in lines
     assert not any(SECRETS["zenodo_token"] in line for line in lines)
 
 
@@ -81,7 +82,7 @@ def test_shapes_of_keys_in_any_file_also_across_pieces(
     (tmp_path / "release" / "youtube" / name).write_bytes(
         b"\xff" * 4985 + b" ghp_" + b"a1" * 18 + b" " * 9000
     )
-    assert f"secret: youtube/{name}: it holds a GitHub token" in refused(tmp_path)
+    assert f"secret: youtube/{name}: it contains a GitHub token" in refused(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -115,5 +116,5 @@ def test_shapes_of_keys_in_parquet_metadata(tmp_path: Path, place: str) -> None:
 
     rewritten(tmp_path / "release" / "pairs" / "pairs-00000-of-00001.parquet", noted)
     assert refused(tmp_path) == [
-        "secret: pairs/pairs-00000-of-00001.parquet: its metadata holds a Google API key"
+        "secret: pairs/pairs-00000-of-00001.parquet: its metadata contains a Google API key"
     ]

@@ -39,6 +39,7 @@ def cells(rows: list[tuple[int, int, int, int]]) -> pa.Table:
     }
     size = len(rows)
     data |= {
+        "element_id": [1] * size,
         "row_span": [1] * size,
         "column_span": [1] * size,
         "is_header": [False] * size,

@@ -13,7 +13,7 @@ COLOUR = {n: (40 + n % 200, 250 - n % 200, (n * 53) % 256) for n in range(400)}
 def block(n: int, style: str) -> str:
     """A coloured box with its number as unseen text, so that the whole box has one colour."""
     rgb = ",".join(map(str, COLOUR[n]))
-    return f'<p style="margin:3px 0;background:rgb({rgb});color:transparent;{style}">{n}</p>'
+    return f'<p style="margin:3px 0;background:rgb({rgb});color:rgb({rgb});{style}">{n}</p>'
 
 
 def check(found, expected: int) -> None:

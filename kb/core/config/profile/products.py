@@ -94,8 +94,24 @@ class ClipFiles(Section):
 class Checkpoint(Section):
     """A CLIP checkpoint that `kb models fetch clip` downloads."""
 
-    url: str = Field(pattern=r"^https?://\S+$", description="address of the file")
-    sha256: str = Field(pattern=r"^[0-9a-f]{64}$", description="SHA-256 of the file, in hex digits")
+    url: str | None = Field(
+        None,
+        pattern=r"^https?://\S+$",
+        description="address of a CLIP checkpoint, which `kb models fetch clip` downloads",
+        examples=["https://example.org/ViT-B-16.safetensors"],
+    )
+    sha256: str | None = Field(
+        None,
+        pattern=r"^[0-9a-f]{64}$",
+        description="SHA-256 of that file, in hex digits",
+        examples=["0" * 64],
+    )
+
+    @model_validator(mode="after")
+    def _both(self) -> Checkpoint:
+        if (self.url is None) != (self.sha256 is None):
+            raise ValueError("needs both url and sha256")
+        return self
 
 
 class Scoring(Section):
@@ -104,9 +120,8 @@ class Scoring(Section):
     table = "score"
     about = "Score: how well clips show what texts say, by a CLIP model (`kb pairs score`)"
 
-    checkpoint: Checkpoint | None = Field(
-        None,
-        description='the model that `kb models fetch clip` downloads: { url = "…", sha256 = "…" }',
+    checkpoint: Checkpoint = Field(
+        Checkpoint(), description="the model that `kb models fetch clip` downloads"
     )
     wanted_precision: float = Field(
         0.8,

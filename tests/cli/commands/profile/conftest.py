@@ -83,7 +83,7 @@ ERRORS = [
     toml('"https://gardens.wiki"', '"gardens.wiki"', 7, "'wiki.url' is", "an address like"),
     toml('"https://gardens.wiki"', '"https://gardens"', 7, "host is not a full name", "an address"),
     toml("//gardens.wiki", "//gardens.wiki/api.php", 7, "not the wiki's root", '//gardens.wiki"'),
-    toml("[reddit]", 'hosts = ["https://a.b/c"]\n[reddit]', 8, "not a host's name", "write a name"),
+    toml("[reddit]", 'hosts = ["https://a.b/c"]\n[reddit]', 8, "not a host name", "write a name"),
     toml("[26]", "[26]\nmin_duration_s = 1e6", 6, "is 1000000.0", "43200"),
     toml("[26]", "[26]\nmin_aspect_ratio = 16", 6, "is 16", "or equal to 10"),
     toml("[reddit]", '[wiki.markup]\nslot = ".a["\n[reddit]', 9, ".a[", "must be a CSS selector"),

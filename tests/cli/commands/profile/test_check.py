@@ -25,7 +25,7 @@ WARNINGS = [
     toml('["rock garden"]', '["alpines", "Alpines"]', 4, "twice"),
     toml("[26]", "[99]", 5, "99, which is not a YouTube category", "26 Howto"),
     toml("[26]", '[26]\ngame_ids = ["Gardens"]', 6, "not a browse id", "begins with UC"),
-    toml("[26]", "[26]\nmin_aspect_ratio = 2", 6, "'youtube.min_aspect_ratio'", "hardly one"),
+    toml("[26]", "[26]\nmin_aspect_ratio = 2", 6, "'youtube.min_aspect_ratio'", "hardly any"),
     toml("[26]", "[26]\nmax_age_days = 90", 6, "'youtube.max_age_days' is 90", "30 days"),
     toml("//gardens.wiki", "//gardens.wiki/wiki/Saxifrage", 7, "looks like a page", "the root"),
     toml("//gardens.wiki", "//wiki.example.org", 7, "the example https://wiki.example.org"),
