@@ -21,8 +21,10 @@ def test_literal_value_of_every_secret_setting(tmp_path: Path, key: str) -> None
     )
     lines = refused(tmp_path)
     assert lines == [
-        "secret: youtube/videos-00000-of-00002.parquet: column title contains the value of a"
-        " setting"
+        (
+            "secret: youtube/videos-00000-of-00002.parquet:"
+            " column title contains the value of a setting"
+        )
     ]
     assert not any(value in line for line in lines for value in SECRETS.values())
 
