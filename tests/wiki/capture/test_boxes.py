@@ -11,9 +11,10 @@ COLOUR = {n: (40 + n % 200, 250 - n % 200, (n * 53) % 256) for n in range(400)}
 
 
 def block(n: int, style: str) -> str:
-    """A coloured box with its number in the same colour, too thin to see: it has one colour."""
+    """A coloured box that has one colour: of its number not even the shadow is painted."""
     rgb = ",".join(map(str, COLOUR[n]))
-    return f'<p style="margin:3px 0;background:rgb({rgb});color:rgba({rgb},0.005);{style}">{n}</p>'
+    unpainted = "color:transparent;text-shadow:0 0 transparent"
+    return f'<p style="margin:3px 0;background:rgb({rgb});{unpainted};{style}">{n}</p>'
 
 
 def check(found, expected: int) -> None:
