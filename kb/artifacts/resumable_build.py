@@ -27,6 +27,7 @@ from kb.schema import table
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.atomic import write_text
 from kb.store.layout import Layout, parquet_files
+from kb.store.lock import writer
 from kb.store.tables.shard_writer import write_table
 
 _PLAN = "plan.json"
@@ -151,9 +152,12 @@ def read_plan(folder: str) -> Any:
 def clear_finished(root: Path, name: str) -> None:
     """Remove parts that a run, killed right after its last step, had not removed.
 
-    Parts of an unfinished build stay: the next run goes on with them. Call it under the lock.
+    Parts of an unfinished build stay: the next run goes on with them. Raises WriterLocked.
     """
     known = manifest.read(root, name)
-    if known is not None and known.figures.get("complete"):
-        parts = Layout(root).state_folder(name) / str(known.figures.get("made_in"))
-        shutil.rmtree(parts, ignore_errors=True)
+    if known is None or not (known.figures.get("complete") and known.figures.get("made_in")):
+        return
+    parts = Layout(root).state_folder(name) / str(known.figures["made_in"])
+    if parts.exists():
+        with writer(root, ARTIFACTS[name].lock):
+            shutil.rmtree(parts, ignore_errors=True)

@@ -192,24 +192,23 @@ def test_without_a_model_the_command_says_what_to_give(place: Path, here: Here) 
 
 @pytest.mark.crash
 def test_workers_and_kills_change_no_byte(place: Path) -> None:
-    """The table is the same with two workers, and after a kill at any moment."""
+    """The table is the same with two workers, and after a kill before the first score or after."""
     words = ("pairs", "score", "--videos", str(place / "films"), "--model", str(place / "small.pt"))
+    unscored = shutil.copytree(place / "data", place / "unscored")
     subprocess.run(kb(place, *words, "--workers", "1"), check=True, capture_output=True)
     path = place / "data" / "pairs" / "scores-00000-of-00001.parquet"
     expected = path.read_bytes()
-    for first_done in (False, True):
-        path.unlink()
-        shutil.rmtree(place / "data" / "state" / "scores")
-        with subprocess.Popen(
-            kb(place, *words, "--workers", "2"),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        ) as process:
-            state = place / "data" / "state" / "scores"
-            while process.poll() is None and first_done and not any(state.glob("*.json")):
+    state = place / "data" / "state" / "scores"
+    for after_the_first in (False, True):
+        shutil.rmtree(place / "data")
+        shutil.copytree(unscored, place / "data")
+        command = kb(place, *words, "--workers", "2")
+        with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+            while after_the_first and process.poll() is None and not any(state.glob("*.json")):
                 time.sleep(0.05)
             process.send_signal(signal.SIGKILL)
-        subprocess.run(kb(place, *words, "--workers", "2"), check=True, capture_output=True)
+        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
         assert path.read_bytes() == expected
 
 

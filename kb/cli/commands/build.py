@@ -63,7 +63,9 @@ def build(
     still made; the same command resumes.
     """
     from kb.artifacts import freshness
+    from kb.artifacts.resumable_build import clear_finished
     from kb.artifacts.table_catalog import Catalog
+    from kb.store.artifact_registry import ARTIFACTS
 
     if Catalog(run.root.absolute()).is_download:
         raise FatalError(f"{run.root} is a download", hint="only a data root can be built")
@@ -80,6 +82,9 @@ def build(
         for line in freshness.lines(found):
             show(line)
         return Summary(command="build --plan", current=len(graph) - len(found), steps=steps)
+    for name in graph:
+        if name in ARTIFACTS and name not in found:
+            clear_finished(run.root, name)
     return _make(run, len(graph), found, steps)
 
 
