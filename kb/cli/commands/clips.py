@@ -10,7 +10,7 @@ from typing import Annotated, Any, cast
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.options import Plan
+from kb.cli.framework.options import Films, OnlyPairs, Plan
 from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.summary import Summary
@@ -48,12 +48,7 @@ class FrameFit(StrEnum):
 )
 def clips(
     run: Run,
-    videos: Annotated[
-        list[Path],
-        typer.Option(
-            "--videos", metavar="DIR", help="A folder with video files; may be given repeatedly."
-        ),
-    ],
+    videos: Films,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Write the clips there.")
     ] = Path("clips"),
@@ -77,12 +72,7 @@ def clips(
     keyword: Annotated[
         str, typer.Option("--keyword", metavar="K", help="Only pairs of this keyword.")
     ] = "",
-    pairs: Annotated[
-        Path | None,
-        typer.Option(
-            "--pairs", metavar="FILE", help="Only these pairs: Parquet, as `kb pairs draw` writes."
-        ),
-    ] = None,
+    pairs: OnlyPairs = None,
     where: Annotated[
         str,
         typer.Option(

@@ -10,7 +10,7 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import warn_stale
-from kb.cli.framework.options import CLUSTER, pipeline
+from kb.cli.framework.options import CLUSTER, Device, DeviceOption, pipeline
 from kb.core.context import Run
 from kb.core.errors import KbError
 from kb.core.sources import SOURCES
@@ -128,14 +128,6 @@ class Precision(StrEnum):
     int8 = "int8"
 
 
-class Device(StrEnum):
-    """Where the model runs."""
-
-    auto = "auto"
-    cpu = "cpu"
-    cuda = "cuda"
-
-
 PrecisionOption = Annotated[
     Precision | None,
     typer.Option(
@@ -144,10 +136,6 @@ PrecisionOption = Annotated[
         " the precision is recorded with each score. Existing scores of a lower precision than"
         " this are computed again. [default: fp32 for new scores]",
     ),
-]
-DeviceOption = Annotated[
-    Device,
-    typer.Option("--device", help="Where the model runs; auto uses a GPU if there is one."),
 ]
 
 

@@ -11,6 +11,7 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show, show_row
+from kb.cli.framework.options import OnlyPairs
 from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.summary import Summary
@@ -45,12 +46,7 @@ def export(
     seed: Annotated[
         int, typer.Option("--seed", min=0, metavar="N", help="Another seed draws another sample.")
     ] = 0,
-    pairs: Annotated[
-        Path | None,
-        typer.Option(
-            "--pairs", metavar="FILE", help="Only these pairs: Parquet, as `kb pairs draw` writes."
-        ),
-    ] = None,
+    pairs: OnlyPairs = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="DIR", help="Write there. [default: label-WHAT]"),

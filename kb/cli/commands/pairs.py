@@ -10,20 +10,11 @@ import typer
 
 from kb.cli.framework.command import command, group
 from kb.cli.framework.messages import show_row
-from kb.cli.framework.options import CLUSTER, Plan, pipeline
+from kb.cli.framework.options import CLUSTER, Device, DeviceOption, Films, OnlyPairs, Plan, pipeline
 from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.summary import Summary
 from kb.core.summary.intervals import interval_text
-
-
-class Device(StrEnum):
-    """Where a model runs."""
-
-    auto = "auto"
-    cpu = "cpu"
-    cuda = "cuda"
-
 
 app = group("Make keyword-matched video-text pairs.")
 
@@ -171,18 +162,8 @@ def draw(
 )
 def score(
     run: Run,
-    videos: Annotated[
-        list[Path],
-        typer.Option(
-            "--videos", metavar="DIR", help="A folder with video files; may be given repeatedly."
-        ),
-    ],
-    pairs: Annotated[
-        Path | None,
-        typer.Option(
-            "--pairs", metavar="FILE", help="Only these pairs: Parquet, as `kb pairs draw` writes."
-        ),
-    ] = None,
+    videos: Films,
+    pairs: OnlyPairs = None,
     model: Annotated[
         Path | None,
         typer.Option(
@@ -195,10 +176,7 @@ def score(
     sample: Annotated[
         int | None, typer.Option("--sample", min=1, metavar="N", help="Random sample of N pairs.")
     ] = None,
-    device: Annotated[
-        Device,
-        typer.Option("--device", help="Where the model runs; auto uses a GPU if there is one."),
-    ] = Device.auto,
+    device: DeviceOption = Device.auto,
 ) -> Summary:
     """Score how well clips show what texts say, with a CLIP model and your own video files.
 

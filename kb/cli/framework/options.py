@@ -228,6 +228,32 @@ Dumps = Annotated[
         " folder of them, to read instead of asking Reddit. Needs no key and no network.",
     ),
 ]
+
+
+class Device(StrEnum):
+    """Where a model runs."""
+
+    auto = "auto"
+    cpu = "cpu"
+    cuda = "cuda"
+
+
+DeviceOption = Annotated[
+    Device,
+    typer.Option("--device", help="Where the model runs; auto uses a GPU if there is one."),
+]
+Films = Annotated[
+    list[Path],
+    typer.Option(
+        "--videos", metavar="DIR", help="A folder with video files; may be given repeatedly."
+    ),
+]
+OnlyPairs = Annotated[
+    Path | None,
+    typer.Option(
+        "--pairs", metavar="FILE", help="Only these pairs: Parquet, as `kb pairs draw` writes."
+    ),
+]
 Plan = Annotated[
     bool, typer.Option("--plan", help="Print what is left and what it costs; send nothing.")
 ]
