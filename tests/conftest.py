@@ -43,7 +43,6 @@ LONG = (
     "query/test_formats.py",
     "mcp/test_server.py",
     "pairs/test_planted.py",
-    "pairs/test_planted_tracks.py",
     "annotate/test_checkpoint.py",
     "engine/test_same_bytes.py",
     "restore/test_restore.py",
