@@ -26,6 +26,8 @@ def blocks(language: str) -> list[str]:
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which the commands of the page were run."""
     folder = tmp_path_factory.mktemp("train")
+    for recipe in blocks("toml"):
+        (folder / recipe.split()[1]).write_text(recipe)
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     done = subprocess.run(
         ["bash", "-e", "-c", "".join(blocks("bash"))],
@@ -87,3 +89,28 @@ def test_films_and_shards_have_the_same_clips(ran: dict[str, Any], place: Path) 
         assert (clip["tokens"] == other["tokens"]).all()
         assert (clip["frame_times_s"] == other["frame_times_s"]).all()
         assert (clip["video"].float() - other["video"].float()).abs().mean() < 8
+
+
+def test_the_papers_numbers_drive_the_same_loop(ran: dict[str, Any]) -> None:
+    """Ten steps of the warm-up, of which the last two layers of each tower alone learn."""
+    paper, share = ran["paper"], ran["share_of_peak"]
+    rate = paper["peak_rate"] * paper["pretrained_rate"]
+    assert [one for one, _ in ran["ten"]] == pytest.approx([rate * n / 500 for n in range(1, 11)])
+    assert (share(500, 9_000, paper), share(9_000, 9_000, paper)) == pytest.approx((1, 1 / 15))
+    assert share(4_750, 9_000, paper) == pytest.approx((1 + 1 / 15) / 2)
+    before = ran["small_clip"](layers=3).state_dict()
+    after = ran["model"].state_dict()
+    learned = {name for name, weights in after.items() if not (weights == before[name]).all()}
+    left = ("embeddings", "layers.0.", "pre_layrnorm", "logit_scale")
+    assert learned == {name for name in before if not any(one in name for one in left)}
+
+
+def test_a_crop_is_the_same_for_all_frames_of_a_clip(ran: dict[str, Any]) -> None:
+    import torch
+
+    torch.manual_seed(1)
+    pictures = torch.rand(4, 1, 3, 64, 64) * 255
+    cut = ran["cropped"](pictures.repeat(1, 5, 1, 1, 1), 0.5)
+    assert cut.shape == (4, 5, 3, 64, 64)
+    assert (cut == cut[:, :1]).all()
+    assert ((cut - pictures).abs().mean((1, 2, 3, 4)) > 10).all()
