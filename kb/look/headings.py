@@ -1,0 +1,16 @@
+"""Names of tables' columns for people."""
+
+from kb.schema import table
+
+_SHOWN_UNITS = {"s", "px", "CSS px", "UTC", "bytes"}
+_CAPITALS = {"id": "ID", "ids": "IDs", "url": "URL", "fps": "FPS", "nsfw": "NSFW"}
+
+
+def heading(name: str, column: str) -> str:
+    """The column `duration_s` of a table as "Duration (s)": words, and the unit where the words
+    do not say it. Raises KeyError for a table or column that no schema declares.
+    """
+    unit = table(name).column(column).unit
+    words = [_CAPITALS.get(word, word) for word in column.removesuffix("_s").split("_")]
+    words[0] = words[0][0].upper() + words[0][1:]
+    return " ".join(words) + (f" ({unit})" if unit in _SHOWN_UNITS else "")
