@@ -93,7 +93,6 @@ _OF_BLOCK = {
 class ClipModel:
     """A loaded checkpoint.
 
-    name      as in the column `model`: the file's name and the first hex digits of its sha256
     size      height and width of a frame (px)
     fit       how a frame of another ratio becomes one of that size
     step_s    seconds between two frames of a clip
@@ -101,7 +100,8 @@ class ClipModel:
 
     def __init__(self, path: Path, device: str = "cpu") -> None:
         """Raises MissingModel for what is not a checkpoint of a known format, MissingExtra."""
-        self.name, self._device = model_name(path), device
+        require("score", *EXTRA)
+        self._device = device
         self.size, self.step_s = (224, 224), 1.0
         self.fit: Fit = "crop"
         self._rgb = _CLIP_RGB
@@ -353,11 +353,15 @@ def _assembled(weights: Weights, activation: str) -> CLIPModel:
         },
         projection_dim=weights["text_projection"].shape[1],
     )
-    model = CLIPModel(config)
-    embeddings = model.vision_model.embeddings
-    if side * side + 1 != len(places):  # frames that are not square
-        embeddings.position_embedding = torch.nn.Embedding(*places.shape)
-    model.load_state_dict(_of_transformers(weights), strict=True)
+    with torch.device("meta"):  # drawing random weights would take longer than all else
+        model = CLIPModel(config)
+        if side * side + 1 != len(places):  # frames that are not square
+            embedding = torch.nn.Embedding(*places.shape)
+            model.vision_model.embeddings.position_embedding = embedding
+    model.load_state_dict(_of_transformers(weights), strict=True, assign=True)
+    for tower in (model.vision_model, model.text_model):  # which no checkpoint has
+        numbers = torch.arange(tower.embeddings.position_embedding.num_embeddings)
+        tower.embeddings.position_ids = numbers.expand((1, -1))
     return model
 
 
@@ -375,7 +379,7 @@ def _of_transformers(weights: Weights) -> Weights:
             else:
                 found[first + _renamed(rest, _OF_BLOCK)] = tensor
         elif new:
-            found[new] = tensor.T if new.endswith("_projection.weight") else tensor
+            found[new] = tensor.T.contiguous() if new.endswith("_projection.weight") else tensor
     return found
 
 

@@ -35,7 +35,7 @@ SECONDS = 90
 class Colours:
     """A model that sees the mean colour of a frame, and reads the keyword's picture in a text."""
 
-    name, size, fit, step_s = "colours", (64, 64), "stretch", 1.0
+    size, fit, step_s = (64, 64), "stretch", 1.0
 
     def frames(self, images) -> np.ndarray:
         seen = [[*(image.reshape(-1, 3).mean(axis=0) - 48), 3] for image in images]
