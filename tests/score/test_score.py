@@ -19,6 +19,7 @@ needs("av", "torch", "transformers")
 
 import torch  # noqa: E402
 
+import kb  # noqa: E402
 from kb.core.config.profile import load_profile  # noqa: E402
 from kb.sandbox.youtube.films import drawn, timeline, write_film  # noqa: E402
 from kb.score.calibration import area, section  # noqa: E402
@@ -101,7 +102,7 @@ max_clip_s = 8
 """
 
 
-def kb(place: Path, *words: str) -> list[str]:
+def command(place: Path, *words: str) -> list[str]:
     at = ("--data", str(place / "data"), "--profile", str(place / "profile.toml"))
     return [sys.executable, "-m", "kb", *words, *at]
 
@@ -128,7 +129,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_film(place / "films" / f"{key}.mp4", timeline(shown, SECONDS), SECONDS)
     torch.save(of_openai(random_clip()), place / "small.pt")
     for words in (("youtube", "import", str(place / "given")), ("youtube", "filter"), ("pairs",)):
-        done = subprocess.run(kb(place, *words), check=False, capture_output=True, text=True)
+        done = subprocess.run(command(place, *words), check=False, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
     return place
 
@@ -180,6 +181,31 @@ def test_every_pair_is_scored_or_counted(place: Path, here: Here) -> None:
     assert not (place / "data/state/scores/alpha000001.json").exists()
 
 
+def test_lost_scores_are_made_again_by_their_own_command(place: Path, here: Here) -> None:
+    at = ("--data", str(place / "data"), "--profile", str(place / "profile.toml"))
+    scoring = ("pairs", "score", "--videos", str(place / "films"), *at)
+    scoring = (*scoring, "--model", str(place / "small.pt"), "--workers", "1")
+    assert here(*scoring).code == 0
+    found = kb.load(place / "data").clips(None, "similarity > -1 AND frames > 0").to_pylist()
+    assert [row["margin"] for row in found] == scores(place)["margin"].to_pylist()
+    path = place / "data" / "pairs" / "scores-00000-of-00001.parquet"
+    whole = path.read_bytes()
+    for damage in (path.unlink, lambda: path.write_bytes(whole[:-1] + b"?")):
+        damage()
+        found = here("verify", *at)
+        assert (found.code, "run `kb pairs score" in found.out) == (1, True)
+        asked = ("pairs", "draw", "1", "--where", "MARGIN > -2", "--out", str(place / "d"), *at)
+        assert here(*asked).code == 1
+        assert "run `kb pairs score" in here(*asked).said
+        assert here("pairs", "draw", "1", "--out", str(place / "d"), *at).code == 0
+        assert here("pairs", *at).code == 0  # which needs no scores
+        if path.exists():
+            assert "remove it, then run `kb pairs score" in here(*scoring).said
+            path.unlink()
+        assert here(*scoring).code == 0
+        assert path.read_bytes() == whole
+
+
 def test_without_a_model_the_command_says_what_to_give(place: Path, here: Here) -> None:
     at = ("--data", str(place / "data"), "--profile", str(place / "profile.toml"))
     done = here("pairs", "score", "--videos", str(place / "films"), *at)
@@ -195,19 +221,19 @@ def test_workers_and_kills_change_no_byte(place: Path) -> None:
     """The table is the same with two workers, and after a kill before the first score or after."""
     words = ("pairs", "score", "--videos", str(place / "films"), "--model", str(place / "small.pt"))
     unscored = shutil.copytree(place / "data", place / "unscored")
-    subprocess.run(kb(place, *words, "--workers", "1"), check=True, capture_output=True)
+    subprocess.run(command(place, *words, "--workers", "1"), check=True, capture_output=True)
     path = place / "data" / "pairs" / "scores-00000-of-00001.parquet"
     expected = path.read_bytes()
     state = place / "data" / "state" / "scores"
     for after_the_first in (False, True):
         shutil.rmtree(place / "data")
         shutil.copytree(unscored, place / "data")
-        command = kb(place, *words, "--workers", "2")
-        with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        again = command(place, *words, "--workers", "2")
+        with subprocess.Popen(again, stderr=subprocess.DEVNULL) as process:
             while after_the_first and process.poll() is None and not any(state.glob("*.json")):
                 time.sleep(0.05)
             process.send_signal(signal.SIGKILL)
-        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        done = subprocess.run(again, check=False, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         assert path.read_bytes() == expected
 
