@@ -229,7 +229,7 @@ def checkpoint_file(profile: Profile) -> Path:
     if named.url is None or named.sha256 is None:
         raise ProfileError(
             f"profile {profile.name!r} names no CLIP model",
-            hint="give --model FILE, or name one in the profile:"
+            hint="give `kb pairs score` --model FILE, or name one in the profile:"
             ' score.checkpoint = { url = "https://…", sha256 = "…" }',
         )
     name = PurePosixPath(urlsplit(named.url).path).name or "clip.pt"
@@ -282,14 +282,19 @@ def _weights(path: Path) -> Mapping[str, Any]:
     try:
         with warnings.catch_warnings(action="ignore"):  # about formats, which are refused anyhow
             found = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001  whatever torch makes of a stranger's file
         if "TorchScript" in str(error):
             raise MissingModel(
                 f"{path} is a TorchScript archive, which has code besides its weights",
                 hint="if you trust it, save its weights alone:"
                 " torch.save(torch.jit.load(FILE).state_dict(), OTHER_FILE)",
             ) from None
-        raise
+        # What torch says would be to load it with its code.
+        raise MissingModel(
+            f"{path} is not a CLIP checkpoint that can be read: it is damaged, no file of PyTorch,"
+            " or has more than tensors",
+            hint=_FORMATS,
+        ) from None
     for name in ("state_dict", "model"):
         if isinstance(found, Mapping) and isinstance(found.get(name), Mapping):
             found = found[name]

@@ -1,11 +1,15 @@
 """`kb pairs score`: what is measured of films in which everything is known, and the command."""
 
+import hashlib
 import json
 import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +28,7 @@ from kb.core.config.profile import load_profile  # noqa: E402
 from kb.sandbox.youtube.films import drawn, timeline, write_film  # noqa: E402
 from kb.score.calibration import area, section  # noqa: E402
 from kb.score.films import scores_of  # noqa: E402
+from kb.score.models import model_name  # noqa: E402
 from tests.inprocess import Here  # noqa: E402
 from tests.score.checkpoints import of_openai, random_clip  # noqa: E402
 from tests.youtube.ytdlp import folder as ytdlp  # noqa: E402
@@ -210,10 +215,31 @@ def test_without_a_model_the_command_says_what_to_give(place: Path, here: Here) 
     at = ("--data", str(place / "data"), "--profile", str(place / "profile.toml"))
     done = here("pairs", "score", "--videos", str(place / "films"), *at)
     assert done.code == 2
-    assert "names no CLIP model; give --model FILE" in done.said
+    assert "names no CLIP model; give `kb pairs score" in done.said
     done = here("pairs", "draw", "1", "--where", "margin > 0", *at)
     assert done.code == 2
     assert "kb pairs score" in done.said
+
+
+def test_the_profiles_model_is_fetched_and_used(place: Path, here: Here) -> None:
+    served = partial(SimpleHTTPRequestHandler, directory=str(place))
+    with ThreadingHTTPServer(("127.0.0.1", 0), served) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        url = f"http://127.0.0.1:{server.server_port}/small.pt"
+        digest = hashlib.sha256((place / "small.pt").read_bytes()).hexdigest()
+        named = f'[score]\ncheckpoint = {{ url = "{url}", sha256 = "{digest}" }}\n'
+        (place / "profile.toml").unlink()
+        (place / "profile.toml").write_text(PROFILE + named)
+        env = {"XDG_CACHE_HOME": str(place / "cache")}
+        profile = ("--profile", str(place / "profile.toml"))
+        at = ("pairs", "score", "--data", str(place / "data"), "--videos", str(place / "films"))
+        done = here(*at, *profile, env=env)
+        assert (done.code, "run `kb models fetch clip" in done.said) == (2, True)
+        done = here("models", "fetch", "clip", *profile, env=env)
+        assert done.code == 0, done.err
+        server.shutdown()
+    assert here(*at, *profile, "--workers", "1", env=env).code == 0
+    assert scores(place)["model"].to_pylist() == [model_name(place / "small.pt")] * 3
 
 
 @pytest.mark.crash
