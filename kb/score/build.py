@@ -13,6 +13,7 @@ from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pyarrow as pa
@@ -99,7 +100,7 @@ def score(
             counts[UNDECODABLE if made.undecodable else SHORT] += len(own) - len(made.scores)
             found.append(_rows(own[0]["video_id"], name, made))
             task.advance(1, pairs=len(made.scores))
-        _write(run, name, found)
+        visible = _write(run, name, found)
     scored = sum(map(len, found))
     return Summary(
         command="pairs score",
@@ -108,6 +109,7 @@ def score(
         **{reason: counts[reason] for reason in (MISSING, SHORT, UNDECODABLE, NO_TEXT)},
         videos=len(found),
         model=name,
+        visible=visible,
         path=str(Layout(run.root).pairs),
     )
 
@@ -153,9 +155,9 @@ def _rows(video_id: str, model: str, made: VideoScores) -> pa.Table:
     return pa.Table.from_pylist(rows, schema=table(NAME).arrow())
 
 
-def _write(run: Run, model: str, found: list[pa.Table]) -> None:
+def _write(run: Run, model: str, found: list[pa.Table]) -> dict[str, Any]:
     """Put new scores beside those of other pairs by the same model, and what they say of all into
-    pairs/measures.json.
+    pairs/measures.json; what people's judgements say of them.
     """
     folder = Layout(run.root).pairs
     fresh = pa.concat_tables([table(NAME).arrow().empty_table(), *found])
@@ -170,9 +172,10 @@ def _write(run: Run, model: str, found: list[pa.Table]) -> None:
         for one in kept
     ]
     every = pa.concat_tables([fresh, *(one.cast(fresh.schema) for one in kept)])
-    sections = measures.read_measures(folder) | {
-        calibration.NAME: calibration.section(run.root, run.profile, every)
-    }
+    section = calibration.section(run.root, run.profile, every)
+    sections = measures.read_measures(folder) | {calibration.NAME: section}
     with manifest.editing(run.root, "pairs"):
         write_table(folder / "scores-00000-of-00001.parquet", every, NAME)
         measures.write_measures(folder, sections)
+    visible: dict[str, Any] = section["visible"]
+    return visible

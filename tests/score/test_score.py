@@ -207,8 +207,23 @@ def test_lost_scores_are_made_again_by_their_own_command(place: Path, here: Here
         if path.exists():
             assert "remove it, then run `kb pairs score" in here(*scoring).said
             path.unlink()
-        assert here(*scoring).code == 0
+        assert "nobody has judged these clips" in here(*scoring).err
         assert path.read_bytes() == whole
+    # Of three judged clips the two most similar show what is named.
+    ranked = scores(place).sort_by("similarity")["pair_id"].to_pylist()
+    labels = [
+        {"kind": "pair", "item_id": key, "question": "visible", "answer": answer}
+        for key, answer in zip(ranked, ("no", "yes", "yes"), strict=True)
+    ]
+    (place / "data" / "labels").mkdir()
+    pq.write_table(pa.Table.from_pylist(labels), place / "data/labels/labels-0.parquet")
+    rows = [line.split("\t") for line in here(*scoring).out.splitlines() if "\t" in line]
+    assert rows[0] == ["similarity", "judged", "show what is named"]
+    assert [row[1:] for row in rows[1:]] == [
+        ["1", "0.000 (0.000 to 0.793)"],
+        ["1", "1.000 (0.206 to 1.000)"],
+        ["1", "1.000 (0.206 to 1.000)"],
+    ]
 
 
 def test_without_a_model_the_command_says_what_to_give(place: Path, here: Here) -> None:
