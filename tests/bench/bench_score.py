@@ -96,6 +96,7 @@ class Place:
         env = clean_environment() | {
             "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]),
             "PYTHONPATH": str(ROOT),
+            "OMP_NUM_THREADS": "1",  # of so small a model threads wait for each other
         }
         return subprocess.Popen(
             ["bash", "-e", "-c", command],
@@ -156,7 +157,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
     profile = made.path / "profile"
     shutil.copytree(folder("profiles") / "minecraft", profile)
     text = (profile / "profile.toml").read_text()
-    text = re.sub(r"^max_clip_s = .*", "max_clip_s = 8", text, flags=re.MULTILINE)
+    for name, value in (("max_clip_s", 8), ("max_tokens", 24)):
+        text = re.sub(rf"^{name} = .*", f"{name} = {value}", text, flags=re.MULTILINE)
     text = re.sub(r"^\[toxicity[^[]*", "", text, flags=re.MULTILINE)
     (profile / "profile.toml").write_text('toxicity = "off"\n' + text)
     how = "--data data --profile profile/profile.toml"
