@@ -157,7 +157,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
     profile = made.path / "profile"
     shutil.copytree(folder("profiles") / "minecraft", profile)
     text = (profile / "profile.toml").read_text()
-    for name, value in (("max_clip_s", 8), ("max_tokens", 24)):
+    for name, value in (("max_clip_s", 8), ("max_tokens", 20)):
         text = re.sub(rf"^{name} = .*", f"{name} = {value}", text, flags=re.MULTILINE)
     text = re.sub(r"^\[toxicity[^[]*", "", text, flags=re.MULTILINE)
     (profile / "profile.toml").write_text('toxicity = "off"\n' + text)
@@ -172,8 +172,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
         re.findall(rf"^```{language}\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
         for language in ("bash", "toml", "python")
     )
-    made.run(bash[0], train)
-    (train / "small.toml").write_text(recipe[0])
+    more = bash[0].replace("--videos 60", "--videos 160").replace("draw 1000", "draw 3200")
+    made.run(more, train)
+    (train / "small.toml").write_text(recipe[0].replace("epochs = 12", "epochs = 16"))
     (train / "train.py").write_text("\n".join(python[:2]))
     made.run("python train.py", train)
     return made
