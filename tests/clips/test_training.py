@@ -15,7 +15,7 @@ from tests.conftest import ROOT, needs
 needs("av", "torch", "torchdata")
 
 TEXT = (ROOT / "docs" / "train.md").read_text(encoding="utf-8")
-BATCH = 32  # of the page
+BATCH, EPOCHS = 32, "epochs = 12"  # of the page
 
 
 def blocks(language: str) -> list[str]:
@@ -42,9 +42,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def ran(place: Path) -> dict[str, Any]:
-    """The names of the page after all of its code was run, which has assertions of its own."""
+def run(place: Path, code: list[str]) -> dict[str, Any]:
+    """Run blocks of the page, which have assertions of their own; the names that they define."""
     import torch
 
     names: dict[str, Any] = {}
@@ -52,9 +51,21 @@ def ran(place: Path) -> dict[str, Any]:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place)
         torch.set_num_threads(1)  # tests run side by side; and sums have one order
-        for number, code in enumerate(blocks("python")):
-            exec(compile(code, f"docs/train.md, block {number}", "exec"), names)
+        for number, block in enumerate(code):
+            exec(compile(block, f"docs/train.md, block {number}", "exec"), names)
         torch.set_num_threads(threads)
+    return names
+
+
+@pytest.fixture(scope="module")
+def ran(place: Path) -> dict[str, Any]:
+    """The names of the page after all of its code was run, with one epoch instead of twelve."""
+    recipe = place / "small.toml"
+    whole = recipe.read_text()
+    assert EPOCHS in whole
+    recipe.write_text(whole.replace(EPOCHS, "epochs = 1"))
+    names = run(place, blocks("python"))
+    recipe.write_text(whole)
     return names
 
 
@@ -64,10 +75,21 @@ def _there(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(place)
 
 
-def test_a_model_learns_from_films_what_shapes_stand_for(ran: dict[str, Any]) -> None:
+@pytest.mark.slow
+def test_a_model_learns_from_films_what_shapes_stand_for(place: Path) -> None:
     """On videos that it has not seen, where guessing finds one of 32."""
-    *_, trained = ran["accuracies"]
+    *_, trained = run(place, blocks("python")[:2])["accuracies"]
     assert trained > 4 / BATCH
+
+
+def test_the_training_loop_writes_a_model(ran: dict[str, Any], place: Path) -> None:
+    from transformers import CLIPModel
+
+    assert len(ran["accuracies"]) == 2  # before the training and after it
+    stored = CLIPModel.from_pretrained(place / "model").state_dict()
+    fresh = ran["small_clip"](layers=1).state_dict()
+    assert stored.keys() == fresh.keys()
+    assert not any(stored[name].equal(weights) for name, weights in fresh.items())
 
 
 def test_no_video_is_both_trained_on_and_held_out(ran: dict[str, Any]) -> None:
