@@ -201,7 +201,7 @@ def check_complete(root: Path, name: str) -> None:
     """Raises DamagedData for the first missing file of an artifact, or of a declared table."""
     artifact = ARTIFACTS[name] if name in ARTIFACTS else of_table(name)
     if lost := missing(root, name):
-        raise damage.missing(lost, artifact.hint)
+        raise damage.missing(lost, artifact.hint_of(lost[0]))
 
 
 def check_folder(folder: Path) -> None:
@@ -219,19 +219,23 @@ def check_folder(folder: Path) -> None:
 
 
 def missing(root: Path, name: str) -> list[Path]:
-    """Files of an artifact, or of one declared table in it, that were written and are not there."""
+    """Files of an artifact, or of one declared table in it, that were written and are not there.
+    Tables that another command adds are asked for by their own name.
+    """
     is_artifact = name in ARTIFACTS
     artifact = ARTIFACTS[name] if is_artifact else of_table(name)
     folder, manifest = artifact.folder(root), read(root, artifact.name)
     written = {folder / one for one in (manifest.files if manifest is not None else ())}
+    at = Layout(root)
     if not artifact.public:
         for table in artifact.tables if is_artifact else (name,):
-            there = Layout(root).rows(table)
+            there = at.rows(table)
             written |= {one.with_name(shard) for one in there for shard in siblings([one.name])}
-    if not is_artifact:
-        at = Layout(root)
-        written = {one for one in written if one.match(str(at.table(name) / rows_pattern(name)))}
-    return sorted(one for one in written if not one.is_file())
+    named = artifact.added if is_artifact else (name,)
+    patterns = [str(at.table(one) / rows_pattern(one)) for one in named]
+    of_named = {one for one in written if any(map(one.match, patterns))}
+    wanted = written - of_named if is_artifact else of_named
+    return sorted(one for one in wanted if not one.is_file())
 
 
 def siblings(names: Iterable[str]) -> set[str]:

@@ -218,7 +218,7 @@ def _call(
 ) -> int:
     """Run a command with the values of its own and the shared options; return the exit code."""
     startup.collect_seldom()
-    needs = "profile" if "data" in values else "nothing"
+    needs = "profile" if "profile" in values else "nothing"
     options = Options(**{name: values.pop(name) for name in SHARED if name in values})
     for name, value in values.items():  # what may be repeated; what is not given, is None
         if isinstance(value, (list, tuple)):
