@@ -1,0 +1,100 @@
+"""The first page: totals, what each stage left, what is out of date, and the newest crawls."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from kb.core.sources import PUBLISHED, SOURCES
+from kb.explore.tables import CurrentTables
+from kb.store.tables.row_counts import VERDICTS
+
+_HOURS_OF_A_YEAR = 8766
+_COUNTED = {  # tables → what a total of their rows counts
+    "youtube_videos": "videos",
+    "wiki_pages": "wiki pages",
+    "reddit_posts": "posts",
+    "reddit_comments": "comments",
+    "pairs": "video-text pairs",
+    "tasks": "candidates for tasks",
+    "entities": "entities",
+}
+_SUMMED = {  # tables → what else is counted in them: SQL, noun
+    "youtube_videos": (("sum(duration_s) / 3600", "hours of video"), ("sum(word_count)", "words")),
+    "wiki_elements": (("count(x)", "boxes on screenshots"),),
+    "pairs": (("count(DISTINCT keyword)", "keywords in pairs"),),
+}
+
+
+class FunnelStep(NamedTuple):
+    """Rows that are left after a stage, and their share of all that were crawled."""
+
+    name: str
+    left: int
+    rejected: int
+    share: float
+
+
+class SourceFunnel(NamedTuple):
+    """A source's steps in order, and its rows by verdict."""
+
+    source: str
+    title: str
+    steps: list[FunnelStep]
+    verdicts: dict[str, int]
+
+
+class OverviewPage(NamedTuple):
+    """`totals` are (number, noun); `about` is what `kb status` knows."""
+
+    totals: list[tuple[str, str]]
+    funnels: list[SourceFunnel]
+    about: Mapping[str, Any]
+
+
+def read(tables: CurrentTables, about: Mapping[str, Any]) -> OverviewPage:
+    """The page as the tables are now. Raises DamagedData."""
+    funnels = [made for name in SOURCES if (made := _funnel(tables, name)) is not None]
+    return OverviewPage(_totals(tables), funnels, about)
+
+
+def _totals(tables: CurrentTables) -> list[tuple[str, str]]:
+    totals = []
+    for name in dict.fromkeys((*_COUNTED, *_SUMMED)):
+        if name not in tables or not (rows := tables.count(name)):
+            continue
+        if name in _COUNTED:
+            totals.append((f"{rows:,}", _COUNTED[name]))
+        if name in _SUMMED:
+            sums = ", ".join(f"({sql})::DOUBLE" for sql, _ in _SUMMED[name])
+            (found,) = tables.rows(name, f"SELECT {sums} FROM {{table}}").to_pylist()
+            nouns = (noun for _, noun in _SUMMED[name])
+            for total, noun in zip(found.values(), nouns, strict=True):
+                if total and noun.startswith("hours") and total >= _HOURS_OF_A_YEAR:
+                    totals.append((f"{total / _HOURS_OF_A_YEAR:,.1f}", "years of video"))
+                elif total:
+                    totals.append((f"{total:,.0f}", noun))
+    return totals
+
+
+def _funnel(tables: CurrentTables, source: str) -> SourceFunnel | None:
+    of = SOURCES[source]
+    kept = sum(tables.count(f"{source}_{table}") for table in of.tables)
+    verdicts = {verdict: tables.count(f"{source}_{verdict}") for verdict in VERDICTS}
+    crawled = kept + sum(verdicts.values())
+    if not crawled:
+        return None
+    rejected: dict[str, int] = {}
+    if f"{source}_rejected" in tables:
+        by_stage = "SELECT stage::VARCHAR AS stage, count(*) AS n FROM {table} GROUP BY 1"
+        counted = tables.rows(f"{source}_rejected", by_stage)
+        rejected = dict(zip(*(column.to_pylist() for column in counted.columns), strict=True))
+    order = [*PUBLISHED[source].stages]
+    stages = [*(one for one in order if one in rejected), *sorted(set(rejected) - set(order))]
+    dropped = {stage: rejected[stage] for stage in stages}
+    dropped |= {one: verdicts[one] for one in ("failed", "pending") if verdicts[one]}
+    left, steps = crawled, [FunnelStep("crawled", crawled, 0, 1.0)]
+    for stage, n in dropped.items():
+        left -= n
+        steps.append(FunnelStep(stage, left, n, left / crawled))
+    return SourceFunnel(source, of.title, steps, {"kept": kept, **verdicts})
