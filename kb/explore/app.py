@@ -83,6 +83,7 @@ def make(root: Path, profile: Profile, about: Callable[[], Mapping[str, Any]]) -
     returns what `kb status` knows.
     """
     templates = environment(_HERE / "templates", _FILTERS, autoescape=True)
+    language = profile.youtube.language if profile.youtube else ""
     style = resources.files("kb.look").joinpath("style.css").read_bytes()
     # Of a stranger's release: a link leads to the web, never to a script.
     templates.tests["web"] = re.compile("https?://", re.IGNORECASE).match
@@ -125,7 +126,7 @@ def make(root: Path, profile: Profile, about: Callable[[], Mapping[str, Any]]) -
         routes=[
             Route("/", page("overview", lambda at, _: overview.read(CurrentTables(at), about()))),
             Route("/search", page("search", search.read, search.without_answers)),
-            Route("/document", page("document", documents.read)),
+            Route("/document", page("document", lambda at, q: documents.read(at, language, q))),
             Route("/screenshot", picture),
             Route("/rows", page("rows", lambda at, q: rows.read(CurrentTables(at), rows.parse(q)))),
             Route(
@@ -133,7 +134,9 @@ def make(root: Path, profile: Profile, about: Callable[[], Mapping[str, Any]]) -
                 page("thresholds", lambda at, q: thresholds.read(CurrentTables(at), profile, q)),
             ),
             Route("/status", page("status", lambda _, __: about())),
-            Route("/pairs", page("pairs", lambda at, q: pairs.read(CurrentTables(at), q))),
+            Route(
+                "/pairs", page("pairs", lambda at, q: pairs.read(CurrentTables(at), language, q))
+            ),
             Route("/static/style.css", lambda _: Response(style, media_type="text/css")),
             Route("/favicon.ico", lambda _: RedirectResponse("/static/icon.svg")),
             Mount("/static", StaticFiles(directory=_HERE / "static")),

@@ -26,6 +26,7 @@ from kb.mcp.documents import (
 from kb.reader import thread as threads
 from kb.reader.open_tables import OpenTables
 from kb.reader.screenshots import stored_png
+from kb.search.passage import plain
 from kb.search.query import question
 from kb.search.tantivy_index import analyzer
 from kb.store.tables.row_counts import VERDICTS
@@ -83,7 +84,8 @@ class DocumentPage:
     """A document. `kind` is video, page, thread, or none where only a verdict is known.
 
     `shown` are the numbers of the parts that the page has, `here` that of the place; `all` is the
-    address of the page with every part, "" where it has all. `pieces` are the parts' texts.
+    address of the page with every part, "" where it has all. `said` is the text at `here`
+    of a video in three parts: before the caption of the second asked for, that, and behind it.
     """
 
     kind: str
@@ -96,15 +98,18 @@ class DocumentPage:
     here: int = 0
     shown: list[int] = field(default_factory=list)
     all: str = ""
-    pieces: dict[int, Pieces] = field(default_factory=dict)
+    said: tuple[str, str, str] = ("", "", "")
     pairs: list[PairCard] = field(default_factory=list)
     nodes: list[ThreadNode] = field(default_factory=list)
     text: Pieces = field(default_factory=list)
     mark: Marker = lambda text: [text]
 
 
-def read(root: Path, query: Mapping[str, str]) -> DocumentPage:
-    """What stands around the place that an address names. Raises UsageError, DamagedData."""
+def read(root: Path, language: str, query: Mapping[str, str]) -> DocumentPage:
+    """What stands around the place that an address names; `language` as for pairs.
+
+    Raises UsageError, DamagedData.
+    """
     place = parse_reference(query.get("ref", ""))
     tables = CurrentTables(root)
     mark = _marker(root, place.source, query.get("words", ""))
@@ -116,16 +121,13 @@ def read(root: Path, query: Mapping[str, str]) -> DocumentPage:
     verdict = _verdict(tables, place.source, place.key)
     if verdict is not None:
         return _left_out(place, page, mark, *verdict)
-    return _kept(root, tables, place, page, mark, whole)
+    if place.source == "youtube":
+        page.pairs = cards(tables, language, "video_id = ?", [place.key])
+    return _kept(tables, place, page, whole)
 
 
 def _kept(
-    root: Path,
-    tables: CurrentTables,
-    place: SourceLocation,
-    page: DocumentPage,
-    mark: Marker,
-    whole: bool,
+    tables: CurrentTables, place: SourceLocation, page: DocumentPage, whole: bool
 ) -> DocumentPage:
     """A video with its transcript, or a wiki page with its sections."""
     opened = OpenTables([tables.catalog])
@@ -133,15 +135,23 @@ def _kept(
     page.kind, page.title, page.here = _KINDS[place.source], found.title, found.nearest[0]
     page.shown = sorted(found.nearest[: len(found.parts) if whole else NEAREST])
     page.all = "" if len(page.shown) == len(found.parts) else page.all
-    page.pieces = {number: mark(found.parts[number].text) for number in page.shown}
     key = found.parts[0].place.key
     column, value = ("video_id", key) if page.kind == "video" else ("page_id", int(key))
     row = first_row(opened, f"{place.source}_{_MAIN[place.source]}", f"{column} = ?", [value]) or {}
     page.facts = _facts(place.source, row)
     page.address = found.parts[0].url
-    if page.kind == "video":
-        page.pairs = cards(tables, "video_id = ?", [key])
+    if page.kind == "video" and place.at:
+        page.said = _said(opened, key, found.parts[page.here].text, float(place.at))
     return page
+
+
+def _said(opened: OpenTables, key: str, text: str, second: float) -> tuple[str, str, str]:
+    """The text of a part before the caption of a second, the caption, and the text behind it."""
+    row = first_row(opened, "youtube_transcripts", "video_id = ?", [key]) or {}
+    cues = [cue for cue in row.get("cues") or () if int(cue["start_s"]) <= second]
+    said = " ".join(plain(cues[-1]["text"]).split()) if cues else ""
+    before, _, behind = text.partition(said) if said and said in text else (text, "", "")
+    return before, said if said in text else "", behind
 
 
 _KINDS = {"youtube": "video", "wiki": "page"}
@@ -277,7 +287,7 @@ def _rejected_comments(tables: CurrentTables, post_id: str) -> list[dict[str, An
 
 
 def _words(text: str | None, missing: str | None) -> str:
-    return text if text is not None else f"[{missing or 'text not available'}]"
+    return text if text is not None else f"[{missing}]" if missing else ""
 
 
 def _as_tree(top: ThreadNode, nodes: Mapping[str, tuple[str, ThreadNode]]) -> list[ThreadNode]:

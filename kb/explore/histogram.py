@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections.abc import Iterator
 from itertools import pairwise, product
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from kb.look.charts import number
 
 _BARS = 40
 _DIGITS = 3  # of an edge
-_NEAR = 7.0  # percent of the axis within which there is no second tick
+_NEAR = (16, 7)  # percent of the axis within which there is no second tick: narrow and wide pages
 
 
 class HistogramBar(NamedTuple):
@@ -60,18 +61,17 @@ class Histogram(NamedTuple):
         return bool(sizes) and max(sizes) > 100 * min(sizes)
 
     @property
-    def x_ticks(self) -> list[tuple[float, str]]:
-        """(percent, number) along the bars: numbers that people would choose, none too near."""
-        low, high, chosen = self.edges[0], self.edges[-1], dict[float, float]()
-        powers = [10.0**power for power in range(-6, 12)]
-        for leading in (0, 1, 5, 2, 3, 1.5, 7, 4, 2.5, 6, 8, 9):
-            for sign, power in product((1, -1), powers if leading else powers[:1]):
-                tick = round(sign * leading * power, 7)
-                if low <= tick <= high:
-                    place = self._percent(tick)
-                    if all(abs(place - other) >= _NEAR for other in chosen.values()):
-                        chosen[tick] = place
-        return [(round(place, 3), tick_label(tick)) for tick, place in sorted(chosen.items())]
+    def x_ticks(self) -> list[tuple[float, str, bool]]:
+        """(percent, number, whether narrow pages leave it out) along the bars, none too near to
+        another.
+        """
+        chosen: dict[float, tuple[float, bool]] = {}
+        for near in _NEAR:
+            for tick in _round_numbers(self.edges[0], self.edges[-1]):
+                place = self._percent(tick)
+                if all(abs(place - other) >= near for other, _ in chosen.values()):
+                    chosen[tick] = place, near < max(_NEAR)
+        return [(round(at, 3), tick_label(n), minor) for n, (at, minor) in sorted(chosen.items())]
 
     @property
     def y_ticks(self) -> list[tuple[float, str]]:
@@ -90,6 +90,16 @@ class Histogram(NamedTuple):
 def tick_label(tick: float) -> str:
     """The number at a tick, as short as it can be read."""
     return number(tick) if abs(tick) >= 1000 else f"{tick:g}"
+
+
+def _round_numbers(low: float, high: float) -> Iterator[float]:
+    """Numbers for an axis, those that people prefer first: 0, powers of ten, halves, fifths."""
+    powers = [10.0**power for power in range(-6, 12)]
+    for leading in (0, 1, 5, 2, 3, 1.5, 7, 4, 2.5, 6, 8, 9):
+        for sign, power in product((1, -1), powers if leading else powers[:1]):
+            tick = round(sign * leading * power, 7)
+            if low <= tick <= high:
+                yield tick
 
 
 def _step(top: int) -> int:

@@ -10,19 +10,19 @@ from kb.explore.tables import CurrentTables
 from kb.store.tables.row_counts import VERDICTS
 
 _HOURS_OF_A_YEAR = 8766
-_COUNTED = {  # tables → what a total of their rows counts
-    "youtube_videos": "videos",
-    "wiki_pages": "wiki pages",
-    "reddit_posts": "posts",
-    "reddit_comments": "comments",
-    "pairs": "video-text pairs",
-    "tasks": "candidates for tasks",
-    "entities": "entities",
-}
-_SUMMED = {  # tables → what else is counted in them: SQL, noun
-    "youtube_videos": (("sum(duration_s) / 3600", "hours of video"), ("sum(word_count)", "words")),
-    "wiki_elements": (("count(x)", "boxes on screenshots"),),
-    "pairs": (("count(DISTINCT keyword)", "keywords in pairs"),),
+_TOTALS = {  # tables → what is counted in them: SQL, noun
+    "youtube_videos": (
+        ("count(*)", "videos"),
+        ("sum(duration_s) / 3600", "hours of video"),
+        ("sum(word_count)", "words spoken"),
+    ),
+    "wiki_pages": (("count(*)", "wiki pages"),),
+    "wiki_elements": (("count(x)", "boxes on pages"),),
+    "reddit_posts": (("count(*)", "posts"),),
+    "reddit_comments": (("count(*)", "comments"),),
+    "pairs": (("count(*)", "video-text pairs"), ("count(DISTINCT keyword)", "keywords in them")),
+    "tasks": (("count(*)", "task candidates"),),
+    "entities": (("count(*)", "entities"),),
 }
 
 
@@ -60,20 +60,16 @@ def read(tables: CurrentTables, about: Mapping[str, Any]) -> OverviewPage:
 
 def _totals(tables: CurrentTables) -> list[tuple[str, str]]:
     totals = []
-    for name in dict.fromkeys((*_COUNTED, *_SUMMED)):
-        if name not in tables or not (rows := tables.count(name)):
+    for name, counted in _TOTALS.items():
+        if name not in tables:
             continue
-        if name in _COUNTED:
-            totals.append((f"{rows:,}", _COUNTED[name]))
-        if name in _SUMMED:
-            sums = ", ".join(f"({sql})::DOUBLE" for sql, _ in _SUMMED[name])
-            (found,) = tables.rows(name, f"SELECT {sums} FROM {{table}}").to_pylist()
-            nouns = (noun for _, noun in _SUMMED[name])
-            for total, noun in zip(found.values(), nouns, strict=True):
-                if total and noun.startswith("hours") and total >= _HOURS_OF_A_YEAR:
-                    totals.append((f"{total / _HOURS_OF_A_YEAR:,.1f}", "years of video"))
-                elif total:
-                    totals.append((f"{total:,.0f}", noun))
+        sums = ", ".join(f"({sql})::DOUBLE" for sql, _ in counted)
+        (found,) = tables.rows(name, f"SELECT {sums} FROM {{table}}").to_pylist()
+        for total, (_, noun) in zip(found.values(), counted, strict=True):
+            if total and noun == "hours of video" and total >= _HOURS_OF_A_YEAR:
+                totals.append((f"{total / _HOURS_OF_A_YEAR:,.1f}", "years of video"))
+            elif total:
+                totals.append((f"{total:,.0f}", noun))
     return totals
 
 

@@ -70,8 +70,11 @@ class PairsPage:
         return f"/pairs?{urlencode({name: value for name, value in given.items() if value})}"
 
 
-def read(tables: CurrentTables, query: Mapping[str, str]) -> PairsPage:
-    """The pairs that an address asks for. Raises UsageError, DamagedData."""
+def read(tables: CurrentTables, language: str, query: Mapping[str, str]) -> PairsPage:
+    """The pairs that an address asks for; texts in another `language` are marked.
+
+    Raises UsageError, DamagedData.
+    """
     keyword, kind, page = query.get("keyword", ""), query.get("kind", ""), query.get("page", "1")
     if not page.isascii() or not page.isdigit() or not 1 <= int(page) <= _LAST:
         raise UsageError(f"there is no page {page!r}")
@@ -88,11 +91,13 @@ def read(tables: CurrentTables, query: Mapping[str, str]) -> PairsPage:
         values = [keyword, keyword, kind, kind]
         total = con.execute(f"SELECT count(*) FROM {full} WHERE {where}", values).fetchall()[0][0]
         at = (int(page) - 1) * ON_A_PAGE
-    shown = cards(tables, where, values, f"LIMIT {ON_A_PAGE} OFFSET {at}")
+    shown = cards(tables, language, where, values, f"LIMIT {ON_A_PAGE} OFFSET {at}")
     return PairsPage(keyword, kind, int(page), total, shown, keywords, given)
 
 
-def cards(tables: CurrentTables, where: str, values: list[Any], limit: str = "") -> list[PairCard]:
+def cards(
+    tables: CurrentTables, language: str, where: str, values: list[Any], limit: str = ""
+) -> list[PairCard]:
     """The pairs of a condition in the order of video and time, with what other tables say of them.
     Raises DamagedData.
     """
@@ -134,7 +139,7 @@ def cards(tables: CurrentTables, where: str, values: list[Any], limit: str = "")
                 pair["clip_end_s"],
                 f"{SOURCES['youtube'].address(pair['video_id'])}&t={second}s",
                 f"/document?{urlencode(place)}#here",
-                list(_marks(pair, quality.get(key, [{}])[0])),
+                list(_marks(pair, quality.get(key, [{}])[0], language)),
                 [found for one in scores.get(key, ()) for found in _scores(one)],
                 _answers(labels.get(key, ())),
             )
@@ -166,17 +171,16 @@ def _pieces(pair: Mapping[str, Any]) -> list[str]:
     return [text[:begin], text[begin:end], text[end:]] if text else []
 
 
-def _marks(pair: Mapping[str, Any], quality: Mapping[str, Any]) -> Iterable[QualityMark]:
-    times = "times of words" if pair.get("timing") == "word" else "times of captions"
+def _marks(
+    pair: Mapping[str, Any], quality: Mapping[str, Any], language: str
+) -> Iterable[QualityMark]:
+    times = "timed by word" if pair.get("timing") == "word" else "timed by caption"
     yield QualityMark(f"{pair['token_count']} tokens", "CLIP tokens of the text")
     yield QualityMark(
         f"{pair['transcript_kind']}, {times}", "Where the text and its times are from"
     )
-    if (language := quality.get("language")) is not None:
-        sure = quality.get("language_confidence")
-        yield QualityMark(
-            language if sure is None else f"{language} {sure:.0%}", "Language", sure is not None
-        )
+    if (found := quality.get("language")) is not None:
+        yield QualityMark(found, "Language", warns=found != language)
     if (verb := quality.get("has_verb")) is not None:
         yield QualityMark(
             "verb" if verb else "no verb", "A verb stands near the keyword", warns=not verb

@@ -218,6 +218,8 @@ def cell(name: str, value: Any) -> Cell:
         return Cell(f"{value:,}" if isinstance(value, int) else f"{value:,.4g}", is_number=True)
     if name in ("value", "threshold") and (number := _number(str(value))) is not None:
         return Cell(f"{number:,.10g}", is_number=True)
+    if name in ("stage", "reason", "value"):
+        return Cell(str(value).replace("_", " "))
     if isinstance(value, list):
         return Cell(", ".join(map(str, value))[:_LONGEST])
     return Cell(str(value))

@@ -210,7 +210,8 @@ def _verdicts(
 
 def _description(rows: pa.Table, chain: Chain) -> dict[str, pa.Array[Any]]:
     """What readers of shared/rejected see of the rows."""
-    nulls, described = pa.nulls(rows.num_rows, pa.string()), {}
+    nulls: pa.Array[Any] = pa.nulls(rows.num_rows, pa.string())
+    described: dict[str, pa.Array[Any]] = {}
     gone = pc.is_valid(column(rows, chain.gone)) if chain.gone else None
     for name in _DESCRIPTION:
         source = chain.described_by.get(name, "")
