@@ -161,7 +161,7 @@ def _facts(source: str, row: Mapping[str, Any]) -> list[tuple[str, str]]:
     """(heading, value) of the columns of a main row that have one."""
     declared = f"{source}/{_MAIN[source]}"
     return [
-        (heading(declared, name), cell(name, row[name]).text)
+        (heading(declared, name), cell(declared, name, row[name]).text)
         for name in _FACTS[source]
         if row.get(name) is not None
     ]
@@ -178,11 +178,12 @@ def _verdict(tables: CurrentTables, source: str, key: str) -> tuple[Verdict, dic
 
 
 def _told(name: str, row: Mapping[str, Any]) -> Verdict:
+    declared = f"shared/{name}"
     shown = ("stage", "reason", "value", "threshold", "matched", "unmatched")
     return Verdict(
         name,
         [
-            (heading(f"shared/{name}", one), cell(one, row[one]).text)
+            (heading(declared, one), cell(declared, one, row[one]).text)
             for one in shown
             if row.get(one) is not None
         ],
@@ -240,7 +241,7 @@ def _thread(
                 nodes[key] = one.parent_id, ThreadNode(key, label, f"{url}_/{key}/", text)
     for row in lost:
         key = row["key"][3:]
-        why = ", ".join(row[name] for name in ("stage", "reason") if row[name])
+        why = _told("rejected", row).line
         text = mark(row.get("text") or "")
         label, link = "comment", f"{url}_/{key}/"
         nodes[key] = row["parent_id"] or "", ThreadNode(key, label, link, text, why=why)

@@ -12,7 +12,7 @@ from urllib.parse import urlencode
 from kb.core.errors import UsageError
 from kb.core.sources import SOURCES
 from kb.explore.tables import CurrentTables, quoted
-from kb.look.headings import heading
+from kb.look.headings import heading, reading
 from kb.schema.tables import table
 from kb.store.tables.row_counts import VERDICTS
 
@@ -189,7 +189,7 @@ def _shown(asked: RowsQuery, rows: list[dict[str, Any]], total: int, *others: An
     names = [
         name for name in (rows[0] if rows else ()) if any(row[name] is not None for row in rows)
     ]
-    cells = {name: [cell(name, row[name]) for row in rows] for name in names}
+    cells = {name: [cell(asked.declared, name, row[name]) for row in rows] for name in names}
     columns = [
         (
             name,
@@ -206,7 +206,7 @@ def _shown(asked: RowsQuery, rows: list[dict[str, Any]], total: int, *others: An
     return RowsPage(asked, columns, linked, shown, total, *others)
 
 
-def cell(name: str, value: Any) -> Cell:
+def cell(declared: str, name: str, value: Any) -> Cell:
     """A value for people; what the filters keep as text may be a number."""
     if value is None:
         return Cell("")
@@ -218,8 +218,8 @@ def cell(name: str, value: Any) -> Cell:
         return Cell(f"{value:,}" if isinstance(value, int) else f"{value:,.4g}", is_number=True)
     if name in ("value", "threshold") and (number := _number(str(value))) is not None:
         return Cell(f"{number:,.10g}", is_number=True)
-    if name in ("stage", "reason", "value"):
-        return Cell(str(value).replace("_", " "))
+    if name in ("stage", "value") or table(declared).column(name).words:
+        return Cell(reading(declared, name, str(value)))
     if isinstance(value, list):
         return Cell(", ".join(map(str, value))[:_LONGEST])
     return Cell(str(value))

@@ -218,7 +218,9 @@ def test_page_needs_nothing_outside_itself(root: Path) -> None:
     page = (root / "report" / "index.html").read_text()
     assert re.findall(r"<(?:script|link|iframe|object)", page) == []
     assert all(source.startswith("data:") for source in re.findall(r'src="([^"]*)"', page))
-    assert all(target.startswith(("#", "data:image/")) for target in re.findall(r'href="([^"]*)"', page))
+    assert all(
+        target.startswith(("#", "data:image/")) for target in re.findall(r'href="([^"]*)"', page)
+    )
     assert all(text.strip() for text in re.findall(r'(?:alt|aria-label)="([^"]*)"', page))
     assert len(re.findall(r"<figure ", page)) == 30
 
