@@ -11,7 +11,9 @@ from pathlib import Path
 
 import duckdb
 import pyarrow.parquet as pq
+import pytest
 
+from kb.core.sources import SOURCES
 from kb.explore.pairs import ON_A_PAGE
 from tests.cli.conftest import clean_environment
 from tests.conftest import ROOT
@@ -148,3 +150,39 @@ def test_a_release_says_that_it_has_no_text(release_pages: Explored) -> None:
     text = release_pages.ask("/pairs?keyword=creeper").text
     assert "The text was not restored" in text
     assert 'rel="noopener noreferrer" target="_blank"' in text
+
+
+def test_a_rejected_row_says_what_it_was_unless_that_was_taken_down(
+    demo_pages: Explored, demo: Path
+) -> None:
+    files = f"{demo}/data/demo/clean/reddit/rejected/*.parquet"
+    withheld = duckdb.sql(
+        f"SELECT count(*), count(title), count(text) FROM read_parquet('{files}')"
+        " WHERE stage = 'removed'"
+    ).fetchall()
+    assert withheld[0][0] > 0
+    assert withheld[0][1:] == (0, 0)
+    ((key, text, post),) = duckdb.sql(
+        f"SELECT key, text, post_id FROM read_parquet('{files}')"
+        " WHERE stage = 'toxicity' AND starts_with(key, 't1_') ORDER BY key LIMIT 1"
+    ).fetchall()
+    rows = demo_pages.ask("/rows?source=reddit&verdict=rejected&stage=toxicity&sort=key").text
+    assert f'<a href="/document?ref=reddit%3A{key}">{html.escape(text)}</a>' in rows
+    thread = demo_pages.ask(f"/document?ref=reddit:{key}").text
+    here = thread.partition('id="here"')[2].partition("</li>")[0]
+    assert html.escape(text) in here
+    assert "toxicity" in here
+    assert f"https://www.reddit.com/comments/{post}/" in thread
+
+
+@pytest.mark.parametrize("source", ["youtube", "wiki", "reddit"])
+@pytest.mark.parametrize("verdict", ["kept", "rejected"])
+def test_every_row_leads_to_its_own_page(demo_pages: Explored, source: str, verdict: str) -> None:
+    for table in SOURCES[source].tables if verdict == "kept" else ("",):
+        text = demo_pages.ask(f"/rows?source={source}&verdict={verdict}&table={table}").text
+        links = re.findall(r'href="(/document\?ref=[^"]*)"', text)
+        assert len(links) == len(cells(text))
+        unknown = [link for link in links if demo_pages.ask(html.unescape(link)).status != 200]
+        # What no service returned has nothing but its reason, which stands in its row.
+        assert verdict == "rejected" or not unknown
+        assert all("reddit%3At1_" in link for link in unknown)
