@@ -118,12 +118,16 @@ def read(root: Path, language: str, query: Mapping[str, str]) -> DocumentPage:
     whole = bool(query.get("all"))
     if place.source == "reddit":
         return _thread(tables, place, page, mark, whole)
-    verdict = _verdict(tables, place.source, place.key)
-    if verdict is not None:
+    try:
+        found = _kept(tables, place, page, whole)
+    except UsageError:
+        verdict = _verdict(tables, place.source, place.key)
+        if verdict is None:
+            raise
         return _left_out(place, page, mark, *verdict)
     if place.source == "youtube":
-        page.pairs = cards(tables, language, "video_id = ?", [place.key])
-    return _kept(tables, place, page, whole)
+        found.pairs = cards(tables, language, "video_id = ?", [place.key])
+    return found
 
 
 def _kept(
@@ -169,10 +173,11 @@ def _facts(source: str, row: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def _verdict(tables: CurrentTables, source: str, key: str) -> tuple[Verdict, dict[str, Any]] | None:
     """Why an item was not kept, and its row of shared/<verdict>; None for any other item."""
-    for name in VERDICTS:
-        if f"{source}_{name}" in tables:
-            sql = "FROM {table} WHERE key = ? LIMIT 1"
-            for row in tables.rows(f"{source}_{name}", sql, [key]).to_pylist():
+    names = [name for name in VERDICTS if f"{source}_{name}" in tables]
+    with tables.asked(*(f"{source}_{name}" for name in names)) as con:
+        for name in names:
+            sql = f"FROM {tables.view(f'{source}_{name}').full} WHERE key = ? LIMIT 1"
+            for row in con.sql(sql, params=[key]).to_arrow_table().to_pylist():
                 return _told(name, row), row
     return None
 

@@ -101,6 +101,12 @@ class RowsPage:
     reasons: list[tuple[str, str, int]]
     sources: tuple[str, ...] = tuple(SOURCES)
 
+    def words(self, stage: str, reason: str) -> str:
+        """What people read for a stage and a reason: "number of views: below the limit"."""
+        given = {"stage": stage, "reason": reason}
+        named = {name: value for name, value in given.items() if value}
+        return ": ".join(reading(self.asked.declared, name, one) for name, one in named.items())
+
     @property
     def reached(self) -> int:
         """How many of the rows pages show: sorted ones end early."""

@@ -237,9 +237,10 @@ def explore(
 ) -> None:
     """Serve web pages over a data root or a downloaded release, until Ctrl-C.
 
-    Pages: search with what surrounds an answer, the funnel of each source, its kept and rejected
-    rows with the stage and value that decided, what another threshold would keep, and the pairs of
-    a keyword. An index that is missing or out of date is built at the start, in the user's cache
+    Pages: an overview with totals, the funnel of each source and what is out of date; search; kept
+    and rejected rows with the stage and value that decided; what another threshold would keep; the
+    pairs of a keyword. Each row, answer and pair leads to the page of its video, wiki page or
+    thread. An index that is missing or out of date is built at the start, in the user's cache
     where the data root can't be written; nothing else is. Prints the address on stdout. Listens on
     127.0.0.1 only, and asks no service; links to videos, threads and pages open when you follow
     them. Needs the extra `explore`.
