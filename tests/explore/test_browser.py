@@ -46,6 +46,11 @@ def hostile(tmp_path_factory: pytest.TempPathFactory, make_rows: Any) -> Iterato
 def test_no_script_of_the_data_runs(browser: Any, hostile: Explored, path: str) -> None:
     browser.get(hostile.address + path)
     assert "owned" not in browser.title
+    if path == "rows?source=youtube":  # and the page of the first row
+        browser.find_element(By.CSS_SELECTOR, "td a").click()
+        assert browser.find_element(By.TAG_NAME, "h1").text == HOSTILE
+        assert not browser.find_elements(By.CSS_SELECTOR, "main script, main img")
+        browser.back()
     assert not browser.find_elements(By.CSS_SELECTOR, "main script, main img")
     if path in ("rows?source=youtube", "thresholds", "pairs"):
         assert "<script>" in browser.find_element(By.TAG_NAME, "main").text
