@@ -1,13 +1,16 @@
 """The pages over HTTP: who may ask, what is answered, and that nothing is written."""
 
+import shutil
 import signal
 import socket
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 
 from kb.store.tables.shard_writer import write_table
+from tests.conftest import ROOT
 from tests.explore.conftest import Explored, explored
 
 PAGES = (
@@ -113,3 +116,30 @@ def test_connections_that_send_no_whole_request_are_closed(demo_pages: Explored)
     assert demo_pages.ask("/").status == 200
     assert {one.recv(1) for one in waiting} == {b""}
     assert demo_pages.ask("/").status == 200
+
+
+def test_the_overview_counts_what_there_is_and_names_what_is_out_of_date(
+    demo: Path, tmp_path: Path
+) -> None:
+    root, profile = demo / "data" / "demo", tmp_path / "profile"
+    shutil.copytree(ROOT / "data" / "profiles" / "minecraft", profile)
+    path = profile / "profile.toml"
+    path.write_text(path.read_text().replace("min_views = 100", "min_views = 500"))
+    with explored(root, "--profile", str(path)) as pages:
+        text = pages.ask("/").text
+    for name, noun in (("youtube/videos", "videos"), ("reddit/comments", "comments")):
+        rows = sum(pq.read_metadata(one).num_rows for one in (root / "clean" / name).iterdir())
+        assert f"<li><b>{rows:,}</b> {noun}</li>" in text
+    stale = text.partition("What is out of date")[2]
+    assert "youtube.min_views 100 → 500" in stale
+    assert f"kb build --data {root}" in stale
+
+
+def test_a_release_says_what_to_do_with_it(release_pages: Explored) -> None:
+    text = release_pages.ask("/").text
+    assert "kb restore" in text
+    assert "out of date" not in text
+    assert (
+        "A release holds no rejected rows"
+        in release_pages.ask("/rows?source=youtube&verdict=rejected").text
+    )

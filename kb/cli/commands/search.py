@@ -237,15 +237,15 @@ def explore(
 ) -> None:
     """Serve web pages over a data root or a downloaded release, until Ctrl-C.
 
-    Pages: search with what surrounds an answer, the funnel of each source, its kept and rejected
-    rows with the stage and value that decided, what another threshold would keep, and the pairs of
-    a keyword. An index that is missing or out of date is built at the start, in the user's cache
+    Pages: an overview with totals, the funnel of each source and what is out of date; search; kept
+    and rejected rows with the stage and value that decided; what another threshold would keep; the
+    pairs of a keyword. Each row, answer and pair leads to the page of its video, wiki page or
+    thread. An index that is missing or out of date is built at the start, in the user's cache
     where the data root can't be written; nothing else is. Prints the address on stdout. Listens on
     127.0.0.1 only, and asks no service; links to videos, threads and pages open when you follow
     them. Needs the extra `explore`.
     """
     from kb.artifacts.table_catalog import read
-    from kb.cli.commands.status.command import lines
     from kb.cli.commands.status.overview import overview
     from kb.explore.server import serve
 
@@ -253,7 +253,7 @@ def explore(
     serve(
         read(run.root).path,
         run.profile,
-        lambda: lines(overview(run)),
+        lambda: overview(run),
         port,
         browser=not no_browser,
         say=lambda address: print(address, flush=True),
