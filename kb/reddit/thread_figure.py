@@ -22,7 +22,7 @@ from kb.report.data import FULL_NAMES, ReportData
 
 _POSTS, _COMMENTS, _REJECTED = "reddit/posts", "reddit/comments", "reddit/rejected"
 _LINES = 14  # comments, at most
-_LETTERS = 58  # of a line without indent, at the size of the text
+_LETTERS = 68  # of a line without indent, with its score
 _PITCH = 0.165  # inches a line of text
 _STEP = 0.16  # inches a level is further to the right
 
@@ -99,7 +99,7 @@ def _nodes(data: ReportData, post_id: str) -> list[tuple[int, int | None, str, b
 
 def _drawn(title: str, score: int | None, nodes: list[tuple[int, int | None, str, bool]]) -> Any:
     """The tree, from the top: a line leads from each comment to what it answers."""
-    blocks = [(-1, score, textwrap.wrap(printable(shortened(title, 100)), _LETTERS - 8), False)]
+    blocks = [(-1, score, textwrap.wrap(printable(shortened(title, 100)), _LETTERS - 16), False)]
     for level, points, text, left_out in nodes:
         room = _LETTERS - 3 * min(level, 8) - 8
         lines = textwrap.wrap(printable(shortened(text, 2 * room - 6)), room)[:2] or [""]
@@ -132,10 +132,8 @@ def _drawn(title: str, score: int | None, nodes: list[tuple[int, int | None, str
                 top + _PITCH * (place + 0.5),
                 line,
                 va="center",
-                fontsize=8.5,
+                fontsize=8.5 if level >= 0 else 10,  # one font: each makes the PDF heavier
                 color=color,
-                weight="bold" if level < 0 else "normal",
-                style="italic" if left_out else "normal",
             )
         if points is not None:
             axes.text(

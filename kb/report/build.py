@@ -150,9 +150,9 @@ def _numeric(rows: Sequence[Sequence[object]]) -> list[bool]:
     ]
 
 
-def _cell(value: object) -> Markup:
+def _cell(value: object, among_numbers: bool = False) -> Markup:
     if value is None:
-        return Markup('<td class="soft">–</td>')
+        return Markup('<td class="soft{}">–</td>').format(" n" if among_numbers else "")
     if isinstance(value, bool):
         return Markup("<td>{}</td>").format("yes" if value else "no")
     if isinstance(value, int):
@@ -160,6 +160,8 @@ def _cell(value: object) -> Markup:
     if isinstance(value, float):
         return Markup('<td class="n">{}</td>').format(f"{value:,.2f}")
     told = value.text if isinstance(value, Linked) else str(value)
+    if isinstance(value, list):
+        told = ", ".join(map(str, value))
     text = shortened(" ".join(told.split()), _LONGEST)
     kind = Markup(' class="text"') if len(text) > 24 else ""
     if isinstance(value, Linked):
@@ -288,6 +290,23 @@ def _sample(
 def _services(run: Run, data: ReportData) -> ReportSection:
     """What the services were asked."""
     section = ReportSection("services", "Services", _drawn(run, data, "services", [quota]))
+    spent: dict[tuple[str, str], list[tuple[str, int, int]]] = {}
+    for source, day, bucket, requests, units in data.ledgers():
+        spent.setdefault((source, bucket), []).append((day, requests, units))
+    rows = [
+        (
+            _title(*place),
+            sum(requests for _, requests, _ in days),
+            max(requests for _, requests, _ in days),
+            sum(units for _, _, units in days) if place[0] == "youtube" else None,
+            days[0][0],
+            days[-1][0],
+        )
+        for place, days in sorted(spent.items())
+    ]
+    if rows:
+        head = ("Service", "Requests", "Most in a day", "Units of quota", "First day", "Last day")
+        section.samples.append(("All requests", head, rows))
     if not section.figures:
         section.missing = (
             "No ledger: nothing was asked of a service from this folder. `kb doctor --online`"
@@ -334,7 +353,7 @@ def quota(data: ReportData, profile: Profile) -> Figure | None:
         (day, _label(source, bucket), units if (source, bucket) in in_units else requests)
         for source, day, bucket, requests, units in ledger
     ]
-    sheet, panels = canvas(0.5 + 1.25 * len(buckets), rows=len(buckets), squeeze=False)
+    sheet, panels = canvas(0.5 + 1.05 * len(buckets), rows=len(buckets), squeeze=False)
     sums = []
     for index, (place, axes) in enumerate(zip(buckets, panels[:, 0], strict=True)):
         spent = {day: n for day, label, n in rows if label == _label(*place)}
@@ -343,7 +362,7 @@ def quota(data: ReportData, profile: Profile) -> Figure | None:
         over_time(
             days,
             [spent.get(day, 0) for day in days],
-            x="day" if last else "",
+            x="day (UTC)" if last else "",
             y=unit,
             color=_COLORS.get(place[0], GREY),
             axes=axes,

@@ -141,7 +141,7 @@ def quality(data: ReportData, profile: Profile) -> Figure | None:
 
 def named(data: ReportData, profile: Profile) -> Figure | None:
     """The entities that are named most and least, on one axis; how many are not at all."""
-    each = max(3, profile.report.top_keywords // 2)
+    each = max(3, profile.report.top_keywords // 3)
     sources = _sources(data)
     if not sources:
         return None

@@ -104,14 +104,18 @@ def _page(data: ReportData, number: int, before: int) -> tuple[Figure, ...]:
     image = _screenshot(data, shot, width, shown)
     shown_part = DrawnBox(0, 0, width, shown)
     source = f"Source: {url}"
-    part = "" if shown >= height else f" The first {shown:,.0f} of {height:,} pixels are shown."
+    part = "" if shown >= height else f" The upper {shown:,.0f} of {height:,} pixels."
     crop = _crop(data, number, width, shown) if not before else None
-    frame = " The dark frame is the part shown in its own size." if crop else ""
+    about = (
+        "Boxes of visible elements, of texts a box a line. Dark frame: the part shown in its own"
+        " size."
+        if crop
+        else "Boxes of visible elements."
+    )
     overview = Figure(
         f"wiki-page-overview-{before}" if before else "wiki-page-overview",
-        f"A page with its boxes: {title}",
-        f"Boxes of visible elements as the browser laid them out, of texts a box a line.{part}"
-        f"{frame} {source}",
+        f"{title}, with its boxes",
+        f"{about}{part} {source}",
         f"The page {title} with outlines around its elements: {_counted(boxes)}.",
         _drawn(_smaller(image, 2 * _OVERVIEW), shown_part, boxes, _OVERVIEW / width, frame=crop),
         ("kind", "boxes"),
@@ -140,13 +144,16 @@ def _page(data: ReportData, number: int, before: int) -> tuple[Figure, ...]:
 
 
 def _chosen(data: ReportData) -> list[int]:
-    """The pages with the most kinds of elements, then the most images, near their tops."""
+    """The pages with the most kinds of elements, then the most images, near their tops; first those
+    with different kinds.
+    """
     rows = data.rows(
         "wiki/elements",
-        "SELECT page_id FROM {t} WHERE visible AND y < 1600 GROUP BY 1"
-        " ORDER BY count(DISTINCT kind) DESC,"
-        " least(count(*) FILTER (kind IN ('image', 'sprite', 'animation')), 12) DESC,"
-        " least(count(*), 120) DESC, 1 LIMIT ?",
+        "SELECT page_id FROM (SELECT page_id, list_sort(list(DISTINCT kind)) AS kinds,"
+        " least(count(*) FILTER (kind IN ('image', 'sprite', 'animation')), 12) AS images,"
+        " least(count(*), 120) AS size FROM {t} WHERE visible AND y < 1600 GROUP BY 1)"
+        " ORDER BY row_number() OVER (PARTITION BY kinds ORDER BY images DESC, size DESC, page_id),"
+        " len(kinds) DESC, images DESC, size DESC, page_id LIMIT ?",
         _EXAMPLES,
     )
     return [number for (number,) in rows]
@@ -213,9 +220,9 @@ def _drawn(
     for kind, style in KINDS.items():
         for name, box in boxes:
             for one in (box.lines or (box,)) if name == kind else ():
-                axes.add_patch(_outline(one, style, scale, thin))
+                axes.add_artist(_outline(axes, one, style, scale, thin))
     if frame is not None:
-        axes.add_patch(_outline(frame, BoxStyle(INK, "-", 1.8), scale))
+        axes.add_artist(_outline(axes, frame, BoxStyle(INK, "-", 1.8), scale))
     axes.set_xlim(part.x, right)
     axes.set_ylim(bottom, part.y)
     axes.set_aspect("auto")
@@ -229,7 +236,7 @@ def _drawn(
     return saved(sheet, 2 * _CSS)
 
 
-def _outline(box: DrawnBox, kind: BoxStyle, scale: float, thin: float = 1.0) -> Any:
+def _outline(axes: Any, box: DrawnBox, kind: BoxStyle, scale: float, thin: float = 1.0) -> Any:
     """A line around a box that covers nothing of it: its inner edge is the box's edge."""
     from matplotlib.patches import Rectangle
 
@@ -243,6 +250,7 @@ def _outline(box: DrawnBox, kind: BoxStyle, scale: float, thin: float = 1.0) -> 
         linestyle=kind.line,
         linewidth=kind.width * thin,
         joinstyle="miter",
+        transform=axes.transData,  # add_patch would measure each box for limits, which are set
     )
 
 
