@@ -75,10 +75,8 @@ def lengths(data: ReportData, profile: Profile) -> Figure | None:
     by_token = data.histogram("pairs/pairs", "token_count", tokens)
     by_clip = data.histogram("pairs/pairs", "clip_end_s - clip_start_s", clips)
     sheet, axes = canvas(2.7, 2, sharey=True)
-    look = {"labels": 4, "y": "pairs"}
-    histogram(clips, by_clip, x="clip (seconds)", color=GREEN, axes=axes[0], **look)
-    histogram(tokens, by_token, x="text (CLIP tokens)", color=ORANGE, axes=axes[1], **look)
-    axes[1].set_ylabel("")
+    histogram(clips, by_clip, x="clip (seconds)", y="pairs", labels=4, color=GREEN, axes=axes[0])
+    histogram(tokens, by_token, x="text (CLIP tokens)", y="", labels=4, color=ORANGE, axes=axes[1])
     axes[0].set_ylim(0, max(*by_clip, *by_token) * 1.06)
     return Figure(
         "pairs-lengths",
