@@ -42,15 +42,16 @@ for (const mark of document.querySelectorAll("svg.chart [fill], svg.chart [strok
   for (const what of ["fill", "stroke"]) {
     const color = mark.getAttribute(what) || "";
     if (!/--(ink|soft)/.test(color)) continue;
-    const has = ratio(light(rgb(getComputedStyle(mark)[what])), light(behind(mark.closest("figure"))));
-    found.push([has >= 4.5, `${mark.closest("figure").id}: ${has.toFixed(2)}`]);
+    const card = mark.closest("figure");
+    const has = ratio(light(rgb(getComputedStyle(mark)[what])), light(behind(card)));
+    found.push([has >= 4.5, `${card.id}: ${has.toFixed(2)}`]);
   }
 }
 return found;
 """
 # What lies between the lower edge of a column and that of the longest beside it.
 BLANK = """
-return [...document.querySelectorAll(".columns")].map(row => {
+return [...document.querySelectorAll(".stacks")].map(row => {
   const ends = [...row.children].map(one => one.lastElementChild.getBoundingClientRect().bottom);
   return Math.max(...ends) - Math.min(...ends);
 });
