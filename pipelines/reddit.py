@@ -27,6 +27,9 @@ THERE = (
 )
 GONE = ("deleted", "removed")
 POST, COMMENT = {"title": "toxicity_title", "body": "toxicity_body"}, {"body": "toxicity_body"}
+# What rejected rows keep for readers.
+OF_POST = {"title": "title", "text": "body", "type": "type"}
+OF_COMMENT = {"text": "body", "post_id": "post_id", "parent_id": "parent_id"}
 
 
 def posts(p: Profile) -> tuple[Predicate, ...]:
@@ -59,14 +62,18 @@ def comments(p: Profile) -> tuple[Predicate, ...]:
 def clean(p: Profile) -> Clean:
     """Raw answers, live ones and dumps, to clean posts and comments."""
     links = p.section(RedditSection).links
-    each = partial(Chain, helpers=HELPERS, person="author_hash")
+    each = partial(Chain, helpers=HELPERS, person="author_hash", gone="gone")
     return Clean(
         source="reddit",
         kinds={of: raw_kind(of, links) for of in KINDS},
         assemble=assemble,
         chains=(
-            each("reddit/posts", "post_id", posts(p), "t3_", POST, described_by=("type",)),
-            each("reddit/comments", "comment_id", comments(p), "t1_", COMMENT, relate=with_posts),
+            each("reddit/posts", "post_id", posts(p), "t3_", POST, described_by=OF_POST),
+            each(
+                *("reddit/comments", "comment_id", comments(p), "t1_", COMMENT),
+                relate=with_posts,
+                described_by=OF_COMMENT,
+            ),
         ),
         scorer=toxicity,
         unanswered=status.failures,

@@ -38,7 +38,7 @@ def clean(p: Profile) -> Clean:
         shipped.chains[0],
         stages=released_stages(p.section(YouTubeSection)),
         scores={},
-        described_by=(),
+        described_by={},
     )
     return replace(shipped, chains=(chain,), scorer=None)
 

@@ -55,7 +55,7 @@ def clean(p: Profile) -> Clean:
     """Raw answers and captured pages to pages, elements, cells, images, facts and recipes."""
     markup = p.section(WikiSection).markup
     rules = MarkupRules(markup.units, markup.item)
-    scores, told = {"text": "toxicity"}, ("title",)
+    scores, told = {"text": "toxicity"}, {"title": "title", "text": "text"}
     also = ("title", "of_page")  # columns that a tombstone may name
     pages = partial(Chain, "wiki/pages", "key", scores=scores, helpers=HELPERS)
     return Clean(

@@ -35,7 +35,11 @@ from kb.youtube.parse.channels import mark
 from kb.youtube.parse.view_counting import kept_counts
 from kb.youtube.ytdlp.tracks import TrackLanguage
 
-DESCRIBED_BY = ("title", "channel_id", "channel_title")  # of a video that is left out
+# What rejected rows keep for readers.
+DESCRIBED_BY = {
+    **{name: name for name in ("title", "channel_id", "channel_title")},
+    "text": "description",
+}
 SCORES = {"title": "toxicity_title", "description": "toxicity_description"}
 THERE = NotTrue("missing", stage="missing", reason="missing")
 

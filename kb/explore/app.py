@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +23,13 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from kb.core import terminal
 from kb.core.config.profile import Profile
 from kb.core.errors import DamagedData, FatalError, KbError, UsageError
 from kb.core.templates import environment
-from kb.explore import rows, search, thresholds
-from kb.explore.rows import CurrentTables
+from kb.explore import documents, overview, pairs, rows, search, thresholds
+from kb.explore.tables import CurrentTables
+from kb.look.charts import number
 from kb.store.state import demo_mark
 
 HOST = "127.0.0.1"
@@ -42,15 +45,28 @@ _HEADERS = {
     "x-content-type-options": "nosniff",
     "cache-control": "no-store",
 }
+
+
+def clock_time(seconds: float) -> str:
+    """1:23, or 1:02:03 from an hour on."""
+    minutes, second = divmod(int(seconds), 60)
+    hours, minute = divmod(minutes, 60)
+    return f"{hours}:{minute:02d}:{second:02d}" if hours else f"{minute}:{second:02d}"
+
+
 _FILTERS: dict[str, Callable[[Any], str]] = {
     "commas": lambda n: f"{n:,}",
     "percent": lambda share: f"{share:.1%}",
     "number": lambda n: f"{n:,.0f}" if n == int(n) else f"{n:,.6g}",
-    "short": lambda value: f"{value:.4g}" if isinstance(value, float) else str(value),
-    "seconds": lambda s: f"{int(s) // 60}:{int(s) % 60:02d}",
+    "short": number,
+    "moment": lambda at: f"{at[:10]} {at[11:16]}" if at else "never",
+    "seconds": clock_time,
+    "size": terminal.size,
 }
+
+
 PAGES = {
-    "/": "Funnel",
+    "/": "Overview",
     "/search": "Search",
     "/rows": "Rows",
     "/thresholds": "Thresholds",
@@ -62,11 +78,13 @@ Page = Callable[[Path, Mapping[str, str]], Any]
 Instead = Callable[[Mapping[str, str], KbError], Any]
 
 
-def make(root: Path, profile: Profile, status: Callable[[], list[str]]) -> Starlette:
-    """The application over a data root or a release; `profile` has its thresholds, and `status`
-    returns the lines of `kb status`.
+def make(root: Path, profile: Profile, about: Callable[[], Mapping[str, Any]]) -> Starlette:
+    """The application over a data root or a release; `profile` has its thresholds, and `about`
+    returns what `kb status` knows.
     """
     templates = environment(_HERE / "templates", _FILTERS, autoescape=True)
+    language = profile.youtube.language if profile.youtube else ""
+    style = resources.files("kb.look").joinpath("style.css").read_bytes()
     # Of a stranger's release: a link leads to the web, never to a script.
     templates.tests["web"] = re.compile("https?://", re.IGNORECASE).match
 
@@ -94,7 +112,7 @@ def make(root: Path, profile: Profile, status: Callable[[], list[str]]) -> Starl
         return answer
 
     def picture(request: Request) -> Response:
-        return Response(search.screenshot(root, request.query_params), media_type="image/png")
+        return Response(documents.screenshot(root, request.query_params), media_type="image/png")
 
     def problem(request: Request, error: Exception) -> Response:
         what = error.detail if isinstance(error, HTTPException) else str(error)
@@ -106,17 +124,20 @@ def make(root: Path, profile: Profile, status: Callable[[], list[str]]) -> Starl
 
     return Starlette(
         routes=[
-            Route("/", page("funnel", lambda at, _: rows.read_funnel(CurrentTables(at)))),
+            Route("/", page("overview", lambda at, _: overview.read(CurrentTables(at), about()))),
             Route("/search", page("search", search.read, search.without_answers)),
-            Route("/document", page("document", search.document)),
+            Route("/document", page("document", lambda at, q: documents.read(at, language, q))),
             Route("/screenshot", picture),
             Route("/rows", page("rows", lambda at, q: rows.read(CurrentTables(at), rows.parse(q)))),
             Route(
                 "/thresholds",
                 page("thresholds", lambda at, q: thresholds.read(CurrentTables(at), profile, q)),
             ),
-            Route("/status", page("status", lambda _, __: status())),
-            Route("/pairs", page("pairs", lambda at, q: rows.read_pairs(CurrentTables(at), q))),
+            Route("/status", page("status", lambda _, __: about())),
+            Route(
+                "/pairs", page("pairs", lambda at, q: pairs.read(CurrentTables(at), language, q))
+            ),
+            Route("/static/style.css", lambda _: Response(style, media_type="text/css")),
             Route("/favicon.ico", lambda _: RedirectResponse("/static/icon.svg")),
             Mount("/static", StaticFiles(directory=_HERE / "static")),
         ],

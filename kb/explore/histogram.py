@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
+from bisect import bisect_right
+from collections.abc import Iterator
+from itertools import pairwise, product
 from typing import NamedTuple
 
 import duckdb
 
-_BARS = 60
+from kb.look.charts import number
+
+_BARS = 40
 _DIGITS = 3  # of an edge
+_NEAR = (16, 7)  # percent of the axis within which there is no second tick: narrow and wide pages
 
 
 class HistogramBar(NamedTuple):
@@ -21,6 +26,11 @@ class HistogramBar(NamedTuple):
     deciding: int  # rejected by this stage alone
     others: int  # rejected here, and not kept by the other stages either
     scale: int
+
+    @property
+    def rows(self) -> int:
+        """All rows of the bar."""
+        return self.kept + self.deciding + self.others
 
     @property
     def heights(self) -> list[tuple[str, float, float]]:
@@ -43,6 +53,60 @@ class Histogram(NamedTuple):
     edges: list[float]
     current: int
     position: int
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether the numbers spread over powers of ten, so that equal steps multiply."""
+        sizes = [abs(edge) for edge in self.edges if edge]
+        return bool(sizes) and max(sizes) > 100 * min(sizes)
+
+    @property
+    def x_ticks(self) -> list[tuple[float, str, bool]]:
+        """(percent, number, whether narrow pages leave it out) along the bars, none too near to
+        another.
+        """
+        chosen: dict[float, tuple[float, bool]] = {}
+        for near in _NEAR:
+            for tick in _round_numbers(self.edges[0], self.edges[-1]):
+                place = self._percent(tick)
+                if all(abs(place - other) >= near for other, _ in chosen.values()):
+                    chosen[tick] = place, near < max(_NEAR)
+        return [(round(at, 3), tick_label(n), minor) for n, (at, minor) in sorted(chosen.items())]
+
+    @property
+    def y_ticks(self) -> list[tuple[float, str]]:
+        """(percent from the top, number) of rows."""
+        top = self.bars[0].scale if self.bars else 1
+        step = _step(top)
+        return [(round(100 - 100 * n / top, 3), f"{n:,}") for n in range(0, top + 1, step)]
+
+    def _percent(self, value: float) -> float:
+        """Where a number stands along the bars, which are all of one width."""
+        place = max(0, min(bisect_right(self.edges, value), len(self.edges) - 1) - 1)
+        below, above = self.edges[place : place + 2]
+        return 100 * (place + (value - below) / (above - below)) / (len(self.edges) - 1)
+
+
+def tick_label(tick: float) -> str:
+    """The number at a tick, as short as it can be read."""
+    return number(tick) if abs(tick) >= 1000 else f"{tick:g}"
+
+
+def _round_numbers(low: float, high: float) -> Iterator[float]:
+    """Numbers for an axis, those that people prefer first: 0, powers of ten, halves, fifths."""
+    powers = [10.0**power for power in range(-6, 12)]
+    for leading in (0, 1, 5, 2, 3, 1.5, 7, 4, 2.5, 6, 8, 9):
+        for sign, power in product((1, -1), powers if leading else powers[:1]):
+            tick = round(sign * leading * power, 7)
+            if low <= tick <= high:
+                yield tick
+
+
+def _step(top: int) -> int:
+    """The distance of about four ticks on an axis of counts."""
+    power = 10 ** max(0, len(str(top)) - 2)
+    steps = (n * power for n in (1, 2, 5, 10, 20, 50))
+    return next(step for step in steps if top / step <= 5)
 
 
 def edges_of(con: duckdb.DuckDBPyConnection, current: float, at_least: bool) -> list[float]:
@@ -100,8 +164,10 @@ def draw(
         bars = [by_bin.get(edge, 0) for edge in bins[1:]]
         counts.append(bars[::-1] if at_least else bars)
     highest = max(map(sum, zip(*counts, strict=True)), default=0) or 1
+    step = _step(highest)
+    top = -(-highest // step) * step
     bars = [
-        HistogramBar(low, high, kept, deciding, others, highest)
+        HistogramBar(low, high, kept, deciding, others, top)
         for (low, high), kept, deciding, others in zip(pairwise(edges), *counts, strict=True)
     ]
     nearest = min(range(len(edges)), key=lambda place: abs(edges[place] - value))

@@ -1,22 +1,21 @@
-"""Search, and what surrounds an answer: transcript, wiki page with its screenshot, thread."""
+"""Search: answers as `kb search` gives them, page by page."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlencode
 
 from kb.core.errors import KbError, UsageError
 from kb.core.sources import SOURCES
-from kb.mcp.documents import AgentDocument, parse_reference, surroundings
 from kb.mcp.search_tool import ref
-from kb.reader.screenshots import stored_png
 from kb.search.answers import MARK, NotIndexed, SearchHit, search, suggest
 from kb.search.ranking import Only, day_given
 
-LIMIT = 50  # answers
-NEAREST = 40  # parts around the place
+ON_A_PAGE = 20  # answers
+_LAST = 50  # pages: each is ranked with all before it
 KINDS = ("video", "transcript", "section", "table", "post", "comment")
 _FIELDS = ("words", "source", "kind", "entity", "since", "until", "least")
 
@@ -35,7 +34,7 @@ class ShownHit:
 @dataclass(frozen=True)
 class SearchPage:
     """What was asked, by the name of its field, and the answers, best first; or why there are none:
-    `problem`, and a `hint` what to do.
+    `problem`, and a `hint` what to do. `more`: there is another page.
     """
 
     asked: dict[str, str]
@@ -43,26 +42,22 @@ class SearchPage:
     suggestion: str
     problem: str = ""
     hint: str = ""
+    page: int = 1
+    more: bool = False
     sources: tuple[str, ...] = tuple(SOURCES)
     kinds: tuple[str, ...] = KINDS
 
     @property
     def suggested(self) -> str:
-        return f"/search?{urlencode({**self.asked, 'words': self.suggestion})}"
+        return self._address(words=self.suggestion)
 
+    def address(self, page: int) -> str:
+        """The address of another page of the same answers."""
+        return self._address(page=page)
 
-@dataclass(frozen=True)
-class DocumentPage:
-    """A document; `shown` are the numbers of the parts that the page has, `here` that of the place.
-
-    `all` is the address of the page with every part, "" where it has all.
-    """
-
-    document: AgentDocument
-    ref: str
-    here: int
-    shown: list[int]
-    all: str
+    def _address(self, **changes: Any) -> str:
+        given = {name: value for name, value in (self.asked | changes).items() if value}
+        return f"/search?{urlencode(given)}"
 
 
 def read(root: Path, query: Mapping[str, str]) -> SearchPage:
@@ -81,12 +76,16 @@ def read(root: Path, query: Mapping[str, str]) -> SearchPage:
         least = float(asked["least"] or 0)
     except ValueError:
         raise UsageError(f"the minimum score is {asked['least']!r}, not a number") from None
+    page = query.get("page", "1")
+    if not page.isascii() or not page.isdigit() or not 1 <= int(page) <= _LAST:
+        raise UsageError(f"there is no page {page!r}")
+    number = int(page)
     only = Only(
         kinds=(asked["kind"],) if asked["kind"] else (),
         since=day_given("since", asked["since"]),
         until=day_given("until", asked["until"]),
         least=least,
-        limit=LIMIT,
+        limit=number * ON_A_PAGE + 1,
     )
     sources = [asked["source"]] if asked["source"] else []
     try:
@@ -94,7 +93,9 @@ def read(root: Path, query: Mapping[str, str]) -> SearchPage:
         meant = suggest(root, asked["words"], sources=sources)
     except NotIndexed as error:
         return without_answers(query, error)
-    return SearchPage(asked, [_shown(hit) for hit in hits], meant)
+    shown = [_shown(hit, asked["words"]) for hit in hits[(number - 1) * ON_A_PAGE :][:ON_A_PAGE]]
+    more = len(hits) > number * ON_A_PAGE and number < _LAST
+    return SearchPage(asked, shown, meant, page=number, more=more)
 
 
 def without_answers(query: Mapping[str, str], error: KbError) -> SearchPage:
@@ -106,25 +107,8 @@ def _asked(query: Mapping[str, str]) -> dict[str, str]:
     return {name: query.get(name, "").strip() for name in _FIELDS}
 
 
-def _shown(hit: SearchHit) -> ShownHit:
+def _shown(hit: SearchHit, words: str) -> ShownHit:
     pieces = hit.snippet.split(MARK)
     if len(pieces) % 2 == 0:  # the text has such a mark of its own
         pieces = [hit.snippet]
-    return ShownHit(hit, f"/document?{urlencode({'ref': ref(hit)})}#here", pieces)
-
-
-def document(root: Path, query: Mapping[str, str]) -> DocumentPage:
-    """What stands around the place that an address names. Raises UsageError, DamagedData."""
-    place = parse_reference(query.get("ref", ""))
-    found = surroundings(root, place)
-    number = len(found.parts) if query.get("all") else NEAREST
-    more = "" if number >= len(found.parts) else f"?{urlencode({'ref': place.ref, 'all': 1})}#here"
-    return DocumentPage(found, place.ref, found.nearest[0], sorted(found.nearest[:number]), more)
-
-
-def screenshot(root: Path, query: Mapping[str, str]) -> bytes:
-    """The PNG of the page that an address names. Raises UsageError, DamagedData."""
-    shown = surroundings(root, parse_reference(query.get("ref", ""))).screenshot
-    if shown is None:
-        raise UsageError("the page has no screenshot")
-    return stored_png(shown.home, shown.path)[0]
+    return ShownHit(hit, f"/document?{urlencode({'ref': ref(hit), 'words': words})}#here", pieces)

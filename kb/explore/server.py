@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import socket
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ REQUEST_S = 15.0  # in which a whole request has to come
 def serve(
     root: Path,
     profile: Profile,
-    status: Callable[[], list[str]],
+    about: Callable[[], Mapping[str, Any]],
     port: int,
     *,
     browser: bool,
@@ -73,7 +73,7 @@ def serve(
                 self.loop.call_later(REQUEST_S, self.look, self.cycle)
 
     config = uvicorn.Config(
-        make(root, profile, status),
+        make(root, profile, about),
         http=Patient,
         log_config=None,
         access_log=False,

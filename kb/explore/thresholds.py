@@ -20,12 +20,13 @@ import pyarrow.dataset as ds
 from kb.core.config import pipeline
 from kb.core.config.profile import Profile
 from kb.core.errors import UsageError
-from kb.core.sources import PUBLISHED, SOURCES
+from kb.core.sources import SOURCES
 from kb.explore.histogram import Histogram, draw, edges_of
-from kb.explore.rows import CurrentTables
+from kb.explore.tables import CurrentTables
 from kb.filters.chain import Chain
 from kb.filters.predicates import number as shown
 from kb.filters.thresholds import UNSCORED, StageThreshold, thresholds
+from kb.look.headings import heading
 from kb.schema.tables import table
 from kb.store.tables import database
 from kb.store.tables.reading import reading
@@ -72,10 +73,12 @@ class ThresholdFigures:
         return str(int(value) if value == int(value) else value)
 
     @property
-    def profile_line(self) -> tuple[str, str]:
-        """The section and the line of the profile that set the value; "" without a setting."""
-        section, _, key = self.stage.threshold.setting.rpartition(".")
-        return (f"[{section}]", f"{key} = {self.plain_value}") if key else ("", "")
+    def profile_line(self) -> str:
+        """The line of the profile that sets the value, as `kb profile new` writes it; "" without a
+        setting.
+        """
+        setting = self.stage.threshold.setting
+        return f"{setting} = {self.plain_value}" if setting else ""
 
 
 @dataclass(frozen=True)
@@ -211,6 +214,14 @@ class StageOfTable(NamedTuple):
         return "≥" if self.threshold.at_least else "≤"
 
     @property
+    def axis(self) -> str:
+        """What its numbers are, with their unit."""
+        reads = sorted(self.threshold.reads)
+        if len(reads) == 1:
+            return heading(f"{self.source}/{self.table}", reads[0])
+        return self.threshold.stage.replace("_", " ").capitalize()
+
+    @property
     def group(self) -> str:
         """The column by which changes are counted: the channel of videos, the type of posts."""
         named = [name for name in ("channel_title", "type") if name in self.chain.described_by]
@@ -245,7 +256,6 @@ class NearRow:
     now: str
     then: str
     address: str
-    is_local: bool
 
 
 @dataclass(frozen=True)
@@ -285,7 +295,7 @@ class ThresholdRows:
                 key, text = kept[place]
             else:
                 row = self.rejected.slice(place - self._size, 1).to_pylist()[0]
-                key, text = row["key"], row["title"]
+                key, text = row["key"], row["title"] or row["text"]
             outcome = self.numbers["outcome"][place].as_py()
             is_kept = place < self._size
             yield NearRow(
@@ -294,8 +304,7 @@ class ThresholdRows:
                 (text or "")[:_LONGEST],
                 "kept" if is_kept else "rejected",
                 outcome if inside else "rejected",
-                self._address(key, is_kept),
-                is_kept,
+                self._address(key),
             )
 
     @property
@@ -315,18 +324,10 @@ class ThresholdRows:
             for place, name, body in rows
         }
 
-    def _address(self, key: str, is_kept: bool) -> str:
-        """The page with what surrounds a kept row; the address of a rejected item at its source,
-        "" where the key alone does not give one.
-        """
+    def _address(self, key: str) -> str:
+        """The row's own page, kept or not."""
         source = self.stage.source
-        if not SOURCES[source].ref:
-            return ""
-        if is_kept:
-            return f"/document?{urlencode({'ref': f'{source}:{key}'})}"
-        bare = key.removeprefix(self.stage.chain.prefix)
-        is_main = self.stage.table == PUBLISHED[source].main
-        return SOURCES[source].address(bare) if is_main else ""
+        return f"/document?{urlencode({'ref': f'{source}:{key}'})}" if SOURCES[source].ref else ""
 
 
 def rows_of(tables: CurrentTables, stage: StageOfTable) -> ThresholdRows:
@@ -353,7 +354,7 @@ def rows_of(tables: CurrentTables, stage: StageOfTable) -> ThresholdRows:
     return ThresholdRows(stage, numbers, kept, rejected, limit, is_outdated)
 
 
-_TEXTS = ("key", "title", "outcome", "group", "threshold")
+_TEXTS = ("key", "title", "text", "outcome", "group", "threshold")
 
 _NONE = pa.table(
     {
@@ -367,9 +368,11 @@ _NONE = pa.table(
 def _rejected(tables: CurrentTables, stage: StageOfTable) -> pa.Table:
     if stage.rejected not in tables:
         return _NONE
+    text = "text" if "text" in tables.columns(stage.rejected) else "NULL"
     return tables.rows(
         stage.rejected,
-        f"""SELECT key, title, number, false AS kept, other_stages::VARCHAR AS outcome,
+        f"""SELECT key, title, {text}::VARCHAR AS text, number, false AS kept,
+            other_stages::VARCHAR AS outcome,
             {stage.group or "NULL"}::VARCHAR AS "group", threshold::VARCHAR AS threshold
         FROM {{table}} WHERE stage = ? AND starts_with(key, ?) AND number IS NOT NULL
         ORDER BY key""",

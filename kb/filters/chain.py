@@ -18,8 +18,12 @@ from kb.schema.tables import table
 from kb.store.tables.columns import column, with_nulls
 from kb.store.tables.partition import RawKind
 
-DESCRIBED_BY = ("title", "channel_id", "channel_title", "type")  # columns of shared/rejected
 VERDICTS = ("rejected", "failed", "pending")
+_DESCRIPTION = (  # columns of shared/rejected that say what was dropped
+    *("title", "text", "channel_id", "channel_title", "type", "post_id", "parent_id"),
+)
+_WORDS = ("title", "text")
+_LONGEST = 1000  # characters of a description
 
 
 class Scorer(Protocol):
@@ -48,7 +52,8 @@ class Chain:
     key, or what is in one of the columns `also` (a page's title). The column `person` says whose a
     row is, and `stands_for` what a person's tombstone has in place of its value. `relate` gets the
     rows and the tables that were kept before, and adds what depends on these (comments need their
-    posts). `described_by` are columns that a rejected row keeps, so that readers see what it was.
+    posts). `described_by` maps columns of shared/rejected to columns of the rows, so that readers
+    see what was dropped; not its words where the column `gone` says that they were taken down.
     """
 
     table: str
@@ -61,7 +66,8 @@ class Chain:
     person: str = ""
     stands_for: Callable[[str], str] = str
     relate: Callable[[pa.Table, Mapping[str, pa.Table]], pa.Table] | None = None
-    described_by: tuple[str, ...] = ()
+    described_by: Mapping[str, str] = field(default_factory=dict)
+    gone: str = ""
 
 
 @dataclass(frozen=True)
@@ -179,7 +185,6 @@ def _verdicts(
     key = pc.binary_join_element_wise(
         chain.prefix, rows.column(chain.key).cast(pa.string()).combine_chunks(), ""
     )
-    described = set(chain.described_by).intersection(rows.column_names)
     verdicts = pa.table(
         {
             "key": key,
@@ -188,10 +193,7 @@ def _verdicts(
             "value": judged.value,
             "threshold": pa.repeat(pa.scalar(judged.threshold, pa.string()), rows.num_rows),
             **_about_threshold(rows, chain, position),
-            **{
-                name: column(rows, name).cast(pa.string()) if name in described else nulls
-                for name in DESCRIBED_BY
-            },
+            **_description(rows, chain),
             "matched": nulls if judged.matched is None else judged.matched,
             "unmatched": nulls if judged.unmatched is None else judged.unmatched,
         }
@@ -204,6 +206,22 @@ def _verdicts(
             hits = verdicts.filter(pc.equal(judged.verdict, verdict))
         if hits.num_rows:
             yield verdict, hits.select(schema.names).cast(schema)
+
+
+def _description(rows: pa.Table, chain: Chain) -> dict[str, pa.Array[Any]]:
+    """What readers of shared/rejected see of the rows."""
+    nulls: pa.Array[Any] = pa.nulls(rows.num_rows, pa.string())
+    described: dict[str, pa.Array[Any]] = {}
+    gone = pc.is_valid(column(rows, chain.gone)) if chain.gone else None
+    for name in _DESCRIPTION:
+        source = chain.described_by.get(name, "")
+        if source not in rows.column_names:
+            described[name] = nulls
+            continue
+        values = pc.utf8_slice_codeunits(column(rows, source).cast(pa.string()), 0, _LONGEST)
+        is_withheld = gone is not None and name in _WORDS
+        described[name] = pc.if_else(gone, nulls, values) if is_withheld else values
+    return described
 
 
 def _about_threshold(rows: pa.Table, chain: Chain, position: int) -> dict[str, pa.Array[Any]]:

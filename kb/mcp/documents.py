@@ -72,13 +72,27 @@ def anchor(text: str) -> str:
     return unquote(text).replace(" ", "_")
 
 
+class DocumentBlock(NamedTuple):
+    """A paragraph, heading, image or table of a part, and where the screenshot shows it.
+
+    `level` is that of a heading, `cells` are rows of (text, is a header, columns, rows) of a table.
+    """
+
+    number: int
+    text: str
+    level: int | None = None
+    cells: Sequence[Sequence[tuple[str, bool, int, int]]] = ()
+    box: Box | None = None
+
+
 class DocumentPart(NamedTuple):
-    """A part of a document: its place and text."""
+    """A part of a document: its place and text, and its blocks where a page shows it."""
 
     place: SourceLocation
     label: str
     url: str
     text: str
+    blocks: Sequence[DocumentBlock] = ()
 
 
 class DocumentScreenshot(NamedTuple):

@@ -111,6 +111,7 @@ def _declared() -> Iterator[Artifact]:
             kept,
             settings=(source, "toxicity.toxicity", f"toxicity.thresholds.{source}"),
             other_settings=tuple(f"{source}.{key}" for key in SOURCES[source].crawl_settings),
+            rules=2,
         )
         yield Artifact(
             f"index/{source}",

@@ -5,6 +5,7 @@ from typing import Any
 from kb.core.errors import UsageError
 from kb.mcp.documents import (
     AgentDocument,
+    DocumentBlock,
     DocumentPart,
     DocumentScreenshot,
     SourceLocation,
@@ -36,12 +37,14 @@ def document(opened: OpenTables, place: SourceLocation) -> AgentDocument:
             return opened.rows(sql, [key]).to_pylist()
         return []
 
-    tables = grid(rows("cells", "table_id, row_index, column_index"))
+    cells = rows("cells", "table_id, row_index, column_index")
+    tables = grid(cells)
     alts = {one["element_id"]: plain(one["alt_text"]).strip() for one in rows("images", "ALL")}
     parts: list[DocumentPart] = []
     made_from: list[list[int]] = []  # the elements of each part
     centre = -1
     elements = rows("elements", "reading_order")
+    blocks = _blocks(elements, cells, alts)
     for section in sections(elements, tables, alts):
         lines = [
             *section.lines,
@@ -56,7 +59,8 @@ def document(opened: OpenTables, place: SourceLocation) -> AgentDocument:
             centre = len(parts)
         text = "\n\n".join([*([section.path] if section.path else []), *lines])
         label = "section" if section.anchor else "top of the page"
-        parts.append(DocumentPart(SourceLocation("wiki", str(key), at), label, url, text))
+        of_part = [blocks[one] for one in section.elements]
+        parts.append(DocumentPart(SourceLocation("wiki", str(key), at), label, url, text, of_part))
         made_from.append(section.elements)
     if centre < 0 and place.at:
         raise UsageError(
@@ -77,6 +81,25 @@ def document(opened: OpenTables, place: SourceLocation) -> AgentDocument:
         outward(max(centre, 0), len(parts)),
         _screenshot(opened, key, boxes),
     )
+
+
+def _blocks(
+    elements: list[dict[str, Any]], cells: list[dict[str, Any]], alts: dict[int, str]
+) -> dict[int, DocumentBlock]:
+    """Each element as a page shows it, by its id."""
+    grids: dict[int, dict[int, list[tuple[str, bool, int, int]]]] = {}
+    for one in cells:
+        row = grids.setdefault(one["table_id"], {}).setdefault(one["row_index"], [])
+        words = " ".join(plain(one["text"]).split())
+        row.append((words, one["is_header"], one["column_span"], one["row_span"]))
+    blocks = {}
+    for one in elements:
+        key = one["element_id"]
+        text = plain(one["text"]).strip() or alts.get(key, "")
+        shown = box(one) if one["x"] is not None else None
+        table = [*grids.get(key, {}).values()] if one["kind"] == "table" else []
+        blocks[key] = DocumentBlock(key, text, one["heading_level"], table, shown)
+    return blocks
 
 
 def _screenshot(opened: OpenTables, key: int, boxes: list[Box]) -> DocumentScreenshot | None:

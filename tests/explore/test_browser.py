@@ -1,6 +1,8 @@
 """The pages in a real browser: hostile data, no request elsewhere, keys, and any width."""
 
+import html
 import json
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -66,18 +68,109 @@ def test_no_request_leaves_this_machine(browser: Any, demo_pages: Explored, path
     assert browser.get_log("browser") == []
 
 
-@pytest.mark.parametrize("width", [400, 1920])
-@pytest.mark.parametrize("path", PAGES)
-def test_the_page_fits_its_window(
-    browser: Any, demo_pages: Explored, path: str, width: int
+# Texts that are shown too faint on what is behind them (WCAG AA: 4.5 to 1).
+FAINT = """
+const parse = (text) => text.match(/[\\d.]+/g).map(Number);
+const light = (rgb) => {
+  const [r, g, b] = rgb.map((v) => v / 255)
+    .map((v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4));
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+};
+const ground = (one) => {
+  for (; one; one = one.parentElement) {
+    const [r, g, b, a = 1] = parse(getComputedStyle(one).backgroundColor);
+    if (a === 1) return [r, g, b];
+  }
+  return [255, 255, 255];
+};
+const faint = [];
+for (const one of document.querySelectorAll("body *")) {
+  const own = [...one.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim());
+  if (!own || !one.checkVisibility() || one.matches("title, option, datalist *")) continue;
+  const style = getComputedStyle(one);
+  const colour = one.closest("svg") ? style.fill : style.color;
+  const [a, b] = [light(parse(colour).slice(0, 3)), light(ground(one))];
+  const ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+  if (ratio < 4.5) faint.push(`${one.tagName} ${one.className} ${one.textContent} ${ratio}`);
+}
+return faint;
+"""
+
+
+@pytest.fixture(scope="module")
+def every_page(demo_pages: Explored) -> list[str]:
+    """Addresses of all kinds of pages, also of those that rows and pairs lead to."""
+    found = [
+        (path, re.findall(r'href="/(document\?[^"]*)"', demo_pages.ask(f"/{path}").text)[0])
+        for path in (
+            "pairs?keyword=creeper",
+            "search?words=creeper&source=wiki&kind=section",
+            "rows?source=reddit&table=comments&sort=depth&descending=1",
+            "rows?source=reddit&verdict=rejected&stage=toxicity",
+            "rows?source=youtube&verdict=rejected&stage=toxicity",
+        )
+    ]
+    return [*PAGES, "search?words=creeper", *(html.unescape(link) for _, link in found)]
+
+
+def emulate(browser: Any, width: int, theme: str = "light") -> None:
+    size = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width < 500}
+    scheme = {"features": [{"name": "prefers-color-scheme", "value": theme}]}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", scheme)
+
+
+@pytest.mark.parametrize(("width", "theme"), [(420, "dark"), (1440, "light"), (1920, "dark")])
+def test_pages_fit_their_window_and_can_be_read(
+    browser: Any, demo_pages: Explored, every_page: list[str], width: int, theme: str
 ) -> None:
-    browser.execute_cdp_cmd(
-        "Emulation.setDeviceMetricsOverride",
-        {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width < 500},
+    emulate(browser, width, theme)
+    for path in every_page:
+        browser.get(demo_pages.address + path)
+        shown = browser.execute_script("return document.documentElement.scrollWidth")
+        assert shown <= width, path
+        assert browser.execute_script(FAINT) == [], path
+    emulate(browser, 1440)
+
+
+def test_a_page_of_pairs_is_about_two_screens(browser: Any, demo_pages: Explored) -> None:
+    emulate(browser, 1440)
+    browser.get(f"{demo_pages.address}pairs?keyword=creeper")
+    assert browser.execute_script("return document.documentElement.scrollHeight") < 2400
+
+
+def test_a_text_and_its_box_light_up_together(
+    browser: Any, demo_pages: Explored, every_page: list[str]
+) -> None:
+    browser.get(demo_pages.address + next(path for path in every_page if "ref=wiki" in path))
+    text = browser.find_element(By.CSS_SELECTOR, "#here p[data-block]")
+    number = text.get_attribute("data-block")
+    box = browser.find_element(By.CSS_SELECTOR, f'g[data-block="{number}"]')
+    browser.execute_script("arguments[0].focus()", text)
+    assert "lit" in box.get_attribute("class")
+    ActionChains(browser).move_to_element(browser.find_element(By.TAG_NAME, "h1")).perform()
+    browser.execute_script("document.activeElement.blur()")
+    assert "lit" not in box.get_attribute("class")
+    rect = box.find_element(By.TAG_NAME, "rect")
+    ActionChains(browser).move_to_element(rect).perform()
+    assert "lit" in text.get_attribute("class")
+
+
+def test_the_slider_stands_below_the_bar_of_its_threshold(
+    browser: Any, demo_pages: Explored
+) -> None:
+    """The middle of the thumb, which runs from half its width inside, is where the line is."""
+    emulate(browser, 1440)
+    browser.get(f"{demo_pages.address}thresholds?source=youtube&stage=views")
+    slider, line = browser.execute_script(
+        "const s = document.querySelector('#slider input[type=range]');"
+        "const r = s.getBoundingClientRect(), half = 8;"
+        "const l = document.querySelector('.histogram line.current').getBoundingClientRect();"
+        "return [r.left + half + (r.width - 2 * half) * s.value / s.max, l.left + l.width / 2]"
     )
-    browser.get(demo_pages.address + path)
-    wide = "return document.documentElement.scrollWidth <= window.innerWidth"
-    assert browser.execute_script(wide)
+    assert abs(slider - line) < 2
+    labels = [one.text for one in browser.find_elements(By.CSS_SELECTOR, ".histogram text.x")]
+    assert {"0", "10k", "1M"} <= set(labels)
 
 
 def test_keys_turn_pages_and_go_from_pair_to_pair(browser: Any, demo_pages: Explored) -> None:
@@ -89,7 +182,7 @@ def test_keys_turn_pages_and_go_from_pair_to_pair(browser: Any, demo_pages: Expl
     press("j")
     press("j")
     focused = browser.switch_to.active_element
-    assert focused == browser.find_elements(By.CSS_SELECTOR, "article a")[1]
+    assert focused == browser.find_elements(By.CSS_SELECTOR, "article h2 a")[1]
     press("n")
     WebDriverWait(browser, 20).until(lambda _: "page=2" in browser.current_url)
     press("p")
@@ -110,7 +203,7 @@ def test_the_slider_shows_the_figures_of_its_position(browser: Any, demo_pages: 
     figures = browser.find_element(By.ID, "figures").text
     value = browser.find_element(By.CSS_SELECTOR, "#exact input[name=value]").get_attribute("value")
     assert figures != before
-    assert browser.find_element(By.ID, "line").text == f"min_views = {value}"
+    assert browser.find_element(By.ID, "line").text == f"youtube.min_views = {value}"
     assert browser.find_element(By.ID, "copy").is_displayed()
     browser.get(f"{demo_pages.address}thresholds?source=youtube&stage=views&value={value}")
     assert browser.find_element(By.ID, "figures").text == figures

@@ -11,19 +11,29 @@ from pathlib import Path
 
 import duckdb
 import pyarrow.parquet as pq
+import pytest
 
+from kb.core.sources import SOURCES
+from kb.explore.pairs import ON_A_PAGE
 from tests.cli.conftest import clean_environment
 from tests.conftest import ROOT
-from tests.explore.conftest import Explored, explored, total
+from tests.explore.conftest import Explored, explored, number, total
 
 
 def cells(text: str) -> list[list[str]]:
     """The rows of a page's table."""
     body = text.partition("<tbody>")[2].partition("</tbody>")[0]
     return [
-        [html.unescape(one) for one in re.findall(r"<td>(.*?)</td>", row, re.DOTALL)]
+        [
+            html.unescape(re.sub(r"<.*?>", "", one))
+            for one in re.findall(r"<td.*?>(.*?)</td>", row, re.DOTALL)
+        ]
         for row in body.split("</tr>")[:-1]
     ]
+
+
+def headings(text: str) -> list[str]:
+    return re.findall(r'<th scope="col".*?><a.*?>(.*?)</a></th>', text)
 
 
 def test_rejected_rows_by_stage_and_reason(demo_pages: Explored, demo: Path) -> None:
@@ -34,8 +44,9 @@ def test_rejected_rows_by_stage_and_reason(demo_pages: Explored, demo: Path) -> 
         " WHERE stage = 'views' AND reason = 'below'"
     ).fetchall()
     assert total(answer.text) == len(found) > 0
-    shown = {(row[0], row[3], row[4]) for row in cells(answer.text)}
-    assert shown == set(found)
+    names, rows = headings(answer.text), cells(answer.text)
+    shown = {(row[-1], row[names.index("Value")], row[names.index("Threshold")]) for row in rows}
+    assert shown == {(key, f"{int(value):,}", f"{int(limit):,}") for key, value, limit in found}
 
 
 def test_pages_are_fifty_rows_in_the_order_of_a_column(demo_pages: Explored, demo: Path) -> None:
@@ -48,10 +59,9 @@ def test_pages_are_fifty_rows_in_the_order_of_a_column(demo_pages: Explored, dem
         text = demo_pages.ask(
             f"/rows?source=reddit&table=comments&sort=score&descending=1&page={page}"
         ).text
-        names = re.findall(r'<th scope="col".*?>([a-z_]+)</a></th>', text)
-        rows = cells(text)
+        rows, place = cells(text), headings(text).index("Score")
         assert len(rows) == 50
-        scores += [int(row[names.index("score")]) for row in rows]
+        scores += [number(row[place]) for row in rows]
     assert scores == [score for (score,) in expected]
 
 
@@ -111,9 +121,9 @@ def test_rows_by_verdict_and_stage_are_the_filters(demo_pages: Explored, demo: P
         assert shown == {
             verdict: sum(one[verdict] for one in summary["tally"].values()) for verdict in shown
         }
-        dropped = re.findall(r"stage=(\w+)\">([\d,]+)<", section)
+        dropped = re.findall(r'stage=(\w+)" .*?>−([\d,]+)<', section)
         assert {stage: int(n.replace(",", "")) for stage, n in dropped} == summary["stages"]
-        last = re.findall(r'<td class="n">([\d,]+)</td>', section)[-1]
+        last = re.findall(r'<span class="n">([\d,]+) ', section)[-1]
         assert int(last.replace(",", "")) == shown["kept"]
 
 
@@ -123,7 +133,7 @@ def test_pairs_of_a_keyword_in_the_order_of_the_video(demo_pages: Explored, demo
         f"""SELECT video_id, floor(clip_start_s)::BIGINT FROM read_parquet('{root}/pairs-*.parquet')
         WHERE keyword = 'Creeper' ORDER BY video_id, clip_start_s, pair_id"""
     ).fetchall()
-    pages = -(-len(expected) // 20)
+    pages = -(-len(expected) // ON_A_PAGE)
     found: list[tuple[str, int]] = []
     for page in range(1, pages + 1):
         text = demo_pages.ask(f"/pairs?keyword=creeper&page={page}").text
@@ -133,10 +143,46 @@ def test_pairs_of_a_keyword_in_the_order_of_the_video(demo_pages: Explored, demo
         ]
     assert found == expected
     assert f"<p>{len(expected):,} pairs.</p>" in text
-    assert "<dt>language</dt>" in text
+    assert re.search(r'<span class="mark" title="Language">en</span>', text)
 
 
 def test_a_release_says_that_it_has_no_text(release_pages: Explored) -> None:
     text = release_pages.ask("/pairs?keyword=creeper").text
     assert "The text was not restored" in text
     assert 'rel="noopener noreferrer" target="_blank"' in text
+
+
+def test_a_rejected_row_says_what_it_was_unless_that_was_taken_down(
+    demo_pages: Explored, demo: Path
+) -> None:
+    files = f"{demo}/data/demo/clean/reddit/rejected/*.parquet"
+    withheld = duckdb.sql(
+        f"SELECT count(*), count(title), count(text) FROM read_parquet('{files}')"
+        " WHERE stage = 'removed'"
+    ).fetchall()
+    assert withheld[0][0] > 0
+    assert withheld[0][1:] == (0, 0)
+    ((key, text, post),) = duckdb.sql(
+        f"SELECT key, text, post_id FROM read_parquet('{files}')"
+        " WHERE stage = 'toxicity' AND starts_with(key, 't1_') ORDER BY key LIMIT 1"
+    ).fetchall()
+    rows = demo_pages.ask("/rows?source=reddit&verdict=rejected&stage=toxicity&sort=key").text
+    assert f'<a href="/document?ref=reddit%3A{key}">{html.escape(text)}</a>' in rows
+    thread = demo_pages.ask(f"/document?ref=reddit:{key}").text
+    here = thread.partition('id="here"')[2].partition("</li>")[0]
+    assert html.escape(text) in here
+    assert "toxicity" in here
+    assert f"https://www.reddit.com/comments/{post}/" in thread
+
+
+@pytest.mark.parametrize("source", ["youtube", "wiki", "reddit"])
+@pytest.mark.parametrize("verdict", ["kept", "rejected"])
+def test_every_row_leads_to_its_own_page(demo_pages: Explored, source: str, verdict: str) -> None:
+    for table in SOURCES[source].tables if verdict == "kept" else ("",):
+        text = demo_pages.ask(f"/rows?source={source}&verdict={verdict}&table={table}").text
+        links = re.findall(r'href="(/document\?ref=[^"]*)"', text)
+        assert len(links) == len(cells(text))
+        unknown = [link for link in links if demo_pages.ask(html.unescape(link)).status != 200]
+        # What no service returned has nothing but its reason, which stands in its row.
+        assert verdict == "rejected" or not unknown
+        assert all("reddit%3At1_" in link for link in unknown)

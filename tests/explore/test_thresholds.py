@@ -13,10 +13,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kb.core.config.profile import load_profile
+from kb.core.config.profile.new import KEYWORDS, profile_text
 from kb.explore.histogram import draw, edges_of
 from tests.conftest import ROOT
 from tests.explore.conftest import Explored, explored, figures, number
 from tests.inprocess import Here
+
+
+def setting_of(line: str, folder: Path) -> float:
+    """The value of a line that somebody pasted into what `kb profile new` made."""
+    path = folder / "new.toml"
+    text = profile_text("x", wiki="https://wiki.example/", subreddit="abc")
+    path.write_text(text.replace('"FILL-IN"', "20") + f"\n{line}\n")
+    (folder / "keywords.tsv").write_text(KEYWORDS)
+    found = load_profile(str(path)).model_dump()
+    for name in line.partition(" =")[0].split("."):
+        found = found[name]
+    return float(found)
+
 
 KEYS = {
     "views": "min_views = 100",
@@ -93,7 +108,9 @@ def test_figures_are_those_of_a_filter_with_that_threshold(
     then, _, waiting = figures(answer.text)
     line = KEYS.get(f"{stage} {source}") or KEYS[stage]
     changed = f"{line.partition(' =')[0]} = {value}"
-    assert re.findall(r'id="line">(.*?)</code>', answer.text) == [changed]
+    (copied,) = re.findall(r'id="line">(.*?)</code>', answer.text)
+    assert copied.endswith(f".{changed}")
+    assert setting_of(copied, tmp_path) == float(value)
 
     profile = tmp_path / "profile"
     shutil.copytree(ROOT / "data/profiles/minecraft", profile)
@@ -116,7 +133,8 @@ def test_figures_are_those_of_a_filter_with_that_threshold(
 def test_changes_by_channel_add_up(demo_pages: Explored) -> None:
     text = demo_pages.ask("/thresholds?source=youtube&stage=toxicity&value=0.99").text
     then, now, _ = figures(text)
-    rows = re.findall(r'<td class="n">([\d,]+)</td><td class="n">([\d,]+)</td></tr>', text)
+    result = text.partition('id="result"')[2]
+    rows = re.findall(r'<td class="n">([\d,]+)</td><td class="n">([\d,]+)</td></tr>', result)
     assert sum(number(more) - number(fewer) for more, fewer in rows) == then - now > 0
 
 

@@ -66,6 +66,9 @@ def test_a_pipeline_of_one_s_own_with_scores(root: Path, tmp_path: Path) -> None
             "channel_id": "UC1",
             "channel_title": None,
             "type": None,
+            "text": "d",
+            "post_id": None,
+            "parent_id": None,
             "matched": None,
             "unmatched": None,
         }

@@ -245,7 +245,6 @@ def explore(
     them. Needs the extra `explore`.
     """
     from kb.artifacts.table_catalog import read
-    from kb.cli.commands.status.command import lines
     from kb.cli.commands.status.overview import overview
     from kb.explore.server import serve
 
@@ -253,7 +252,7 @@ def explore(
     serve(
         read(run.root).path,
         run.profile,
-        lambda: lines(overview(run)),
+        lambda: overview(run),
         port,
         browser=not no_browser,
         say=lambda address: print(address, flush=True),

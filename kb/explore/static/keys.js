@@ -1,4 +1,4 @@
-// P and N turn pages; J and K go to the next and the previous pair. A screenshot shows its boxes.
+// P and N turn pages; J and K go to the next and the previous pair or answer.
 "use strict";
 
 document.addEventListener("keydown", (event) => {
@@ -8,14 +8,8 @@ document.addEventListener("keydown", (event) => {
   if (key === "n" || key === "p") {
     document.querySelector(`a[rel=${key === "n" ? "next" : "prev"}]`)?.click();
   } else if (key === "j" || key === "k") {
-    const links = [...document.querySelectorAll("article a")];
+    const links = [...document.querySelectorAll("article h2 a")];
     const at = links.indexOf(document.activeElement);
     links[at + (key === "j" ? 1 : -1)]?.focus();
   }
 });
-
-const page = document.querySelector(".page");
-const box = page?.querySelector("rect");
-if (box) {
-  page.scrollTop += box.getBoundingClientRect().top - page.getBoundingClientRect().top - 20;
-}

@@ -1,0 +1,346 @@
+"""The page of one video, wiki page or thread, kept or not, with the place that led to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import urlencode
+
+from kb.artifacts import index
+from kb.core.errors import UsageError
+from kb.core.sources import SOURCES
+from kb.explore.pairs import PairCard, cards
+from kb.explore.rows import cell
+from kb.explore.tables import CurrentTables
+from kb.look.headings import heading
+from kb.mcp.documents import (
+    AgentDocument,
+    SourceLocation,
+    first_row,
+    outward,
+    parse_reference,
+    surroundings,
+)
+from kb.reader import thread as threads
+from kb.reader.open_tables import OpenTables
+from kb.reader.screenshots import stored_png
+from kb.search.passage import plain
+from kb.search.query import question
+from kb.search.tantivy_index import analyzer
+from kb.store.tables.row_counts import VERDICTS
+
+NEAREST = 40  # parts around the place
+_MOST_NODES = 200  # of a thread
+_DEEPEST = 8  # levels that are told apart by their indent
+_FACTS = {  # columns that the head of a page shows
+    "youtube": (
+        *("channel_title", "published_at", "duration_s", "view_count", "like_count", "license"),
+        *("transcript_kind", "word_count", "topic_evidence", "toxicity_title"),
+        *("toxicity_description", "fetched_at"),
+    ),
+    "wiki": (
+        *("revision_id", "revision_timestamp", "license", "word_count", "page_width"),
+        *("page_height", "toxicity", "fetched_at"),
+    ),
+    "reddit": (
+        *("type", "created_utc", "score", "num_comments", "comments_released", "upvote_ratio"),
+        *("toxicity_title", "toxicity_body", "fetched_at"),
+    ),
+}
+_MAIN = {"youtube": "videos", "wiki": "pages", "reddit": "posts"}
+Pieces = list[str]
+"""A text in pieces, of which every second one is marked."""
+Marker = Callable[[str], Pieces]
+
+
+class Verdict(NamedTuple):
+    """Why an item was not kept: its verdict ("rejected"), and (heading, value) of what decided."""
+
+    name: str
+    facts: list[tuple[str, str]]
+
+    @property
+    def line(self) -> str:
+        """The same in a few words."""
+        return ", ".join(value for _, value in self.facts if value)
+
+
+@dataclass
+class ThreadNode:
+    """A post or comment, at its level in the tree; `why` it was not kept, "" where it was."""
+
+    key: str
+    label: str
+    url: str
+    pieces: Pieces
+    level: int = 0
+    why: str = ""
+
+
+@dataclass
+class DocumentPage:
+    """A document. `kind` is video, page, thread, or none where only a verdict is known.
+
+    `shown` are the numbers of the parts that the page has, `here` that of the place; `all` is the
+    address of the page with every part, "" where it has all. `said` is the text at `here`
+    of a video in three parts: before the caption of the second asked for, that, and behind it.
+    """
+
+    kind: str
+    title: str
+    ref: str
+    address: str
+    facts: list[tuple[str, str]]
+    verdict: Verdict | None = None
+    document: AgentDocument | None = None
+    here: int = 0
+    shown: list[int] = field(default_factory=list)
+    all: str = ""
+    said: tuple[str, str, str] = ("", "", "")
+    pairs: list[PairCard] = field(default_factory=list)
+    nodes: list[ThreadNode] = field(default_factory=list)
+    text: Pieces = field(default_factory=list)
+    mark: Marker = lambda text: [text]
+
+
+def read(root: Path, language: str, query: Mapping[str, str]) -> DocumentPage:
+    """What stands around the place that an address names; `language` as for pairs.
+
+    Raises UsageError, DamagedData.
+    """
+    place = parse_reference(query.get("ref", ""))
+    tables = CurrentTables(root)
+    mark = _marker(root, place.source, query.get("words", ""))
+    every = {**{name: query[name] for name in ("ref", "words") if query.get(name)}, "all": "1"}
+    page = DocumentPage("", "", place.ref, "", [], all=f"?{urlencode(every)}#here", mark=mark)
+    whole = bool(query.get("all"))
+    if place.source == "reddit":
+        return _thread(tables, place, page, mark, whole)
+    verdict = _verdict(tables, place.source, place.key)
+    if verdict is not None:
+        return _left_out(place, page, mark, *verdict)
+    if place.source == "youtube":
+        page.pairs = cards(tables, language, "video_id = ?", [place.key])
+    return _kept(tables, place, page, whole)
+
+
+def _kept(
+    tables: CurrentTables, place: SourceLocation, page: DocumentPage, whole: bool
+) -> DocumentPage:
+    """A video with its transcript, or a wiki page with its sections."""
+    opened = OpenTables([tables.catalog])
+    page.document = found = SOURCES[place.source].document(opened, place)
+    page.kind, page.title, page.here = _KINDS[place.source], found.title, found.nearest[0]
+    page.shown = sorted(found.nearest[: len(found.parts) if whole else NEAREST])
+    page.all = "" if len(page.shown) == len(found.parts) else page.all
+    key = found.parts[0].place.key
+    column, value = ("video_id", key) if page.kind == "video" else ("page_id", int(key))
+    row = first_row(opened, f"{place.source}_{_MAIN[place.source]}", f"{column} = ?", [value]) or {}
+    page.facts = _facts(place.source, row)
+    page.address = found.parts[0].url
+    if page.kind == "video" and place.at:
+        page.said = _said(opened, key, found.parts[page.here].text, float(place.at))
+    return page
+
+
+def _said(opened: OpenTables, key: str, text: str, second: float) -> tuple[str, str, str]:
+    """The text of a part before the caption of a second, the caption, and the text behind it."""
+    row = first_row(opened, "youtube_transcripts", "video_id = ?", [key]) or {}
+    cues = [cue for cue in row.get("cues") or () if int(cue["start_s"]) <= second]
+    said = " ".join(plain(cues[-1]["text"]).split()) if cues else ""
+    before, _, behind = text.partition(said) if said and said in text else (text, "", "")
+    return before, said if said in text else "", behind
+
+
+_KINDS = {"youtube": "video", "wiki": "page"}
+
+
+def _facts(source: str, row: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """(heading, value) of the columns of a main row that have one."""
+    declared = f"{source}/{_MAIN[source]}"
+    return [
+        (heading(declared, name), cell(declared, name, row[name]).text)
+        for name in _FACTS[source]
+        if row.get(name) is not None
+    ]
+
+
+def _verdict(tables: CurrentTables, source: str, key: str) -> tuple[Verdict, dict[str, Any]] | None:
+    """Why an item was not kept, and its row of shared/<verdict>; None for any other item."""
+    for name in VERDICTS:
+        if f"{source}_{name}" in tables:
+            sql = "FROM {table} WHERE key = ? LIMIT 1"
+            for row in tables.rows(f"{source}_{name}", sql, [key]).to_pylist():
+                return _told(name, row), row
+    return None
+
+
+def _told(name: str, row: Mapping[str, Any]) -> Verdict:
+    declared = f"shared/{name}"
+    shown = ("stage", "reason", "value", "threshold", "matched", "unmatched")
+    return Verdict(
+        name,
+        [
+            (heading(declared, one), cell(declared, one, row[one]).text)
+            for one in shown
+            if row.get(one) is not None
+        ],
+    )
+
+
+def _left_out(
+    place: SourceLocation, page: DocumentPage, mark: Marker, verdict: Verdict, row: dict[str, Any]
+) -> DocumentPage:
+    """A video or wiki page that was not kept, as far as its row tells."""
+    page.verdict, page.all = verdict, ""
+    page.title = row.get("title") or place.key
+    page.address = SOURCES[place.source].address(place.key)
+    page.text = mark(row["text"]) if row.get("text") else []
+    channel = row.get("channel_title")
+    page.facts = [("Channel title", channel)] if channel else []
+    return page
+
+
+def _thread(
+    tables: CurrentTables, place: SourceLocation, page: DocumentPage, mark: Marker, whole: bool
+) -> DocumentPage:
+    """A post with all its comments, those that were not kept among them, as a tree."""
+    opened = OpenTables([tables.catalog])
+    post_id, at = place.key, place.at
+    if post_id.startswith("t1_"):
+        post_id, at = _post_of(tables, opened, post_id), post_id[3:]
+    url = SOURCES["reddit"].address(post_id)
+    page.kind, page.address = "thread", url
+    verdict = _verdict(tables, "reddit", f"t3_{post_id}")
+    lost = _rejected_comments(tables, post_id)
+    top: ThreadNode
+    nodes: dict[str, tuple[str, ThreadNode]] = {}  # key → parent, node
+    if verdict is not None:
+        page.verdict, row = verdict
+        page.title = row.get("title") or f"Post {post_id}"
+        top = ThreadNode("", "post", url, mark(row.get("text") or ""), why=page.verdict.line)
+    else:
+        try:
+            thread = threads.find(opened, post_id)
+        except UsageError:
+            if not lost:
+                raise
+            page.title = f"Post {post_id}"
+            top = ThreadNode("", "post", url, [], why="unknown: no service returned it")
+        else:
+            page.title = thread.title or f"Post {post_id}"
+            page.facts = _facts("reddit", thread.post)
+            top = ThreadNode("", "post", url, mark(_words(thread.body, thread.missing)))
+            for _, one in thread.walk():
+                score = "" if one.score is None else f", score {one.score:,}"
+                label = f"comment, {one.created_utc:%Y-%m-%d}{score}"
+                text = mark(_words(one.body, one.missing))
+                key = one.comment_id
+                nodes[key] = one.parent_id, ThreadNode(key, label, f"{url}_/{key}/", text)
+    for row in lost:
+        key = row["key"][3:]
+        why = _told("rejected", row).line
+        text = mark(row.get("text") or "")
+        label, link = "comment", f"{url}_/{key}/"
+        nodes[key] = row["parent_id"] or "", ThreadNode(key, label, link, text, why=why)
+    page.nodes = _as_tree(top, nodes)
+    keys = [node.key for node in page.nodes]
+    if at not in keys:
+        raise UsageError(
+            f"post {post_id} has no comment {at[:40]!r}", hint=f"open reddit:{post_id}"
+        )
+    page.here = keys.index(at)
+    nearest = outward(page.here, len(keys))
+    page.shown = sorted({0, *(nearest if whole else nearest[:_MOST_NODES])})
+    page.all = "" if len(page.shown) == len(keys) else page.all
+    return page
+
+
+def _post_of(tables: CurrentTables, opened: OpenTables, fullname: str) -> str:
+    """The post of a comment, kept or not. Raises UsageError."""
+    row = first_row(opened, "reddit_comments", "comment_id = ?", [fullname[3:]])
+    if row is None and _keeps_words(tables):
+        sql = "SELECT post_id FROM {table} WHERE key = ? AND post_id IS NOT NULL"
+        row = next(iter(tables.rows("reddit_rejected", sql, [fullname]).to_pylist()), None)
+    if row is None:
+        raise UsageError(
+            f"nothing is known of comment {fullname[:40]!r} but that it was left out",
+            hint="Rows has its reason",
+        )
+    return str(row["post_id"])
+
+
+def _keeps_words(tables: CurrentTables) -> bool:
+    """Whether rejected comments say what they were; an older filter's do not."""
+    return "reddit_rejected" in tables and "post_id" in tables.columns("reddit_rejected")
+
+
+def _rejected_comments(tables: CurrentTables, post_id: str) -> list[dict[str, Any]]:
+    if not _keeps_words(tables):
+        return []
+    sql = (
+        "SELECT key, parent_id, text, stage::VARCHAR AS stage, reason::VARCHAR AS reason"
+        " FROM {table} WHERE post_id = ? ORDER BY length(key), key"
+    )
+    return tables.rows("reddit_rejected", sql, [post_id]).to_pylist()
+
+
+def _words(text: str | None, missing: str | None) -> str:
+    return text if text is not None else f"[{missing}]" if missing else ""
+
+
+def _as_tree(top: ThreadNode, nodes: Mapping[str, tuple[str, ThreadNode]]) -> list[ThreadNode]:
+    """The post, then each comment behind what it answers, or behind the post."""
+    answers: dict[str, list[str]] = {}
+    for key, (parent, _) in nodes.items():
+        above = parent.removeprefix("t1_")
+        answers.setdefault(above if above in nodes and above != key else "", []).append(key)
+    ordered, reached = [top], set[str]()
+    waiting = [(1, key) for key in reversed(answers.get("", []))]
+    while waiting or len(reached) < len(nodes):
+        if not waiting:  # parents that form a cycle
+            waiting = [(1, next(key for key in nodes if key not in reached))]
+        level, key = waiting.pop()
+        if key in reached:
+            continue
+        reached.add(key)
+        node = nodes[key][1]
+        node.level = min(level, _DEEPEST)
+        ordered.append(node)
+        waiting += [(level + 1, one) for one in reversed(answers.get(key, []))]
+    return ordered
+
+
+def screenshot(root: Path, query: Mapping[str, str]) -> bytes:
+    """The PNG of the page that an address names. Raises UsageError, DamagedData."""
+    shown = surroundings(root, parse_reference(query.get("ref", ""))).screenshot
+    if shown is None:
+        raise UsageError("the page has no screenshot")
+    return stored_png(shown.home, shown.path)[0]
+
+
+def _marker(root: Path, source: str, words: str) -> Marker:
+    """What marks the words of a search as the search itself finds them."""
+    if not words.strip():
+        return lambda text: [text]
+    known = index.known(root, source)
+    split = analyzer(str(known.figures["stemmer"]) if known is not None else "")
+    try:
+        terms = question(words).terms
+    except UsageError:
+        return lambda text: [text]
+    stems = {stem for term in terms for stem in split.analyze(term.text)}
+    begun = tuple(split.analyze(term.text)[-1] for term in terms if term.prefix)
+
+    def mark(text: str) -> Pieces:
+        pieces, at = [], 0
+        for token in split.pre_tokenize(text).tokens:
+            if token.text in stems or (begun and token.text.startswith(begun)):
+                start, end = token.char_offset_from, token.char_offset_to
+                pieces += [text[at:start], text[start:end]]
+                at = end
+        return [*pieces, text[at:]]
+
+    return mark

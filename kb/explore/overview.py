@@ -1,0 +1,96 @@
+"""The first page: totals, what each stage left, what is out of date, and the newest crawls."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from kb.core.sources import PUBLISHED, SOURCES
+from kb.explore.tables import CurrentTables
+from kb.store.tables.row_counts import VERDICTS
+
+_HOURS_OF_A_YEAR = 8766
+_TOTALS = {  # tables → what is counted in them: SQL, noun
+    "youtube_videos": (
+        ("count(*)", "videos"),
+        ("sum(duration_s) / 3600", "hours of video"),
+        ("sum(word_count)", "words spoken"),
+    ),
+    "wiki_pages": (("count(*)", "wiki pages"),),
+    "wiki_elements": (("count(x)", "boxes on pages"),),
+    "reddit_posts": (("count(*)", "posts"),),
+    "reddit_comments": (("count(*)", "comments"),),
+    "pairs": (("count(*)", "video-text pairs"), ("count(DISTINCT keyword)", "keywords in them")),
+    "tasks": (("count(*)", "task candidates"),),
+    "entities": (("count(*)", "entities"),),
+}
+
+
+class FunnelStep(NamedTuple):
+    """Rows that are left after a stage, and their share of all that were crawled."""
+
+    name: str
+    left: int
+    rejected: int
+    share: float
+
+
+class SourceFunnel(NamedTuple):
+    """A source's steps in order, and its rows by verdict."""
+
+    source: str
+    title: str
+    steps: list[FunnelStep]
+    verdicts: dict[str, int]
+
+
+class OverviewPage(NamedTuple):
+    """`totals` are (number, noun); `about` is what `kb status` knows."""
+
+    totals: list[tuple[str, str]]
+    funnels: list[SourceFunnel]
+    about: Mapping[str, Any]
+
+
+def read(tables: CurrentTables, about: Mapping[str, Any]) -> OverviewPage:
+    """The page as the tables are now. Raises DamagedData."""
+    funnels = [made for name in SOURCES if (made := _funnel(tables, name)) is not None]
+    return OverviewPage(_totals(tables), funnels, about)
+
+
+def _totals(tables: CurrentTables) -> list[tuple[str, str]]:
+    totals = []
+    for name, counted in _TOTALS.items():
+        if name not in tables:
+            continue
+        sums = ", ".join(f"({sql})::DOUBLE" for sql, _ in counted)
+        (found,) = tables.rows(name, f"SELECT {sums} FROM {{table}}").to_pylist()
+        for total, (_, noun) in zip(found.values(), counted, strict=True):
+            if total and noun == "hours of video" and total >= _HOURS_OF_A_YEAR:
+                totals.append((f"{total / _HOURS_OF_A_YEAR:,.1f}", "years of video"))
+            elif total:
+                totals.append((f"{total:,.0f}", noun))
+    return totals
+
+
+def _funnel(tables: CurrentTables, source: str) -> SourceFunnel | None:
+    of = SOURCES[source]
+    kept = sum(tables.count(f"{source}_{table}") for table in of.tables)
+    verdicts = {verdict: tables.count(f"{source}_{verdict}") for verdict in VERDICTS}
+    crawled = kept + sum(verdicts.values())
+    if not crawled:
+        return None
+    rejected: dict[str, int] = {}
+    if f"{source}_rejected" in tables:
+        by_stage = "SELECT stage::VARCHAR AS stage, count(*) AS n FROM {table} GROUP BY 1"
+        counted = tables.rows(f"{source}_rejected", by_stage)
+        rejected = dict(zip(*(column.to_pylist() for column in counted.columns), strict=True))
+    order = [*PUBLISHED[source].stages]
+    stages = [*(one for one in order if one in rejected), *sorted(set(rejected) - set(order))]
+    dropped = {stage: rejected[stage] for stage in stages}
+    dropped |= {one: verdicts[one] for one in ("failed", "pending") if verdicts[one]}
+    left, steps = crawled, [FunnelStep("crawled", crawled, 0, 1.0)]
+    for stage, n in dropped.items():
+        left -= n
+        steps.append(FunnelStep(stage, left, n, left / crawled))
+    return SourceFunnel(source, of.title, steps, {"kept": kept, **verdicts})

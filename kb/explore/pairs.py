@@ -1,0 +1,221 @@
+"""Video-text pairs as cards: the text with its keyword, and how good the pair is."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+from urllib.parse import urlencode
+
+import duckdb
+
+from kb.core.errors import UsageError
+from kb.core.sources import SOURCES
+from kb.explore.tables import CurrentTables
+
+ON_A_PAGE = 18  # cards: a number that fills rows of two and of three
+_LAST = 5_000  # pages
+_RECURRING = 0.2  # share of words above which a channel seems to say it in each video
+_FAST = 4.0  # words per second that few people speak
+
+
+class QualityMark(NamedTuple):
+    """One figure of a pair as a small mark; `warns` where it speaks against the pair."""
+
+    text: str
+    title: str
+    warns: bool = False
+
+
+class PairCard(NamedTuple):
+    """A pair for people. `pieces` is the text in pieces of which every second one is the phrase, []
+    without a text; `watch` the clip at the service, `here` its place on the video's page.
+    """
+
+    keyword: str
+    kind: str
+    title: str
+    pieces: list[str]
+    start_s: float
+    end_s: float
+    watch: str
+    here: str
+    marks: list[QualityMark]
+    scores: list[tuple[str, str]]
+    answers: list[str]
+
+
+@dataclass(frozen=True)
+class PairsPage:
+    """Pairs in the order of video and time."""
+
+    keyword: str
+    kind: str
+    page: int
+    total: int
+    pairs: list[PairCard]
+    keywords: list[tuple[str, int]]
+    kinds: list[str]
+
+    @property
+    def pages(self) -> int:
+        """How many there are."""
+        return max(1, min(_LAST, -(-self.total // ON_A_PAGE)))
+
+    def address(self, page: int) -> str:
+        """The address of another page of the same pairs."""
+        given = {"keyword": self.keyword, "kind": self.kind, "page": page}
+        return f"/pairs?{urlencode({name: value for name, value in given.items() if value})}"
+
+
+def read(tables: CurrentTables, language: str, query: Mapping[str, str]) -> PairsPage:
+    """The pairs that an address asks for; texts in another `language` are marked.
+
+    Raises UsageError, DamagedData.
+    """
+    keyword, kind, page = query.get("keyword", ""), query.get("kind", ""), query.get("page", "1")
+    if not page.isascii() or not page.isdigit() or not 1 <= int(page) <= _LAST:
+        raise UsageError(f"there is no page {page!r}")
+    if "pairs" not in tables:
+        return PairsPage(keyword, kind, 1, 0, [], [], [])
+    full = tables.view("pairs").full
+    with tables.asked("pairs") as con:
+        keywords = con.execute(
+            f"SELECT keyword, count(*) AS n FROM {full} GROUP BY 1 ORDER BY n DESC, 1"
+        ).fetchall()
+        kinds = con.execute(f"SELECT DISTINCT keyword_kind::VARCHAR FROM {full} ORDER BY 1")
+        given = [one for (one,) in kinds.fetchall()]
+        where = "(? = '' OR lower(keyword) = lower(?)) AND (? = '' OR keyword_kind = ?)"
+        values = [keyword, keyword, kind, kind]
+        total = con.execute(f"SELECT count(*) FROM {full} WHERE {where}", values).fetchall()[0][0]
+        at = (int(page) - 1) * ON_A_PAGE
+    shown = cards(tables, language, where, values, f"LIMIT {ON_A_PAGE} OFFSET {at}")
+    return PairsPage(keyword, kind, int(page), total, shown, keywords, given)
+
+
+def cards(
+    tables: CurrentTables, language: str, where: str, values: list[Any], limit: str = ""
+) -> list[PairCard]:
+    """The pairs of a condition in the order of video and time, with what other tables say of them.
+    Raises DamagedData.
+    """
+    if "pairs" not in tables:
+        return []
+    others = ("pairs_quality", "pairs_scores", "labels", "youtube_videos")
+    names = ["pairs", *(name for name in others if name in tables)]
+    with tables.asked(*names) as con:
+        pairs = (
+            con.sql(
+                f"FROM {tables.view('pairs').full} WHERE {where}"
+                f" ORDER BY video_id, clip_start_s, pair_id {limit}",
+                params=values,
+            )
+            .to_arrow_table()
+            .to_pylist()
+        )
+
+        def about(name: str, key: str, column: str = "") -> dict[str, list[dict[str, Any]]]:
+            wanted = sorted({pair[key] for pair in pairs})
+            if name not in names:
+                return {}
+            return _by_key(con, tables.view(name).full, column or key, wanted)
+
+        videos, quality = about("youtube_videos", "video_id"), about("pairs_quality", "pair_id")
+        scores, labels = about("pairs_scores", "pair_id"), about("labels", "pair_id", "item_id")
+    made = []
+    for pair in pairs:
+        key, second = pair["pair_id"], int(pair["clip_start_s"])
+        known = videos.get(pair["video_id"], [{}])[0].get("title")
+        place = {"ref": f"youtube:{pair['video_id']}@{second}", "words": pair["keyword"]}
+        made.append(
+            PairCard(
+                pair["keyword"],
+                pair["keyword_kind"],
+                known or pair["video_id"],
+                _pieces(pair),
+                pair["clip_start_s"],
+                pair["clip_end_s"],
+                f"{SOURCES['youtube'].address(pair['video_id'])}&t={second}s",
+                f"/document?{urlencode(place)}#here",
+                list(_marks(pair, quality.get(key, [{}])[0], language)),
+                [found for one in scores.get(key, ()) for found in _scores(one)],
+                _answers(labels.get(key, ())),
+            )
+        )
+    return made
+
+
+def _by_key(
+    con: duckdb.DuckDBPyConnection, full: str, key: str, wanted: list[str]
+) -> dict[str, list[dict[str, Any]]]:
+    """The rows of another table that belong to the pairs of this page."""
+    query = f"FROM {full} WHERE {key} IN (SELECT unnest(?::VARCHAR[]))"
+    found: dict[str, list[dict[str, Any]]] = {}
+    for row in con.sql(query, params=[wanted]).to_arrow_table().to_pylist():
+        found.setdefault(row[key], []).append(row)
+    return found
+
+
+def _pieces(pair: Mapping[str, Any]) -> list[str]:
+    """The text before the phrase, the phrase, and the text behind it. Where sounds were taken out
+    of the text, the phrase's place is not known, and the keyword is looked for.
+    """
+    text = pair.get("text") or ""
+    begin = pair["match_start_char"] - pair["text_start_char"]
+    end = begin + pair["match_end_char"] - pair["match_start_char"]
+    if len(text) != pair["text_end_char"] - pair["text_start_char"]:
+        found = re.search(rf"\b{re.escape(pair['keyword'])}\w*", text, re.IGNORECASE)
+        begin, end = found.span() if found else (len(text), len(text))
+    return [text[:begin], text[begin:end], text[end:]] if text else []
+
+
+def _marks(
+    pair: Mapping[str, Any], quality: Mapping[str, Any], language: str
+) -> Iterable[QualityMark]:
+    times = "timed by word" if pair.get("timing") == "word" else "timed by caption"
+    yield QualityMark(f"{pair['token_count']} tokens", "CLIP tokens of the text")
+    yield QualityMark(
+        f"{pair['transcript_kind']}, {times}", "Where the text and its times are from"
+    )
+    if (found := quality.get("language")) is not None:
+        yield QualityMark(found, "Language", warns=found != language)
+    if (verb := quality.get("has_verb")) is not None:
+        yield QualityMark(
+            "verb" if verb else "no verb", "A verb stands near the keyword", warns=not verb
+        )
+    if (speed := quality.get("words_per_second")) is not None:
+        yield QualityMark(f"{speed:.1f} words/s", "Speed of speech", warns=speed > _FAST)
+    if (share := quality.get("recurring_share")) is not None:
+        yield QualityMark(
+            f"{share:.0%} recurs",
+            "Share of the words that the channel says in many videos",
+            warns=share > _RECURRING,
+        )
+    if (size := quality.get("cluster_size")) is not None:
+        copy = quality.get("duplicate_of") is not None
+        text = "unique" if size == 1 else f"{'repeats' if copy else 'first of'} {size}"
+        yield QualityMark(text, "Near duplicates in other videos", warns=copy)
+
+
+def _scores(row: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
+    model = str(row["model"]).partition("@")[0]
+    yield f"Similarity ({model})", f"{row['similarity']:.3f}"
+    if row["margin"] is not None:
+        yield "Margin", f"{row['margin']:+.3f}"
+    if row["best_offset_s"] is not None:
+        yield "Best offset", f"{row['best_offset_s']:+.0f} s"
+    if row["static_share"] is not None:
+        yield "Static", f"{row['static_share']:.0%}"
+
+
+def _answers(labels: Iterable[Mapping[str, Any]]) -> list[str]:
+    """What people judged: "visible: yes 2, no 1"."""
+    by_question: dict[str, Counter[str]] = {}
+    for one in labels:
+        by_question.setdefault(one["question"], Counter())[str(one["answer"])] += 1
+    return [
+        f"{question.replace('_', ' ')}: {', '.join(f'{a} {n}' for a, n in counts.most_common())}"
+        for question, counts in sorted(by_question.items())
+    ]
