@@ -65,30 +65,38 @@ def _nodes(data: ReportData, post_id: str) -> list[tuple[int, int | None, str, b
     """(level, score, text, whether it was left out) in reading order: the best answers first."""
     rows = data.rows(
         _COMMENTS,
-        "SELECT 't1_' || comment_id, parent_id, coalesce(depth, 0), score, body FROM {t}"
+        "SELECT 't1_' || comment_id, parent_id, score, body FROM {t}"
         " WHERE post_id = ? ORDER BY score DESC NULLS LAST, comment_id",
         post_id,
     )
-    there = {f"{FULL_NAMES[_POSTS]}{post_id}", *(name for name, *_ in rows)}
-    lost = {parent: depth - 1 for _, parent, depth, *_ in rows if parent not in there}
-    reasons = {
-        key: reading("shared/rejected", "stage" if stage == "toxicity" else "reason", why)
-        for key, stage, why in data.rows(
-            _REJECTED,
-            "SELECT key, stage, CASE WHEN stage = 'toxicity' THEN stage ELSE reason END FROM {t}"
-            " WHERE list_contains(?, key)",
-            list(lost),
-        )
-    }
+    root = f"{FULL_NAMES[_POSTS]}{post_id}"
+    there = {root, *(name for name, *_ in rows)}
+    lost = {parent for _, parent, *_ in rows if parent not in there}
+    dropped = data.rows(
+        _REJECTED,
+        "SELECT key, parent_id, stage, reason FROM {t}"
+        " WHERE list_contains(?, key) OR (post_id = ? AND parent_id IS NOT NULL) ORDER BY key",
+        sorted(lost),
+        post_id,
+    )
     answers: dict[str, list[Any]] = {}
-    for name, parent, _, points, body in rows:
+    for name, parent, points, body in rows:
         answers.setdefault(parent, []).append((name, points, " ".join((body or "").split()), False))
-    # What a lost comment answered is not known: it stands at its level, below the post.
+    reasons = {}
+    for name, parent, stage, reason in dropped:
+        column, why = ("stage", stage) if stage == "toxicity" else ("reason", reason)
+        reasons[name] = reading("shared/rejected", column, why)
+        if parent is not None:
+            answers.setdefault(parent, []).append(
+                (name, None, f"[left out: {reasons[name]}]", True)
+            )
+            lost.discard(name)
+    # What these answered is not known: they stand below the post, after the others.
     waiting = [
-        (max(depth, 0), (name, None, f"[left out: {reasons.get(name, 'not there')}]", True))
-        for name, depth in sorted(lost.items(), reverse=True)
+        (0, (name, None, f"[left out: {reasons.get(name, 'not there')}]", True))
+        for name in sorted(lost, reverse=True)
     ]
-    waiting += [(0, one) for one in reversed(answers.get(f"{FULL_NAMES[_POSTS]}{post_id}", []))]
+    waiting += [(0, one) for one in reversed(answers.get(root, []))]
     nodes = []
     while waiting:
         level, (name, points, text, left_out) = waiting.pop()
@@ -115,8 +123,6 @@ def _drawn(title: str, score: int | None, nodes: list[tuple[int, int | None, str
     for level, points, lines, left_out in blocks:
         left = 0.12 + _STEP * min(level + 1, 9)
         middle = top + _PITCH / 2
-        if left_out and level > 0:
-            trunks = {}  # what it answered is not known
         if level - 1 in trunks:
             start = trunks[level - 1]
             trunk = left - _STEP

@@ -163,7 +163,7 @@ def test_each_service_has_a_scale_of_its_own(root: Path, monkeypatch: pytest.Mon
 
 
 def test_a_thread_is_drawn_with_the_places_of_what_was_left_out(tmp_path: Path) -> None:
-    """a answers the post, b answers a, d answers c, which the filter dropped."""
+    """a answers the post, b a, d c, e b; the filter dropped c and e."""
     comments = {"a": ("t3_p", 0), "b": ("t1_a", 1), "d": ("t1_c", 1)}
 
     def edit(name: str, made: list[dict[str, Any]]) -> None:
@@ -177,10 +177,14 @@ def test_a_thread_is_drawn_with_the_places_of_what_was_left_out(tmp_path: Path) 
                 row.update(parent_in_release=key != "d", body=f"text of {key}")
 
     build_release(tmp_path, edit, sources=("reddit",), export=False, n=12)
-    dropped = {"key": "t1_c", "stage": "removed", "reason": "removed"}
+    of_b = {"post_id": "p", "parent_id": "t1_b"}
+    dropped = [  # of c the file of an earlier version says no parent
+        {"key": "t1_c", "stage": "removed", "reason": "removed"},
+        {"key": "t1_e", "stage": "toxicity", "reason": "body", **of_b},
+    ]
     write_table(
         tmp_path / "clean" / "reddit" / "rejected" / "part-00000.parquet",
-        pa.Table.from_pylist([dropped], table("shared/rejected").arrow()),
+        pa.Table.from_pylist(dropped, table("shared/rejected").arrow()),
         "shared/rejected",
     )
     with ReportData(a_run(tmp_path)) as data:
@@ -189,6 +193,7 @@ def test_a_thread_is_drawn_with_the_places_of_what_was_left_out(tmp_path: Path) 
     assert figure.rows == [
         (1, 3, "text of a"),
         (2, 3, "text of b"),
+        (3, None, "[left out: toxicity]"),
         (1, None, "[left out: removed by moderators]"),
         (2, 3, "text of d"),
     ]
