@@ -240,7 +240,7 @@ class Links(Publication):
         ("entities", "links/entities", "count(*)"),
         ("mentions", "links/links", "sum(count)"),
     )
-    sampled = {"links/entities": ("entity", "kind", "aliases")}
+    sampled = {"links/entities": ("entity", "kind")}
     hint = "run `kb links` after the filters"
     main = "links"
     query = (

@@ -160,8 +160,6 @@ def _cell(value: object, among_numbers: bool = False) -> Markup:
     if isinstance(value, float):
         return Markup('<td class="n">{}</td>').format(f"{value:,.2f}")
     told = value.text if isinstance(value, Linked) else str(value)
-    if isinstance(value, list):
-        told = ", ".join(map(str, value))
     text = shortened(" ".join(told.split()), _LONGEST)
     kind = Markup(' class="text"') if len(text) > 24 else ""
     if isinstance(value, Linked):

@@ -106,7 +106,7 @@ def _page(data: ReportData, number: int, before: int) -> tuple[Figure, ...]:
     source = f"Source: {url}"
     part = "" if shown >= height else f" The upper {shown:,.0f} of {height:,} pixels."
     crop = _crop(data, number, width, shown) if not before else None
-    about = (
+    told = (
         "Boxes of visible elements, of texts a box a line. Dark frame: the part shown in its own"
         " size."
         if crop
@@ -115,7 +115,7 @@ def _page(data: ReportData, number: int, before: int) -> tuple[Figure, ...]:
     overview = Figure(
         f"wiki-page-overview-{before}" if before else "wiki-page-overview",
         f"{title}, with its boxes",
-        f"{about}{part} {source}",
+        f"{told}{part} {source}",
         f"The page {title} with outlines around its elements: {_counted(boxes)}.",
         _drawn(_smaller(image, 2 * _OVERVIEW), shown_part, boxes, _OVERVIEW / width, frame=crop),
         ("kind", "boxes"),
