@@ -320,7 +320,7 @@ def inline(figure: Figure) -> Markup:
     svg = figure.files["svg"].decode()
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", "", svg, flags=re.DOTALL)
-    svg = re.sub(r'(<svg[^>]*?) width="[^"]*" height="[^"]*"', r"\1", svg, count=1)
+    svg = re.sub(r'(<svg[^>]*? width="[^"]*") height="[^"]*"', r"\1", svg, count=1)
     svg = re.sub(r' style="([^"]*)"', lambda found: _attributes(found[1]), svg)
     svg = re.sub(r'\bid="|(?<=href="#)|(?<=url\(#)', lambda at: f"{at[0]}{figure.name}-", svg)
     head = f'<svg class="chart" role="img" aria-label="{escape(figure.alt)}"'
