@@ -75,6 +75,10 @@ class Reddit(Source):
     ids_only = True
     title = "Reddit"
     shown = ("reddit/posts", "reddit/comments")
+    totals = (
+        ("posts", "reddit/posts", "count(*)"),
+        ("comments", "reddit/comments", "count(*)"),
+    )
     hint = "run `kb reddit crawl` or `kb reddit import FILE`, then `kb reddit filter`"
     sampled = {"reddit/posts": ("title", "type", "score", "num_comments", "created_utc")}
     only = "only threads"

@@ -81,8 +81,14 @@ class Wiki(Source):
     extra = "wiki"
     title = "Wiki"
     shown = ("wiki/pages", "wiki/elements", "wiki/images")
+    totals = (
+        ("pages", "wiki/pages", "count(*)"),
+        ("words on pages", "wiki/pages", "sum(word_count)"),
+        ("boxes", "wiki/elements", "count(*) FILTER (visible)"),
+        ("image files", "wiki/images", "count(DISTINCT sha256)"),
+    )
     hint = "run `kb wiki crawl`, then `kb wiki filter`"
-    sampled = {"wiki/pages": ("title", "word_count", "page_width", "page_height", "license", "url")}
+    sampled = {"wiki/pages": ("title", "word_count", "page_width", "page_height", "license")}
     only = "only the wiki"
     ref = "wiki:PAGE#Section"
     dated = ("revision_timestamp", "last edited")

@@ -112,6 +112,12 @@ class YouTube(Source):
     }
     title = "YouTube"
     shown = ("youtube/videos",)
+    totals = (
+        ("videos", "youtube/videos", "count(*)"),
+        ("hours of video", "youtube/videos", "sum(duration_s) / 3600"),
+        ("years of video", "youtube/videos", "sum(duration_s) / 3600 / 24 / 365.25"),
+        ("words spoken", "youtube/videos", "sum(word_count)"),
+    )
     hint = "run `kb youtube crawl`, then `kb youtube filter`"
     sampled = {
         "youtube/videos": (
