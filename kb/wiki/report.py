@@ -1,10 +1,288 @@
-"""Figures of wiki pages, in the order of the report."""
+"""Figures of wiki pages, in the order of the report.
 
+One page is shown with the boxes of its elements and of its texts' lines: the whole page, and a part
+at its own size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
 from functools import partial
+from typing import Any, NamedTuple
 
-from kb.look.charts import GREEN
+from kb.core.config.profile import Profile
+from kb.look.charts import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    PALE,
+    PURPLE,
+    RED,
+    SKY,
+    WIDTH,
+    Figure,
+    canvas,
+    saved,
+)
+from kb.report.data import ReportData
 from kb.report.figures import dates, funnel, toxicity, values
-from kb.wiki.page_figure import KINDS, page
+from kb.store.damage import opening
+
+
+class BoxStyle(NamedTuple):
+    """How the boxes of a kind are drawn: lines differ as well as colours."""
+
+    color: str
+    line: Any
+    width: float
+
+
+# In the order of the legend; what encloses others is drawn first. Widths are whole CSS pixels
+# (0.75 points), so that at 1:1 a line ends where the element begins.
+KINDS = {
+    "text": BoxStyle(BLUE, "-", 0.75),
+    "table": BoxStyle(GREEN, "-", 1.5),
+    "cell": BoxStyle(SKY, (0, (4, 1.5)), 0.75),
+    "image": BoxStyle(RED, "-", 1.5),
+    "sprite": BoxStyle(PURPLE, "-", 1.5),
+    "animation": BoxStyle(ORANGE, (0, (1.5, 1)), 1.5),
+}
+_CSS = 96  # CSS pixels per inch
+_CROP = (600, 520)  # CSS px, at most
+_MARGIN = 40  # CSS px below the last element
+_TALLEST = 1.9  # height of the overview, in widths of the page
+_LEGEND = 0.5  # inches: whole pixels at any of our scales
+_LETTERS = 13  # points of the legend: it is read on a phone as well
+
+
+@dataclass(frozen=True)
+class DrawnBox:
+    """A rectangle in CSS pixels of the page; of a text also those of its lines."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+    lines: tuple[DrawnBox, ...] = ()
+
+
+def page(data: ReportData, profile: Profile) -> tuple[Figure, ...]:
+    """Overview and detail of the page whose upper part shows most kinds of elements.
+
+    Without a screenshot the boxes stand on white. Raises DamagedData for one that can't be read.
+    """
+    if not data.files("wiki/pages") or not data.files("wiki/elements"):
+        return ()
+    # The most kinds of elements, then the most images, near its top.
+    chosen = data.rows(
+        "wiki/elements",
+        "SELECT page_id FROM {t} WHERE visible AND y < 1600 GROUP BY 1"
+        " ORDER BY count(DISTINCT kind) DESC,"
+        " least(count(*) FILTER (kind IN ('image', 'sprite', 'animation')), 12) DESC,"
+        " least(count(*), 120) DESC, 1 LIMIT 1",
+    )
+    number = chosen[0][0] if chosen else None
+    rows = data.rows(
+        "wiki/pages",
+        "SELECT title, url, screenshot_path, page_width, page_height FROM {t} WHERE page_id = ?",
+        number,
+    )
+    if not rows:
+        return ()
+    title, url, shot, width, height = rows[0]
+    low = data.rows(
+        "wiki/elements", "SELECT max(y + height) FROM {t} WHERE page_id = ? AND visible", number
+    )[0][0]
+    # Pages often end in empty space.
+    shown = float(min(height, width * _TALLEST, (low or height) + _MARGIN))
+    boxes = [
+        (kind, DrawnBox(x, y, wide, high, tuple(DrawnBox(**line) for line in lines or ())))
+        for kind, x, y, wide, high, lines in data.rows(
+            "wiki/elements",
+            "SELECT kind, x, y, width, height, lines FROM {t} WHERE page_id = ?"
+            " AND visible AND width > 0 AND height > 0 AND y < ? ORDER BY reading_order",
+            number,
+            shown,
+        )
+    ]
+    if not boxes:
+        return ()
+    crop = _crop(data, number, width, shown)
+    image = _screenshot(data, shot, width, shown)
+    shown_part = DrawnBox(0, 0, width, shown)
+    source = f"Source: {url}"
+    part = "" if shown >= height else f" The first {shown:.0f} of {height:,} pixels are shown."
+    return (
+        Figure(
+            "wiki-page-overview",
+            f"A page with its boxes: {title}",
+            f"Boxes of visible elements as the browser laid them out, of texts a box a line.{part} "
+            f"The dark frame is the part shown in its own size. {source}",
+            f"The page {title} with outlines around its elements: {_counted(boxes)}.",
+            _drawn(
+                _part(image, shown_part, shown_part),
+                shown_part,
+                boxes,
+                WIDTH / width * _CSS,
+                frame=crop,
+            ),
+            ("kind", "boxes"),
+            _counts(boxes),
+            screen=True,
+        ),
+        Figure(
+            "wiki-page",
+            f"{title}, in its own size",
+            f"{crop.width:.0f} by {crop.height:.0f} CSS pixels of the page, from "
+            f"({crop.x:.0f}, {crop.y:.0f}), at 1:1; each box is drawn just outside of its element, "
+            f"texts line by line. {source}",
+            f"Part of the page {title} in its own size, with outlines around its elements: "
+            f"{_counted(_inside(boxes, crop))}.",
+            _drawn(_part(image, shown_part, crop), crop, _inside(boxes, crop), 1.0),
+            ("kind", "boxes"),
+            _counts(_inside(boxes, crop)),
+            screen=True,
+        ),
+    )
+
+
+def _crop(data: ReportData, number: int | None, width: float, shown: float) -> DrawnBox:
+    """The part with the most kinds of elements that are wholly in it, then the most elements."""
+    wide, high = min(_CROP[0], width), min(_CROP[1], shown)
+    rows = data.rows(
+        "wiki/elements",
+        "SELECT l, t FROM (SELECT kind, x, y, x + width AS r, y + height AS b FROM {t}"
+        " WHERE page_id = ? AND visible AND width > 0 AND height > 0),"
+        f" (SELECT unnest(range(0, {int(width - wide) + 1}, 20)) AS l),"
+        f" (SELECT unnest(range(0, {int(shown - high) + 1}, 20)) AS t)"
+        f" WHERE x >= l AND y >= t AND r <= l + {wide!r} AND b <= t + {high!r}"
+        " GROUP BY ALL ORDER BY count(DISTINCT kind) DESC, count(*) DESC, t, l LIMIT 1",
+        number,
+    )
+    left, top = rows[0] if rows else (0, 0)
+    return DrawnBox(left, top, wide, high)
+
+
+def _screenshot(data: ReportData, shot: str, width: float, shown: float) -> Any:
+    """The upper part of the screenshot, or None when the file is not there. Raises DamagedData."""
+    path = data.root / shot
+    if not path.is_file():
+        return None
+    from PIL import Image
+
+    # A page may be 100,000 pixels high: its own pipeline made it, so Pillow's guard is not for it.
+    Image.MAX_IMAGE_PIXELS = None
+    hint = "restore it from a copy, or remove it: the figure then has the boxes alone"
+    # What Pillow raises for a damaged file.
+    with opening(path, SyntaxError, ValueError, hint=hint), Image.open(path) as opened:
+        high = min(opened.height, round(shown * opened.width / width))
+        return opened.crop((0, 0, opened.width, high)).convert("RGB")
+
+
+def _drawn(
+    image: Any,
+    part: DrawnBox,
+    boxes: list[tuple[str, DrawnBox]],
+    scale: float,
+    frame: DrawnBox | None = None,
+) -> dict[str, bytes]:
+    """A part of the page, `scale` of its own size; a legend above it, and a frame in it."""
+    from matplotlib.lines import Line2D
+
+    thin = max(scale, 0.5)
+    width, height = part.width * scale / _CSS, part.height * scale / _CSS
+    sheet, axes = canvas(height + _LEGEND, width=width)
+    sheet.set_layout_engine("none")
+    axes.set_position((0, 0, 1, height / (height + _LEGEND)))
+    right, bottom = part.x + part.width, part.y + part.height
+    if image is not None:
+        # The screenshot's own pixels: whoever shows the figure scales them once.
+        axes.imshow(image, extent=(part.x, right, bottom, part.y), interpolation="none")
+    for kind, style in KINDS.items():
+        for name, box in boxes:
+            for one in (box.lines or (box,)) if name == kind else ():
+                axes.add_patch(_outline(one, style, scale, thin))
+    if frame is not None:
+        axes.add_patch(_outline(frame, BoxStyle(INK, "-", 1.8), scale))
+    axes.set_xlim(part.x, right)
+    axes.set_ylim(bottom, part.y)
+    axes.set_aspect("auto")
+    axes.set_xticks([])
+    axes.set_yticks([])
+    for side in axes.spines.values():
+        side.set_visible(frame is not None)  # at 1:1 it would cover the outermost pixels
+        side.set_color(PALE)
+    there = [kind for kind in KINDS if any(name == kind for name, _ in boxes)]
+    handles = [
+        Line2D(
+            [],
+            [],
+            color=KINDS[kind].color,
+            linestyle=KINDS[kind].line,
+            linewidth=KINDS[kind].width * 1.3,
+            label=kind,
+        )
+        for kind in there
+    ]
+    sheet.legend(
+        handles=handles,
+        loc="upper center",
+        fontsize=_LETTERS * width / (_CROP[0] / _CSS),
+        ncols=len(there),
+        handlelength=1.5,
+        handletextpad=0.5,
+        columnspacing=1.0,
+    )
+    return saved(sheet, 2 * _CSS)
+
+
+def _outline(box: DrawnBox, kind: BoxStyle, scale: float, thin: float = 1.0) -> Any:
+    """A line around a box that covers nothing of it: its inner edge is the box's edge."""
+    from matplotlib.patches import Rectangle
+
+    by = kind.width * thin * _CSS / 72 / 2 / scale
+    return Rectangle(
+        (box.x - by, box.y - by),
+        box.width + 2 * by,
+        box.height + 2 * by,
+        fill=False,
+        edgecolor=kind.color,
+        linestyle=kind.line,
+        linewidth=kind.width * thin,
+        joinstyle="miter",
+    )
+
+
+def _part(image: Any, full: DrawnBox, part: DrawnBox) -> Any:
+    """The part of a screenshot of `full`, in its own pixels; None without a screenshot."""
+    if image is None:
+        return None
+    ratio = image.width / full.width
+    edges = (part.x, part.y, part.x + part.width, part.y + part.height)
+    return image.crop(tuple(round(edge * ratio) for edge in edges))
+
+
+def _inside(boxes: list[tuple[str, DrawnBox]], part: DrawnBox) -> list[tuple[str, DrawnBox]]:
+    """The boxes of which something is in the part."""
+    return [
+        (kind, box)
+        for kind, box in boxes
+        if box.x < part.x + part.width
+        and box.y < part.y + part.height
+        and box.x + box.width > part.x
+        and box.y + box.height > part.y
+    ]
+
+
+def _counts(boxes: list[tuple[str, DrawnBox]]) -> list[tuple[str, int]]:
+    counts = [(kind, sum(name == kind for name, _ in boxes)) for kind in KINDS]
+    return [(kind, n) for kind, n in counts if n]
+
+
+def _counted(boxes: list[tuple[str, DrawnBox]]) -> str:
+    return ", ".join(f"{n} {kind}" for kind, n in _counts(boxes))
+
 
 _PAGES = "wiki/pages"
 FIGURES = (
@@ -18,7 +296,7 @@ FIGURES = (
         title="What is on the pages",
         caption="{total} elements, by kind; one that is folded has no box.",
         head=("kind", "elements"),
-        styles={kind: (kind, look.color) for kind, look in KINDS.items()},
+        styles={kind: (kind, style.color) for kind, style in KINDS.items()},
         shares=False,
     ),
     partial(dates, table=_PAGES, column="revision_timestamp", what="revised", color=GREEN),

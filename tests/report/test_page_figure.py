@@ -11,7 +11,7 @@ from kb.core.errors import DamagedData
 from kb.look import charts
 from kb.report.build import report
 from kb.report.data import ReportData
-from kb.wiki import page_figure
+from kb.wiki.report import page
 from tests.release.made import build
 from tests.report.made import a_run
 
@@ -30,18 +30,18 @@ def test_boxes_cover_nothing_of_the_page_and_a_pixel_is_a_pixel(
         monkeypatch.delitem(charts.FORMATS, other)
 
     build(tmp_path, sources=("wiki",), export=False, n=10)
-    for page in range(1, 4):
-        path = tmp_path / "raw" / "wiki" / "pages" / f"{page}.png"
+    for number in range(1, 4):
+        path = tmp_path / "raw" / "wiki" / "pages" / f"{number}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
         Image.effect_noise((1280, 900), 64).convert("RGB").save(path, compress_level=1)
     data = ReportData(a_run(tmp_path))
-    _, detail = page_figure.page(data, load_profile("minecraft"))
+    _, detail = page(data, load_profile("minecraft"))
     width, height, left, top = map(int, re.findall(r"\d+", detail.caption)[:4])
     shown = Image.open(BytesIO(detail.files["png"])).convert("RGB")
     assert shown.width == 2 * width
     shown = shown.crop((0, shown.height - 2 * height, 2 * width, shown.height))
     url = detail.caption.rpartition("_")[2]
-    page = Image.open(tmp_path / "raw" / "wiki" / "pages" / f"{int(url) + 1}.png")
+    whole = Image.open(tmp_path / "raw" / "wiki" / "pages" / f"{int(url) + 1}.png")
     boxes = data.rows(
         "wiki/elements",
         "SELECT x, y, width, height FROM {t} WHERE page_id = 1 AND lines IS NULL UNION ALL"
@@ -54,7 +54,7 @@ def test_boxes_cover_nothing_of_the_page_and_a_pixel_is_a_pixel(
         if x >= left and y >= top and x + w <= left + width and y + h <= top + height
     ]
     assert len(inside) >= 4
-    part = page.crop((left, top, left + width, top + height)).resize(
+    part = whole.crop((left, top, left + width, top + height)).resize(
         (2 * width, 2 * height), Image.Resampling.NEAREST
     )
     for box in inside:
