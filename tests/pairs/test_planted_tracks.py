@@ -11,7 +11,7 @@ import pytest
 from kb.core.summary.intervals import wilson_interval
 from kb.pairs.keyword_list import Keyword
 from kb.pairs.keywords import Keywords
-from kb.pairs.matching import Matcher, phrase
+from kb.pairs.matching import phrase
 from kb.pairs.measures import Compared, compare
 from kb.pairs.transcript_batch import Text
 from kb.sandbox.world import World
@@ -20,13 +20,6 @@ from kb.sandbox.youtube.cases import Track, Video
 from kb.youtube.ytdlp.subtitles import Cue, read
 
 SEEDS = range(20)
-
-
-class Finds(NamedTuple):
-    """Finds a world's nouns."""
-
-    keywords: Keywords
-    matcher: Matcher
 
 
 class BothTracks(NamedTuple):
@@ -53,10 +46,10 @@ def _compared(world: World) -> BothTracks:
     names = [noun.name for noun in world.domain.speech.nouns]
     phrases = tuple(map(phrase, names))
     every = tuple(Keyword(name, "noun") for name in names)
-    finds = Finds(Keywords(every, phrases, tuple(range(len(names)))), Matcher(phrases))
+    keywords = Keywords(every, phrases, tuple(range(len(names))))
     planted = world.youtube.planted
     both = [one for one in world.youtube.videos.values() if planted.own_kinds(one) == {"", "asr"}]
-    compared = compare(*(_text(world, both, kind) for kind in ("asr", "")), finds)
+    compared = compare(*(_text(world, both, kind) for kind in ("asr", "")), keywords)
     shifts = {one["video_id"]: one["shift_s"] for one in world.truth["shifted"]}
     later = [compared.later_s[compared.video == number] for number in range(len(both))]
     misses = [
