@@ -283,7 +283,15 @@ def input_digest(
     """The digest of one input (`of`) of an artifact as it is now. Raises DamagedData."""
     folder, _, raw = of.partition("/")
     if folder == "raw":
-        return _digest_of_raw(root, *raw.split("/"))
+        # Names and sizes: segments only grow, and each other file is named by its content.
+        source, _, kind = raw.partition("/")
+        top, samples = Layout(root).raw(source, kind), SOURCES[source].unfiltered
+        return _digest(
+            f"{os.path.relpath(file, top).removesuffix(rawlog.OPEN.removeprefix(rawlog.SUFFIX))}"
+            f" {file.stat().st_size}"
+            for file in top.rglob("*.*")
+            if file.is_file() and not file.name.startswith(".") and file.parent.name not in samples
+        )
     artifact, find = ARTIFACTS[name], files or partial(rows, root)
     if artifact.every_file and (made := read(root, of)) is not None:
         return digest_of_files(made)
@@ -295,19 +303,6 @@ def input_digest(
 def digest_of_files(made: Manifest) -> str:
     """A digest of all files of an artifact."""
     return _digest(f"{name} {entry.sha256}" for name, entry in made.files.items())
-
-
-def _digest_of_raw(root: Path, source: str, kind: str = "") -> str:
-    """A digest of the names and sizes of all raw files that a filter reads, or of one kind:
-    segments only grow, and each other file is named by its content.
-    """
-    top, samples = Layout(root).raw(source, kind), SOURCES[source].unfiltered
-    return _digest(
-        f"{os.path.relpath(file, top).removesuffix(rawlog.OPEN.removeprefix(rawlog.SUFFIX))}"
-        f" {file.stat().st_size}"
-        for file in top.rglob("*.*")
-        if file.is_file() and not file.name.startswith(".") and file.parent.name not in samples
-    )
 
 
 def _digest(lines: Iterable[str]) -> str:

@@ -211,9 +211,10 @@ def _calendar(periods: Sequence[str], most: int) -> list[tuple[int, str]]:
     """Places of the periods that are named, and their names: a year only where it begins."""
     parts = [period.rstrip("s").split("-") for period in periods]
     years = [int(part[0]) for part in parts]
+    steps: tuple[int, ...] = ()
     if len(parts[0]) == 1:
         pace = years[1] - years[0] if len(years) > 1 else 1
-        since, names, steps = [year // pace for year in years], list(periods), ()
+        since, names = [year // pace for year in years], list(periods)
     elif len(parts[0]) == 2:
         since = [int(year) * 12 + int(month) - 1 for year, month in parts]
         names, steps = [_MONTHS[month % 12] for month in since], (1, 2, 3, 6, *_YEARS)

@@ -51,7 +51,12 @@ class Reddit(Source):
     linked = ("posts", "comments")
     indexed = ("posts", "comments")
     crawl_settings = (
-        *("search", "listings", "spans", "max_age_days", "requests_per_minute", "max_tries"),
+        "search",
+        "listings",
+        "spans",
+        "max_age_days",
+        "requests_per_minute",
+        "max_tries",
     )
     exports = ("minedojo/reddit.json", "convokit", "text/reddit.jsonl")
     textual = ("posts", "comments")

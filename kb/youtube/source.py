@@ -49,8 +49,14 @@ class YouTube(Source):
     noted = ("channels",)
     unfiltered = ("second_tracks",)
     crawl_settings = (
-        *("keywords", "search_pages", "uploads", "transcripts_per_hour"),
-        *("max_age_days", "max_tries", "searches_per_day", "units_per_day"),
+        "keywords",
+        "search_pages",
+        "uploads",
+        "transcripts_per_hour",
+        "max_age_days",
+        "max_tries",
+        "searches_per_day",
+        "units_per_day",
     )
     credential = "youtube_api_key"
     keyless = "transcripts"

@@ -8,7 +8,6 @@ plain counting says so, and all that is planted has to be among it.
 import re
 from collections import defaultdict
 from pathlib import Path
-from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +18,7 @@ from kb.core.summary.intervals import wilson_interval
 from kb.pairs import repeated_text
 from kb.pairs.keyword_list import Keyword
 from kb.pairs.keywords import Keywords
-from kb.pairs.matching import Matcher, phrase
+from kb.pairs.matching import phrase
 from kb.pairs.measures import Compared, compare
 from kb.pairs.repeated_text import hashed_words
 from kb.pairs.transcript_batch import Text
@@ -188,7 +187,7 @@ def _compared(one: Served) -> Compared:
         tuple(Keyword(name, "noun") for name in names), phrases, tuple(range(len(names)))
     )
     texts = (one.text(dict.fromkeys(one.with_both_tracks, kind)) for kind in ("asr", ""))
-    return compare(*texts, SimpleNamespace(keywords=keywords, matcher=Matcher(phrases)))
+    return compare(*texts, keywords)
 
 
 def test_the_planted_error_is_inside_the_interval_of_what_is_measured(

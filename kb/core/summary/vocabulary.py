@@ -315,7 +315,7 @@ def place(name: str) -> int:
 
 
 def word(name: str, command: str = "") -> Word | None:
-    """A name's word, that of the command or its group first; None for one that nobody declared."""
+    """A name's word, that of the command or its group first; None for one that is not declared."""
     group, plan = command.partition(" ")[0], " --plan" if command.endswith("--plan") else ""
     for whose in (f"{command}.", f"{group}{plan}.", f"{group}.", ""):
         if known := WORDS.get(f"{whose}{name}"):
