@@ -211,9 +211,10 @@ def _calendar(periods: Sequence[str], most: int) -> list[tuple[int, str]]:
     """Places of the periods that are named, and their names: a year only where it begins."""
     parts = [period.rstrip("s").split("-") for period in periods]
     years = [int(part[0]) for part in parts]
+    steps: tuple[float, ...] = ()
     if len(parts[0]) == 1:
         pace = years[1] - years[0] if len(years) > 1 else 1
-        since, names, steps = [year // pace for year in years], list(periods), ()
+        since, names = [year // pace for year in years], list(periods)
     elif len(parts[0]) == 2:
         since = [int(year) * 12 + int(month) - 1 for year, month in parts]
         names, steps = [_MONTHS[month % 12] for month in since], (1, 2, 3, 6, *_YEARS)
@@ -221,8 +222,9 @@ def _calendar(periods: Sequence[str], most: int) -> list[tuple[int, str]]:
         days = [date.fromisoformat(period) for period in periods]
         since = [day.toordinal() - 1 for day in days]  # the first one was a Monday
         names, steps = [f"{day.day} {_MONTHS[day.month - 1]}" for day in days], (1, 2, 7, 14, 28)
-    every = step(len(periods), most, steps)
-    named, last = [], 0
+    every = max(1, step(len(periods), most, steps))
+    named: list[tuple[int, str]] = []
+    last = 0
     for place, (at, year, name) in enumerate(zip(since, years, names, strict=True)):
         if at % every == 0:
             of_year = "" if not steps or year == last else f"\n{year}"

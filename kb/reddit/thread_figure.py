@@ -97,7 +97,7 @@ def _nodes(data: ReportData, post_id: str) -> list[tuple[int, int | None, str, b
         for name in sorted(lost, reverse=True)
     ]
     waiting += [(0, one) for one in reversed(answers.get(root, []))]
-    nodes = []
+    nodes: list[tuple[int, int | None, str, bool]] = []
     while waiting:
         level, (name, points, text, left_out) = waiting.pop()
         nodes.append((level, points, text, left_out))
