@@ -32,6 +32,7 @@ BLUE, ORANGE, GREEN, RED, SKY, PURPLE = (
     "#CC79A7",
 )
 INK, GREY, PALE = "#1F2933", "#52606D", "#D9E2EC"
+WORDS = (BLUE, "#007355", "#B34A00", INK, "#8F4A75")  # dark enough for words on white
 # Each colour's variable in style.css, which has it in a light and a dark theme.
 _VARIABLES = {
     "#ffffff": "card",
@@ -44,6 +45,9 @@ _VARIABLES = {
     RED.lower(): "red",
     SKY.lower(): "sky",
     PURPLE.lower(): "purple",
+    WORDS[1].lower(): "green-word",
+    WORDS[2].lower(): "red-word",
+    WORDS[4].lower(): "purple-word",
 }
 FONT = "DejaVu Sans"  # comes with matplotlib: the same letters everywhere
 WIDTH = 4.6  # inches
