@@ -32,6 +32,7 @@ BLUE, ORANGE, GREEN, RED, SKY, PURPLE = (
     "#CC79A7",
 )
 INK, GREY, PALE = "#1F2933", "#52606D", "#D9E2EC"
+WORDS = (BLUE, "#007355", "#B34A00", INK, "#8F4A75")  # dark enough for words on white
 # Each colour's variable in style.css, which has it in a light and a dark theme.
 _VARIABLES = {
     "#ffffff": "card",
@@ -44,6 +45,9 @@ _VARIABLES = {
     RED.lower(): "red",
     SKY.lower(): "sky",
     PURPLE.lower(): "purple",
+    WORDS[1].lower(): "green-word",
+    WORDS[2].lower(): "red-word",
+    WORDS[4].lower(): "purple-word",
 }
 FONT = "DejaVu Sans"  # comes with matplotlib: the same letters everywhere
 WIDTH = 4.6  # inches
@@ -211,7 +215,7 @@ def _calendar(periods: Sequence[str], most: int) -> list[tuple[int, str]]:
     """Places of the periods that are named, and their names: a year only where it begins."""
     parts = [period.rstrip("s").split("-") for period in periods]
     years = [int(part[0]) for part in parts]
-    steps: tuple[int, ...] = ()
+    steps: tuple[float, ...] = ()
     if len(parts[0]) == 1:
         pace = years[1] - years[0] if len(years) > 1 else 1
         since, names = [year // pace for year in years], list(periods)
@@ -222,8 +226,9 @@ def _calendar(periods: Sequence[str], most: int) -> list[tuple[int, str]]:
         days = [date.fromisoformat(period) for period in periods]
         since = [day.toordinal() - 1 for day in days]  # the first one was a Monday
         names, steps = [f"{day.day} {_MONTHS[day.month - 1]}" for day in days], (1, 2, 7, 14, 28)
-    every = step(len(periods), most, steps)
-    named, last = [], 0
+    every = max(1, step(len(periods), most, steps))
+    named: list[tuple[int, str]] = []
+    last = 0
     for place, (at, year, name) in enumerate(zip(since, years, names, strict=True)):
         if at % every == 0:
             of_year = "" if not steps or year == last else f"\n{year}"

@@ -22,8 +22,8 @@ from kb.report.data import FULL_NAMES, ReportData
 
 _POSTS, _COMMENTS, _REJECTED = "reddit/posts", "reddit/comments", "reddit/rejected"
 _LINES = 14  # comments, at most
-_LETTERS = 68  # of a line without indent, with its score
-_PITCH = 0.165  # inches a line of text
+_LETTERS = 64  # of a line without indent, with its score
+_PITCH = 0.172  # inches a line of text
 _STEP = 0.16  # inches a level is further to the right
 
 
@@ -138,7 +138,7 @@ def _drawn(title: str, score: int | None, nodes: list[tuple[int, int | None, str
                 top + _PITCH * (place + 0.5),
                 line,
                 va="center",
-                fontsize=8.5 if level >= 0 else 10,  # one font: each makes the PDF heavier
+                fontsize=9 if level >= 0 else 10,  # one font: each makes the PDF heavier
                 color=color,
             )
         if points is not None:
@@ -148,7 +148,7 @@ def _drawn(title: str, score: int | None, nodes: list[tuple[int, int | None, str
                 number(points),
                 va="center",
                 ha="right",
-                fontsize=8.5,
+                fontsize=9,
                 color=GREY,
             )
         top += _PITCH * len(lines) + 0.1

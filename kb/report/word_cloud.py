@@ -5,11 +5,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from kb.core.config.profile import Profile
-from kb.look.charts import BLUE, GREEN, INK, PURPLE, RED, WIDTH, Figure, canvas, number, saved
+from kb.look.charts import WIDTH, WORDS, Figure, canvas, number, saved
 from kb.report.data import ReportData
 
 _W, _H = 1080, 640  # the cloud's own pixels
-_DARK = (BLUE, GREEN, RED, INK, PURPLE)
 _MORE = """
 just like get got can't don't i'm it's that's one would could also any anyone really make made want
 need know see im ive dont cant new use using still first even way much many thing things
@@ -35,8 +34,7 @@ def words(
     return Figure(
         name,
         f"What {rows} are about",
-        f"The {len(counts)} most frequent words; a word's size follows the number of {rows} that"
-        " say it.",
+        f"The most frequent words; a word's size follows the number of {rows} that say it.",
         "Word cloud; the largest words are "
         + ", ".join(f"{word} ({number(n)})" for word, n in counts[:12])
         + ".",
@@ -61,7 +59,7 @@ def _drawn(frequencies: dict[str, int], seed: int) -> dict[str, bytes]:
         font_path=font,
         prefer_horizontal=1.0,
         max_words=len(frequencies),
-        min_font_size=20,
+        min_font_size=22,
         max_font_size=130,
         relative_scaling=0.5,
         margin=10,
@@ -79,7 +77,7 @@ def _drawn(frequencies: dict[str, int], seed: int) -> dict[str, bytes]:
             PathPatch(
                 shape,
                 transform=place + axes.transData,
-                color=_DARK[index % len(_DARK)],
+                color=WORDS[index % len(WORDS)],
                 linewidth=0,
             )
         )

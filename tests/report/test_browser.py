@@ -39,10 +39,11 @@ for (let node; node = texts.nextNode();) {
   found.push([has >= least, `${node.data.trim().slice(0, 40)}: ${has.toFixed(2)}`]);
 }
 for (const mark of document.querySelectorAll("svg.chart [fill], svg.chart [stroke]")) {
+  const card = mark.closest("figure");
+  const lettered = card.id.endsWith("-words") ? /--(?!card)/ : /--(ink|soft)/;
   for (const what of ["fill", "stroke"]) {
     const color = mark.getAttribute(what) || "";
-    if (!/--(ink|soft)/.test(color)) continue;
-    const card = mark.closest("figure");
+    if (!lettered.test(color)) continue;
     const has = ratio(light(rgb(getComputedStyle(mark)[what])), light(behind(card)));
     found.push([has >= 4.5, `${card.id}: ${has.toFixed(2)}`]);
   }

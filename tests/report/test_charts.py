@@ -54,6 +54,7 @@ def test_every_bar_has_its_label_and_number() -> None:
     ("periods", "named"),
     [
         ([str(year) for year in range(2001, 2024)], ["2005", "2010", "2015", "2020"]),
+        (["2024"], ["2024"]),
         (["1990s", "2000s", "2010s"], ["1990s", "2000s", "2010s"]),
         (
             [f"{2022 + month // 12}-{month % 12 + 1:02}" for month in range(10, 25)],
