@@ -201,7 +201,7 @@ def _left_out(
     """A video or wiki page that was not kept, as far as its row tells."""
     page.verdict, page.all = verdict, ""
     page.title = row.get("title") or place.key
-    page.address = SOURCES[place.source].address(place.key)
+    page.address = "" if place.source == "reddit" else SOURCES[place.source].address(place.key)
     page.text = mark(row["text"]) if row.get("text") else []
     channel = row.get("channel_title")
     page.facts = [("Channel title", channel)] if channel else []
@@ -215,7 +215,13 @@ def _thread(
     opened = OpenTables([tables.catalog])
     post_id, at = place.key, place.at
     if post_id.startswith("t1_"):
-        post_id, at = _post_of(tables, opened, post_id), post_id[3:]
+        comment, post_id = post_id, _post_of(tables, opened, post_id)
+        if not post_id:
+            verdict = _verdict(tables, "reddit", comment)
+            if verdict is None:
+                raise UsageError(f"unknown comment {comment[:40]!r}", hint="Rows lists them")
+            return _left_out(place, page, mark, *verdict)
+        at = comment[3:]
     url = SOURCES["reddit"].address(post_id)
     page.kind, page.address = "thread", url
     verdict = _verdict(tables, "reddit", f"t3_{post_id}")
@@ -264,17 +270,12 @@ def _thread(
 
 
 def _post_of(tables: CurrentTables, opened: OpenTables, fullname: str) -> str:
-    """The post of a comment, kept or not. Raises UsageError."""
+    """The post of a comment, kept or not; "" where nothing tells it."""
     row = first_row(opened, "reddit_comments", "comment_id = ?", [fullname[3:]])
     if row is None and _keeps_words(tables):
         sql = "SELECT post_id FROM {table} WHERE key = ? AND post_id IS NOT NULL"
         row = next(iter(tables.rows("reddit_rejected", sql, [fullname]).to_pylist()), None)
-    if row is None:
-        raise UsageError(
-            f"nothing is known of comment {fullname[:40]!r} but that it was left out",
-            hint="Rows has its reason",
-        )
-    return str(row["post_id"])
+    return str(row["post_id"]) if row else ""
 
 
 def _keeps_words(tables: CurrentTables) -> bool:

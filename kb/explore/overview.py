@@ -59,17 +59,19 @@ def read(tables: CurrentTables, about: Mapping[str, Any]) -> OverviewPage:
 
 
 def _totals(tables: CurrentTables) -> list[tuple[str, str]]:
+    counted = {name: of for name, of in _TOTALS.items() if name in tables}
+    found = []
+    with tables.asked(*counted) as con:
+        for name, of in counted.items():
+            sums = ", ".join(f"({sql})::DOUBLE" for sql, _ in of)
+            (row,) = con.execute(f"SELECT {sums} FROM {tables.view(name).full}").fetchall()
+            found += zip(row, (noun for _, noun in of), strict=True)
     totals = []
-    for name, counted in _TOTALS.items():
-        if name not in tables:
-            continue
-        sums = ", ".join(f"({sql})::DOUBLE" for sql, _ in counted)
-        (found,) = tables.rows(name, f"SELECT {sums} FROM {{table}}").to_pylist()
-        for total, (_, noun) in zip(found.values(), counted, strict=True):
-            if total and noun == "hours of video" and total >= _HOURS_OF_A_YEAR:
-                totals.append((f"{total / _HOURS_OF_A_YEAR:,.1f}", "years of video"))
-            elif total:
-                totals.append((f"{total:,.0f}", noun))
+    for total, noun in found:
+        if total and noun == "hours of video" and total >= _HOURS_OF_A_YEAR:
+            totals.append((f"{total / _HOURS_OF_A_YEAR:,.1f}", "years of video"))
+        elif total:
+            totals.append((f"{total:,.0f}", noun))
     return totals
 
 

@@ -220,11 +220,13 @@ def cell(declared: str, name: str, value: Any) -> Cell:
         return Cell("yes" if value else "no")
     if isinstance(value, datetime):
         return Cell(f"{value:%Y-%m-%d}", is_number=True)
+    if name.endswith("_id"):
+        return Cell(str(value))
     if isinstance(value, int | float):
         return Cell(f"{value:,}" if isinstance(value, int) else f"{value:,.4g}", is_number=True)
     if name in ("value", "threshold") and (number := _number(str(value))) is not None:
         return Cell(f"{number:,.10g}", is_number=True)
-    if name in ("stage", "value") or table(declared).column(name).words:
+    if name == "value" or table(declared).column(name).dictionary:
         return Cell(reading(declared, name, str(value)))
     if isinstance(value, list):
         return Cell(", ".join(map(str, value))[:_LONGEST])

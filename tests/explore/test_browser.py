@@ -31,7 +31,8 @@ PAGES = (
 def hostile(tmp_path_factory: pytest.TempPathFactory, make_rows: Any) -> Iterator[Explored]:
     """A root whose titles, texts and keywords are markup."""
     root = tmp_path_factory.mktemp("hostile")
-    videos = make_rows("youtube/videos", 3, title=[HOSTILE] * 3)
+    ids = [f"aaaaaaaaaa{number}" for number in range(3)]
+    videos = make_rows("youtube/videos", 3, title=[HOSTILE] * 3, video_id=ids)
     text = {name: [HOSTILE] * 3 for name in ("keyword", "text")}
     pairs = make_rows("pairs/pairs", 3, **text)
     write_table(root / "clean/youtube/videos/videos-0.parquet", videos, "youtube/videos")

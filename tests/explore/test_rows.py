@@ -182,7 +182,4 @@ def test_every_row_leads_to_its_own_page(demo_pages: Explored, source: str, verd
         text = demo_pages.ask(f"/rows?source={source}&verdict={verdict}&table={table}").text
         links = re.findall(r'href="(/document\?ref=[^"]*)"', text)
         assert len(links) == len(cells(text))
-        unknown = [link for link in links if demo_pages.ask(html.unescape(link)).status != 200]
-        # What no service returned has nothing but its reason, which stands in its row.
-        assert verdict == "rejected" or not unknown
-        assert all("reddit%3At1_" in link for link in unknown)
+        assert {demo_pages.ask(html.unescape(link)).status for link in links} <= {200}
