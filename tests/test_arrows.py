@@ -28,12 +28,15 @@ ALLOWED: dict[str, set[str]] = {
     "core": set(),
     "schema": {"core"},
     "net": {"core"},
+    "look": {"schema", "core"},
     "store": {"schema", "net", "core"},
     "artifacts": {"store", "schema", "core"},
     "crawl": GROUND | {"core"},
     **{room: GROUND | {"core"} for room in ROOMS},
+    "report": GROUND | {"core", "look"},
     **dict.fromkeys(
-        SOURCES, GROUND | {"core", "crawl", "export", "links", "search", "reader", "mcp", "report"}
+        SOURCES,
+        GROUND | {"core", "crawl", "export", "links", "search", "reader", "mcp", "report", "look"},
     ),
     **dict.fromkeys(ASKING, DATA),
     "links": {"pairs", *DATA},  # over the pairs' matcher
@@ -48,7 +51,7 @@ ALLOWED: dict[str, set[str]] = {
     },  # over the clips' films and annotate's downloads
     "reader": {"clips"} | ASKING | DATA,
     "mcp": {"reader"} | ASKING | DATA,
-    "explore": {"filters", "mcp", "reader"} | ASKING | DATA,
+    "explore": {"filters", "mcp", "reader", "look"} | ASKING | DATA,
     "sandbox": ROOMS | GROUND | {"core"},
     "cli": ROOMS | ASKING | GROUND | {"core", "crawl", *MADE, "sandbox", "mcp", "explore"},
     "pipelines": ROOMS | ASKING | GROUND | {"core", "crawl", *MADE, "sandbox"},

@@ -272,10 +272,12 @@ def _everyday(every: list[Placed]) -> Iterator[Finding]:
 
 def _excluded(every: list[Placed], section: Pairs | None) -> Iterator[Finding]:
     """Keywords that `exclude` takes away whole."""
+    named: dict[str, list[Placed]] = {}
+    for place in every if section and section.exclude else ():
+        named.setdefault(phrase(place[1].keyword.name), []).append(place)
     for text in section.exclude if section else ():
-        banned = forms(phrase(text))
-        for place in every:
-            if phrase(place[1].keyword.name) in banned:
+        for form in sorted(forms(phrase(text)) & named.keys()):
+            for place in named[form]:
                 what = f"{place[1].keyword.name!r} is ruled out by pairs.exclude"
                 yield _at(WARNING, place, what, f"take it out here, or {text!r} there")
 

@@ -62,9 +62,10 @@ class Folded:
         codes = np.frombuffer(bytearray(raw.translate(ASCII)), np.uint8)
         _fold_wide(codes)
         dropped = codes == _GONE
-        kept = np.flatnonzero(~dropped)  # invisible characters don't part a run of spaces
-        space = codes[kept] == 0x20
-        dropped[kept[1:]] = space[1:] & space[:-1]
+        kept = np.flatnonzero(~dropped) if dropped.any() else slice(None)
+        space = codes[kept] == 0x20  # invisible characters don't part a run of spaces
+        repeated = np.append(False, space[1:] & space[:-1])
+        dropped[kept] = repeated
         places = np.flatnonzero(dropped)
         # Where each dropped byte would be in the folded text.
         self._before = places - np.arange(len(places))

@@ -205,47 +205,53 @@ class Text:
 
     def timed(self, places: np.ndarray) -> np.ndarray:
         """Whether the words that hold these bytes have times of their own."""
-        words, (begin, _) = self._word_times
-        return begin[np.searchsorted(words, places, "right") - 1] >= 0
+        return self._word_times(places)[0] >= 0
 
-    @cached_property
-    def _word_times(self) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-        """First byte of each word as captions write it, marks of sounds and speakers too; when it
-        begins and ends (ms), -1 where its cue has no word times.
+    def _word_times(self, places: np.ndarray) -> np.ndarray:
+        """When the words that hold these bytes begin and end (two rows, ms), -1 where their cues
+        have no word times.
 
-        A word ends when the next one of its cue begins, the last one with the cue, and none takes
+        Word times are those of words as captions write them, marks of sounds and speakers too. A
+        word ends when the next one of its cue begins, the last one with the cue, and none takes
         longer than a second. Words stay inside their video.
         """
-        space = np.frombuffer(_blanked(_SPACE, self.given), np.uint8) == 0x20
+        if self._said is None or not len(places):
+            return np.full((2, len(places)), -1)
+        cues, cue = np.unique(self.cue_of(places), return_inverse=True)
+        # The captions of these cues alone: a space, and each with the space that follows it.
+        sizes = self.cue_size[cues] + 1
+        at = 1 + np.cumsum(sizes) - sizes
+        moved = self.cue_at[cues] - at
+        taken = np.frombuffer(self.given, np.uint8)[
+            np.append(0, np.repeat(moved, sizes) + np.arange(1, sizes.sum() + 1))
+        ]
+        space = np.frombuffer(_blanked(_SPACE, taken.tobytes()), np.uint8) == 0x20
         words = np.flatnonzero(space[:-1] & ~space[1:]) + 1
-        begin, end = np.full((2, len(words)), -1)
-        if self._said is not None:
-            first = np.searchsorted(words, self.cue_at)
-            behind = np.searchsorted(words, self.cue_at + self.cue_size)
-            given = pc.fill_null(pc.list_value_length(self._said), -1)
-            cues = np.flatnonzero((behind > first) & (np.asarray(given) == behind - first))
-            starts = _ms(pc.list_flatten(self._said.take(pa.array(cues))))
-            sizes = (behind - first)[cues]
-            last = np.cumsum(sizes) - 1
-            place = np.arange(len(starts)) + np.repeat(first[cues] - last - 1 + sizes, sizes)
-            # Of several words at one moment each ends when the next moment's begins.
-            number = np.repeat(np.arange(len(cues)), sizes)
-            moments = number * round(_FAR * 1000) + starts
-            later = np.searchsorted(moments, moments, "right")
-            ends = np.append(starts, 0)[later]
-            at_end = later > last[number]
-            ends[at_end] = self.cue_end[cues][number[at_end]]
-            low, high = (np.repeat(one[cues], sizes) for one in (self.cue_start, self.cue_end))
-            begin[place] = np.clip(starts, low, high)
-            end[place] = np.clip(np.minimum(ends, starts + _LONGEST_WORD), low, high)
-        return words, (begin, end)
+        begin, end = times = np.full((2, len(words)), -1)
+        first, behind = np.searchsorted(words, at), np.searchsorted(words, at + sizes)
+        said = self._said.take(pa.array(cues))
+        given = np.asarray(pc.fill_null(pc.list_value_length(said), -1))
+        known = np.flatnonzero((behind > first) & (given == behind - first))
+        starts = _ms(pc.list_flatten(said.take(pa.array(known))))
+        counts = given[known]
+        last = np.cumsum(counts) - 1
+        place = np.arange(len(starts)) + np.repeat(first[known] - last - 1 + counts, counts)
+        # Of several words at one moment each ends when the next moment's begins.
+        number = np.repeat(np.arange(len(known)), counts)
+        moments = number * round(_FAR * 1000) + starts
+        later = np.searchsorted(moments, moments, "right")
+        ends = np.append(starts, 0)[later]
+        low, high = (one[cues[known]][number] for one in (self.cue_start, self.cue_end))
+        ends = np.where(later > last[number], high, ends)
+        begin[place] = np.clip(starts, low, high)
+        end[place] = np.clip(np.minimum(ends, starts + _LONGEST_WORD), low, high)
+        return times[:, np.searchsorted(words, places - moved[cue], "right") - 1]
 
     def time_of(self, places: np.ndarray, *, after: bool = False) -> np.ndarray:
         """When the words that hold these bytes begin (or end, with `after`), in ms: by the times of
         words where the cue has them, else its time is shared out evenly among its words.
         """
-        words, both = self._word_times
-        known: np.ndarray = both[after][np.searchsorted(words, places, "right") - 1]
+        known = self._word_times(places)[int(after)]
         return np.where(known >= 0, known, self.shared_out(places, after=after))
 
     def shared_out(self, places: np.ndarray, *, after: bool = False) -> np.ndarray:

@@ -2,8 +2,9 @@
 
 from functools import partial
 
-from kb.report.charts import BLUE, GREEN, ORANGE, PURPLE, RED, SKY, words
+from kb.look.charts import BLUE, GREEN, ORANGE, PURPLE, RED, SKY
 from kb.report.figures import dates, funnel, logarithmic, toxicity, values
+from kb.report.word_cloud import words
 
 _POSTS, _COMMENTS = "reddit/posts", "reddit/comments"
 _TYPES = {

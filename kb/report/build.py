@@ -9,6 +9,7 @@ import importlib.util
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from importlib import resources
 from pathlib import Path
 
 from markupsafe import Markup
@@ -24,7 +25,7 @@ from kb.core.publication import Publication
 from kb.core.sources import PUBLISHED, SOURCES
 from kb.core.summary import Summary
 from kb.core.templates import environment
-from kb.report.charts import (
+from kb.look.charts import (
     BLUE,
     GREEN,
     GREY,
@@ -32,19 +33,21 @@ from kb.report.charts import (
     Figure,
     applied,
     canvas,
+    inline,
     number,
     over_time,
     saved,
 )
+from kb.look.headings import heading
 from kb.report.data import ReportData
 from kb.report.figures import FigureMaker
-from kb.schema import table
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
 from kb.store.state import demo_mark
 from kb.store.tables.reading import SANDBOX_MODEL, filtered
 
 _TEMPLATES = Path(__file__).with_name("templates")
+_STYLE = resources.files("kb.look").joinpath("style.css")
 _LONGEST = 160  # letters of a cell
 _HEAVY = 400_000  # bytes of an SVG
 
@@ -73,7 +76,7 @@ def page(
     notes: Sequence[str],
 ) -> str:
     """The whole document. `cards` are (what, number, remark). All text is escaped."""
-    filters = {"address": _address, "cell": _cell, "number": number}
+    filters = {"drawing": _drawing, "cell": _cell, "number": number}
     templates = environment(_TEMPLATES, filters, autoescape=True)
     return templates.get_template("page.html.jinja").render(
         title=title,
@@ -82,16 +85,17 @@ def page(
         sections=sections,
         notes=notes,
         shows_content=any(section.figures or section.samples for section in sections),
-        style=Markup((_TEMPLATES / "style.css").read_text(encoding="utf-8")),
+        style=Markup(_STYLE.read_text(encoding="utf-8")),
     )
 
 
-def _address(figure: Figure) -> str:
-    """The image inside the page: as SVG, unless a screenshot makes that much the heavier."""
+def _drawing(figure: Figure) -> Markup:
+    """The figure inside the page: as SVG, unless a screenshot makes that much the heavier."""
     svg, png = figure.files["svg"], figure.files["png"]
-    if len(svg) > _HEAVY and len(svg) > 2 * len(png):
-        return f"data:image/png;base64,{base64.b64encode(png).decode()}"
-    return f"data:image/svg+xml;base64,{base64.b64encode(svg).decode()}"
+    if len(svg) <= _HEAVY or len(svg) <= 2 * len(png):
+        return inline(figure)
+    image = base64.b64encode(png).decode()
+    return Markup('<img src="data:image/png;base64,{}" alt="{}">').format(image, figure.alt)
 
 
 def _cell(value: object) -> Markup:
@@ -194,7 +198,7 @@ def _section(run: Run, data: ReportData, of: Publication) -> ReportSection:
             section.samples.append(
                 (
                     f"Some {name.partition('/')[2]}",
-                    [_head(name, column) for column in columns],
+                    [heading(name, column) for column in columns],
                     rows,
                 )
             )
@@ -222,13 +226,6 @@ def _drawn(run: Run, data: ReportData, name: str, makers: Sequence[FigureMaker])
                 figures += made if isinstance(made, tuple) else (made,)
             task.advance()
     return figures
-
-
-def _head(name: str, column: str) -> str:
-    """A column's name for people, with its unit where that is more than what it counts."""
-    unit = table(name).column(column).unit
-    words = column.removesuffix("_s").replace("_", " ")
-    return f"{words} ({unit})" if unit in ("s", "px", "CSS px", "UTC") else words
 
 
 def _notes(run: Run) -> list[str]:

@@ -2,7 +2,7 @@
 
 from kb.core.config.profile import Profile
 from kb.core.sources import SOURCES
-from kb.report.charts import (
+from kb.look.charts import (
     GREEN,
     ORANGE,
     SKY,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from kb.core.config.profile import Profile
-from kb.report.charts import (
+from kb.look.charts import (
     BLUE,
     GREEN,
     GREY,

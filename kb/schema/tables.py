@@ -82,6 +82,7 @@ class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     content     true for what people wrote (titles, texts, addresses, names)
     dictionary  true for low-cardinality columns that Parquet stores with a dictionary
     values      the words that a text column may hold; the release gate refuses others
+    words       what people read in place of a value, by value; one without reads as it is
     pattern     a regular expression that each whole text of the column has; checked there as well
     also        further raw kinds that have the value, each as in `from`
     """
@@ -96,6 +97,7 @@ class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     content: bool = False
     dictionary: bool = False
     values: Annotated[tuple[str, ...], Meta(min_length=1)] = ()
+    words: tuple[tuple[str, Line], ...] = ()
     pattern: str = ""
     also: tuple[Origin, ...] = ()
 
@@ -104,6 +106,8 @@ class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         parse_type(self.type)
         if (self.values or self.pattern) and self.type != "string":
             raise ValueError("`values` and `pattern` are for columns of type string")
+        if self.values and (unknown := [one for one, _ in self.words if one not in self.values]):
+            raise ValueError(f"`words` name {', '.join(unknown)}, not in `values`")
         try:
             re.compile(self.pattern)
         except re.error as error:
@@ -238,6 +242,8 @@ def _blocks(block: dict[str, Any]) -> list[dict[str, Any]]:
     made = {key: value for key, value in block.items() if key != "each"}
     if made.get("values") == ["<source>"]:
         made["values"] = list(SOURCES)
+    if "words" in made:
+        made["words"] = list(made["words"].items())
     return [_filled(made, word) for word in block["each"]] if "each" in block else [made]
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from kb.core.config.profile import Profile
-from kb.report.charts import (
+from kb.look.charts import (
     BLUE,
     GREEN,
     INK,

@@ -117,6 +117,10 @@ def forget(purge: Purge) -> None:
         frontier.remove("pages", purge.keys)
 
 
+def any_answer(keys: Collection[str]) -> None:
+    """Answers name pages by their titles, so any may have a key."""
+
+
 RULES = PurgeRules(
     "wiki",
     NAMES.read_some,
@@ -127,7 +131,7 @@ RULES = PurgeRules(
     exact=("renders",),
     look_up=look_up,
     find=find,
-    texts=lambda keys: None,
+    texts=any_answer,
     names=names,
     forget=forget,
     in_order=True,

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from kb.report.charts import GREEN
+from kb.look.charts import GREEN
 from kb.report.figures import dates, funnel, toxicity, values
 from kb.wiki.page_figure import KINDS, page
 

@@ -80,13 +80,18 @@ def _in_segment(segment: str, marks: frozenset[str]) -> set[tuple[str, str]]:
     return found
 
 
+def marks(purge: Purge, channel: str) -> tuple[str, ...]:
+    """The marks by which a channel is kept away."""
+    return (mark(channel),)
+
+
 PEOPLE = PeopleRules(
     option="--channels",
     noun="channels",
     hint="write one a line: its id (UC and 22 characters) or an address with /channel/; the page of"
     " a handle (@name) shows the id under About, Share channel",
     parse=channel_id,
-    marks=lambda purge, channel: (mark(channel),),
+    marks=marks,
     find=find_channels,
 )
 

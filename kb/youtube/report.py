@@ -4,7 +4,7 @@ import itertools
 from functools import partial
 
 from kb.core.config.profile import Profile
-from kb.report.charts import (
+from kb.look.charts import (
     BLUE,
     GREEN,
     GREY,
@@ -16,10 +16,10 @@ from kb.report.charts import (
     number,
     readable,
     saved,
-    words,
 )
 from kb.report.data import ReportData
 from kb.report.figures import bar_figure, dates, funnel, logarithmic, toxicity, values
+from kb.report.word_cloud import words
 
 _VIDEOS = "youtube/videos"
 _CHANNELS = 10

@@ -15,10 +15,12 @@ Half a percent of the lines are wanted, as in a monthly file of all subreddits.
 import gzip
 import json
 import os
+import string
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from itertools import accumulate
 from pathlib import Path
 
 import orjson
@@ -102,44 +104,41 @@ IDS = {
 }
 
 
+WORDS = 20_000  # different ones, the n-th said 1/n as often as the first
+
+
 def write(path: Path, lines: int, later: dict[str, object]) -> None:
-    """A monthly file: comments of many subreddits, half a percent of them Minecraft's."""
+    """A monthly file: comments of many subreddits, half a percent of them Minecraft's.
+
+    It is compressed as the archive's files are, with a window of 2 GiB.
+    """
     rng = clock.rng("bench dumps")
-    words = [
-        "block",
-        "garden",
-        "score",
-        "the",
-        "of",
-        "and",
-        "train",
-        "cloud",
-        "paper",
-        "window",
-        "never",
-        "always",
-    ]
-    with path.open("wb") as file, zstandard.ZstdCompressor(level=3).stream_writer(file) as out:
+    letters = string.ascii_lowercase
+    words = ["".join(rng.choices(letters, k=rng.randint(2, 9))) for _ in range(WORDS)]
+    often = list(accumulate(1 / rank for rank in range(1, WORDS + 1)))
+    others = [name for name in IDS if name != "Minecraft"]
+    window = zstandard.ZstdCompressionParameters.from_level(3, window_log=31, enable_ldm=True)
+    engine = zstandard.ZstdCompressor(compression_params=window)
+    with path.open("wb") as file, engine.stream_writer(file) as out:
         for number in range(lines):
-            name = (
-                "Minecraft"
-                if number % 200 == 7
-                else rng.choice(("gardening", "trains", "AskAnything", "pics"))
-            )
+            name = "Minecraft" if number % 200 == 7 else rng.choice(others)
+            post, person = (f"{rng.getrandbits(31):x}" for _ in range(2))
             out.write(
                 json.dumps(
                     {
                         "id": f"c{number:07x}",
                         "subreddit": name,
-                        "author": f"person{number % 977}",
-                        "author_fullname": f"t2_{number % 977:x}",
-                        "link_id": f"t3_p{number % 5000:x}",
-                        "parent_id": f"t3_p{number % 5000:x}",
+                        "author": f"{words[number % 977]}{person}",
+                        "author_fullname": f"t2_{person}",
+                        "link_id": f"t3_{post}",
+                        "parent_id": f"t1_{rng.getrandbits(31):x}",
                         "created_utc": 1_700_000_000 + number,
-                        "retrieved_on": 1_701_000_000,
+                        "retrieved_on": 1_701_000_000 + number,
                         "score": number % 90,
-                        "body": " ".join(rng.choices(words, k=30)),
-                        "permalink": f"/r/{name}/comments/p{number % 5000:x}/post/c{number:07x}/",
+                        "body": " ".join(
+                            rng.choices(words, cum_weights=often, k=rng.randint(5, 55))
+                        ),
+                        "permalink": f"/r/{name}/comments/{post}/post/c{number:07x}/",
                         "edited": False,
                         "distinguished": None,
                         "stickied": False,

@@ -159,10 +159,10 @@ class Bench:
         return path
 
     def floor(self, stage: Stage) -> float:
-        """CPU seconds of reading alone what the stage reads, by this checkout's reader."""
+        """CPU seconds of reading alone what the stage reads, in the raw format of the code."""
         command = [sys.executable, "-m", "tests.bench.scale_floor", stage.name, str(self.root)]
-        env = {**os.environ, "PYTHONPATH": str(HERE)}
-        found = measured.run(command, env, HERE)
+        env = {**os.environ, "PYTHONPATH": str(self.code)}
+        found = measured.run(command, env, self.code)
         if found.code:
             raise RuntimeError(found.said[-2000:])
         return float(found.said.split()[-1])

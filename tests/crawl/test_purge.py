@@ -1,6 +1,14 @@
 """A purge of damaged raw data: what can be read is purged, what can't be read is set aside."""
 
+import pickle
+
+import pytest
+
+from kb.artifacts.purge import PurgeRules
+from kb.reddit.purge import RULES as REDDIT
 from kb.store.rawlog import damaged_answers
+from kb.wiki.purge import RULES as WIKI
+from kb.youtube.purge import RULES as YOUTUBE
 from tests.youtube.job import Job
 from tests.youtube.test_damage import frames, job, overwrite, plain, segment, video_of
 
@@ -43,3 +51,9 @@ def test_a_purge_leaves_no_damaged_bytes_that_may_hold_its_key(job: Job) -> None
     assert video_of(line) not in {
         str(one["response"]["video_id"]) for one in job.raw("transcripts")
     }
+
+
+@pytest.mark.parametrize("rules", [YOUTUBE, WIKI, REDDIT], ids=lambda rules: rules.source)
+def test_worker_processes_are_given_the_rules_of_a_purge(rules: PurgeRules) -> None:
+    """Segments of more than 64 MB are written again by several processes."""
+    assert pickle.loads(pickle.dumps(rules)).source == rules.source

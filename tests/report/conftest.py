@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from kb.report import charts
+from kb.look import charts
 from kb.report.build import report
 from kb.store.state.frontier import Frontier
 from tests.once import once

@@ -65,8 +65,10 @@ def test_readable_without_scrolling_sideways(browser: Any, page: Path, name: str
         "return document.documentElement.scrollWidth <= window.innerWidth"
     )
     pictures = browser.execute_script(
-        "return [...document.querySelectorAll('figure img')].map(i => [i.complete, i.naturalWidth,"
-        " i.getBoundingClientRect().width, i.alt.length, i.parentElement.id])"
+        "return [...document.querySelectorAll('figure > img, figure > svg')].map(i =>"
+        " [i.complete ?? true, i.naturalWidth || i.viewBox.baseVal.width * 96 / 72,"
+        " i.getBoundingClientRect().width,"
+        " (i.alt || i.ariaLabel).length, i.parentElement.id])"
     )
     assert len(pictures) == len([*page.parent.glob("*.svg")]) >= 25
     assert all(complete and natural > 0 and alt > 20 for complete, natural, _, alt, _ in pictures)

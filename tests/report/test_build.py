@@ -15,7 +15,7 @@ import pytest
 
 from kb.core.errors import FatalError
 from kb.core.sources import BY_DEFAULT
-from kb.report import charts
+from kb.look import charts
 from kb.report.build import report
 from kb.schema import table
 from kb.store.state import demo_mark
@@ -218,8 +218,10 @@ def test_page_needs_nothing_outside_itself(root: Path) -> None:
     page = (root / "report" / "index.html").read_text()
     assert re.findall(r"<(?:script|link|iframe|object)", page) == []
     assert all(source.startswith("data:") for source in re.findall(r'src="([^"]*)"', page))
-    assert all(target.startswith("#") for target in re.findall(r'href="([^"]*)"', page))
-    assert all(text.strip() for text in re.findall(r'alt="([^"]*)"', page))
+    assert all(
+        target.startswith(("#", "data:image/")) for target in re.findall(r'href="([^"]*)"', page)
+    )
+    assert all(text.strip() for text in re.findall(r'(?:alt|aria-label)="([^"]*)"', page))
     assert len(re.findall(r"<figure ", page)) == 30
 
 

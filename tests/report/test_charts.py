@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from kb.report.charts import bars, even, over_time, readable
+from kb.look.charts import bars, even, over_time, readable
 from kb.report.data import ReportData
 from tests.release.made import rows
 from tests.report.made import OfOne, a_run

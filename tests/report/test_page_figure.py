@@ -8,7 +8,7 @@ import pytest
 
 from kb.core.config.profile import load_profile
 from kb.core.errors import DamagedData
-from kb.report import charts
+from kb.look import charts
 from kb.report.build import report
 from kb.report.data import ReportData
 from kb.wiki import page_figure

@@ -16,7 +16,7 @@ import re
 from collections.abc import Callable
 from urllib.parse import parse_qs, unquote, urlsplit
 
-from kb.crawl.id_list import IdRules
+from kb.crawl.id_list import IdRules, ListedId
 
 _ID = re.compile(r"[A-Za-z0-9_-]{11}")
 _FIRST = re.compile(r"([A-Za-z0-9_-]{11})(?![A-Za-z0-9_-])")  # people add "?t=30" behind anything
@@ -134,6 +134,11 @@ Part = tuple[int, int] | None
 """Which of how many machines, from 1; None for one that does it all."""
 
 
+def parse(entry: ListedId) -> str | None:
+    """The video that an entry of a list names."""
+    return video_of(entry.value) if isinstance(entry.value, str) else None
+
+
 RULES = IdRules(
     option="--ids",
     noun="video ids",
@@ -153,7 +158,7 @@ RULES = IdRules(
         "link",
     ),
     tables=(("videos",), ("pairs",)),
-    parse=lambda entry: video_of(entry.value) if isinstance(entry.value, str) else None,
+    parse=parse,
     is_unmistakable=is_unmistakable,
 )
 

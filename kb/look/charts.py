@@ -1,4 +1,5 @@
-"""Kinds of chart, how every figure looks, and how it is saved: the same bytes for the same data.
+"""The charts of the report and of `kb explore`: their kinds, how all of them look, and how they
+are saved, as the same bytes for the same data.
 
 Colours: Okabe and Ito's palette, told apart with any colour vision and on paper. Figures are as
 wide as a phone's screen in points, so that their labels stay readable on one. Every axis says what
@@ -11,13 +12,12 @@ import io
 import itertools
 import logging
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from kb.core.config.profile import Profile
-from kb.report.data import ReportData
+from markupsafe import Markup, escape
 
 # Behind a number: the grid's lines stop before it.
 HALO = {"facecolor": "white", "edgecolor": "none", "pad": 1.2}
@@ -31,6 +31,19 @@ BLUE, ORANGE, GREEN, RED, SKY, PURPLE = (
     "#CC79A7",
 )
 INK, GREY, PALE = "#1F2933", "#52606D", "#D9E2EC"
+# Each colour's variable in style.css, which has it in a light and a dark theme.
+_VARIABLES = {
+    "#ffffff": "card",
+    INK.lower(): "ink",
+    GREY.lower(): "soft",
+    PALE.lower(): "line",
+    BLUE.lower(): "blue",
+    ORANGE.lower(): "orange",
+    GREEN.lower(): "green",
+    RED.lower(): "red",
+    SKY.lower(): "sky",
+    PURPLE.lower(): "purple",
+}
 FONT = "DejaVu Sans"  # comes with matplotlib: the same letters everywhere
 WIDTH = 4.6  # inches
 PIXELS = 200  # per inch, of the PNG
@@ -67,13 +80,6 @@ _RULES: dict[str, Any] = {
     "path.simplify": True,
     "text.parse_math": False,  # a dollar in somebody's title is a dollar
 }
-
-_W, _H = 1080, 640  # the cloud's own pixels
-_DARK = (BLUE, GREEN, RED, INK, PURPLE)  # readable on white
-_MORE = """
-just like get got can't don't i'm it's that's one would could also any anyone really make made want
-need know see im ive dont cant new use using still first even way much many thing things
-"""
 
 
 def bars(
@@ -245,6 +251,30 @@ def saved(sheet: Any, pixels: int = PIXELS) -> dict[str, bytes]:
     return files
 
 
+def inline(figure: Figure) -> Markup:
+    """The SVG as an element of a page that has style.css: its colours follow the reader's theme.
+
+    Properties are attributes, since a page may forbid styles (Content-Security-Policy), and ids
+    begin with the figure's name, since a page has several figures.
+    """
+    svg = figure.files["svg"].decode()
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", "", svg, flags=re.DOTALL)
+    svg = re.sub(r'(<svg[^>]*?) width="[^"]*" height="[^"]*"', r"\1", svg, count=1)
+    svg = re.sub(r' style="([^"]*)"', lambda found: _attributes(found[1]), svg)
+    svg = re.sub(r'\bid="|(?<=href="#)|(?<=url\(#)', lambda at: f"{at[0]}{figure.name}-", svg)
+    head = f'<svg class="chart" role="img" aria-label="{escape(figure.alt)}"'
+    return Markup(svg.replace("<svg", head, 1))
+
+
+def _attributes(style: str) -> str:
+    pairs = (one.split(": ", 1) for one in style.split("; ") if ": " in one)
+    return "".join(
+        f' {name}="{f"var(--{known})" if (known := _VARIABLES.get(value)) else value}"'
+        for name, value in pairs
+    )
+
+
 def _placed(sheet: Any, pixels: int) -> None:
     """Find the places of axes once; `savefig` would draw all of it for that, for each format."""
     sheet.set_dpi(pixels)
@@ -316,74 +346,3 @@ def powers(axis: Any) -> None:
         FuncFormatter(lambda value, _: "1k" if value == 1000 else number(value))
     )
     axis.set_minor_formatter(NullFormatter())
-
-
-def words(
-    data: ReportData, profile: Profile, table: str, columns: tuple[str, ...]
-) -> Figure | None:
-    """The cloud of the words in some columns of a table (the paper shows Reddit's)."""
-    from wordcloud import STOPWORDS
-
-    stop = {word.lower() for word in (*STOPWORDS, *_MORE.split(), *profile.report.stop_words)}
-    counts = data.words(table, columns, stop, profile.report.cloud_words)
-    if len(counts) < 5:
-        return None
-    source, _, rows = table.partition("/")
-    return Figure(
-        f"{source}-words",
-        f"What {rows} are about",
-        (
-            f"The {len(counts)} most frequent words of {' and '.join(columns)}; "
-            f"a word's size follows the number of {rows} that say it."
-        ),
-        "Word cloud; the largest words are "
-        + ", ".join(f"{word} ({number(n)})" for word, n in counts[:12])
-        + ".",
-        _drawn(dict(counts), profile.seed),
-        ("word", rows),
-        counts[:60],
-    )
-
-
-def _drawn(frequencies: dict[str, int], seed: int) -> dict[str, bytes]:
-    from matplotlib import get_data_path
-    from matplotlib.font_manager import FontProperties
-    from matplotlib.patches import PathPatch
-    from matplotlib.textpath import TextPath
-    from matplotlib.transforms import Affine2D
-    from wordcloud import WordCloud
-
-    font = str(Path(get_data_path()) / "fonts" / "ttf" / "DejaVuSans-Bold.ttf")
-    cloud = WordCloud(
-        width=_W,
-        height=_H,
-        font_path=font,
-        prefer_horizontal=1.0,
-        max_words=len(frequencies),
-        min_font_size=16,
-        max_font_size=130,
-        relative_scaling=0.5,
-        margin=10,
-        random_state=seed,
-    )
-    cloud.generate_from_frequencies(frequencies)
-    sheet, axes = canvas(WIDTH * _H / _W)
-    face = FontProperties(fname=font)
-    for index, ((word, _), size, (top, left), _, _) in enumerate(cloud.layout_):
-        # A place is where the word's ink begins, not its line.
-        shape = TextPath((0, 0), word, size=size, prop=face)
-        ink = shape.get_extents()
-        place = Affine2D().translate(left - ink.x0, _H - top - ink.y1)
-        axes.add_artist(  # add_patch would measure each curve for limits, which are set below
-            PathPatch(
-                shape,
-                transform=place + axes.transData,
-                color=_DARK[index % len(_DARK)],
-                linewidth=0,
-            )
-        )
-    axes.set_xlim(0, _W)
-    axes.set_ylim(0, _H)
-    axes.set_aspect("equal")
-    axes.axis("off")
-    return saved(sheet)

@@ -1,0 +1,31 @@
+"""Names of tables' columns and of their values for people."""
+
+from kb.schema import table
+
+_SHOWN_UNITS = {"s", "px", "CSS px", "UTC", "bytes"}
+_CAPITALS = {"id": "ID", "ids": "IDs", "url": "URL", "fps": "FPS", "nsfw": "NSFW"}
+# What the unit says as well.
+_ENDINGS = {"s": ("_s",), "UTC": ("_utc", "_at", "_timestamp")}
+
+
+def heading(name: str, column: str) -> str:
+    """The column `duration_s` of a table as "Duration (s)", `view_count` as "Views": words, and the
+    unit where the words do not say it. Raises UsageError for an unknown table, SchemaMismatch for
+    an unknown column.
+    """
+    unit = table(name).column(column).unit
+    if unit and column in (f"{unit[:-1]}_count", f"num_{unit}"):
+        return unit.capitalize()
+    for ending in _ENDINGS.get(unit, ()):
+        column = column.removesuffix(ending)
+    words = [_CAPITALS.get(word, word) for word in column.split("_")]
+    words[0] = words[0][0].upper() + words[0][1:]
+    return " ".join(words) + (f" ({unit})" if unit in _SHOWN_UNITS else "")
+
+
+def reading(name: str, column: str, value: str) -> str:
+    """What people read for a value of a column, such as "no verb in front" for no_verb: the words
+    of its schema, else the value with spaces. Raises what `heading` raises.
+    """
+    words = dict(table(name).column(column).words)
+    return words.get(value, value.replace("_", " "))
