@@ -72,10 +72,23 @@ class SecretPatterns:
         return bool(self._anchors.find_matches_as_indexes(data))
 
     def within(self, data: bytes) -> list[str]:
-        """The values and shapes that bytes contain."""
-        if not self.anything(data):
-            return []
-        return [what for what, shape in self.shapes.items() if re.search(shape.encode(), data)]
+        """The values and shapes that bytes contain.
+
+        Only what surrounds literal parts is looked at: screenshots have one every few megabytes by
+        chance.
+        """
+        near: list[tuple[int, int]] = []
+        for _, start, end in self._anchors.find_matches_as_indexes(data):
+            first, last = max(0, start - self.overlap), end + self.overlap
+            if near and first <= near[-1][1]:
+                first = near.pop()[0]
+            near.append((first, last))
+        pieces = [data[first:last] for first, last in near]
+        return [
+            what
+            for what, shape in self.shapes.items()
+            if any(re.search(shape.encode(), piece) for piece in pieces)
+        ]
 
 
 def _in_file(path: Path, wanted: SecretPatterns) -> Iterator[tuple[str, str]]:
