@@ -174,7 +174,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
     )
     more = bash[0].replace("--videos 60", "--videos 160").replace("draw 1000", "draw 3200")
     made.run(more, train)
-    (train / "small.toml").write_text(recipe[0].replace("epochs = 12", "epochs = 16"))
+    longer = recipe[0].replace("epochs = 12", "epochs = 16")
+    longer = longer.replace("final_rate = 1e-3", "final_rate = 1e-4")
+    (train / "small.toml").write_text(longer)
     (train / "train.py").write_text("\n".join(python[:2]))
     made.run("python train.py", train)
     return made
