@@ -60,7 +60,7 @@ def read(tables: CurrentTables, about: Mapping[str, Any]) -> OverviewPage:
 
 def _totals(tables: CurrentTables) -> list[tuple[str, str]]:
     counted = {name: of for name, of in _TOTALS.items() if name in tables}
-    found = []
+    found: list[tuple[float | None, str]] = []
     with tables.asked(*counted) as con:
         for name, of in counted.items():
             sums = ", ".join(f"({sql})::DOUBLE" for sql, _ in of)
