@@ -17,14 +17,13 @@ from pathlib import Path
 
 from kb.artifacts import domain_binding
 from kb.artifacts.measures import check_pairs, write_measure
-from kb.core.config.profile.products import Pairs
 from kb.core.context import Run
 from kb.core.errors import LimitReached
 from kb.core.summary import Summary
 from kb.export import layouts
 from kb.pairs import measures
 from kb.pairs.build import build, check
-from kb.pairs.extract import Tools, make_tools
+from kb.pairs.keywords import Keywords
 from kb.pairs.measures import VideoSample
 from kb.store.layout import Layout
 from kb.store.tables.columns import word_count
@@ -53,10 +52,10 @@ def measure(run: Run, size: int) -> Summary:
 
     Raises FatalError without pairs, Stopped with `summary` when tracks are left to fetch.
     """
-    sample, tools = _sample(run, size)
+    sample, keywords = _sample(run, size)
     fetched = fetch_second_tracks(run, sample.ids)
     tracks = second_tracks(run.root, sample.ids, word_count)
-    section = measures.measured(run.root, tracks, tools, sample, run.seed)
+    section = measures.measured(run.root, tracks, keywords, sample, run.seed)
     path = write_measure(run.root, measures.NAME, section)
     return Summary(
         fetched,
@@ -73,11 +72,10 @@ def plan_measure(run: Run, size: int) -> Summary:
     return Summary(plan_second_tracks(run, sample.ids), videos_with_both_tracks=sample.out_of)
 
 
-def _sample(run: Run, size: int) -> tuple[VideoSample, Tools]:
-    section, keywords = run.profile.section(Pairs), check(run)
+def _sample(run: Run, size: int) -> tuple[VideoSample, Keywords]:
+    keywords = check(run)
     check_pairs(run.root)
-    sample = measures.sampled(run.root, with_both(run), size, run.seed)
-    return sample, make_tools(section, run.seed, keywords)
+    return measures.sampled(run.root, with_both(run), size, run.seed), keywords
 
 
 def refill(run: Run, index: Path) -> Summary:

@@ -1,7 +1,5 @@
-"""The wheel as a user has it: built once, installed outside of the checkout, its demo run once.
-
-Test processes share one of each (the files are made under a lock), as building and the demo take
-their time.
+"""What all test processes share, as it takes long to make: the built wheel, the environment in
+which it is installed outside of the checkout, and the demo.
 """
 
 import subprocess
@@ -12,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests import trap
+from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.once import once
 
@@ -84,55 +82,12 @@ def outside() -> dict[str, str]:
     return {name: value for name, value in clean_environment().items() if name != "PYTHONPATH"}
 
 
-# What a user's own settings may be, and what the demo must leave alone: two credentials, hosts and
-# a model that are not there.
-OWN_DOTENV = """\
-YOUTUBE_API_KEY=a-real-key
-KB_YOUTUBE_ENDPOINT=https://192.0.2.1
-KB_WIKI_URL=https://192.0.2.1
-"""
-OWN_ENVIRONMENT = {
-    "REDDIT_CLIENT_SECRET": "a-real-secret",
-    "KB_REDDIT_ENDPOINT": "http://192.0.2.1",
-    "KB_TOXICITY_MODEL": "/nowhere",
-}
-
-
-WATCHED = """\
-"$BIN/kb" demo --json > demo.out
-cp -r data/demo demo.again
-unset KB_REDDIT_ENDPOINT
-model="from kb.sandbox.toxicity import tiny_checkpoint; print(tiny_checkpoint())"
-export KB_DATA=demo.again KB_TOXICITY_MODEL="$("$BIN/python" -c "$model")"
-"$BIN/kb" reddit filter --workers 2 --json
-"""
-
-
 @pytest.fixture(scope="session")
-def demo(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder in which the installed `kb demo` was run: its data/demo, and what it printed in
-    demo.out and demo.err.
-
-    The user's own settings, in .env and in the environment, are such as no demo could be done with.
-    Every address but loopback is a trap: what any process tried is in demo.attempts. As so small a
-    demo starts no workers, a filter of a copy is done by two.
-    """
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which `kb demo` was run: its data are in data/demo."""
 
     def run(folder: Path) -> None:
-        (folder / ".env").write_text(OWN_DOTENV)
-        (folder / "demo.sh").write_text(WATCHED)
-        home = folder / ".home"
-        home.mkdir()
-        with (folder / "demo.err").open("w") as err:
-            code = trap.run(
-                ["bash", "-e", "demo.sh"],
-                folder / "demo.attempts",
-                outside() | OWN_ENVIRONMENT | {"HOME": str(home), "BIN": str(installed)},
-                cwd=folder,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=err,
-            )
-        assert code == 0, (folder / "demo.err").read_text()[-3000:]
+        done = processes.run(["demo"], env=clean_environment(), cwd=folder)
+        assert done.returncode == 0, done.stderr[-3000:]
 
     return once(tmp_path_factory, "demo", run)

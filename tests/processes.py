@@ -30,6 +30,7 @@ _LATE = (
     "PIL.PngImagePlugin",
     "distributed",
     "googleapiclient.discovery",
+    "httpx2",
     "matplotlib.backends.backend_pdf",
     "matplotlib.backends.backend_svg",
     "onnxruntime",

@@ -2,7 +2,7 @@
 
     scorer = ToxicityScorer.open(run, "youtube")       exit 2 without model or extra
     scorer.annotate(batches of texts)          scores each distinct text once, resumable
-    scorer.columns(texts, "toxicity_title")    the table columns of a text column
+    scorer.lookup(text_hashes(texts))          the scores of a column of texts
 
 Equal texts are scored once, by their hash, in this run and in all later ones. A reduced precision
 is only used when asked for; a score within its reach of the threshold is computed again in fp32.
@@ -108,21 +108,6 @@ class ToxicityScorer:
     def lookup(self, hashes: pa.Array[Any] | pa.ChunkedArray[Any]) -> pa.Table:
         """`CATEGORIES` and `precision` of each hash, in order; null where there is none."""
         return unscored(len(hashes)) if self.scores is None else self.scores.lookup(hashes)
-
-    def columns(
-        self,
-        texts: pa.Array[Any] | pa.ChunkedArray[Any],
-        prefix: str = "toxicity",
-        categories: bool = True,
-    ) -> dict[str, pa.ChunkedArray[Any]]:
-        """The largest category as `prefix`,
-        and with `categories` each one as `prefix_<category>`.
-        """
-        scores = self.lookup(text_hashes(texts))
-        columns = {prefix: pc.max_element_wise(*(scores[name] for name in CATEGORIES))}
-        if categories:
-            columns |= {f"{prefix}_{name}": scores[name] for name in CATEGORIES}
-        return columns
 
     def annotate(self, batches: Iterable[Any]) -> AnnotationCounts:
         """Score what has no score yet, of batches of texts (Arrow columns or lists; null and "" are
@@ -368,45 +353,42 @@ def score_chunk(job: ScoringJob, texts: Sequence[str]) -> dict[str, Any]:
     """
     # A Dask worker with several threads takes several chunks: one at a time, with all threads.
     with _ONE:
-        return _score_chunk(job._replace(threads=job.threads or _worker_threads()), texts)
+        job = job._replace(threads=job.threads or _worker_threads())
+        job = job._replace(device=_device(job.device, job.precision))
+        runner = _runner(job.checkpoint, job.precision, job.device, job.threads)
+        start, before = clock.monotonic(), runner.tokens
 
+        def between() -> None:
+            # A chunk of some seconds is finished; one long text may take minutes.
+            if clock.monotonic() - start > HAND_S:
+                signals.stop.check()
 
-def _score_chunk(job: ScoringJob, texts: Sequence[str]) -> dict[str, Any]:
-    job = job._replace(device=_device(job.device, job.precision))
-    runner = _runner(job.checkpoint, job.precision, job.device, job.threads)
-    start, before = clock.monotonic(), runner.tokens
-
-    def between() -> None:
-        # A chunk of some seconds is finished; one long text may take minutes.
-        if clock.monotonic() - start > HAND_S:
-            signals.stop.check()
-
-    scores = runner.score(texts, between)
-    precisions = [job.precision] * len(texts)
-    near = []
-    if job.threshold is not None and REACH[job.precision]:
-        near = [
-            n
-            for n, row in enumerate(scores)
-            if abs(max(row) - job.threshold) <= REACH[job.precision]
-        ]
-        exact = (
-            _runner(job.checkpoint, "fp32", job.device, job.threads).score(
-                [texts[n] for n in near], between
+        scores = runner.score(texts, between)
+        precisions = [job.precision] * len(texts)
+        near = []
+        if job.threshold is not None and REACH[job.precision]:
+            near = [
+                n
+                for n, row in enumerate(scores)
+                if abs(max(row) - job.threshold) <= REACH[job.precision]
+            ]
+            exact = (
+                _runner(job.checkpoint, "fp32", job.device, job.threads).score(
+                    [texts[n] for n in near], between
+                )
+                if near
+                else []
             )
-            if near
-            else []
-        )
-        for n, row in zip(near, exact, strict=True):
-            scores[n], precisions[n] = row, "fp32"
-    return {
-        "scores": scores,
-        "precisions": precisions,
-        "classes": runner.meta.classes,
-        "again": len(near),
-        "tokens": runner.tokens - before,
-        "seconds": clock.monotonic() - start,
-    }
+            for n, row in zip(near, exact, strict=True):
+                scores[n], precisions[n] = row, "fp32"
+        return {
+            "scores": scores,
+            "precisions": precisions,
+            "classes": runner.meta.classes,
+            "again": len(near),
+            "tokens": runner.tokens - before,
+            "seconds": clock.monotonic() - start,
+        }
 
 
 def _worker_threads() -> int:

@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 import msgspec
 
 from kb.artifacts.table_catalog import Catalog, is_root
-from kb.core.config.profile import Profile, is_shipped, load_profile
+from kb.core.config.profile import Profile, load_profile, shipped_names
 from kb.core.context import Run
 from kb.core.errors import OtherService, ProfileError
 from kb.core.installation import PROFILE_FILE
@@ -79,7 +79,7 @@ def load(root: Path, bound: Remembered) -> tuple[Profile, str]:
         elif (kept := Layout(root).kept_profile / PROFILE_FILE).is_file():
             profile = load_profile(kept)
             message = f"{bound.file} is gone; its copy in the data root is used: {kept}"
-        elif is_shipped(bound.name):
+        elif bound.name in shipped_names():
             profile = load_profile(bound.name)
             message = f"{bound.file} is gone; the shipped profile {bound.name!r} is used"
         else:

@@ -51,38 +51,38 @@ def settings(run: Run, name: str) -> dict[str, Any]:
     file, digests of its lines; of the columns of its tables, a digest.
     """
     artifact = ARTIFACTS[name]
-    found = _values(run.profile, artifact.settings, artifact.other_settings)
+    values = _values(run.profile, artifact.settings, artifact.other_settings)
     for one in artifact.tables:  # a table that has other columns now is made again
         columns = str(table(one).arrow()).encode()
-        found[f"schemas/{one}"] = hashlib.sha256(columns).hexdigest()[:12]
-    return found
+        values[f"schemas/{one}"] = hashlib.sha256(columns).hexdigest()[:12]
+    return values
 
 
 def _settings_now(run: Run, name: str, made: Manifest) -> dict[str, Any]:
     """The same with the model whose scores count now: of another model that is not installed the
     stored scores are used as they are.
     """
-    found, source = settings(run, name), name.removeprefix("clean/")
+    values, source = settings(run, name), name.removeprefix("clean/")
     if source != name and run.profile.toxicity.on and MODEL in made.settings:
         used = str(made.settings[MODEL])
         same = used.startswith(f"{run.settings.kb_toxicity_model}@")
-        found[MODEL] = used if same else SOURCES[source].model(run) or used
-    return found
+        values[MODEL] = used if same else SOURCES[source].model(run) or used
+    return values
 
 
 def _values(profile: Profile, parts: Sequence[str], others: Sequence[str] = ()) -> dict[str, Any]:
     data = profile.model_dump(mode="json")
     if profile.youtube is not None:
         data["youtube"]["topic_keywords"] = list(profile.youtube.words)
-    found = {
+    values = {
         key: value
         for key, value in _flat(data, "")
         if _is_in(key, parts) and not _is_in(key, others)
     }
     if "keywords" in parts or "" in parts:
         for file in profile.pairs.keyword_files if profile.pairs else ():
-            found[file] = _lines(profile.resolve_file(file))
-    return found
+            values[file] = _lines(profile.resolve_file(file))
+    return values
 
 
 def _flat(data: Mapping[str, Any], above: str) -> Iterable[tuple[str, Any]]:
@@ -124,29 +124,29 @@ def reasons(run: Run, name: str, stale: Collection[str] = ()) -> list[str]:
     if made is None:
         return [_NEVER_MADE]
     lost = [] if source != name else manifest.missing(place, name)
-    found = [f"{lost[0].name} is missing"] if lost else []
+    why = [f"{lost[0].name} is missing"] if lost else []
     if not made.figures.get("complete", True):
-        found.append("not finished")
+        why.append("not finished")
     find = catalog.texts if source != name or name == "links" else partial(manifest.rows, root)
     for one in artifact.inputs:
         if one in stale:
-            found.append(one)
+            why.append(one)
         elif manifest.input_digest(root, name, one, find) != made.inputs.get(one):
-            found.append("/".join(one.split("/")[:2]))
-    return [*dict.fromkeys(found), *changes(made, _settings_now(run, name, made))]
+            why.append("/".join(one.split("/")[:2]))
+    return [*dict.fromkeys(why), *changes(made, _settings_now(run, name, made))]
 
 
 def changes(made: Manifest, now: Mapping[str, Any]) -> list[str]:
     """What has changed of settings and rules since an artifact was made, in words."""
     before, rules = made.settings, ARTIFACTS[made.artifact].rules if made.artifact != RELEASE else 1
-    found = [
+    changed = [
         _change(key, before.get(key), now.get(key))
         for key in dict.fromkeys((*now, *before))
         if now.get(key) != before.get(key)
     ]
-    if len(found) > 1:  # what changed in it is named
-        found = [one for one in found if one != PROFILE_FILE]
-    return found + ([f"rules {made.rules} → {rules}"] if made.rules != rules else [])
+    if len(changed) > 1:  # what changed in it is named
+        changed = [one for one in changed if one != PROFILE_FILE]
+    return changed + ([f"rules {made.rules} → {rules}"] if made.rules != rules else [])
 
 
 def _change(key: str, before: Any, now: Any) -> str:
@@ -158,8 +158,8 @@ def _change(key: str, before: Any, now: Any) -> str:
         return key
     if isinstance(before, list) and isinstance(now, list):
         more = [f"+{one}" for one in now if one not in before]
-        gone = [f"−{one}" for one in before if one not in now]
-        return f"{key} {_short(' '.join([*more, *gone]) or 'in another order')}"
+        fewer = [f"−{one}" for one in before if one not in now]
+        return f"{key} {_short(' '.join([*more, *fewer]) or 'in another order')}"
     return f"{key} {_shown(before)} → {_shown(now)}"
 
 
@@ -189,12 +189,12 @@ def _release_reasons(run: Run, stale: Collection[str]) -> list[str]:
     if made is None:
         return [_NEVER_MADE]
     names = [name for name in PUBLISHED if ARTIFACTS[f"release/{name}"].manifest(run.root).exists()]
-    found = []
+    why = []
     for name in names:
         folder = f"release/{name}"
         if folder in stale or made.inputs.get(folder) != _described_input(run.root, name):
-            found.append(folder)
-    return found + changes(made, _release_settings(run))
+            why.append(folder)
+    return why + changes(made, _release_settings(run))
 
 
 def _release_settings(run: Run) -> dict[str, Any]:
@@ -311,11 +311,11 @@ def plan(run: Run, names: Iterable[str]) -> Reasons:
     """Of these artifacts, which come after their inputs, those that are out of date, and why.
     Raises DamagedData.
     """
-    found: Reasons = {}
+    stale: Reasons = {}
     for name in names:
-        if why := reasons(run, name, found):
-            found[name] = why
-    return found
+        if why := reasons(run, name, stale):
+            stale[name] = why
+    return stale
 
 
 def stale(run: Run, *names: str) -> Reasons:
@@ -333,20 +333,20 @@ def stale(run: Run, *names: str) -> Reasons:
     return plan(run, there)
 
 
-def lines(found: Reasons) -> list[str]:
+def lines(outdated: Reasons) -> list[str]:
     """A line an artifact: its name and its reasons."""
-    return [f"{name}: {', '.join(why)}" for name, why in found.items()]
+    return [f"{name}: {', '.join(why)}" for name, why in outdated.items()]
 
 
 def refuse(run: Run, *names: str) -> None:
     """Raises FatalError while one of these artifacts is out of date; a download never is."""
     if any(manifest.read(run.root, name) is not None for name in names) and (
-        found := stale(run, *names)
+        outdated := stale(run, *names)
     ):
-        first = next(iter(found))
+        first = next(iter(outdated))
         raise FatalError(
-            f"{names[0]} is out of date: {lines(found)[0]}",
-            hint=f"run `kb build {names[0]}`" + ("" if len(found) == 1 else f" (first {first})"),
+            f"{names[0]} is out of date: {lines(outdated)[0]}",
+            hint=f"run `kb build {names[0]}`" + ("" if len(outdated) == 1 else f" (first {first})"),
         )
 
 
@@ -361,11 +361,11 @@ def warning(run: Run) -> str:
             return ""
         names = [one for one in graph(run) if one not in (RELEASE, "report")]
         names = [one for one in names if not one.startswith("index/")]  # a search makes them
-        found = {name: why for name, why in plan(run, names).items() if why != [_NEVER_MADE]}
+        outdated = {name: why for name, why in plan(run, names).items() if why != [_NEVER_MADE]}
     except (DamagedData, OSError):
         return ""
-    if not found:
+    if not outdated:
         return ""
-    shown = "; ".join(lines(found)[:_SHOWN])
-    more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
+    shown = "; ".join(lines(outdated)[:_SHOWN])
+    more = f" and {len(outdated) - _SHOWN} more" if len(outdated) > _SHOWN else ""
     return f"out of date: {shown}{more}; run `kb build`"

@@ -201,7 +201,7 @@ def check_complete(root: Path, name: str) -> None:
     """Raises DamagedData for the first missing file of an artifact, or of a declared table."""
     artifact = ARTIFACTS[name] if name in ARTIFACTS else of_table(name)
     if lost := missing(root, name):
-        raise damage.missing(lost, artifact.hint)
+        raise damage.missing(lost, artifact.hint_of(lost[0]))
 
 
 def check_folder(folder: Path) -> None:
@@ -219,19 +219,23 @@ def check_folder(folder: Path) -> None:
 
 
 def missing(root: Path, name: str) -> list[Path]:
-    """Files of an artifact, or of one declared table in it, that were written and are not there."""
+    """Files of an artifact, or of one declared table in it, that were written and are not there.
+    Tables that another command adds are asked for by their own name.
+    """
     is_artifact = name in ARTIFACTS
     artifact = ARTIFACTS[name] if is_artifact else of_table(name)
     folder, manifest = artifact.folder(root), read(root, artifact.name)
     written = {folder / one for one in (manifest.files if manifest is not None else ())}
+    at = Layout(root)
     if not artifact.public:
         for table in artifact.tables if is_artifact else (name,):
-            there = Layout(root).rows(table)
+            there = at.rows(table)
             written |= {one.with_name(shard) for one in there for shard in siblings([one.name])}
-    if not is_artifact:
-        at = Layout(root)
-        written = {one for one in written if one.match(str(at.table(name) / rows_pattern(name)))}
-    return sorted(one for one in written if not one.is_file())
+    named = artifact.added if is_artifact else (name,)
+    patterns = [str(at.table(one) / rows_pattern(one)) for one in named]
+    of_named = {one for one in written if any(map(one.match, patterns))}
+    wanted = written - of_named if is_artifact else of_named
+    return sorted(one for one in wanted if not one.is_file())
 
 
 def siblings(names: Iterable[str]) -> set[str]:
@@ -279,7 +283,15 @@ def input_digest(
     """The digest of one input (`of`) of an artifact as it is now. Raises DamagedData."""
     folder, _, raw = of.partition("/")
     if folder == "raw":
-        return _digest_of_raw(root, *raw.split("/"))
+        # Names and sizes: segments only grow, and each other file is named by its content.
+        source, _, kind = raw.partition("/")
+        top, samples = Layout(root).raw(source, kind), SOURCES[source].unfiltered
+        return _digest(
+            f"{os.path.relpath(file, top).removesuffix(rawlog.OPEN.removeprefix(rawlog.SUFFIX))}"
+            f" {file.stat().st_size}"
+            for file in top.rglob("*.*")
+            if file.is_file() and not file.name.startswith(".") and file.parent.name not in samples
+        )
     artifact, find = ARTIFACTS[name], files or partial(rows, root)
     if artifact.every_file and (made := read(root, of)) is not None:
         return digest_of_files(made)
@@ -291,19 +303,6 @@ def input_digest(
 def digest_of_files(made: Manifest) -> str:
     """A digest of all files of an artifact."""
     return _digest(f"{name} {entry.sha256}" for name, entry in made.files.items())
-
-
-def _digest_of_raw(root: Path, source: str, kind: str = "") -> str:
-    """A digest of the names and sizes of all raw files that a filter reads, or of one kind:
-    segments only grow, and each other file is named by its content.
-    """
-    top, samples = Layout(root).raw(source, kind), SOURCES[source].unfiltered
-    return _digest(
-        f"{os.path.relpath(file, top).removesuffix(rawlog.OPEN.removeprefix(rawlog.SUFFIX))}"
-        f" {file.stat().st_size}"
-        for file in top.rglob("*.*")
-        if file.is_file() and not file.name.startswith(".") and file.parent.name not in samples
-    )
 
 
 def _digest(lines: Iterable[str]) -> str:

@@ -34,8 +34,8 @@ def read_measures(folder: Path) -> dict[str, Any]:
     Raises DamagedData.
     """
     fix = "remove it, then run `kb pairs measure` again"
-    found: dict[str, Any] | None = json_files.read(folder / FILE, dict[str, Any], fix=fix)
-    return found or {}
+    sections: dict[str, Any] | None = json_files.read(folder / FILE, dict[str, Any], fix=fix)
+    return sections or {}
 
 
 def write_measure(root: Path, name: str, section: dict[str, Any]) -> Path:
@@ -103,7 +103,7 @@ def pair_figures(
         "near_duplicates": share_of(copies, n),
         "recurring_text": {**share_of(recurring, known), "mean_share": mean},
         "verbs": share_of(verbs, asked),
-        "languages": {code or "unknown": share_of(found, n) for code, found in languages},
+        "languages": {code or "unknown": share_of(count, n) for code, count in languages},
     }
 
 

@@ -57,10 +57,6 @@ class PurgeLine(msgspec.Struct):
     count: int
 
 
-def _all_keys(keys: Collection[str]) -> Collection[str]:
-    return keys
-
-
 def by_presence(purge: Purge) -> dict[str, str]:
     """Each key that the user named, with NAMED, KNOWN or UNKNOWN.
 
@@ -78,25 +74,9 @@ def by_presence(purge: Purge) -> dict[str, str]:
     return {key: KNOWN if key in before else UNKNOWN if key in sought else NAMED for key in keys}
 
 
-def _nothing_else(purge: Purge) -> dict[str, str]:
-    return {}
-
-
-def _nothing(purge: Purge) -> None:
-    """A source without this part."""
-
-
-def _no_names(purge: Purge) -> Names:
-    return {}
-
-
-def _no_repeats(envelope: Envelope, keys: Collection[str]) -> Iterable[str]:
-    return ()
-
-
 @dataclass(frozen=True)
 class PurgeRules:
-    """What a purge has to know about a source.
+    """What a purge has to know about a source; a source leaves out the parts that it does not have.
 
     read_ids    reads a list of ids; raises SettingError where no entry names an item
     look_up     each key that the list names, with NAMED, KNOWN or UNKNOWN (purge_named)
@@ -122,13 +102,13 @@ class PurgeRules:
     items: tuple[str, ...] = ()
     exact: tuple[str, ...] = ()
     look_up: Callable[[Purge], dict[str, str]] = by_presence
-    find: Callable[[Purge], dict[str, str]] = _nothing_else
-    texts: Callable[[Collection[str]], Iterable[str] | None] = _all_keys
-    names: Callable[[Purge], Names] = _no_names
+    find: Callable[[Purge], dict[str, str]] | None = None
+    texts: Callable[[Collection[str]], Iterable[str] | None] = frozenset
+    names: Callable[[Purge], Names] | None = None
     strip: Strip | None = None
-    repeats: Callable[[Envelope, Collection[str]], Iterable[str]] = _no_repeats
-    forget: Callable[[Purge], None] = _nothing
-    repair: Callable[[Purge], None] = _nothing
+    repeats: Callable[[Envelope, Collection[str]], Iterable[str]] | None = None
+    forget: Callable[[Purge], None] | None = None
+    repair: Callable[[Purge], None] | None = None
     in_order: bool = False
     implied: str = ""
     people: PeopleRules | None = None
@@ -192,9 +172,9 @@ class Purge:
                 named |= unseen(self, self.rules.people, self.asked)
         named |= left
         self.keys = {key: NAMED if why in ABSENT else why for key, why in named.items()}
-        found = self.rules.find(self)
-        self.absent = {k: why for k, why in named.items() if why in ABSENT and k not in found}
-        self.keys = found | self.keys
+        more = self.rules.find(self) if self.rules.find else {}
+        self.absent = {k: why for k, why in named.items() if why in ABSENT and k not in more}
+        self.keys = more | self.keys
         say, absent = self.run.progress.say, self.absent
         if self.listed is not None:
             self.counts["bad_lines"] = self.listed.bad_lines
@@ -213,7 +193,8 @@ class Purge:
         if self.keys and not self.dry:
             tombstones.add(self.root, self.rules.source, self.keys.items())
         if self.keys:
-            self.names = {**self.rules.names(self), **self.other_names}
+            names = self.rules.names(self) if self.rules.names else {}
+            self.names = {**names, **self.other_names}
 
     def summary(self) -> dict[str, int]:
         """What became of each key that is removed for its own sake, and of the user's lists. People
@@ -313,7 +294,8 @@ def strip_segment(
     repeats: set[str] = set()
 
     def strip(envelope: Envelope) -> Envelope | None:
-        repeats.update(rules.repeats(envelope, keys))
+        if rules.repeats:
+            repeats.update(rules.repeats(envelope, keys))
         return rules.strip_envelope(path.parent.name, envelope, {**names, "": keys})
 
     with partition.without_collecting():
@@ -350,7 +332,8 @@ def state(purge: Purge) -> Iterator[PurgeLine]:
         )
         for kind in rules.items:
             frontier.remove(kind, purge.keys)
-        rules.forget(purge)
+        if rules.forget:
+            rules.forget(purge)
     return iter(())
 
 
@@ -367,7 +350,8 @@ def rows(purge: Purge) -> Iterator[PurgeLine]:
     artifacts = {match[1].name for folder in folders if (match := artifact_of(folder))}
     with manifest.editing(purge.root, *sorted(artifacts)):
         yield from _rows(purge, purge.rules.rows)
-        purge.rules.repair(purge)
+        if purge.rules.repair:
+            purge.rules.repair(purge)
 
 
 def _rows(purge: Purge, locations: Iterable[RowLocation]) -> Iterator[PurgeLine]:

@@ -1,7 +1,7 @@
 """Which of the ids that a user named are in a data root.
 
-An id that is nowhere is kept away by a tombstone like any other, and is told apart: whoever
-answers a request for removal has to know whether there was anything to remove.
+An id that is nowhere is kept away by a tombstone like any other, and is counted apart:
+whoever answers a request for removal has to know whether there was anything to remove.
 """
 
 from __future__ import annotations
@@ -71,16 +71,16 @@ def _in_segment(segment: str, keys_file: str, texts: Texts, strip: Strip) -> set
     for key in json.loads(Path(keys_file).read_text(encoding="utf-8")):
         for text in texts([key]) or ():
             by_text[text].add(key)
-    matches, found = Matcher(by_text), set[str]()
+    matches, present = Matcher(by_text), set[str]()
     for _, line in rawlog.Frames(path, checked=True):
         if not matches(line):
             continue
-        sought = set().union(*(by_text[text] for text in matches.texts(line))) - found
+        sought = set().union(*(by_text[text] for text in matches.texts(line))) - present
         envelope = rawlog.decode(line)
         if strip(path.parent.name, envelope, {"": sought}) is not envelope:
             each = ((key, strip(path.parent.name, envelope, {"": {key}})) for key in sought)
-            found.update(key for key, left in each if left is not envelope)
-    return found
+            present.update(key for key, left in each if left is not envelope)
+    return present
 
 
 def warn(listed: PurgeList, absent: Mapping[str, str], say: Callable[[str], None]) -> None:

@@ -27,7 +27,7 @@ from kb.store.tables.reading import reading
 
 Purge = Any  # kb.artifacts.purge.Purge, whose module imports this one
 MARK = "mark"  # kind of name: what stands for people
-_SHOWN = 10  # numbers of lines that name nobody
+_SHOWN = 10  # numbers of lines without a name
 _BATCH = 65_536
 
 
@@ -106,7 +106,7 @@ def people(purge: Purge, rules: PeopleRules, listed: PeopleList | None) -> dict[
     """The keys of what is in the data root of the people that are listed or were before, with
     NAMED; and those that stand for the listed people, with NAMED, KNOWN or UNKNOWN.
 
-    `purge.other_names` are set besides.
+    Also sets `purge.other_names`.
     """
     before = tombstones.people(purge.root, purge.rules.source)
     asked = defaultdict[str, set[str]](set)
@@ -116,18 +116,18 @@ def people(purge: Purge, rules: PeopleRules, listed: PeopleList | None) -> dict[
     left = (key.removeprefix(PERSON) for key in purge.keys if key.startswith(PERSON))
     marks = before.union(left, *asked.values())
     theirs: dict[str, str] = {}
-    found = set()
+    seen = set()
     others = defaultdict[str, set[str]](set)
     others[MARK] |= marks
     for one in rules.find(purge, marks) if marks else ():
-        found.add(one.mark)
+        seen.add(one.mark)
         if one.of:
             others[one.of].add(one.name)
         else:
             theirs[one.name] = NAMED
     purge.other_names = dict(others)
     for first, all_of_them in asked.items():
-        here = found & all_of_them
+        here = seen & all_of_them
         theirs[PERSON + first] = NAMED if here else KNOWN if first in before else UNKNOWN
         theirs |= {PERSON + mark: NAMED for mark in here}
     return theirs

@@ -62,10 +62,10 @@ class Matcher:
     def texts(self, line: bytes) -> Collection[str]:
         """Those that a line may contain."""
         matches = self._find.find_matches_as_indexes(line, overlapping=True)
-        found = {line[start:end] for _, start, end in matches if _is_separate(line, start, end)}
-        if self._any or _ESCAPED in found:
+        present = {line[start:end] for _, start, end in matches if _is_separate(line, start, end)}
+        if self._any or _ESCAPED in present:
             return self._texts.values()
-        return {self._texts[text] for text in found}
+        return {self._texts[text] for text in present}
 
 
 def _is_separate(line: bytes, start: int, end: int) -> bool:

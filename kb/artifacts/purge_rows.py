@@ -116,7 +116,7 @@ def drop_rows(
 
 def keys_in_rows(root: Path, locations: Iterable[RowLocation], keys: Collection[str]) -> set[str]:
     """Those of the keys that a row of these tables has. Raises DamagedData."""
-    found: set[str] = set()
+    present: set[str] = set()
     for location in dict.fromkeys(locations):
         values = location.values(keys)
         for path in location.files(root) if len(values) else ():
@@ -124,8 +124,8 @@ def keys_in_rows(root: Path, locations: Iterable[RowLocation], keys: Collection[
                 for batch in file.iter_batches(columns=location.columns):
                     rows = batch.filter(location.matches(batch, values))
                     names = pc.unique(rows.column(location.column).cast(pa.string()))
-                    found.update(f"{location.prefix}{name}" for name in names.to_pylist())
-    return found
+                    present.update(f"{location.prefix}{name}" for name in names.to_pylist())
+    return present
 
 
 def drop_annotations(root: Path, source: str, used: pa.Array[Any] | pa.ChunkedArray[Any]) -> int:

@@ -48,7 +48,7 @@ class ReleasedTable:
 class ReleaseFolder:
     """The data files of a release folder.
 
-    `source` is youtube, wiki, reddit, pairs or links; `others` are data files that are no shards:
+    `source` is youtube, wiki, reddit, pairs or links; `others` are data files that are not shards:
     the wiki's tar files and their index.
     """
 

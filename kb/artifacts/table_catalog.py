@@ -152,7 +152,14 @@ class Catalog:
     def texts(self, name: str) -> list[Path]:
         """The same as `files`, without tables of sources whose release holds no texts."""
         source = name.partition("/")[0]
-        return self.files(name) if has_texts(source, self.schema_of(source)) else []
+        if self.schema_of(source) == "release" and not any(
+            column.content and column.released
+            for declared in tables().values()
+            if declared.source == source
+            for column in declared.columns
+        ):
+            return []
+        return self.files(name)
 
     def files(self, name: str) -> list[Path]:
         """The files of a declared table ("wiki/elements", "youtube/rejected") where its source's
@@ -174,14 +181,6 @@ class Catalog:
         if wanted.partition(".")[0] in ("clean", "links"):
             manifest.check_complete(self.workplace, name)  # every file of it may be lost
         return []
-
-
-def has_texts(source: str, schema: str) -> bool:
-    """Whether tables of a schema hold what people wrote: of a release only some sources' do."""
-    shorts = [one for one in tables().values() if one.source == source]
-    return schema != "release" or any(
-        column.content and column.released for one in shorts for column in one.columns
-    )
 
 
 def read(path: Path) -> Catalog:
@@ -259,8 +258,8 @@ def nearest(path: Path) -> Path | None:
         siblings = {one.name: one for one in _folders(path.parent)}
         like = [siblings[name] for name in difflib.get_close_matches(path.name, siblings, 3)]
         tries = [*_two_levels(like), *_two_levels(siblings.values()), *tries]
-    held = (one for one in tries if Layout(one).state_folder().is_dir() or Catalog(one).views)
-    return next(held, None)
+    usable = (one for one in tries if Layout(one).state_folder().is_dir() or Catalog(one).views)
+    return next(usable, None)
 
 
 def _two_levels(folders: Iterable[Path]) -> list[Path]:

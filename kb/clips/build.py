@@ -12,13 +12,15 @@ options have changed is made again.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import difflib
 import hashlib
 import io
 from collections import Counter
-from collections.abc import Sequence
-from itertools import compress, groupby
+from collections.abc import Iterator, Sequence
+from itertools import compress, groupby, islice
+from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,6 +49,8 @@ from kb.store.tables import database
 from kb.store.tables.reading import reading, scan
 
 _VIDEOS = 16  # of a shard
+_BATCH = 2048  # rows that are read at a time
+_MEMORY = "1GB"  # of DuckDB, which spills what is more
 _JPEG_SHARE = 0.1  # of the bytes of a frame, for the plan
 MISSING, SHORT, UNDECODABLE = "missing", "short", "undecodable"
 _COLUMNS = "pair_id, video_id, keyword, keyword_kind, clip_start_s, clip_end_s, text"
@@ -63,19 +67,36 @@ class Chosen(NamedTuple):
     sample: int | None = None
 
 
+class Selection(NamedTuple):
+    """Chosen pairs. `films`: the file of each video that has one. `videos`: every video's id.
+    `rows`: the pairs of one video after the other, by time; they can be read once.
+    """
+
+    films: dict[str, Path]
+    videos: list[str]
+    rows: Iterator[list[Row]]
+
+
 def plan(run: Run, folders: Sequence[Path], options: CutOptions, chosen: Chosen) -> Summary:
     """What a run would cut: files, clips, hours and size. Decodes and writes nothing."""
-    rows, files = _inputs(run, folders, chosen)
-    there = [row for row in rows if row["video_id"] in files]
+    _require()
+    pairs = clips = 0
+    seconds = 0.0
+    with selected(run, folders, chosen, _COLUMNS) as (films, _, rows):
+        for own in rows:
+            pairs += len(own)
+            if own[0]["video_id"] in films:
+                clips += len(own)
+                seconds += sum(row["clip_end_s"] - row["clip_start_s"] for row in own)
     height, width = options.size
     share = _JPEG_SHARE if options.format == "webdataset" else 1
-    size = len(there) * options.frames * height * width * 3 * share
+    size = clips * options.frames * height * width * 3 * share
     return Summary(
         command="clips",
-        pairs=len(rows),
-        missing=len(rows) - len(there),
-        videos=len(files),
-        hours=round(sum(row["clip_end_s"] - row["clip_start_s"] for row in there) / 3600, 2),
+        pairs=pairs,
+        missing=pairs - clips,
+        videos=len(films),
+        hours=round(seconds / 3600, 2),
         gigabytes=round(size / 1e9, 2),
     )
 
@@ -89,55 +110,63 @@ def build(
     Interrupted; the same call resumes.
     """
     place = table_catalog.outside(run.root, out)
-    rows, files = _inputs(run, folders, chosen)
-    by_video = [list(own) for _, own in groupby(rows, key=lambda row: str(row["video_id"]))]
-    shards = {
-        f"clips-{at // _VIDEOS:05d}": shard
-        for at in range(0, len(by_video), _VIDEOS)
-        if (shard := [own for own in by_video[at : at + _VIDEOS] if own[0]["video_id"] in files])
-    }
-    for path in place.glob("clips-[0-9]*.*") if place.is_dir() else ():
-        if path.stem not in shards:  # of films that are gone
-            path.unlink()
-    todo = (
-        (str(place), name, [(str(files[own[0]["video_id"]]), own) for own in shard], options)
-        for name, shard in shards.items()
-    )
-    reports: list[ShardReport] = []
-    with (
-        run.progress.task("clips", total=len(shards), unit="shards") as task,
-        make_executor("local", min(run.workers, max(1, len(shards)))) as executor,
-    ):
-        for report in map_in_order(executor, cut_shard, todo, window=executor.window):
-            reports.append(report)
-            task.advance(1, clips=len(report.clips))
-    left_out = [one for report in reports for one in report.left_out]
-    left_out += [
-        LeftOut(row["pair_id"], row["video_id"], MISSING, "no file of this video")
-        for row in rows
-        if row["video_id"] not in files
-    ]
+    _require()
+    left_out: list[LeftOut] = []
+    clips = 0
+    with selected(run, folders, chosen, _COLUMNS) as (films, videos, rows):
+        starts = range(0, len(videos), _VIDEOS)
+        names = {
+            at: f"clips-{at // _VIDEOS:05d}"
+            for at in starts
+            if not films.keys().isdisjoint(videos[at : at + _VIDEOS])
+        }
+        for path in place.glob("clips-[0-9]*.*") if place.is_dir() else ():
+            if path.stem not in names.values():  # of films that are gone
+                path.unlink()
+
+        def todo() -> Iterator[tuple[str, str, list[tuple[str, list[Row]]], CutOptions]]:
+            for at in starts:
+                shard = list(islice(rows, _VIDEOS))
+                left_out.extend(
+                    LeftOut(row["pair_id"], row["video_id"], MISSING, "no file of this video")
+                    for own in shard
+                    for row in own
+                    if row["video_id"] not in films
+                )
+                with_film = (own for own in shard if own[0]["video_id"] in films)
+                if at in names:
+                    found = [(str(films[own[0]["video_id"]]), own) for own in with_film]
+                    yield str(place), names[at], found, options
+
+        with (
+            run.progress.task("clips", total=len(names), unit="shards") as task,
+            make_executor("local", min(run.workers, max(1, len(names)))) as executor,
+        ):
+            for report in map_in_order(executor, cut_shard, todo(), window=executor.window):
+                clips += len(report.clips)
+                left_out.extend(report.left_out)
+                task.advance(1, clips=len(report.clips))
     _write_left_out(place, left_out)
     counts = Counter(one.reason for one in left_out)
     return Summary(
         command="clips",
-        pairs=len(rows),
-        clips=sum(len(report.clips) for report in reports),
+        pairs=clips + len(left_out),
+        clips=clips,
         **{reason: counts[reason] for reason in (MISSING, SHORT, UNDECODABLE)},
-        videos=len(files),
+        videos=len(films),
         path=str(place),
     )
 
 
-def _inputs(run: Run, folders: Sequence[Path], chosen: Chosen) -> tuple[list[Row], dict[str, Path]]:
+def _require() -> None:
     require("clips", "av", "numpy", "PIL", "tokenizers")
-    return pairs_with_films(run, folders, chosen, _COLUMNS)
 
 
-def pairs_with_films(
+@contextlib.contextmanager
+def selected(
     run: Run, folders: Sequence[Path], chosen: Chosen, columns: str
-) -> tuple[list[Row], dict[str, Path]]:
-    """These columns of the chosen pairs, by video and time, and the files of their videos.
+) -> Iterator[Selection]:
+    """These columns of the chosen pairs (video_id and text among them) and their videos' files.
 
     Raises FatalError without pairs or with pairs that are out of date, UsageError for a wrong
     folder or condition, DamagedData.
@@ -153,30 +182,31 @@ def pairs_with_films(
         "seed": str(run.seed),
         "sample": 1 << 62 if chosen.sample is None else chosen.sample,
     }
-    with reading(catalog.files("pairs/pairs")), database.connect(run.root) as con:
-        rows: list[Row] = (
-            con.sql(
-                f"""
+    with reading(catalog.files("pairs/pairs")), database.connect(run.root, memory=_MEMORY) as con:
+        con.sql(
+            f"""
             SELECT {columns}
             FROM ({checked(con, asked, chosen.where)})
             WHERE $keyword = '' OR lower(keyword) = lower($keyword)
             QUALIFY row_number() OVER (ORDER BY md5($seed || ' ' || pair_id), pair_id) <= $sample
             ORDER BY video_id, clip_start_s, pair_id""",
-                params=values,
+            params=values,
+        ).create("chosen")
+        counts = con.sql("SELECT video_id, count(text) FROM chosen GROUP BY 1 ORDER BY 1")
+        with_text = {str(key): n for key, n in counts.fetchall()}
+        if not with_text and chosen.keyword:
+            raise UsageError(f"no pair has the keyword {chosen.keyword!r}", hint=_near(run, chosen))
+        if not with_text:
+            raise UsageError("no pair meets the condition")
+        if not any(with_text.values()):
+            run.progress.say(
+                "the pairs have no texts, as in every release, so their clips get no tokens:"
+                " restore the release first"
             )
-            .to_arrow_table()
-            .to_pylist()
-        )
-    if not rows and chosen.keyword:
-        raise UsageError(f"no pair has the keyword {chosen.keyword!r}", hint=_near(run, chosen))
-    if not rows:
-        raise UsageError("no pair meets the condition")
-    if all(row["text"] is None for row in rows):
-        run.progress.say(
-            "the pairs have no texts, as in every release, so their clips get no tokens: restore"
-            " the release first"
-        )
-    return rows, video_files(folders, {row["video_id"] for row in rows})
+        reader = con.sql("FROM chosen").to_arrow_reader(_BATCH)  # in the order of their making
+        rows = (row for batch in reader for row in batch.to_pylist())
+        by_video = (list(own) for _, own in groupby(rows, key=itemgetter("video_id")))
+        yield Selection(video_files(folders, with_text), list(with_text), by_video)
 
 
 def _near(run: Run, chosen: Chosen) -> str:

@@ -57,6 +57,10 @@ class ClipDataset:
         self._start = self._place = 0  # in this rank's order: where the next pass begins; now
         self._in_workers = torch.zeros(1, dtype=torch.uint8).share_memory_()
 
+    def __len__(self) -> int:
+        """Clips of a whole pass of this rank, those included that can't be read."""
+        return len(range(self.rank, self._rows.num_rows, self.world_size))
+
     def __iter__(self) -> Iterator[dict[str, Any]]:
         """The clips of an epoch, or those that a loaded state leaves. The next pass is whole."""
         # At once and not with the first clip, as a loader takes the state of a pass that begins.

@@ -96,7 +96,7 @@ def dask_executor(
                 LocalCluster(
                     n_workers=workers,
                     threads_per_worker=1,
-                    # Whoever reaches its ports can run code here, and nobody is asked who he is.
+                    # Whoever reaches its ports can run code here, without a password.
                     host="127.0.0.1",
                     scheduler_kwargs={"dashboard": False},
                     dashboard_address="127.0.0.1:0",  # a free port; its plain pages are left
@@ -374,7 +374,7 @@ def _deadly() -> FatalError:
 
 
 def _close(client: Any) -> None:
-    """End the client; one whose scheduler is gone has nobody left to tell."""
+    """End the client; one whose scheduler is gone waits for no answer."""
     with contextlib.suppress(Exception):
         client.close(timeout=CONNECT_S if client.status == "running" else SLICE_S)
 

@@ -168,8 +168,8 @@ class Retryable(ItemError):
     """May go well next time. `after` is the service's own wish in seconds (Retry-After).
 
     `unreachable`: there was no connection. `throttled`: the service asked us to slow down; when
-    that does not end, it blocks us, which is no fact about an item. `status`: the HTTP status that
-    said so, if one did.
+    that does not end, it blocks us, which is not a fact about an item. `status`: the HTTP status
+    that said so, if one did.
     """
 
     def __init__(

@@ -81,7 +81,7 @@ class Task:
         self.close(stopped=kind is not None)
 
     def figures(self) -> list[str]:
-        """In words: "42/60 videos" ("42/?" while nobody knows), a rate, the time left."""
+        """In words: "42/60 videos" ("42/?" while the total is unknown), a rate, the time left."""
         elapsed = clock.monotonic() - self.start
         total = "?" if self.total is None else f"{self.total:,}"
         words = [f"{self.done:,}/{total} {self.unit}".rstrip()]

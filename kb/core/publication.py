@@ -45,7 +45,11 @@ class Publication:
     """The heading in the report."""
 
     shown: ClassVar[tuple[str, ...]] = ()
-    """Tables with a card in the report, which has no section without any."""
+    """Tables with rows for the report, which has no section without any."""
+
+    totals: ClassVar[tuple[tuple[str, str, str], ...]] = ()
+    """What the report's top counts: (what, table, SQL over its rows); the rows of each table that
+    is shown where there are none."""
 
     hint: ClassVar[str] = ""
     """What to run while there is no data to show."""
@@ -136,6 +140,7 @@ class Pairs(Publication):
     name = "pairs"
     title = "Video-text pairs"
     shown = ("pairs/pairs",)
+    totals = (("video-text pairs", "pairs/pairs", "count(*)"),)
     hint = "run `kb pairs` after `kb youtube filter`"
     sampled = {
         "pairs/pairs": (
@@ -186,6 +191,7 @@ class Tasks(Publication):
     name = "tasks"
     title = "Tasks"
     shown = ("tasks/tasks", "tasks/titles")
+    totals = (("tasks", "tasks/tasks", "count(*)"),)
     hint = "run `kb tasks` after `kb youtube filter`"
     sampled = {"tasks/tasks": ("prompt", "start_s", "end_s", "start_source", "video_id")}
     main = "tasks"
@@ -230,6 +236,11 @@ class Links(Publication):
     name = "links"
     title = "Entities"
     shown = ("links/entities", "links/links")
+    totals = (
+        ("entities", "links/entities", "count(*)"),
+        ("mentions", "links/links", "sum(count)"),
+    )
+    sampled = {"links/entities": ("entity", "kind")}
     hint = "run `kb links` after the filters"
     main = "links"
     query = (
@@ -244,9 +255,9 @@ class Links(Publication):
     )
 
     def figures(self) -> Sequence[FigureMaker]:
-        from kb.report.derived import known, least, most
+        from kb.report.derived import known, named
 
-        return most, least, known
+        return named, known
 
 
 class OpenText(Publication):

@@ -60,8 +60,8 @@ _ISBN = re.compile(r"97[89]\D")
 def replaced(text: str, counts: Counter[str]) -> str:
     """The text with placeholders; `counts` gets how many there were by kind."""
     if "@" in text:
-        text, found = _EMAIL.subn(EMAIL, text)
-        counts["emails"] += found
+        text, count = _EMAIL.subn(EMAIL, text)
+        counts["emails"] += count
     if not _MAYBE.search(text):
         return text
 

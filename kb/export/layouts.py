@@ -75,7 +75,7 @@ def rebuild(run: Run, name: str, what: str, make: Callable[[Run], Any]) -> None:
 def _options(run: Run, places: Sequence[str]) -> dict[str, Any]:
     """The options with which a layout was made."""
     made = [manifest.read(run.root, f"export/{one}") for one in places]
-    found = next((dict(one.figures) for one in made if one is not None), {})
-    if "tokenizer" in found and not Path(found["tokenizer"]).is_file():
-        del found["tokenizer"]  # then words are counted
-    return found
+    options = next((dict(one.figures) for one in made if one is not None), {})
+    if "tokenizer" in options and not Path(options["tokenizer"]).is_file():
+        del options["tokenizer"]  # then words are counted
+    return options

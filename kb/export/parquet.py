@@ -40,7 +40,7 @@ def export(
 ) -> Summary:
     """Writes release/<source>/ and returns the rows of each table.
 
-    `changes` by table name ("wiki/pages"); `add_files` adds files that are no tables to the fresh
+    `changes` by table name ("wiki/pages"); `add_files` adds files that are not tables to the fresh
     folder before it takes its place. Raises FatalError when there is nothing to export, and
     DiskFull. The same clean rows give the same bytes.
     """

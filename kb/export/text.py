@@ -21,7 +21,6 @@ import functools
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
@@ -107,8 +106,10 @@ def export(run: Run, source: str, **asked: Any) -> Summary:
         temporary.open("wb") as file,
         run.progress.task(f"{source} as text", total=len(parts), unit="parts") as task,
     ):
+        # Of each table the file with the rows of the same bucket, "" where it has none.
+        at = {name: {one.name: str(one) for one in some} for name, some in files.items()}
         tasks = (
-            (source, {name: _beside(part, some) for name, some in files.items()}, origin, options)
+            (source, {name: some.get(part.name, "") for name, some in at.items()}, origin, options)
             for part in parts
         )
         for lines, counted in map_in_order(executor, _lines, tasks, executor.window):
@@ -119,11 +120,6 @@ def export(run: Run, source: str, **asked: Any) -> Summary:
     about_tokens = {"tokens": options.counted} if options.chunk_tokens else {}
     contacts = {} if options.keep_contacts else {"contacts": counts.pop("contacts", 0)}
     return Summary(format="text", **counts, **contacts, **about_tokens, path=str(path))
-
-
-def _beside(part: Path, files: Sequence[Path]) -> str:
-    """The file of a table with the rows of the same bucket; "" where it has none."""
-    return next((str(one) for one in files if one.name == part.name), "")
 
 
 def _lines(
@@ -144,12 +140,12 @@ def _records(
     source: str, document: TextDocument, options: TextOptions, counts: Counter[str]
 ) -> Iterator[dict[str, Any]]:
     pieces, title = document.pieces, " ".join(document.title.split())
-    found: Counter[str] = Counter()
+    contacts: Counter[str] = Counter()
     if not options.keep_contacts:
-        pieces = [one._replace(text=replaced(one.text, found)) for one in pieces]
+        pieces = [one._replace(text=replaced(one.text, contacts)) for one in pieces]
         title = replaced(title, Counter())
     counts["documents"] += 1
-    counts["contacts"] += found.total()
+    counts["contacts"] += contacts.total()
     record = {
         "id": document.id,
         "text": "",

@@ -17,8 +17,8 @@ from kb.filters.thresholds import outcome_of_other_stages, thresholds
 from kb.schema.tables import table
 from kb.store.tables.columns import column, with_nulls
 from kb.store.tables.partition import RawKind
+from kb.store.tables.row_counts import VERDICTS
 
-VERDICTS = ("rejected", "failed", "pending")
 _DESCRIPTION = (  # columns of shared/rejected that say what was dropped
     *("title", "text", "channel_id", "channel_title", "type", "post_id", "parent_id"),
 )
@@ -241,7 +241,7 @@ def _about_threshold(rows: pa.Table, chain: Chain, position: int) -> dict[str, p
 
 def declared_columns(rows: pa.Table, chain: Chain) -> pa.Table:
     """The rows with the columns of their table: parse's inputs and helpers dropped,
-    nullable ones that nobody made as null.
+    nullable ones that are missing as null.
     """
     declared = table(chain.table)
     names = set(declared.names())

@@ -29,7 +29,7 @@ from kb.core.context import Run
 from kb.core.engine import Workers, executor_of, map_in_order
 from kb.core.errors import CountMismatch, DamagedData, FatalError, NothingKept
 from kb.core.summary import Summary, Tally, vocabulary
-from kb.filters.chain import VERDICTS, Clean
+from kb.filters.chain import Clean
 from kb.filters.tasks import (
     FilterJob,
     collect_texts,
@@ -46,6 +46,7 @@ from kb.store.rawlog import damaged_answers, rawlog
 from kb.store.state import tombstones
 from kb.store.state.frontier import Frontier
 from kb.store.tables import parquet, partition, row_counts
+from kb.store.tables.row_counts import VERDICTS
 from kb.store.tables.shard_writer import write_table
 
 _WHY = {"rejected": ("stage", "reason"), "failed": ("reason",)}  # columns that explain a verdict
@@ -149,10 +150,10 @@ class _Decoded(NamedTuple):
 
     def tasks(self, job: FilterJob) -> Iterator[tuple[FilterJob, int, dict[str, int]]]:
         """A task for each bucket, with the rows of each kind that it should find there."""
-        whole = {kind: rows[0] for kind, rows in self.rows.items() if not self.bucketed(kind)}
+        in_all = {kind: rows[0] for kind, rows in self.rows.items() if not self.bucketed(kind)}
         for number in range(job.buckets):
             own = {kind: rows[number] for kind, rows in self.rows.items() if self.bucketed(kind)}
-            yield job, number, {**own, **whole}
+            yield job, number, {**own, **in_all}
 
     def bucketed(self, kind: str) -> bool:
         """Whether its rows are spread; others are read by every bucket."""

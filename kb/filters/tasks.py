@@ -25,12 +25,13 @@ import pyarrow.compute as pc
 from kb.core.config import pipeline
 from kb.core.config.profile import Profile
 from kb.core.errors import FatalError
-from kb.filters.chain import VERDICTS, Chain, Clean, Judged, declared_columns, judge_chain
+from kb.filters.chain import Chain, Clean, Judged, declared_columns, judge_chain
 from kb.filters.predicates import SCORED
 from kb.schema.tables import table
 from kb.store.full_disk import full_disk_is_resumable
 from kb.store.state import tombstones
 from kb.store.tables import partition
+from kb.store.tables.row_counts import VERDICTS
 from kb.store.tables.shard_writer import write_table
 
 
@@ -230,10 +231,10 @@ def _without_people(rows: pa.Table, chain: Chain, people: frozenset[str]) -> pa.
     if not people or not chain.person:
         return rows
     column = rows.column(chain.person).cast(pa.string())
-    gone = [
+    theirs = [
         one for one in pc.unique(column).drop_null().to_pylist() if chain.stands_for(one) in people
     ]
-    return rows.filter(pc.invert(pc.is_in(column, value_set=pa.array(gone, pa.string()))))
+    return rows.filter(pc.invert(pc.is_in(column, value_set=pa.array(theirs, pa.string()))))
 
 
 @cache

@@ -45,13 +45,13 @@ class StageThreshold:
 
 def thresholds(stages: Iterable[Predicate]) -> list[StageThreshold]:
     """The stages that have a threshold, in order."""
-    found: dict[str, StageThreshold] = {}
+    by_stage: dict[str, StageThreshold] = {}
     for predicate in stages:
         stage, part = predicate.stage, predicate.threshold()
         if part is None:
             continue
-        before = found.get(stage)
-        found[stage] = StageThreshold(
+        before = by_stage.get(stage)
+        by_stage[stage] = StageThreshold(
             stage,
             predicate.reads | (before.reads if before else frozenset()),
             part.setting,
@@ -59,7 +59,7 @@ def thresholds(stages: Iterable[Predicate]) -> list[StageThreshold]:
             part.at_least,
             (*(before.parts if before else ()), part),
         )
-    return list(found.values())
+    return list(by_stage.values())
 
 
 def outcome_of_other_stages(
@@ -78,7 +78,9 @@ def outcome_of_other_stages(
         if predicate.stage == dropped:
             continue
         if predicate.stage == SCORED and not predicate.reads <= set(rows.column_names):
-            passing = pc.if_else(pc.fill_null(_any_text(rows, texts), False), UNSCORED, "kept")
+            filled = (pc.greater(pc.binary_length(column(rows, name)), 0) for name in texts)
+            any_text = reduce(pc.or_kleene, filled, pa.array([False] * rows.num_rows))
+            passing = pc.if_else(pc.fill_null(any_text, False), UNSCORED, "kept")
             continue
         if place > position:
             rows = predicate.fill(rows)
@@ -94,9 +96,3 @@ def _without(predicate: Predicate, stage: str) -> Predicate:
         return predicate
     gate = tuple(other for other in predicate.gate if other.stage != stage)
     return replace(predicate, gate=gate)  # type: ignore[type-var]
-
-
-def _any_text(rows: pa.Table, names: Sequence[str]) -> Any:
-    """Which rows have a text to score."""
-    filled = (pc.greater(pc.binary_length(column(rows, name)), 0) for name in names)
-    return reduce(pc.or_kleene, filled, pa.array([False] * rows.num_rows))

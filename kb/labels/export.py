@@ -87,7 +87,7 @@ def _drawn(
     """Rows of the sample, each with `item_id`, `stratum` and `weight`."""
     parquet.check(*files)
     with reading(files), database.connect(root) as con:
-        found = con.sql(
+        drawn = con.sql(
             f"""
             WITH ranked AS (
                 SELECT {labeling.key} AS item_id, {labeling.stratum} AS stratum,
@@ -102,7 +102,7 @@ def _drawn(
             FROM drawn JOIN {scan(files)} AS rows ON item_id = {labeling.key} ORDER BY n""",
             params={"seed": str(seed), "sample": sample},
         ).to_arrow_table()
-    return found.to_pylist()
+    return drawn.to_pylist()
 
 
 def _surroundings(
@@ -113,10 +113,10 @@ def _surroundings(
         return {}
     ids = pa.array(sorted({row["video_id"] for row in rows}))
     batch = Text(transcripts.of_videos(root, ids))
-    said = {video: batch.transcript(n) for n, video in enumerate(batch.ids.to_pylist())}
+    spoken = {video: batch.transcript(n) for n, video in enumerate(batch.ids.to_pylist())}
     around = {}
     for row in rows:
-        text, start = said.get(row["video_id"], ""), row["text_start_char"]
+        text, start = spoken.get(row["video_id"], ""), row["text_start_char"]
         before = text[max(start - _AROUND, 0) : start].partition(" ")[2]  # whole words
         after = text[row["text_end_char"] :][:_AROUND].rpartition(" ")[0]
         around[row["item_id"]] = before.strip(), after.strip()
@@ -137,15 +137,15 @@ def described(root: Path, rows: list[dict[str, Any]]) -> dict[str, DescribedVide
     ids = pa.array(sorted({row["video_id"] for row in rows}), pa.string())
     files = manifest.rows(root, f"{transcripts.VIDEOS}/videos")
     columns = ("video_id", "title", "description", "channel_title", "duration_s")
-    found = {}
+    videos = {}
     for path in files:
         kept = pc.field("video_id").isin(ids)
         part = pq.read_table(path, columns=list(columns), filters=kept)
         for key, title, description, channel, length in zip(
             *(part[one].to_pylist() for one in columns), strict=True
         ):
-            found[key] = DescribedVideo(title or "", description or "", channel or "", length)
-    return found
+            videos[key] = DescribedVideo(title or "", description or "", channel or "", length)
+    return videos
 
 
 def _times(row: dict[str, Any], labeling: Labeling) -> tuple[int, int] | None:
@@ -168,7 +168,7 @@ def _data(
         player += "&start={}&end={}".format(*times)
     text, subject = row.get("text") or "", row[labeling.subject]
     span = ", from {} to {} s".format(*times) if times else ""
-    said = f"<p>{escape(before)} <b>{escape(text)}</b> {escape(after)}</p>" if text else ""
+    words = f"<p>{escape(before)} <b>{escape(text)}</b> {escape(after)}</p>" if text else ""
     own = {}
     if labeling is questions.TASKS:
         video = videos.get(row["video_id"], DescribedVideo())
@@ -185,7 +185,7 @@ def _data(
             f'<iframe width="560" height="315" src="{escape(player)}"'
             ' referrerpolicy="strict-origin-when-cross-origin" allowfullscreen></iframe>'
         ),
-        "about": f"<p>{labeling.subject.capitalize()}: <b>{escape(subject)}</b>{span}</p>{said}",
+        "about": f"<p>{labeling.subject.capitalize()}: <b>{escape(subject)}</b>{span}</p>{words}",
         **own,
     }
 

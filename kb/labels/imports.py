@@ -87,8 +87,8 @@ def import_exports(run: Run, paths: Sequence[Path]) -> Summary:
 def stored(root: Path) -> pa.Table:
     """All answers that are there."""
     none = table(LABELS).arrow().empty_table()
-    found = [parquet.read_table(path) for path in manifest.rows(root, LABELS)]
-    return pa.concat_tables([none, *found]).combine_chunks()
+    tables = [parquet.read_table(path) for path in manifest.rows(root, LABELS)]
+    return pa.concat_tables([none, *tables]).combine_chunks()
 
 
 def replace_answers(root: Path, answers: Sequence[dict[str, Any]]) -> None:
@@ -220,24 +220,24 @@ def _rows(task: _Task, counts: Counter[str]) -> Iterator[dict[str, Any]]:
     for annotation in task.annotations:
         result = annotation.result if isinstance(annotation.result, list) else []
         # Relations between regions have no name.
-        found = [
+        named = [
             (asked.get(str(one.get("from_name"))), one.get("value"))
             for one in result
             if isinstance(one, dict)
         ]
         answers = {
             one.name: answer(one, value)
-            for one, value in found
+            for one, value in named
             if one is not None and isinstance(value, dict)
         }
-        if annotation.was_cancelled or not found:
+        if annotation.was_cancelled or not named:
             counts["skipped"] += 1
             continue
         begins, ends = (answers.get(name) for name in ("begins_s", "ends_s"))
         if begins and ends and float(begins) > float(ends):
             answers["begins_s"] = answers["ends_s"] = None
         given = {name: text for name, text in answers.items() if text is not None}
-        counts["undefined"] += len(found) - len(given)
+        counts["undefined"] += len(named) - len(given)
         at = _moment(annotation.updated_at) or _moment(annotation.created_at)
         common = {
             **msgspec.structs.asdict(task.data),

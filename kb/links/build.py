@@ -36,7 +36,7 @@ from kb.links.texts import TextPart, parts
 from kb.pairs import keywords as lists
 from kb.pairs.extract import PairCounts, matches
 from kb.pairs.keywords import EXCLUDED, Keywords
-from kb.pairs.matching import Matcher, phrase
+from kb.pairs.matching import phrase
 from kb.store.artifact_registry import ARTIFACTS
 from kb.store.layout import Layout, parquet_files
 from kb.store.lock import writer
@@ -140,16 +140,16 @@ def _stem(table: str) -> str:
 
 def make_part(folder: str, name: str, path: str, table: str) -> dict[str, int]:
     """The mentions in a file of a clean table."""
-    with_ = _finder(folder)
-    tables = [mentions(table.partition("/")[0], part, with_) for part in parts(Path(path), table)]
+    source, keywords = table.partition("/")[0], _keywords(folder)
+    tables = [mentions(source, part, keywords) for part in parts(Path(path), table)]
     write_part(folder, name, tables, "links/links", {})
     return {"links": sum(one.num_rows for one in tables)}
 
 
 @lru_cache(maxsize=2)
-def _finder(folder: str) -> Finder:
-    """The automaton of a plan, made once in each worker."""
-    return finder(lists.of_plain(read_plan(folder)["keywords"]))
+def _keywords(folder: str) -> Keywords:
+    """The keywords of a plan with their automaton, made once in each worker."""
+    return lists.of_plain(read_plan(folder)["keywords"])
 
 
 def _titles(files: list[Path]) -> Iterator[tuple[int, str]]:
@@ -189,7 +189,7 @@ def _finish(parted: PartedBuild, fresh: Build, keywords: Keywords, own: Mapping[
     """Write the tables and the figures."""
     entities = pa.table(
         {
-            "entity": pa.array([one.name for one in keywords.every], pa.string()),
+            "entity": keywords.names,
             "kind": pa.array([one.kind for one in keywords.every], pa.string()),
             "aliases": pa.array(aliases(keywords), pa.list_(pa.string())),
             "wiki_page_id": pa.array(
@@ -298,24 +298,10 @@ def aliases(keywords: Keywords) -> list[list[str]]:
     return [sorted(forms) for forms in other_forms]
 
 
-class Finder(NamedTuple):
-    """What finds keywords, made once a worker."""
-
-    keywords: Keywords
-    matcher: Matcher
-    names: pa.Array[Any]
-
-
-def finder(keywords: Keywords) -> Finder:
-    """The automaton of a profile's keywords."""
-    names = pa.array([keyword.name for keyword in keywords.every], pa.string())
-    return Finder(keywords, Matcher(keywords.phrases), names)
-
-
-def mentions(source: str, part: TextPart, with_: Finder) -> pa.Table:
+def mentions(source: str, part: TextPart, keywords: Keywords) -> pa.Table:
     """Rows of a part of a source's texts, in no order that matters."""
     text = part.text
-    hits = matches(text, with_, PairCounts())
+    hits = matches(text, keywords, PairCounts())
     if part.timed:  # what is said when the video is over makes no pair either
         hits = hits.take(~text.beyond[text.cue_of(hits.start)])
     pair = hits.keyword * len(text) + hits.video
@@ -332,7 +318,7 @@ def mentions(source: str, part: TextPart, with_: Finder) -> pa.Table:
         source,
         part.part,
         MENTION,
-        with_.names.take(pa.array(keyword)),
+        keywords.names.take(pa.array(keyword)),
         text.ids.take(pa.array(video)).cast(pa.string()),
         pa.array(counts, pa.int64()),
         first,

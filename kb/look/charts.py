@@ -15,6 +15,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import date
 from typing import Any
 
 from markupsafe import Markup, escape
@@ -31,6 +32,7 @@ BLUE, ORANGE, GREEN, RED, SKY, PURPLE = (
     "#CC79A7",
 )
 INK, GREY, PALE = "#1F2933", "#52606D", "#D9E2EC"
+WORDS = (BLUE, "#007355", "#B34A00", INK, "#8F4A75")  # dark enough for words on white
 # Each colour's variable in style.css, which has it in a light and a dark theme.
 _VARIABLES = {
     "#ffffff": "card",
@@ -43,11 +45,18 @@ _VARIABLES = {
     RED.lower(): "red",
     SKY.lower(): "sky",
     PURPLE.lower(): "purple",
+    WORDS[1].lower(): "green-word",
+    WORDS[2].lower(): "red-word",
+    WORDS[4].lower(): "purple-word",
 }
 FONT = "DejaVu Sans"  # comes with matplotlib: the same letters everywhere
 WIDTH = 4.6  # inches
 PIXELS = 200  # per inch, of the PNG
 _LONGEST = 26  # letters of a label
+# Steps between ticks of an axis of seconds or minutes.
+SIXTIETHS = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600)
+_MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
+_YEARS = (12, 24, 60, 120, 240, 600, 1200)  # in months
 # What a font in a PDF needs (ISO 32000-1, 9.9): outlines, widths, hints.
 _IN_PDF = {"glyf", "head", "hhea", "hmtx", "loca", "maxp", "cvt ", "fpgm", "prep"}
 _RULES: dict[str, Any] = {
@@ -92,8 +101,7 @@ def bars(
     axes: Any = None,
 ) -> Any:
     """Horizontal bars, the first on top, each with its number written behind it."""
-    height = 0.9 + 0.32 * max(2, len(labels))
-    sheet, axes = canvas(height) if axes is None else (axes.figure, axes)
+    sheet, axes = canvas(rows_height(len(labels))) if axes is None else (axes.figure, axes)
     places = range(len(labels))
     axes.barh(places, values, color=colors, height=0.72)
     axes.set_yticks(places, labels)
@@ -120,6 +128,11 @@ def bars(
     return sheet
 
 
+def rows_height(rows: int) -> float:
+    """Inches of a figure of so many horizontal bars, with its axis: many stand closer."""
+    return 0.75 + max(2, rows) * (0.28 if rows <= 14 else 0.21)
+
+
 def histogram(
     edges: Sequence[float],
     values: Sequence[int],
@@ -127,11 +140,17 @@ def histogram(
     x: str,
     y: str,
     log: bool = False,
+    steps: Sequence[float] = (),
+    labels: int = 7,
     color: str = BLUE,
     axes: Any = None,
     marks: Sequence[tuple[float, str]] = (),
 ) -> Any:
-    """Bars between edges; `log` for a logarithmic x axis; `marks`: vertical lines with a word."""
+    """Bars between edges; `log` for a logarithmic x axis; `steps` between its ticks, where others
+    than 1, 2, 5, 10 … read better; `marks`: vertical lines with a word.
+    """
+    from matplotlib.ticker import MultipleLocator
+
     sheet, axes = canvas(2.9) if axes is None else (axes.figure, axes)
     widths = [high - low for low, high in itertools.pairwise(edges)]
     axes.bar(
@@ -140,6 +159,10 @@ def histogram(
     if log:
         axes.set_xscale("log")
         powers(axes.xaxis)
+    else:
+        apart = step(edges[-1] - edges[0], labels, steps)
+        axes.xaxis.set_major_locator(MultipleLocator(apart))
+        axes.xaxis.set_major_formatter(lambda value, _: number(value))
     axes.set_xlabel(x)
     axes.set_ylabel(y)
     axes.set_xlim(edges[0], edges[-1])
@@ -172,14 +195,14 @@ def over_time(
     axes: Any = None,
     labels: int = 5,
 ) -> Any:
-    """One bar a period, in order; about `labels` of the periods are named below them."""
+    """One bar a period (a day, month, year or decade), in order; at most `labels` of them are named
+    below: those with which a round number of years, months, days or a week begins.
+    """
     sheet, axes = canvas(2.9) if axes is None else (axes.figure, axes)
     axes.bar(range(len(periods)), values, width=0.86, color=color)
     room = max(0, 4 - len(periods)) / 2  # a single bar is no wall
     axes.set_xlim(-0.6 - room, len(periods) - 0.4 + room)
-    step = max(1, math.ceil(len(periods) / labels))
-    shown = range(0, len(periods), step)
-    axes.set_xticks(shown, [periods[index] for index in shown])
+    axes.set_xticks(*zip(*_calendar(periods, labels), strict=True))
     axes.set_xlabel(x)
     axes.set_ylabel(y)
     axes.set_ylim(0, max([*values, 1]) * 1.08)
@@ -188,9 +211,51 @@ def over_time(
     return sheet
 
 
-def even(low: float, high: float, bins: int = 30) -> list[float]:
-    """Edges of bins of one width."""
-    return [low + (high - low) * step / bins for step in range(bins + 1)]
+def _calendar(periods: Sequence[str], most: int) -> list[tuple[int, str]]:
+    """Places of the periods that are named, and their names: a year only where it begins."""
+    parts = [period.rstrip("s").split("-") for period in periods]
+    years = [int(part[0]) for part in parts]
+    steps: tuple[float, ...] = ()
+    if len(parts[0]) == 1:
+        pace = years[1] - years[0] if len(years) > 1 else 1
+        since, names = [year // pace for year in years], list(periods)
+    elif len(parts[0]) == 2:
+        since = [int(year) * 12 + int(month) - 1 for year, month in parts]
+        names, steps = [_MONTHS[month % 12] for month in since], (1, 2, 3, 6, *_YEARS)
+    else:
+        days = [date.fromisoformat(period) for period in periods]
+        since = [day.toordinal() - 1 for day in days]  # the first one was a Monday
+        names, steps = [f"{day.day} {_MONTHS[day.month - 1]}" for day in days], (1, 2, 7, 14, 28)
+    every = max(1, step(len(periods), most, steps))
+    named: list[tuple[int, str]] = []
+    last = 0
+    for place, (at, year, name) in enumerate(zip(since, years, names, strict=True)):
+        if at % every == 0:
+            of_year = "" if not steps or year == last else f"\n{year}"
+            whole = len(parts[0]) == 2 and every >= _YEARS[0]
+            named.append((place, str(year) if whole else name + of_year))
+            last = year
+    return named
+
+
+def step(span: float, most: float, of: Sequence[float] = ()) -> float:
+    """The smallest step of which at most so many make up the span: of those that are given, else
+    1, 2 or 5 times a power of ten.
+    """
+    least = span / most
+    if not of or least > of[-1]:
+        power = 10.0 ** math.floor(math.log10(least)) if least > 0 else 1.0
+        of = [power * times for times in (1, 2, 5, 10)]
+    return next((one for one in of if one >= least * (1 - 1e-9)), of[-1])
+
+
+def even(low: float, high: float, bins: int = 30, steps: Sequence[float] = ()) -> list[float]:
+    """Edges of at most so many bins of one round width (see `step`), from below `low` to above
+    `high`.
+    """
+    width = step(high - low, bins - 1, steps)
+    first, last = math.floor(low / width + 1e-9), math.ceil(high / width - 1e-9)
+    return [round(edge * width, 9) for edge in range(first, max(last, first + 1) + 1)]
 
 
 @dataclass(frozen=True)
@@ -204,7 +269,8 @@ class Figure:
     files: dict[str, bytes]  # by suffix: svg, png, pdf
     head: Sequence[str] = ()
     rows: Sequence[Sequence[object]] = ()
-    screen: bool = False  # shows a screen: beside its like, and not enlarged
+    screen: bool = False  # shows a screen, whose colours are its own
+    gallery: bool = False  # stands in a row of its like, above the others
 
 
 def applied() -> Any:
@@ -260,7 +326,7 @@ def inline(figure: Figure) -> Markup:
     svg = figure.files["svg"].decode()
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", "", svg, flags=re.DOTALL)
-    svg = re.sub(r'(<svg[^>]*?) width="[^"]*" height="[^"]*"', r"\1", svg, count=1)
+    svg = re.sub(r'(<svg[^>]*? width="[^"]*") height="[^"]*"', r"\1", svg, count=1)
     svg = re.sub(r' style="([^"]*)"', lambda found: _attributes(found[1]), svg)
     svg = re.sub(r'\bid="|(?<=href="#)|(?<=url\(#)', lambda at: f"{at[0]}{figure.name}-", svg)
     head = f'<svg class="chart" role="img" aria-label="{escape(figure.alt)}"'
@@ -306,12 +372,25 @@ def _letters_alone() -> Iterator[None]:
         subset.load_font = load
 
 
+def shortened(text: str, most: int) -> str:
+    """At most so many letters; a longer text ends behind a word and with an ellipsis."""
+    if len(text) <= most:
+        return text
+    cut = text[: most - 1]
+    if not text[most - 1].isspace() and " " in cut[most // 3 :]:
+        cut = cut.rpartition(" ")[0]
+    return cut.rstrip(" ,;:.–-") + "…"
+
+
 def readable(text: str) -> str:
-    """A label of the data's own words: one short line, "?" for letters that the font lacks."""
-    line = " ".join(text.split())
-    short = line if len(line) <= _LONGEST else line[: _LONGEST - 1].rstrip() + "…"
+    """A label of the data's own words: one short line."""
+    return printable(shortened(" ".join(text.split()), _LONGEST))
+
+
+def printable(text: str) -> str:
+    """The text with "?" for letters that the font lacks."""
     known = _letters()
-    return "".join(letter if ord(letter) in known else "?" for letter in short)
+    return "".join(letter if ord(letter) in known else "?" for letter in text)
 
 
 @functools.cache
@@ -331,10 +410,10 @@ def number(n: float) -> str:
 
 
 def counts(axis: Any) -> None:
-    """Readable whole numbers on a count axis."""
+    """Whole numbers on a count axis: 1, 2 or 5 times a power of ten apart."""
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-    axis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+    axis.set_major_locator(MaxNLocator(nbins=6, integer=True, steps=[1, 2, 5, 10]))
     axis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
 
 

@@ -25,7 +25,9 @@ def heading(name: str, column: str) -> str:
 
 def reading(name: str, column: str, value: str) -> str:
     """What people read for a value of a column, such as "no verb in front" for no_verb: the words
-    of its schema, else the value with spaces. Raises what `heading` raises.
+    of its schema, else the value, with spaces where the column holds words of ours. Raises what
+    `heading` raises.
     """
-    words = dict(table(name).column(column).words)
-    return words.get(value, value.replace("_", " "))
+    declared = table(name).column(column)
+    ours = declared.dictionary or declared.values
+    return dict(declared.words).get(value, value.replace("_", " ") if ours else value)

@@ -225,7 +225,8 @@ def asking(catalog: Catalog, given: Path | None = None, where: str = "") -> str:
     if quality := catalog.files("pairs/quality"):
         columns.append(f"q.* EXCLUDE ({', '.join(_both(files[0], quality[0]))})")
         joins.append(f"LEFT JOIN {scan(quality)} AS q ON q.pair_id = p.pair_id")
-    scores = sorted(files[0].parent.glob("scores-*.parquet"))
+    words = {word.lower() for word in re.findall(r"\w+", re.sub(r"'[^']*'", "", where))}
+    scores = [] if words.isdisjoint(_SCORES) else catalog.files("pairs/scores")
     if scores:
         columns.append(f"s.* EXCLUDE ({', '.join(_both(files[0], scores[0]))})")
         joins.append(f"LEFT JOIN {scan(scores)} AS s ON s.pair_id = p.pair_id")
@@ -242,13 +243,12 @@ def asking(catalog: Catalog, given: Path | None = None, where: str = "") -> str:
             f" count(*) AS n FROM {scan(labels)} WHERE kind = 'pair' GROUP BY ALL)"
             " GROUP BY item_id) AS l ON l.item_id = p.pair_id"
         )
-    unquoted = re.sub(r"'[^']*'", "", where)
     for names, there, made_by in (
         (_SCORES, scores, "kb pairs score --videos DIR"),
         (_LABELS, labels, "kb label import FILE"),
     ):
         for name in names:
-            if not there and re.search(rf"\b{name}\b", unquoted):
+            if not there and name in words:
                 what = f"--where names {name}, which this data root does not have"
                 raise UsageError(what, hint=f"run `{made_by}` first")
     asked = f"SELECT {', '.join(columns)} FROM {' '.join(joins)}"

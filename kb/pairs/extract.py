@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 from importlib.util import find_spec
-from typing import Any, NamedTuple, Protocol, cast
+from typing import Any, NamedTuple, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -20,7 +20,6 @@ from kb.core.installation import install_extra, np
 from kb.pairs import seeded_random
 from kb.pairs.clip_tokens import ENDS, Grown, Tokens, grow
 from kb.pairs.keywords import EXCLUDED, NEVER, Keywords
-from kb.pairs.matching import Matcher
 from kb.pairs.transcript_batch import Text
 
 
@@ -30,28 +29,18 @@ class Tools(NamedTuple):
     section: Pairs
     seed: int
     keywords: Keywords
-    matcher: Matcher
     tokens: Tokens
 
 
 def make_tools(section: Pairs, seed: int, keywords: Keywords) -> Tools:
-    """Automaton and tokenizer for a profile. Raises MissingExtra."""
+    """Keywords and tokenizer for a profile. Raises MissingExtra."""
     for package in ("numpy", "tokenizers", "lingua", "rensa"):
         if find_spec(package) is None:
             raise MissingExtra(
                 f"pairs need the package {package.replace('_', '-')}",
                 hint=install_extra("pairs"),
             )
-    return Tools(section, seed, keywords, Matcher(keywords.phrases), Tokens())
-
-
-class Finds(Protocol):
-    """What finds keywords in a text: `Tools` do."""
-
-    @property
-    def keywords(self) -> Keywords: ...
-    @property
-    def matcher(self) -> Matcher: ...
+    return Tools(section, seed, keywords, Tokens())
 
 
 @dataclass
@@ -69,7 +58,7 @@ class PairCounts:
         for what, hits in other.hits.items():
             self.hits[what] = self.hits[what] + hits if what in self.hits else hits
 
-    def tell(self, keywords: Keywords, what: str, which: np.ndarray) -> None:
+    def note(self, keywords: Keywords, what: str, which: np.ndarray) -> None:
         """Count the keywords `which` (numbers) under `what`."""
         self.totals[what] += len(which)
         self.hits[what] = np.bincount(which, minlength=len(keywords.every))
@@ -95,21 +84,21 @@ class Matches(NamedTuple):
         return Matches(*(column[which] for column in self))
 
 
-def matches(text: Text, tools: Finds, counts: PairCounts) -> Matches:
+def matches(text: Text, keywords: Keywords, counts: PairCounts) -> Matches:
     """Keywords in the text, without excluded phrases and without everyday
     words that stand alone.
     """
-    hits = tools.matcher.find(text.raw)
-    keyword = tools.keywords.owner[hits.phrase]
+    hits = keywords.matcher.find(text.raw)
+    keyword = keywords.owner[hits.phrase]
     counts.totals["excluded"] += int((keyword == EXCLUDED).sum())
     kept = keyword != EXCLUDED
     keyword, start, end = keyword[kept], hits.start[kept], hits.end[kept]
     every = Matches(
         keyword, text.video_of(start), start, end, text.word_of(start), text.word_of(end - 1)
     )
-    counts.tell(tools.keywords, "matches", keyword)
-    certain, reach = tools.keywords.certain[keyword], tools.keywords.reach[keyword]
-    meant = certain | (tools.keywords.topical[keyword] & text.known[every.video])
+    counts.note(keywords, "matches", keyword)
+    certain, reach = keywords.certain[keyword], keywords.reach[keyword]
+    meant = certain | (keywords.topical[keyword] & text.known[every.video])
     if meant.all():
         return every
     # A word that counts by the topic alone helps no other: "what the hell" may stand beside it.
@@ -117,8 +106,8 @@ def matches(text: Text, tools: Finds, counts: PairCounts) -> Matches:
         reach != NEVER
     )
     near |= meant
-    counts.tell(tools.keywords, "ambiguous", keyword[~meant])
-    counts.tell(tools.keywords, "ambiguous_alone", keyword[~near])
+    counts.note(keywords, "ambiguous", keyword[~meant])
+    counts.note(keywords, "ambiguous_alone", keyword[~near])
     return every.take(near)
 
 
@@ -141,7 +130,7 @@ def pairs_of(text: Text, tools: Tools) -> PairBatch:
     """The pairs of a batch of transcripts."""
     section, counts = tools.section, PairCounts()
     counts.totals.update(videos=len(text), words=text.word_count)
-    hits = matches(text, tools, counts)
+    hits = matches(text, tools.keywords, counts)
     over = text.beyond[text.cue_of(hits.start)]
     over |= text.time_of(hits.start) >= text.length[hits.video]
     if over.any():
@@ -179,7 +168,7 @@ def pairs_of(text: Text, tools: Tools) -> PairBatch:
         "text": _times(text, grown.first, grown.last),
         "clip": (clip_start[taken], clip_end[taken]),
     }
-    counts.tell(tools.keywords, "pairs", hits.keyword)
+    counts.note(tools.keywords, "pairs", hits.keyword)
     words, end = _texts(text, grown)
     columns = _columns(text, tools.keywords, hits, (grown.start, end), position, rng, times)
     own = {"text": words, "token_count": grown.tokens, "center_s": center[taken] / 1000}
@@ -244,14 +233,13 @@ def _columns(
     times: dict[str, tuple[np.ndarray, np.ndarray]],
 ) -> dict[str, Any]:
     """Columns of the pairs; `grown`: the first byte of each text and the one after its last."""
-    names = pa.array([keyword.name for keyword in keywords.every])
     kinds = pa.array([keyword.kind for keyword in keywords.every])
     keyword, video = pa.array(hits.keyword), pa.array(hits.video)
     timed = text.timed(hits.start) & text.timed(hits.end - 1)
     return {
         "pair_id": seeded_random.hexadecimal(rng.bits("id")),
         "video_id": text.ids.take(video),
-        "keyword": names.take(keyword),
+        "keyword": keywords.names.take(keyword),
         "keyword_kind": kinds.take(keyword),
         "match_start_char": pa.array(position),
         "match_end_char": pa.array(text.characters(hits.end, hits.video)),

@@ -80,7 +80,7 @@ class _Examples:
         self._best: dict[int, list[tuple[int, str]]] = {}
 
     def add(self, text: Text, tools: Tools, counts: PairCounts) -> None:
-        hits = matches(text, tools, counts)
+        hits = matches(text, tools.keywords, counts)
         if not self._number or not len(hits.keyword):
             return
         ids = cast("list[str]", text.ids.to_pylist())

@@ -73,35 +73,26 @@ class Keyword:
     rule: str = field(default="", compare=False)
 
 
-class Row(NamedTuple):
-    """A keyword and the line that it stands on, counted from 1."""
-
-    line: int
-    keyword: Keyword
-
-
-class KeywordProblem(NamedTuple):
-    """A line that can't be used; 0 where the whole file can't."""
-
-    line: int
-    what: str
-    fix: str
+Row = tuple[int, Keyword]
+"""The line that a keyword stands on, counted from 1, and the keyword."""
+Problem = tuple[int, str, str]
+"""A line that can't be used (0: the whole file can't), what is wrong with it, how to fix it."""
 
 
-def scan(path: Path, near_words: int) -> tuple[Sequence[Row], Sequence[KeywordProblem]]:
+def scan(path: Path, near_words: int) -> tuple[Sequence[Row], Sequence[Problem]]:
     """Every row of a file, and every problem. `near_words` is the reach of a plain `near`."""
     try:
         text = read_text(path)
     except (OSError, UnicodeDecodeError) as error:
         why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        return (), (KeywordProblem(0, f"the keyword list {path} can't be read: {why}", ""),)
+        return (), ((0, f"the keyword list {path} can't be read: {why}", ""),)
     return _understood(text, near_words)
 
 
 @lru_cache(maxsize=8)  # a command checks its lists, and then uses them
-def _understood(text: str, near_words: int) -> tuple[tuple[Row, ...], tuple[KeywordProblem, ...]]:
+def _understood(text: str, near_words: int) -> tuple[tuple[Row, ...], tuple[Problem, ...]]:
     rows: list[Row] = []
-    problems: list[KeywordProblem] = []
+    problems: list[Problem] = []
     header = False
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip() or line.startswith("#"):
@@ -110,14 +101,17 @@ def _understood(text: str, near_words: int) -> tuple[tuple[Row, ...], tuple[Keyw
         if not header:
             if tuple(cells) != COLUMNS:
                 # Without its columns no other line means anything.
-                return (), (KeywordProblem(number, *_no_header(line)),)
+                what = f"the first line must read {', '.join(COLUMNS)}, separated by tabs"
+                named = sorted(line.replace(",", " ").split()) == sorted(COLUMNS)
+                fix = "it has the right names: put tabs between them, in this order"
+                return (), ((number, what, fix if named else ""),)
             header = True
             continue
         parsed = _row(cells, near_words)
         if isinstance(parsed, Keyword):
-            rows.append(Row(number, parsed))
+            rows.append((number, parsed))
         else:
-            problems.append(KeywordProblem(number, *parsed))
+            problems.append((number, *parsed))
     return tuple(rows), tuple(problems)
 
 
@@ -125,17 +119,9 @@ def read(path: Path, near_words: int) -> list[Keyword]:
     """One keyword file. Raises ProfileError that names the line."""
     rows, problems = scan(path, near_words)
     if problems:
-        first = problems[0]
-        where = f"{path}:{first.line}: " if first.line else ""
-        raise ProfileError(f"{where}{first.what}", hint=first.fix)
-    return [row.keyword for row in rows]
-
-
-def _no_header(line: str) -> tuple[str, str]:
-    what = f"the first line must read {', '.join(COLUMNS)}, separated by tabs"
-    if sorted(line.replace(",", " ").split()) == sorted(COLUMNS):
-        return what, "it has the right names: put tabs between them, in this order"
-    return what, ""
+        line, what, fix = problems[0]
+        raise ProfileError(f"{path}:{line}: {what}" if line else what, hint=fix)
+    return [keyword for _, keyword in rows]
 
 
 def _row(cells: list[str], near_words: int) -> Keyword | tuple[str, str]:
@@ -180,7 +166,12 @@ def _reach(rule: str, near_words: int) -> int | str | None:
     return f"did you mean {close[0]}?" if close else "forms stand in the fourth column"
 
 
-Placed = tuple[str, Row]  # a row and its file's name
+class Placed(NamedTuple):
+    """A keyword, its file's name and its line."""
+
+    file: str
+    line: int
+    keyword: Keyword
 
 
 def check_lists(
@@ -194,8 +185,8 @@ def check_lists(
     findings: list[Finding] = []
     for name in names:
         rows, problems = scan(folder / name, near_words)
-        every += [(name, row) for row in rows]
-        findings += [Finding(ERROR, name, one.line, "", one.what, one.fix) for one in problems]
+        every += [Placed(name, line, keyword) for line, keyword in rows]
+        findings += [Finding(ERROR, name, line, "", what, fix) for line, what, fix in problems]
         if not rows and not problems:
             fix = "write one per line: keyword, tab, kind"
             findings.append(Finding(ERROR, name, 0, "", "the list contains no keyword", fix))
@@ -211,41 +202,41 @@ def check_lists(
 
 
 def _at(level: str, place: Placed, what: str, fix: str) -> Finding:
-    return Finding(level, place[0], place[1].line, place[1].keyword.name, what, fix)
+    return Finding(level, place.file, place.line, place.keyword.name, what, fix)
 
 
 def _duplicates(every: list[Placed]) -> Iterator[Finding]:
     """Names that stand twice, and forms that another keyword has as its name or form."""
     first: dict[str, Placed] = {}
     for place in every:
-        name = place[1].keyword.name
+        name = place.keyword.name
         before = first.setdefault(phrase(name), place)
         if before is not place:
-            what = f"{name!r} is already on line {before[1].line} of {before[0]}"
-            mine, other = place[1].keyword, before[1].keyword
+            what = f"{name!r} is already on line {before.line} of {before.file}"
+            mine, other = place.keyword, before.keyword
             same = (mine.kind, mine.reach, mine.more) == (other.kind, other.reach, other.more)
             # Only a row that says something else is lost.
             level = NOTE if same else WARNING
             yield _at(level, place, what, "the first counts; take one of them out")
     taken = dict(first)
     for place in every:
-        for form in place[1].keyword.more:
+        for form in place.keyword.more:
             folded = phrase(form)
             if not folded:
                 yield _at(WARNING, place, f"the form {form!r} has no word", "take it out")
                 continue
             before = taken.setdefault(folded, place)
             if before is not place:
-                what = f"the form {form!r} is that of {before[1].keyword.name!r} already"
+                what = f"the form {form!r} is that of {before.keyword.name!r} already"
                 yield _at(NOTE, place, what, "a form counts for one keyword only")
 
 
 def _kinds(every: list[Placed]) -> Iterator[Finding]:
     """A kind that stands once and looks like one that stands often."""
-    often = Counter(row.keyword.kind for _, row in every)
+    often = Counter(place.keyword.kind for place in every)
     known = [kind for kind, times in often.items() if times >= 3]
     for place in every:
-        kind = place[1].keyword.kind
+        kind = place.keyword.kind
         if often[kind] > 1:
             continue
         close = difflib.get_close_matches(kind, known, n=1, cutoff=0.8)
@@ -257,7 +248,7 @@ def _kinds(every: list[Placed]) -> Iterator[Finding]:
 def _everyday(every: list[Placed]) -> Iterator[Finding]:
     """Single everyday words that count wherever they are said."""
     for place in every:
-        keyword = place[1].keyword
+        keyword = place.keyword
         if keyword.reach is not None or keyword.rule == "always":
             continue
         for word in (keyword.name, *keyword.more):
@@ -274,11 +265,11 @@ def _excluded(every: list[Placed], section: Pairs | None) -> Iterator[Finding]:
     """Keywords that `exclude` takes away whole."""
     named: dict[str, list[Placed]] = {}
     for place in every if section and section.exclude else ():
-        named.setdefault(phrase(place[1].keyword.name), []).append(place)
+        named.setdefault(phrase(place.keyword.name), []).append(place)
     for text in section.exclude if section else ():
         for form in sorted(forms(phrase(text)) & named.keys()):
             for place in named[form]:
-                what = f"{place[1].keyword.name!r} is ruled out by pairs.exclude"
+                what = f"{place.keyword.name!r} is ruled out by pairs.exclude"
                 yield _at(WARNING, place, what, f"take it out here, or {text!r} there")
 
 
@@ -286,17 +277,17 @@ def _overlapping(every: list[Placed]) -> Iterator[Finding]:
     """Forms that follow by rule from two keywords, or are another keyword's name or form."""
     owner: dict[str, Placed] = {}
     for place in every:
-        for form in (place[1].keyword.name, *place[1].keyword.more):
+        for form in (place.keyword.name, *place.keyword.more):
             owner.setdefault(phrase(form), place)
     shared: dict[str, tuple[Placed, Placed]] = {}
     for place in every:
-        for form in sorted(forms(phrase(place[1].keyword.name))):
+        for form in sorted(forms(phrase(place.keyword.name))):
             first = owner.setdefault(form, place)
-            if first[1].keyword.name != place[1].keyword.name:
+            if first.keyword.name != place.keyword.name:
                 shared.setdefault(form, (first, place))
     if shared:
         listed = [
-            f"{form!r} ({first[1].keyword.name}, {other[1].keyword.name})"
+            f"{form!r} ({first.keyword.name}, {other.keyword.name})"
             for form, (first, other) in list(shared.items())[:_NAMED]
         ]
         more = ", …" if len(shared) > _NAMED else ""
@@ -316,23 +307,23 @@ def _unsupported(
     """Rules that wait for a keyword, or a label, that is never there."""
     if not every:
         return
-    topical = [place for place in every if place[1].keyword.rule == "topic"]
+    topical = [place for place in every if place.keyword.rule == "topic"]
     if topical and not topic_known:
         what = f"{_listed(topical)} count only near other keywords: no video's topic is known"
         fix = 'set youtube.game_ids, or youtube.imported_topic = "known" for your own files'
         yield _at(WARNING, topical[0], what, fix)
-    if (section and section.include) or any(row.keyword.reach is None for _, row in every):
+    if (section and section.include) or any(place.keyword.reach is None for place in every):
         return
     fix = "near needs keywords without a rule nearby: leave the rule empty for unmistakable words"
     if not topical or not topic_known:
         yield _at(ERROR, every[0], "every keyword has a rule, so none can make a pair", fix)
-    elif near := [place for place in every if place[1].keyword.rule.startswith("near")]:
+    elif near := [place for place in every if place.keyword.rule.startswith("near")]:
         yield _at(WARNING, near[0], f"no keyword supports {_listed(near)}", fix)
 
 
 def _listed(places: list[Placed]) -> str:
     """The first names, and how many more there are."""
-    names = ", ".join(repr(row.keyword.name) for _, row in places[:_NAMED])
+    names = ", ".join(repr(place.keyword.name) for place in places[:_NAMED])
     more = len(places) - _NAMED
     return f"{names} and {more:,} more" if more > 0 else names
 

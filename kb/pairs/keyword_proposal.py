@@ -15,7 +15,7 @@ from kb.pairs.keyword_list import COLUMNS, LONGEST, forms
 from kb.pairs.matching import phrase
 
 PAGE = "page"  # the kind of a page without a category
-_WORDS = 5  # titles with more words are hardly said so
+_WORDS = 5  # longer titles are rarely said in full
 _HEAD = """\
 # Proposed from the titles, redirects and categories of {wiki}, one page a line: strike what nobody
 # says or what is not your domain's, fix the kinds, and put the rest into the profile's list.

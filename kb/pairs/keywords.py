@@ -21,13 +21,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+import pyarrow as pa
+
 from kb.core.cached_property import cached_property
 from kb.core.config.profile import Profile
 from kb.core.config.profile.products import Pairs
 from kb.core.errors import ProfileError
 from kb.core.installation import np
 from kb.pairs.keyword_list import COLUMNS, LONGEST, NEVER, Keyword, forms, numbers, read
-from kb.pairs.matching import phrase
+from kb.pairs.matching import Matcher, phrase
 
 __all__ = [
     "COLUMNS",
@@ -73,6 +75,14 @@ class Keywords:
     @cached_property
     def owner(self) -> np.ndarray:
         return np.asarray(self.of, np.int64)
+
+    @cached_property
+    def matcher(self) -> Matcher:
+        return Matcher(self.phrases)
+
+    @cached_property
+    def names(self) -> pa.Array[Any]:
+        return pa.array([keyword.name for keyword in self.every], pa.string())
 
 
 def plain(keywords: Keywords) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from kb.artifacts.measures import QUANTILES, quantiles_of
 from kb.core.installation import np
 from kb.core.summary.intervals import share_of
 from kb.pairs import seeded_random, transcripts
-from kb.pairs.extract import Finds, Matches, PairCounts, matches
+from kb.pairs.extract import Matches, PairCounts, matches
 from kb.pairs.keywords import Keywords
 from kb.pairs.transcript_batch import Text
 from kb.store.tables import parquet
@@ -66,20 +66,21 @@ class Compared(NamedTuple):
     later_s: np.ndarray
 
 
-def compare(automatic: Text, manual: Text, finds: Finds) -> Compared:
+def compare(automatic: Text, manual: Text, keywords: Keywords) -> Compared:
     """The keywords of the two tracks of the same videos, in the same order."""
-    heard, written = (matches(one, finds, PairCounts()) for one in (automatic, manual))
-    said, meant = automatic.time_of(heard.start) / 1000, manual.time_of(written.start) / 1000
+    heard, written = (matches(one, keywords, PairCounts()) for one in (automatic, manual))
+    heard_s = automatic.time_of(heard.start) / 1000
+    written_s = manual.time_of(written.start) / 1000
     pairs = [_aligned(heard, written, video) for video in range(len(automatic))]
     first, second = np.concatenate([np.empty((2, 0), np.int64), *pairs], axis=1)
-    near = np.abs(said[first] - meant[second]) <= NEAR_S
+    near = np.abs(heard_s[first] - written_s[second]) <= NEAR_S
     first, second = first[near], second[near]
     return Compared(
         heard.keyword,
         written.keyword,
         heard.keyword[first],
         heard.video[first],
-        said[first] - meant[second],
+        heard_s[first] - written_s[second],
     )
 
 
@@ -144,10 +145,14 @@ class Totals:
 
 
 def measured(
-    root: Path, second_tracks: Iterable[pa.Table], finds: Finds, sample: VideoSample, seed: int
+    root: Path,
+    second_tracks: Iterable[pa.Table],
+    keywords: Keywords,
+    sample: VideoSample,
+    seed: int,
 ) -> dict[str, Any]:
     """The section of a sample whose second tracks are there. Raises DamagedData."""
-    totals = Totals(finds.keywords)
+    totals = Totals(keywords)
     videos = transcripts.videos(transcripts.parts(root, "videos"))
     for tracks in second_tracks:
         if not tracks.num_rows:
@@ -157,5 +162,5 @@ def measured(
         order = pc.index_in(ids, value_set=first["video_id"].combine_chunks())
         known = transcripts.topic_known(videos.take(pc.index_in(ids, videos["video_id"])))
         both = (Text(tracks, known=known), Text(first.take(order), known=known))
-        totals.add(len(ids), compare(*both, finds))
+        totals.add(len(ids), compare(*both, keywords))
     return totals.section(sample, seed)

@@ -10,12 +10,12 @@ Figures of one pair's text: its language, a verb near the keyword, keywords, wor
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import msgspec
 import pyarrow as pa
 import pyarrow.compute as pc
 
@@ -64,6 +64,10 @@ def of_batch(text: Text, batch: PairBatch, language: str) -> BatchQuality:
     spoken = batch.rows["text"]
     seconds = pc.subtract(batch.rows["text_end_s"], batch.rows["text_start_s"])
     counts = pc.add(pc.count_substring(spoken, " "), 1)
+    # How much later (s) each match would begin if the words of its cue shared its time evenly; null
+    # where its own time is known no better.
+    at, mine = batch.match[0], np.rint(np.asarray(batch.rows["match_start_s"]) * 1000)
+    later_s = pa.array((text.shared_out(at) - mine) / 1000, mask=~text.timed(at))
     pairs = pa.table(
         {
             "pair_id": batch.rows["pair_id"],
@@ -75,7 +79,7 @@ def of_batch(text: Text, batch: PairBatch, language: str) -> BatchQuality:
             "language_confidence": confidence,
             "has_verb": pa.array(verbs) if verbs is not None else pa.nulls(len(codes), pa.bool_()),
             "keyword_count": pa.array(batch.keywords),
-            "interpolation_error_s": _interpolation_error(text, batch),
+            "interpolation_error_s": later_s,
             "words_per_second": pc.if_else(
                 pc.greater(seconds, 0), pc.divide(counts.cast(pa.float64()), seconds), None
             ),
@@ -90,16 +94,6 @@ def of_batch(text: Text, batch: PairBatch, language: str) -> BatchQuality:
         }
     )
     return BatchQuality(pairs, videos, repeated_text.once_a_video(keys, words.video[: len(keys)]))
-
-
-def _interpolation_error(text: Text, batch: PairBatch) -> pa.Array[Any]:
-    """How much later each match would begin (s) if the words of its cue shared its time evenly;
-    null where its own time is known no better.
-    """
-    at = batch.match[0]
-    mine = np.rint(np.asarray(batch.rows["match_start_s"]) * 1000)
-    later = (text.shared_out(at) - mine) / 1000
-    return cast("pa.Array[Any]", pa.array(later, mask=~text.timed(at)))
 
 
 def write_part(folder: str, name: str, batches: Sequence[BatchQuality]) -> None:
@@ -229,15 +223,8 @@ def _one(column: pa.ChunkedArray[Any]) -> Any:
     return column.combine_chunks() if column.num_chunks != 1 else column.chunk(0)
 
 
-class WordList(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """data/<language>.toml: words parted by spaces."""
-
-    function_words: str
-    verbs: str
-
-
 class KnownWords(NamedTuple):
-    """Sorted hashes of a language's words (uint64)."""
+    """Sorted hashes of a language's words (uint64), which data/<language>.toml lists."""
 
     function_words: np.ndarray
     verbs: np.ndarray
@@ -249,12 +236,12 @@ def known_words(language: str) -> KnownWords | None:
     path = _FOLDER / f"{language}.toml"
     if not path.is_file():
         return None
-    given = msgspec.toml.decode(path.read_bytes(), type=WordList)
-    return KnownWords(_hashes(given.function_words), _hashes(given.verbs))
-
-
-def _hashes(words: str) -> np.ndarray:
-    return np.array(sorted(map(hash_of, words.split())), np.uint64)
+    given = tomllib.loads(path.read_text(encoding="utf-8"))
+    hashes = {
+        name: np.array(sorted(map(hash_of, words.split())), np.uint64)
+        for name, words in given.items()
+    }
+    return KnownWords(**hashes)
 
 
 def counted(words: HashedWords, known: np.ndarray) -> np.ndarray:

@@ -127,9 +127,9 @@ def is_among(hashes: np.ndarray, known: np.ndarray) -> np.ndarray:
     likely[known & bits] = True
     maybe = np.flatnonzero(likely[hashes & bits])
     place = np.minimum(np.searchsorted(known, hashes[maybe]), len(known) - 1)
-    found = np.zeros(len(hashes), bool)
-    found[maybe] = known[place] == hashes[maybe]
-    return found
+    among = np.zeros(len(hashes), bool)
+    among[maybe] = known[place] == hashes[maybe]
+    return among
 
 
 def runs(words: HashedWords, size: int) -> tuple[np.ndarray, np.ndarray]:
@@ -248,7 +248,7 @@ def recurring(files: Sequence[Path]) -> Recurring:
     arrays = [np.load(path, mmap_mode="r") for path in files]
     bounds = np.arange(_PIECES + 1, dtype=np.float64) * 2.0**64 / _PIECES
     limits = [np.searchsorted(one, bounds[1:-1].astype(np.uint64)) for one in arrays]
-    found = [np.zeros(0, np.uint64)]
+    recurs = [np.zeros(0, np.uint64)]
     counts = [np.zeros(0, np.int64)]
     for piece in range(_PIECES):
         parts = [np.zeros(0, np.uint64)]
@@ -261,9 +261,9 @@ def recurring(files: Sequence[Path]) -> Recurring:
         starts = np.flatnonzero(np.diff(keys, prepend=np.uint64(0)) != 0)  # no key is 0
         videos = np.diff(starts, append=len(keys))
         often = videos >= VIDEOS
-        found.append(keys[starts[often]])
+        recurs.append(keys[starts[often]])
         counts.append(videos[often])
-    return Recurring(np.concatenate(found), np.concatenate(counts))
+    return Recurring(np.concatenate(recurs), np.concatenate(counts))
 
 
 def around(keys: np.ndarray, first: np.ndarray, after: np.ndarray) -> pa.Array[Any]:

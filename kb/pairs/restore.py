@@ -48,8 +48,8 @@ def refill(run: Run, index: Path) -> Summary:
     files = transcripts.parts(run.root, index=index)
     rows = _read(index)
     with domain_binding.writing(run, "pairs"):
-        beside = index if index.is_dir() else index.parent
-        quality = sorted(beside.glob("quality-*.parquet"))
+        folder = index if index.is_dir() else index.parent
+        quality = sorted(folder.glob("quality-*.parquet"))
         return fill(run, rows, files, "pairs", quality)
 
 

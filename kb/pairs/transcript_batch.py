@@ -32,7 +32,7 @@ _SOUND = rb"\[[^\[\]\xff]{0,64}\]|>>+|\xe2\x99[\xa9-\xac]"  # ♩ ♪ ♫ ♬
 _SPACE = re.compile(_WIDE_SPACE)
 _NOT_SPOKEN = re.compile(_SOUND + b"|" + _WIDE_SPACE)
 _LONGEST_WORD = 1_000  # ms; how long a word lasts after which nothing is said for a while
-_FAR = 1e9  # seconds; times beyond it are no times
+_FAR = 1e9  # seconds; greater times are not valid
 
 
 class Text:
@@ -56,7 +56,7 @@ class Text:
     ) -> None:
         """`transcripts` has the columns of youtube/transcripts; `lengths` the videos' seconds and
         `channels` the ids of their channels, null when unknown. `known`: of which videos the topic
-        is known (bool; by default of none). `parted`: these are no captions but texts, and no
+        is known (bool; by default of none). `parted`: these are texts, not captions, and no
         phrase reaches from one into the next.
         """
         transcripts = transcripts.combine_chunks()
@@ -72,12 +72,12 @@ class Text:
         texts = pc.fill_null(pc.struct_field(cells, "text"), "").cast(pa.large_binary())
         start, last = _seconds(cells, "start_s"), _seconds(cells, "duration_s")
         video = np.repeat(np.arange(videos), counts)
-        said = _word_starts(cells)
+        starts = _word_starts(cells)
         if len(start) > 1 and ((start[1:] < start[:-1]) & (video[1:] == video[:-1])).any():
             order = np.lexsort((np.arange(len(start)), start, video))
             texts, start, last = texts.take(pa.array(order)), start[order], last[order]
-            said = said.take(pa.array(order)) if said is not None else None
-        self.cue_video, self._said = video, said
+            starts = starts.take(pa.array(order)) if starts is not None else None
+        self.cue_video, self._starts = video, starts
         self._times(start, last, lengths)
         self._places(texts, counts, _WALL if parted else b" ")
         self.raw = _blanked(_SPACE if parted else _NOT_SPOKEN, self.given)
@@ -111,9 +111,9 @@ class Text:
         second; none is without a length.
         """
         last = start.copy()
-        if self._said is not None and len(start):
-            parents = np.asarray(pc.list_parent_indices(self._said)).astype(np.int64)
-            words = _ms(pc.list_flatten(self._said))
+        if self._starts is not None and len(start):
+            parents = np.asarray(pc.list_parent_indices(self._starts)).astype(np.int64)
+            words = _ms(pc.list_flatten(self._starts))
             np.maximum.at(last, parents, words)
             early = start.copy()
             np.minimum.at(early, parents, words)
@@ -215,7 +215,7 @@ class Text:
         word ends when the next one of its cue begins, the last one with the cue, and none takes
         longer than a second. Words stay inside their video.
         """
-        if self._said is None or not len(places):
+        if self._starts is None or not len(places):
             return np.full((2, len(places)), -1)
         cues, cue = np.unique(self.cue_of(places), return_inverse=True)
         # The captions of these cues alone: a space, and each with the space that follows it.
@@ -229,10 +229,10 @@ class Text:
         words = np.flatnonzero(space[:-1] & ~space[1:]) + 1
         begin, end = times = np.full((2, len(words)), -1)
         first, behind = np.searchsorted(words, at), np.searchsorted(words, at + sizes)
-        said = self._said.take(pa.array(cues))
-        given = np.asarray(pc.fill_null(pc.list_value_length(said), -1))
+        of_cues = self._starts.take(pa.array(cues))
+        given = np.asarray(pc.fill_null(pc.list_value_length(of_cues), -1))
         known = np.flatnonzero((behind > first) & (given == behind - first))
-        starts = _ms(pc.list_flatten(said.take(pa.array(known))))
+        starts = _ms(pc.list_flatten(of_cues.take(pa.array(known))))
         counts = given[known]
         last = np.cumsum(counts) - 1
         place = np.arange(len(starts)) + np.repeat(first[known] - last - 1 + counts, counts)

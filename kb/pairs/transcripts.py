@@ -36,16 +36,13 @@ def parts(root: Path, table: str = "transcripts", *, index: Path | None = None) 
     """
     files = manifest.rows(root, f"{VIDEOS}/{table}")
     if not files and table == "transcripts":
-        raise FatalError("there are no transcripts in clean/youtube", hint=_how(root, index))
+        hint = "run `kb youtube filter` first"
+        if not rawlog.any_answer(root, VIDEOS):
+            ids = f" --ids {shlex.quote(str(index))}" if index is not None else ""
+            crawl = f"kb youtube crawl{ids}"
+            hint = f"run `{crawl}`, then `kb youtube filter`, then this command again"
+        raise FatalError("there are no transcripts in clean/youtube", hint=hint)
     return files
-
-
-def _how(root: Path, index: Path | None) -> str:
-    """What has to be run before there are transcripts."""
-    if rawlog.any_answer(root, VIDEOS):
-        return "run `kb youtube filter` first"
-    crawl = "kb youtube crawl" + (f" --ids {shlex.quote(str(index))}" if index is not None else "")
-    return f"run `{crawl}`, then `kb youtube filter`, then this command again"
 
 
 def rows(path: Path) -> int:
@@ -100,15 +97,15 @@ def topic_known(videos: pa.Table) -> np.ndarray:
 
 def of_videos(root: Path, ids: pa.Array[Any]) -> pa.Table:
     """The kept transcripts of these videos, in no order that matters. Raises DamagedData."""
-    found: list[pa.Table] = []
+    kept: list[pa.Table] = []
     for path in parts(root):
         with reading([path]), parquet.open_file(path) as file:
             for group in range(file.num_row_groups):
                 rows = file.read_row_group(group, columns=["video_id"])
                 wanted = pc.is_in(rows["video_id"].cast(pa.string()), value_set=ids)
                 if pc.any(wanted).as_py():
-                    found.append(file.read_row_group(group, columns=_COLUMNS).filter(wanted))
-    return pa.concat_tables(found, promote_options="permissive")
+                    kept.append(file.read_row_group(group, columns=_COLUMNS).filter(wanted))
+    return pa.concat_tables(kept, promote_options="permissive")
 
 
 def videos(files: list[Path]) -> pa.Table:

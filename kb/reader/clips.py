@@ -80,10 +80,10 @@ def find(
 
     Columns: pair_id, keyword, keyword_kind, video_id, title and figures of the video, the clip's
     start and end (s), `url` that starts there, `text` (null where it was not restored),
-    token_count, transcript_kind, timing, and the columns of pairs_quality. `where`: a condition on
-    them in DuckDB's SQL; `drawn`: a file of `kb pairs draw`, whose `split` is a column then. Raises
-    UsageError where there are no pairs, no such keyword, or the
-    condition is wrong.
+    token_count, transcript_kind, timing, and the columns of pairs_quality and, where pairs were
+    scored, of pairs_scores. `where`: a condition on them in DuckDB's SQL; `drawn`: a file of `kb
+    pairs draw`, whose `split` is a column then. Raises UsageError where there are no pairs, no such
+    keyword, or the condition is wrong.
     """
     ranked = opened.ranked("pairs")
     if not ranked:
@@ -117,7 +117,7 @@ def find(
 
 
 def _sql(opened: OpenTables, pairs: View, ranked: list[View], keyword: str | None) -> str:
-    joins, text, quality = [], "NULL::VARCHAR", ""
+    joins, text, measures = [], "NULL::VARCHAR", ""
     holding = [view for view in ranked if "text" in TableView(view).schema.names]
     if pairs in holding:
         text = "p.text"
@@ -128,9 +128,10 @@ def _sql(opened: OpenTables, pairs: View, ranked: list[View], keyword: str | Non
     of_video = ", ".join(f"v.{name}" if videos else f"NULL AS {name}" for name in _OF_VIDEO)
     if videos:
         joins.append(f"LEFT JOIN {videos[0].full} AS v ON v.video_id = p.video_id")
-    for measured in opened.ranked("pairs_quality")[:1]:
-        joins.append(f"LEFT JOIN {measured.full} AS q ON q.pair_id = p.pair_id")
-        quality = ", q.* EXCLUDE (pair_id)"
+    for name, keys in (("quality", "pair_id"), ("scores", "pair_id, video_id")):
+        for measured in opened.ranked(f"pairs_{name}")[:1]:
+            joins.append(f"LEFT JOIN {measured.full} AS {name} ON {name}.pair_id = p.pair_id")
+            measures += f", {name}.* EXCLUDE ({keys})"
     timing = "p.timing" if "timing" in TableView(pairs).schema.names else "NULL::VARCHAR"
     removed = [
         f"SELECT key FROM {one.full} WHERE source = '{source}'"
@@ -147,6 +148,6 @@ def _sql(opened: OpenTables, pairs: View, ranked: list[View], keyword: str | Non
             p.clip_start_s, p.clip_end_s,
             'https://www.youtube.com/watch?v=' || p.video_id
                 || '&t=' || floor(p.clip_start_s)::BIGINT || 's' AS url,
-            {text} AS text, p.token_count, p.transcript_kind, {timing} AS timing{quality}
+            {text} AS text, p.token_count, p.transcript_kind, {timing} AS timing{measures}
         FROM {pairs.full} AS p {" ".join(joins)}
         WHERE {asked} {left}"""

@@ -10,7 +10,7 @@ from kb.core.config.profile.collecting import RedditSection
 from kb.core.context import Run
 from kb.core.summary import Summary
 from kb.core.summary.plan import PlanPhase, plan, to_read
-from kb.reddit.crawl.client import IDS, ROOT
+from kb.reddit.crawl.client import IDS, LISTED, ROOT
 from kb.reddit.crawl.ids import Ids, asked_for
 from kb.reddit.crawl.reduce import PAGES
 from kb.reddit.crawl.refresh import due, oldest_due
@@ -21,7 +21,6 @@ from kb.store.rawlog import rawlog
 from kb.store.state import tombstones
 from kb.store.tables import reading
 
-LISTED = 100  # posts a page of a listing
 # Used only where this data root has nothing to measure.
 NEW_A_LISTING = 0.25  # of a listing's posts that no other one has
 REQUESTS_A_POST = 2.0  # its page, and what that only names
@@ -74,7 +73,7 @@ def plan_refresh(run: Run, older_than: int | None = None) -> Summary:
     ):
         purged = tombstones.keys(run.root, "reddit")
         items = sum(rows.num_rows for rows in due(things, purged, oldest, run.again))
-    return Summary(_of_ids(run, "refresh reddit", [("posts and comments to refresh", items)]))
+    return Summary(_of_ids(run, "refresh reddit", "posts and comments to refresh", items))
 
 
 def plan_rebuild(run: Run, ids: Ids, dumps: Sequence[Path] = ()) -> Summary:
@@ -88,27 +87,15 @@ def plan_rebuild(run: Run, ids: Ids, dumps: Sequence[Path] = ()) -> Summary:
         phases = [PlanPhase("posts and comments", items, hours=hours, gb=gb)]
         assumed = [f"{DUMP_BYTES_AN_HOUR / 3600 / 1e6:g} MB of dumps a second and core"]
         return Summary(plan("reddit reconstruct", "reddit", phases, assumed))
-    return Summary(
-        _of_ids(
-            run,
-            "reddit reconstruct",
-            [("posts and comments", len(wanted.names))],
-            len(wanted.trees),
-        )
-    )
+    names, trees = len(wanted.names), len(wanted.trees)
+    return Summary(_of_ids(run, "reddit reconstruct", "posts and comments", names, trees))
 
 
-def _of_ids(
-    run: Run, command: str, named: list[tuple[str, int]], trees: int = 0
-) -> dict[str, object]:
+def _of_ids(run: Run, command: str, phase: str, items: int, trees: int = 0) -> dict[str, object]:
     """Known ids are requested 100 at a time; a tree takes requests of its own."""
     assumed = [f"{BYTES_AN_ID} bytes an id"]
-    phases = []
-    for phase, items in named:
-        calls = math.ceil(items / IDS)
-        phases.append(
-            PlanPhase(phase, items, calls, 0, _hours(run, calls), items * BYTES_AN_ID / 1e9)
-        )
+    calls = math.ceil(items / IDS)
+    phases = [PlanPhase(phase, items, calls, 0, _hours(run, calls), items * BYTES_AN_ID / 1e9)]
     if trees:
         calls = round(trees * REQUESTS_A_POST)
         phases.append(

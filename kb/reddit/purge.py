@@ -57,8 +57,8 @@ def name_of(entry: str) -> str | None:
 
 
 def marks(purge: Purge, name: str) -> tuple[str, ...]:
-    """The hash of a name as answers have it, and as earlier versions made it, which told letter
-    cases apart. Raises DamagedData.
+    """The hash of a name as answers have it, and as earlier versions made it, which kept the
+    letter case. Raises DamagedData.
     """
     # A plan makes no key: without one there is nobody's name.
     key = (read_key(purge.root) or b"") if purge.dry else load_key(purge.root)
@@ -69,8 +69,8 @@ def find_people(purge: Purge, people: frozenset[str]) -> Iterator[Theirs]:
     """What these people posted and commented, by answers and tables. Raises DamagedData."""
     paths = rawlog.all_segments(purge.root, "reddit")
     work = ((str(path), people) for path in paths)
-    for found in over_segments(purge.run, paths, _in_segment, work):
-        for person, names in found.items():
+    for by_person in over_segments(purge.run, paths, _in_segment, work):
+        for person, names in by_person.items():
             yield from (Theirs(person, name) for name in names)
     for location in AUTHOR_COLUMNS:
         yield from in_rows(purge.root, location, "author_hash", people)
@@ -78,14 +78,14 @@ def find_people(purge: Purge, people: frozenset[str]) -> Iterator[Theirs]:
 
 def _in_segment(segment: str, people: frozenset[str]) -> Mapping[str, set[str]]:
     """Full names in the answers of a segment, by person. Runs in a worker."""
-    matches, found = Matcher(people), defaultdict[str, set[str]](set)
+    matches, by_person = Matcher(people), defaultdict[str, set[str]](set)
     for _, line in rawlog.Frames(Path(segment), checked=True):
         if matches(line):
             envelope = rawlog.decode(line)
             for person in matches.texts(line):
                 if (own := without_hashes(envelope, [person])) is not envelope:
-                    found[person] |= theirs(own.response) - {PURGED}
-    return dict(found)
+                    by_person[person] |= theirs(own.response) - {PURGED}
+    return dict(by_person)
 
 
 PEOPLE = PeopleRules(

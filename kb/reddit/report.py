@@ -3,6 +3,7 @@
 from functools import partial
 
 from kb.look.charts import BLUE, GREEN, ORANGE, PURPLE, RED, SKY
+from kb.reddit.thread_figure import thread
 from kb.report.figures import dates, funnel, logarithmic, toxicity, values
 from kb.report.word_cloud import words
 
@@ -25,7 +26,7 @@ FIGURES = (
         title="What kinds of posts there are",  # the paper's figure
         caption="{total} kept posts by type; a crosspost has its parent's type.",
         head=("type", "posts"),
-        styles={name: (name, color) for name, color in _TYPES.items()},
+        colors=_TYPES,
     ),
     partial(
         logarithmic,
@@ -41,5 +42,10 @@ FIGURES = (
     partial(funnel, name=_COMMENTS),
     partial(toxicity, table=_POSTS, columns=("toxicity_title", "toxicity_body")),
     partial(toxicity, table=_COMMENTS, columns=("toxicity_body",)),
-    partial(words, table=_POSTS, columns=("title", "body")),
+    partial(
+        words,
+        name="reddit-words",
+        tables={_POSTS: ("title", "body"), _COMMENTS: ("body",)},  # the paper's figure
+    ),
+    thread,
 )

@@ -51,7 +51,12 @@ class Reddit(Source):
     linked = ("posts", "comments")
     indexed = ("posts", "comments")
     crawl_settings = (
-        *("search", "listings", "spans", "max_age_days", "requests_per_minute", "max_tries"),
+        "search",
+        "listings",
+        "spans",
+        "max_age_days",
+        "requests_per_minute",
+        "max_tries",
     )
     exports = ("minedojo/reddit.json", "convokit", "text/reddit.jsonl")
     textual = ("posts", "comments")
@@ -75,6 +80,10 @@ class Reddit(Source):
     ids_only = True
     title = "Reddit"
     shown = ("reddit/posts", "reddit/comments")
+    totals = (
+        ("posts", "reddit/posts", "count(*)"),
+        ("comments", "reddit/comments", "count(*)"),
+    )
     hint = "run `kb reddit crawl` or `kb reddit import FILE`, then `kb reddit filter`"
     sampled = {"reddit/posts": ("title", "type", "score", "num_comments", "created_utc")}
     only = "only threads"

@@ -28,9 +28,9 @@ def documents(files: Mapping[str, str], subreddit: str) -> Iterator[TextDocument
     """The kept posts of one bucket with their comments; `subreddit` is its address. Raises
     DamagedData.
     """
-    told = files["reddit/comments"]
+    path = files["reddit/comments"]
     comments: dict[str, list[Row]] = {}
-    for row in parquet.read_table(told, _COMMENT).to_pylist() if told else ():
+    for row in parquet.read_table(path, _COMMENT).to_pylist() if path else ():
         comments.setdefault(row["post_id"], []).append(row)
     with parquet.open_file(Path(files["reddit/posts"])) as file:
         for batch in file.iter_batches(columns=list(_POST)):
@@ -59,12 +59,12 @@ def thread(post: str, comments: list[Row]) -> Iterator[TextPiece]:
     """The comments of a post, each after what it answers, by time."""
     there = {one["comment_id"] for one in comments}
     replies: dict[str, list[Row]] = {}
-    gone: dict[str, int] = {}  # what is not there → its depth
+    absent: dict[str, int] = {}  # what is not there → its depth
     for one in sorted(comments, key=lambda one: (one["created_utc"], one["comment_id"])):
         kind, _, parent = one["parent_id"].partition("_")
         replies.setdefault("" if kind == "t3" or parent == post else parent, []).append(one)
         if kind != "t3" and parent not in there and parent != post:
-            gone.setdefault(parent, max((one["depth"] or 1) - 1, 0))
+            absent.setdefault(parent, max((one["depth"] or 1) - 1, 0))
     passed: set[str] = set()
 
     def below(parent: str, depth: int) -> Iterator[TextPiece]:
@@ -79,7 +79,7 @@ def thread(post: str, comments: list[Row]) -> Iterator[TextPiece]:
             waiting += [(each, level + 1) for each in reversed(under)]
 
     yield from below("", 0)
-    for parent, depth in gone.items():
+    for parent, depth in absent.items():
         for level in range(depth):
             yield _item(UNKNOWN, level, begins=not level)
         yield _item(GONE, depth, begins=not depth)

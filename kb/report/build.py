@@ -6,11 +6,14 @@ The page needs no other file: images and styles are inside, and there is no scri
 import base64
 import contextlib
 import importlib.util
+import itertools
+import re
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
+from typing import NamedTuple
 
 from markupsafe import Markup
 
@@ -22,7 +25,8 @@ from kb.core.context import Run
 from kb.core.errors import DamagedData, FatalError, MissingExtra, UsageError
 from kb.core.installation import install_extra
 from kb.core.publication import Publication
-from kb.core.sources import PUBLISHED, SOURCES
+from kb.core.source import Source
+from kb.core.sources import PUBLISHED, SOURCES, made_of
 from kb.core.summary import Summary
 from kb.core.templates import environment
 from kb.look.charts import (
@@ -37,10 +41,12 @@ from kb.look.charts import (
     number,
     over_time,
     saved,
+    shortened,
 )
-from kb.look.headings import heading
+from kb.look.headings import heading, reading
 from kb.report.data import ReportData
 from kb.report.figures import FigureMaker
+from kb.schema import table
 from kb.store.atomic import replacing_folder
 from kb.store.layout import Layout
 from kb.store.state import demo_mark
@@ -49,8 +55,8 @@ from kb.store.tables.reading import SANDBOX_MODEL, filtered
 _TEMPLATES = Path(__file__).with_name("templates")
 _STYLE = resources.files("kb.look").joinpath("style.css")
 _LONGEST = 160  # letters of a cell
-_HEAVY = 400_000  # bytes of an SVG
-
+_COLUMNS = 3  # of figures beside each other, on a wide screen
+_PER_LINE = 58  # letters of a caption
 _DAYS = 60  # the last ones, when there are more
 _COLORS = {"youtube": RED, "wiki": GREEN, "reddit": BLUE}
 
@@ -65,23 +71,45 @@ class ReportSection:
     samples: list[tuple[str, Sequence[str], Sequence[Sequence[object]]]] = field(
         default_factory=list
     )
-    missing: list[str] = field(default_factory=list)
+    missing: str = ""
+
+    @property
+    def columns(self) -> list[list[Figure]]:
+        """The figures that stand in columns, in their order: as even as whole figures allow."""
+        figures = [figure for figure in self.figures if not figure.gallery]
+        heights = [_height(figure) for figure in figures]
+        inner = range(1, len(figures))
+        cuts = [
+            (0, *chosen, len(figures))
+            for chosen in itertools.combinations(inner, min(_COLUMNS, max(len(figures), 1)) - 1)
+        ]
+        ends = min(
+            cuts, key=lambda ends: max(sum(heights[a:b]) for a, b in itertools.pairwise(ends))
+        )
+        return [figures[a:b] for a, b in itertools.pairwise(ends) if a < b]
+
+
+class Linked(NamedTuple):
+    """A text that leads to an address."""
+
+    text: str
+    url: str
 
 
 def page(
     title: str,
     as_of: str,
-    cards: Sequence[tuple[str, int, str]],
+    totals: Sequence[tuple[str, float]],
     sections: Sequence[ReportSection],
     notes: Sequence[str],
 ) -> str:
-    """The whole document. `cards` are (what, number, remark). All text is escaped."""
-    filters = {"drawing": _drawing, "cell": _cell, "number": number}
+    """The whole document. `totals` are (what, number). All text is escaped."""
+    filters = {"drawing": _drawing, "cell": _cell, "amount": _amount, "numeric": _numeric}
     templates = environment(_TEMPLATES, filters, autoescape=True)
     return templates.get_template("page.html.jinja").render(
         title=title,
         as_of=as_of,
-        cards=cards,
+        totals=totals,
         sections=sections,
         notes=notes,
         shows_content=any(section.figures or section.samples for section in sections),
@@ -89,27 +117,55 @@ def page(
     )
 
 
+def _height(figure: Figure) -> float:
+    """About how many CSS pixels a figure takes, with its title and caption."""
+    size = re.search(rb'viewBox="0 0 ([0-9.]+) ([0-9.]+)"', figure.files["svg"])
+    points = float(size[2]) if size else 0.0
+    return points * 96 / 72 + 110 + 20 * (len(figure.caption) // _PER_LINE)
+
+
 def _drawing(figure: Figure) -> Markup:
-    """The figure inside the page: as SVG, unless a screenshot makes that much the heavier."""
-    svg, png = figure.files["svg"], figure.files["png"]
-    if len(svg) <= _HEAVY or len(svg) <= 2 * len(png):
+    """The figure inside the page: as SVG, whose colours follow the reader's theme; a screen as the
+    picture that it is.
+    """
+    if not figure.screen:
         return inline(figure)
-    image = base64.b64encode(png).decode()
-    return Markup('<img src="data:image/png;base64,{}" alt="{}">').format(image, figure.alt)
+    png = figure.files["png"]
+    wide = int.from_bytes(png[16:20], "big") // 2  # drawn with two pixels for each of the page's
+    image = Markup('<img src="data:image/png;base64,{}" alt="{}" width="{}">')
+    return image.format(base64.b64encode(png).decode(), figure.alt, wide)
 
 
-def _cell(value: object) -> Markup:
+def _amount(n: float) -> str:
+    """A total: whole, or two digits of what is less than ten."""
+    return f"{n:.2g}" if n % 1 and n < 10 else number(round(n))
+
+
+def _numeric(rows: Sequence[Sequence[object]]) -> list[bool]:
+    """Which columns hold numbers: their headings stand over these."""
+    return [
+        all(isinstance(value, int | float | None) and not isinstance(value, bool) for value in of)
+        and any(value is not None for value in of)
+        for of in zip(*rows, strict=True)
+    ]
+
+
+def _cell(value: object, among_numbers: bool = False) -> Markup:
     if value is None:
-        return Markup('<td class="soft">none</td>')
+        return Markup('<td class="soft{}">–</td>').format(" n" if among_numbers else "")
     if isinstance(value, bool):
         return Markup("<td>{}</td>").format("yes" if value else "no")
     if isinstance(value, int):
         return Markup('<td class="n">{}</td>').format(f"{value:,}")
     if isinstance(value, float):
         return Markup('<td class="n">{}</td>').format(f"{value:,.2f}")
-    text = str(value)
-    short = text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "…"
-    return Markup("<td{}>{}</td>").format(Markup(" class=text") if len(text) > 24 else "", short)
+    told = value.text if isinstance(value, Linked) else str(value)
+    text = shortened(" ".join(told.split()), _LONGEST)
+    kind = Markup(' class="text"') if len(text) > 24 else ""
+    if isinstance(value, Linked):
+        link = Markup('<td{}><a href="{}" rel="noreferrer noopener">{}</a></td>')
+        return link.format(kind, value.url, text)
+    return Markup("<td{}>{}</td>").format(kind, text)
 
 
 PAGE = "index.html"
@@ -160,18 +216,21 @@ def _fresh(run: Run) -> Iterator[Path]:
 
 def _report(run: Run, out: Path | None) -> Summary:
     with ReportData(run) as data:
+        there = [one for one in SHOWN if any(data.count(name) for name in one.shown)]
         if not any(data.files(name) for one in SHOWN for name in one.shown):
             raise empty(run.root)
-        sections = [*(_section(run, data, one) for one in SHOWN), _services(run, data)]
-        cards = [
-            (name.partition("/")[2], data.count(name), one.title)
-            for one in SHOWN
-            for name in one.shown
-            if data.files(name)
+        wanted = [one for one in SHOWN if one in there or _configured(run.profile, one.name)]
+        sections = [*(_section(run, data, one) for one in wanted), _services(run, data)]
+        totals = [
+            (what, n)
+            for one in there
+            for what, name, count in one.totals
+            or [(name.partition("/")[2], name, "count(*)") for name in one.shown]
+            if (n := data.total(name, count)) is not None
         ]
         notes = _notes(run)
         html = page(
-            f"{run.profile.title}: what was collected", data.newest(), cards, sections, notes
+            f"{run.profile.title}: what was collected", data.newest(), totals, sections, notes
         )
         place = (out or Layout(data.catalog.workplace).report).expanduser().absolute()
     if out is not None and place.exists() and not (place / PAGE).is_file():
@@ -190,28 +249,67 @@ def _report(run: Run, out: Path | None) -> Summary:
     )
 
 
+def _configured(profile: Profile, name: str) -> bool:
+    """Whether the profile has what something is made of, and has not left it out itself."""
+    sources = any(getattr(profile, source) is not None for source in made_of(name))
+    return sources and getattr(profile, name, True) is not None
+
+
 def _section(run: Run, data: ReportData, of: Publication) -> ReportSection:
     section = ReportSection(of.name, of.title, _drawn(run, data, of.name, of.figures()))
     for name, columns in of.sampled.items():
         if run.profile.report.samples and data.count(name):
-            rows = data.samples(name, columns, run.profile.report.samples)
-            section.samples.append(
-                (
-                    f"Some {name.partition('/')[2]}",
-                    [heading(name, column) for column in columns],
-                    rows,
-                )
-            )
+            section.samples.append(_sample(run, data, of, name, columns))
     if not section.figures:
-        section.missing.append(f"No data of {of.title} yet: {of.hint}.")
+        section.missing = f"No data of {of.title} yet: {of.hint}."
     return section
+
+
+def _sample(
+    run: Run, data: ReportData, of: Publication, name: str, columns: Sequence[str]
+) -> tuple[str, Sequence[str], Sequence[Sequence[object]]]:
+    """(caption, headings, rows) of some rows of a table; the first column leads to its item."""
+    address = "url" if "url" in table(name).names() else table(name).key[0]
+    rows = []
+    for found, *values in data.samples(name, (address, *columns), run.profile.report.samples):
+        url = found if address == "url" else ""
+        if isinstance(of, Source) and not url:
+            url = of.address(str(found))
+        first = Linked(values[0], url) if url.startswith("http") and values[0] else values[0]
+        words = [
+            reading(name, column, value) if isinstance(value, str) else value
+            for column, value in zip(columns[1:], values[1:], strict=True)
+        ]
+        rows.append((first, *words))
+    headings = [heading(name, column) for column in columns]
+    return f"Some {name.partition('/')[2]}", headings, rows
 
 
 def _services(run: Run, data: ReportData) -> ReportSection:
     """What the services were asked."""
     section = ReportSection("services", "Services", _drawn(run, data, "services", [quota]))
+    spent: dict[tuple[str, str], list[tuple[str, int, int]]] = {}
+    for source, day, bucket, requests, units in data.ledgers():
+        spent.setdefault((source, bucket), []).append((day, requests, units))
+    rows = [
+        (
+            _title(*place),
+            sum(requests for _, requests, _ in days),
+            max(requests for _, requests, _ in days),
+            sum(units for _, _, units in days) if place[0] == "youtube" else None,
+            days[0][0],
+            days[-1][0],
+        )
+        for place, days in sorted(spent.items())
+    ]
+    if rows:
+        head = ("Service", "Requests", "Most in a day", "Units of quota", "First day", "Last day")
+        section.samples.append(("All requests", head, rows))
     if not section.figures:
-        section.missing.append("No ledger: nothing was asked of a service yet.")
+        section.missing = (
+            "No ledger: nothing was asked of a service from this folder. `kb doctor --online`"
+            " asks each service once."
+        )
     return section
 
 
@@ -253,7 +351,7 @@ def quota(data: ReportData, profile: Profile) -> Figure | None:
         (day, _label(source, bucket), units if (source, bucket) in in_units else requests)
         for source, day, bucket, requests, units in ledger
     ]
-    sheet, panels = canvas(0.5 + 1.25 * len(buckets), rows=len(buckets), squeeze=False)
+    sheet, panels = canvas(0.5 + 1.05 * len(buckets), rows=len(buckets), squeeze=False)
     sums = []
     for index, (place, axes) in enumerate(zip(buckets, panels[:, 0], strict=True)):
         spent = {day: n for day, label, n in rows if label == _label(*place)}
@@ -262,7 +360,7 @@ def quota(data: ReportData, profile: Profile) -> Figure | None:
         over_time(
             days,
             [spent.get(day, 0) for day in days],
-            x="day" if last else "",
+            x="day (UTC)" if last else "",
             y=unit,
             color=_COLORS.get(place[0], GREY),
             axes=axes,

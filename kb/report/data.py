@@ -113,6 +113,11 @@ class ReportData:
         rows = self.rows(name, "SELECT count(*) FROM {t}")
         return int(rows[0][0]) if rows else 0
 
+    def total(self, name: str, sum: str) -> float | None:
+        """An SQL aggregate over a table; None where there is nothing to add up."""
+        rows = self.rows(name, f"SELECT {sum} FROM {{t}}")
+        return None if not rows or rows[0][0] is None else float(rows[0][0])
+
     def quantile(self, name: str, column: str, share: float) -> float | None:
         """The value below which that share of the rows lies."""
         rows = self.rows(

@@ -4,7 +4,9 @@ from kb.core.config.profile import Profile
 from kb.core.sources import SOURCES
 from kb.look.charts import (
     GREEN,
+    GREY,
     ORANGE,
+    PALE,
     SKY,
     Figure,
     bars,
@@ -12,20 +14,18 @@ from kb.look.charts import (
     even,
     histogram,
     number,
+    powers,
     readable,
+    rows_height,
     saved,
 )
+from kb.look.headings import reading
 from kb.report.data import ReportData
 from kb.report.figures import bar_figure
 
 _LINKS, _ENTITIES = "links/links", "links/entities"
-_HEAD = ("entity", *SOURCES, "mentions")
-_BY_SOURCE = ", ".join(
-    f"coalesce(sum(count) FILTER (source = '{source}'), 0)::BIGINT AS {source}"
-    for source in SOURCES
-)
 _NAMED = (
-    f"SELECT entity, {_BY_SOURCE}, sum(count)::BIGINT AS n FROM {{t}} GROUP BY 1"
+    "SELECT entity, {sources}, sum(count)::BIGINT AS n FROM {t} GROUP BY 1"
     " ORDER BY n {order}, entity LIMIT ?"
 )
 _KNOWN = """
@@ -37,12 +37,6 @@ _KNOWN = """
         array_to_string(list(entity ORDER BY n DESC, entity)[:8], ', ')
     FROM e GROUP BY 1"""
 _NUMBERS = {2: "two", 3: "three", 4: "four", 5: "five"}
-_ALL = _NUMBERS.get(len(SOURCES), str(len(SOURCES)))
-_WHO = {
-    **{name: source.only for name, source in SOURCES.items()},
-    **{str(n): f"{_NUMBERS.get(n, n)} of the {_ALL}" for n in range(2, len(SOURCES))},
-    str(len(SOURCES)): f"all {_ALL}",
-}
 
 
 def keywords(data: ReportData, profile: Profile) -> Figure | None:
@@ -76,13 +70,14 @@ def lengths(data: ReportData, profile: Profile) -> Figure | None:
     if not rows or rows[0][0] is None:
         return None
     low, high, short, long = (float(value) for value in rows[0])
-    tokens = even(low, max(high, low + 1) + 1, 20)
-    clips = even(short, max(long, short + 1), 20)
+    tokens = even(low, max(high, low + 1) + 1, 25)
+    clips = even(short, max(long, short + 1), 25)
     by_token = data.histogram("pairs/pairs", "token_count", tokens)
     by_clip = data.histogram("pairs/pairs", "clip_end_s - clip_start_s", clips)
-    sheet, axes = canvas(2.7, 2)
-    histogram(clips, by_clip, x="clip (seconds)", y="pairs", color=GREEN, axes=axes[0])
-    histogram(tokens, by_token, x="text (CLIP tokens)", y="", color=ORANGE, axes=axes[1])
+    sheet, axes = canvas(2.7, 2, sharey=True)
+    histogram(clips, by_clip, x="clip (seconds)", y="pairs", labels=4, color=GREEN, axes=axes[0])
+    histogram(tokens, by_token, x="text (CLIP tokens)", y="", labels=4, color=ORANGE, axes=axes[1])
+    axes[0].set_ylim(0, max(*by_clip, *by_token) * 1.06)
     return Figure(
         "pairs-lengths",
         "How long clips and texts are",
@@ -142,50 +137,77 @@ def quality(data: ReportData, profile: Profile) -> Figure | None:
     return Figure("pairs-quality", title, caption, alt, saved(sheet), ("figure", "pairs"), rows)
 
 
-def most(data: ReportData, profile: Profile) -> Figure | None:
-    """The entities that are named most."""
-    rows = data.rows(_LINKS, _NAMED.replace("{order}", "DESC"), profile.report.top_keywords)
-    if not rows:
+def named(data: ReportData, profile: Profile) -> Figure | None:
+    """The entities that are named most and least, on one axis; how many are not at all."""
+    each = max(3, profile.report.top_keywords // 3)
+    sources = _sources(data)
+    if not sources:
         return None
-    total = data.rows(_LINKS, "SELECT sum(count)::BIGINT, count(DISTINCT entity) FROM {t}")[0]
-    return _named(
-        "links-most",
-        "What is spoken of most",
-        f"{total[0]:,} mentions of {total[1]:,} entities in titles, texts, transcripts, pages and"
-        f" comments; the {len(rows)} most frequent.",
-        rows,
-        GREEN,
+    sums = ", ".join(
+        f"coalesce(sum(count) FILTER (source = '{source}'), 0)::BIGINT" for source in sources
     )
-
-
-def least(data: ReportData, profile: Profile) -> Figure | None:
-    """The entities that are named, and least; how many are not at all."""
-    rows = data.rows(_LINKS, _NAMED.replace("{order}", "ASC"), profile.report.top_keywords)
-    if not rows:
-        return None
-    named = data.rows(_LINKS, "SELECT count(DISTINCT entity) FROM {t}")[0][0]
-    return _named(
-        "links-least",
-        "What is spoken of least",
-        f"Named nowhere: {data.count(_ENTITIES) - named:,} entities; of those that are named, the"
-        f" {len(rows)} least frequent.",
+    first, last = (
+        data.rows(_LINKS, _NAMED.replace("{sources}", sums).replace("{order}", order), each)
+        for order in ("DESC", "ASC")
+    )
+    rows = [*first, *(row for row in reversed(last) if row not in first)]
+    mentions, entities = data.rows(
+        _LINKS, "SELECT sum(count)::BIGINT, count(DISTINCT entity) FROM {t}"
+    )[0]
+    between = entities - len(rows)
+    places = [place + (place >= len(first) and between > 0) for place in range(len(rows))]
+    labels = [readable(str(row[0])) for row in rows]
+    counts = [row[-1] for row in rows]
+    colors = [GREEN if place < len(first) else ORANGE for place in range(len(rows))]
+    sheet, axes = canvas(rows_height(places[-1] + 1))
+    axes.set_xscale("log")
+    axes.set_xlim(min(counts) * 0.7, max(counts) * 3.2)
+    axes.hlines(places, min(counts) * 0.7, counts, color=PALE, linewidth=1)
+    axes.scatter(counts, places, color=colors, s=30, zorder=3)
+    for place, count in zip(places, counts, strict=True):
+        axes.annotate(
+            number(count), (count, place), (6, 0), textcoords="offset points", va="center", size=9
+        )
+    if between > 0:
+        places.insert(len(first), len(first))
+        labels.insert(len(first), f"… {between:,} more …")
+    axes.set_yticks(places, labels)
+    axes.set_ylim(places[-1] + 0.6, -0.6)
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    axes.set_xlabel("mentions (logarithmic)")
+    powers(axes.xaxis)
+    listed = ", ".join(f"{row[0]} {row[-1]:,}" for row in (*first[:5], *rows[len(first) :][-5:]))
+    return Figure(
+        "links-named",
+        "What is spoken of most and least",
+        f"{mentions:,} mentions of {entities:,} entities, on a logarithmic axis: the {len(first)}"
+        f" most frequent above, the {len(rows) - len(first)} least frequent below."
+        f" {data.count(_ENTITIES) - entities:,} entities are named nowhere.",
+        f"Dots of mentions by entity, most and least frequent: {listed}.",
+        saved(sheet),
+        ("entity", *sources, "mentions"),
         rows,
-        ORANGE,
     )
 
 
 def known(data: ReportData, profile: Profile) -> Figure | None:
-    """How many entities only one source knows, and which."""
-    by_source = {who: (n, names) for who, n, names in data.rows(_LINKS, _KNOWN)}
-    if not by_source:
+    """How many entities only one source knows, and which; nothing where only one names any."""
+    sources = _sources(data)
+    if len(sources) < 2:
         return None
+    by_source = {who: (n, names) for who, n, names in data.rows(_LINKS, _KNOWN)}
     nowhere = data.count(_ENTITIES) - sum(n for n, _ in by_source.values())
-    rows = [(name, *by_source.get(who, (0, ""))) for who, name in _WHO.items()]
+    every = _NUMBERS.get(len(sources), str(len(sources)))
+    who = {source: SOURCES[source].only for source in sources}
+    who |= {str(n): f"{_NUMBERS.get(n, n)} of the {every}" for n in range(2, len(sources))}
+    who[str(len(sources))] = "both" if every == "two" else f"all {every}"
+    rows = [(name, *by_source.get(one, (0, ""))) for one, name in who.items()]
     return bar_figure(
         "links-known",
         "Who knows what",
         f"Entities by the sources that name them: one source alone names"
-        f" {sum(row[1] for row in rows[: len(SOURCES)]):,}, none {nowhere:,}.",
+        f" {sum(row[1] for row in rows[: len(sources)]):,}, none {nowhere:,}.",
         rows,
         head=("named by", "entities", "the most frequent of them"),
         described="entities by who names them",
@@ -193,31 +215,32 @@ def known(data: ReportData, profile: Profile) -> Figure | None:
     )
 
 
-def _named(
-    name: str, title: str, caption: str, rows: list[tuple[object, ...]], color: str
-) -> Figure:
-    labels = [readable(str(row[0])) for row in rows]
-    return bar_figure(
-        name, title, caption, rows, head=_HEAD, labels=labels, named=10, at=-1, colors=color
-    )
+def _sources(data: ReportData) -> list[str]:
+    """The sources that name an entity."""
+    naming = {source for (source,) in data.rows(_LINKS, "SELECT DISTINCT source FROM {t}")}
+    return [source for source in SOURCES if source in naming]
 
 
 def titles(data: ReportData, profile: Profile) -> Figure | None:
     """What becomes of the titles: tasks by where their times come from, and reasons for none."""
-    times = data.rows(
-        "tasks/tasks", "SELECT 'task: ' || start_source, count(*) FROM {t} GROUP BY 1"
-    )
-    none = data.rows("tasks/titles", "SELECT rejected_reason, count(*) FROM {t} GROUP BY 1")
-    rows = [*sorted(times), *sorted(none, key=lambda row: (-row[1], row[0]))]
+    rows, colors = [], []
+    for table, column, text, color in (
+        ("tasks/tasks", "start_source", "task (start: {})", GREEN),
+        ("tasks/titles", "rejected_reason", "{}", GREY),
+    ):
+        counted = data.rows(table, f"SELECT {column}, count(*) FROM {{t}} GROUP BY 1")
+        for value, n in sorted(counted, key=lambda row: (-row[1], row[0])):
+            rows.append((text.format(reading(table, column, value)), n))
+            colors.append(color)
     if not rows:
         return None
-    tasks, total = sum(n for _, n in times), sum(n for _, n in rows)
+    tasks, total = data.count("tasks/tasks"), sum(n for _, n in rows)
     return bar_figure(
         "tasks-titles",
         "Which titles give a task",
-        f"{tasks:,} tasks of {total:,} titles, by what says when they begin; the others by reason.",
+        f"{tasks:,} of {total:,} titles give a task, by what says when it begins; below them the"
+        " others, by the reason.",
         rows,
         head=("title", "titles"),
-        labels=[readable(name) for name, _ in rows],
-        colors=GREEN,
+        colors=colors,
     )

@@ -20,6 +20,7 @@ from kb.look.charts import (
     over_time,
     saved,
 )
+from kb.look.headings import reading
 from kb.report.data import Funnel, ReportData
 
 _SCORES = [step / 20 for step in range(21)]
@@ -65,10 +66,10 @@ def values(
     title: str,
     caption: str,
     head: tuple[str, str],
-    styles: Mapping[str, tuple[str, str]],
+    colors: Mapping[str, str],
     shares: bool = True,
 ) -> Figure | None:
-    """Rows by the most frequent values of a column; `styles` has label and colour of each."""
+    """Rows by the most frequent values of a column, in their words; `colors` has that of each."""
     top = data.top(table, column, 12)
     total = sum(n for _, n in top)
     if not total:
@@ -77,11 +78,10 @@ def values(
         name,
         title,
         caption.format(total=f"{total:,}"),
-        top,
+        [(reading(table, column, value), n) for value, n in top],
         head=head,
-        labels=[styles.get(value, (value, BLUE))[0] for value, _ in top],
         notes=[number(n) + (f"  ({n / total:.0%})" if shares else "") for _, n in top],
-        colors=[styles.get(value, (value, BLUE))[1] for value, _ in top],
+        colors=[colors.get(value, BLUE) for value, _ in top],
     )
 
 
@@ -113,11 +113,11 @@ def _steps(counts: Funnel) -> list[tuple[str, int, int]]:
     """(label, rows left, rows dropped) from what was crawled to what is kept."""
     left = counts.crawled
     lines = [("crawled", left, 0)]
-    for stage, dropped in (*counts.dropped, ("failed", counts.failed), ("pending", counts.pending)):
-        if stage in ("failed", "pending") and not dropped:
-            continue
+    ends = [(name, n) for name, n in (("failed", counts.failed), ("pending", counts.pending)) if n]
+    stages = [(reading("shared/rejected", "stage", stage), n) for stage, n in counts.dropped]
+    for stage, dropped in (*stages, *ends):
         left -= dropped
-        lines.append((stage.replace("_", " "), left, dropped))
+        lines.append((stage, left, dropped))
     return [*lines, ("kept", counts.kept, 0)]
 
 

@@ -1,13 +1,14 @@
 """The cloud of the words that people write most, as the paper draws Reddit's."""
 
+from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 
 from kb.core.config.profile import Profile
-from kb.look.charts import BLUE, GREEN, INK, PURPLE, RED, WIDTH, Figure, canvas, number, saved
+from kb.look.charts import WIDTH, WORDS, Figure, canvas, number, saved
 from kb.report.data import ReportData
 
 _W, _H = 1080, 640  # the cloud's own pixels
-_DARK = (BLUE, GREEN, RED, INK, PURPLE)  # readable on white
 _MORE = """
 just like get got can't don't i'm it's that's one would could also any anyone really make made want
 need know see im ive dont cant new use using still first even way much many thing things
@@ -15,23 +16,25 @@ need know see im ive dont cant new use using still first even way much many thin
 
 
 def words(
-    data: ReportData, profile: Profile, table: str, columns: tuple[str, ...]
+    data: ReportData, profile: Profile, name: str, tables: Mapping[str, tuple[str, ...]]
 ) -> Figure | None:
-    """The cloud of the words in some columns of a table (the paper shows Reddit's)."""
+    """The cloud of the words in some columns of some tables (the paper shows Reddit's)."""
     from wordcloud import STOPWORDS
 
     stop = {word.lower() for word in (*STOPWORDS, *_MORE.split(), *profile.report.stop_words)}
-    counts = data.words(table, columns, stop, profile.report.cloud_words)
+    sums: Counter[str] = Counter()
+    for table, columns in tables.items():
+        # Enough of each, so that the most frequent ones of all are among them.
+        sums.update(dict(data.words(table, columns, stop, 4 * profile.report.cloud_words)))
+    ranked = sorted(sums.items(), key=lambda one: (-one[1], one[0]))
+    counts = ranked[: profile.report.cloud_words]
     if len(counts) < 5:
         return None
-    source, _, rows = table.partition("/")
+    rows = " and ".join(table.partition("/")[2] for table in tables)
     return Figure(
-        f"{source}-words",
+        name,
         f"What {rows} are about",
-        (
-            f"The {len(counts)} most frequent words of {' and '.join(columns)}; "
-            f"a word's size follows the number of {rows} that say it."
-        ),
+        f"The most frequent words; a word's size follows the number of {rows} that say it.",
         "Word cloud; the largest words are "
         + ", ".join(f"{word} ({number(n)})" for word, n in counts[:12])
         + ".",
@@ -56,7 +59,7 @@ def _drawn(frequencies: dict[str, int], seed: int) -> dict[str, bytes]:
         font_path=font,
         prefer_horizontal=1.0,
         max_words=len(frequencies),
-        min_font_size=16,
+        min_font_size=22,
         max_font_size=130,
         relative_scaling=0.5,
         margin=10,
@@ -74,7 +77,7 @@ def _drawn(frequencies: dict[str, int], seed: int) -> dict[str, bytes]:
             PathPatch(
                 shape,
                 transform=place + axes.transData,
-                color=_DARK[index % len(_DARK)],
+                color=WORDS[index % len(WORDS)],
                 linewidth=0,
             )
         )

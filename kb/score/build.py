@@ -9,11 +9,11 @@ a run that was stopped goes on, and pairs that were made again take their scores
 from __future__ import annotations
 
 import hashlib
-from collections import Counter
-from collections.abc import Sequence
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pyarrow as pa
@@ -21,7 +21,7 @@ import pyarrow.compute as pc
 
 from kb.annotate.backends import choose_device
 from kb.artifacts import manifest, measures, table_catalog
-from kb.clips.build import MISSING, SHORT, UNDECODABLE, Chosen, pairs_with_films, version_of
+from kb.clips.build import MISSING, SHORT, UNDECODABLE, Chosen, selected, version_of
 from kb.clips.frames import UndecodableVideo
 from kb.core.context import Run
 from kb.core.engine import make_executor, map_in_order
@@ -73,42 +73,43 @@ def score(
         raise UsageError(
             "a download can't be scored in place", hint="score the pairs of a data root"
         )
-    rows, files = pairs_with_films(run, folders, chosen, _COLUMNS)
-    with_text = [row for row in rows if row["text"] is not None]
-    films = [
-        (str(files[key]), list(own))
-        for key, own in groupby(with_text, key=lambda row: str(row["video_id"]))
-        if key in files
-    ]
     state = str(Layout(run.root).scoring)
-    todo = ((state, str(path), name, device, *film) for film in films)
-    found: list[pa.Table] = []
     counts = Counter[str]()
+    found: list[pa.Table] = []
+    waiting = deque[list[Row]]()
     with (
+        selected(run, folders, chosen, _COLUMNS) as (films, _, rows),
         writer(run.root, "pairs"),
         run.progress.task("pairs score", total=len(films), unit="videos") as task,
         make_executor("local", min(run.workers, max(1, len(films)))) as executor,
     ):
-        for made, (_, own) in zip(
-            map_in_order(executor, score_video, todo, window=executor.window), films, strict=True
-        ):
+
+        def todo() -> Iterator[tuple[str, str, str, str, str, list[Row]]]:
+            for own in rows:
+                with_text = [row for row in own if row["text"] is not None]
+                counts[NO_TEXT] += len(own) - len(with_text)
+                film = films.get(own[0]["video_id"])
+                if film is None:
+                    counts[MISSING] += len(with_text)
+                elif with_text:
+                    waiting.append(with_text)
+                    yield state, str(path), name, device, str(film), with_text
+
+        for made in map_in_order(executor, score_video, todo(), window=executor.window):
+            own = waiting.popleft()
             counts[UNDECODABLE if made.undecodable else SHORT] += len(own) - len(made.scores)
             found.append(_rows(own[0]["video_id"], name, made))
             task.advance(1, pairs=len(made.scores))
-        _write(run, name, found)
-    with_film = sum(len(own) for _, own in films)
+        visible = _write(run, name, found)
+    scored = sum(map(len, found))
     return Summary(
         command="pairs score",
-        pairs=len(rows),
-        scored=sum(map(len, found)),
-        **{
-            MISSING: len(with_text) - with_film,
-            SHORT: counts[SHORT],
-            UNDECODABLE: counts[UNDECODABLE],
-            NO_TEXT: len(rows) - len(with_text),
-        },
-        videos=len(films),
+        pairs=scored + counts.total(),
+        scored=scored,
+        **{reason: counts[reason] for reason in (MISSING, SHORT, UNDECODABLE, NO_TEXT)},
+        videos=len(found),
         model=name,
+        visible=visible,
         path=str(Layout(run.root).pairs),
     )
 
@@ -154,9 +155,9 @@ def _rows(video_id: str, model: str, made: VideoScores) -> pa.Table:
     return pa.Table.from_pylist(rows, schema=table(NAME).arrow())
 
 
-def _write(run: Run, model: str, found: list[pa.Table]) -> None:
+def _write(run: Run, model: str, found: list[pa.Table]) -> dict[str, Any]:
     """Put new scores beside those of other pairs by the same model, and what they say of all into
-    pairs/measures.json.
+    pairs/measures.json; what people's judgements say of them.
     """
     folder = Layout(run.root).pairs
     fresh = pa.concat_tables([table(NAME).arrow().empty_table(), *found])
@@ -171,9 +172,10 @@ def _write(run: Run, model: str, found: list[pa.Table]) -> None:
         for one in kept
     ]
     every = pa.concat_tables([fresh, *(one.cast(fresh.schema) for one in kept)])
-    sections = measures.read_measures(folder) | {
-        calibration.NAME: calibration.section(run.root, run.profile, every)
-    }
+    section = calibration.section(run.root, run.profile, every)
+    sections = measures.read_measures(folder) | {calibration.NAME: section}
     with manifest.editing(run.root, "pairs"):
         write_table(folder / "scores-00000-of-00001.parquet", every, NAME)
         measures.write_measures(folder, sections)
+    visible: dict[str, Any] = section["visible"]
+    return visible

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from kb.artifacts import table_catalog
 from kb.artifacts.measures import QUANTILES, quantiles_of
@@ -62,10 +63,11 @@ def _calibrated(root: Path, scores: pa.Table, wanted: float) -> dict[str, Any]:
         return {"judged": 0}
     with database.connect(root) as con:
         answers = dict(con.sql(_SQL.format(labels=scan(files))).fetchall())
-    similarity = dict(
-        zip(scores["pair_id"].to_pylist(), scores["similarity"].to_pylist(), strict=True)
+    judged = scores.filter(pc.is_in(scores["pair_id"], pa.array(list(answers), pa.string())))
+    both = sorted(
+        (row["similarity"], answers[row["pair_id"]] > 0.5)
+        for row in judged.select(["pair_id", "similarity"]).to_pylist()
     )
-    both = sorted((similarity[key], answers[key] > 0.5) for key in answers.keys() & similarity)
     if not both:
         return {"judged": 0}
     score, seen = (np.array(one) for one in zip(*both, strict=True))

@@ -93,7 +93,6 @@ _OF_BLOCK = {
 class ClipModel:
     """A loaded checkpoint.
 
-    name      as in the column `model`: the file's name and the first hex digits of its sha256
     size      height and width of a frame (px)
     fit       how a frame of another ratio becomes one of that size
     step_s    seconds between two frames of a clip
@@ -101,7 +100,8 @@ class ClipModel:
 
     def __init__(self, path: Path, device: str = "cpu") -> None:
         """Raises MissingModel for what is not a checkpoint of a known format, MissingExtra."""
-        self.name, self._device = model_name(path), device
+        require("score", *EXTRA)
+        self._device = device
         self.size, self.step_s = (224, 224), 1.0
         self.fit: Fit = "crop"
         self._rgb = _CLIP_RGB
@@ -229,7 +229,7 @@ def checkpoint_file(profile: Profile) -> Path:
     if named.url is None or named.sha256 is None:
         raise ProfileError(
             f"profile {profile.name!r} names no CLIP model",
-            hint="give --model FILE, or name one in the profile:"
+            hint="give `kb pairs score` --model FILE, or name one in the profile:"
             ' score.checkpoint = { url = "https://…", sha256 = "…" }',
         )
     name = PurePosixPath(urlsplit(named.url).path).name or "clip.pt"
@@ -282,14 +282,19 @@ def _weights(path: Path) -> Mapping[str, Any]:
     try:
         with warnings.catch_warnings(action="ignore"):  # about formats, which are refused anyhow
             found = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001  whatever torch makes of a stranger's file
         if "TorchScript" in str(error):
             raise MissingModel(
                 f"{path} is a TorchScript archive, which has code besides its weights",
                 hint="if you trust it, save its weights alone:"
                 " torch.save(torch.jit.load(FILE).state_dict(), OTHER_FILE)",
             ) from None
-        raise
+        # What torch says would be to load it with its code.
+        raise MissingModel(
+            f"{path} is not a CLIP checkpoint that can be read: it is damaged, no file of PyTorch,"
+            " or has more than tensors",
+            hint=_FORMATS,
+        ) from None
     for name in ("state_dict", "model"):
         if isinstance(found, Mapping) and isinstance(found.get(name), Mapping):
             found = found[name]
@@ -353,11 +358,15 @@ def _assembled(weights: Weights, activation: str) -> CLIPModel:
         },
         projection_dim=weights["text_projection"].shape[1],
     )
-    model = CLIPModel(config)
-    embeddings = model.vision_model.embeddings
-    if side * side + 1 != len(places):  # frames that are not square
-        embeddings.position_embedding = torch.nn.Embedding(*places.shape)
-    model.load_state_dict(_of_transformers(weights), strict=True)
+    with torch.device("meta"):  # drawing random weights would take longer than all else
+        model = CLIPModel(config)
+        if side * side + 1 != len(places):  # frames that are not square
+            embedding = torch.nn.Embedding(*places.shape)
+            model.vision_model.embeddings.position_embedding = embedding
+    model.load_state_dict(_of_transformers(weights), strict=True, assign=True)
+    for tower in (model.vision_model, model.text_model):  # which no checkpoint has
+        numbers = torch.arange(tower.embeddings.position_embedding.num_embeddings)
+        tower.embeddings.position_ids = numbers.expand((1, -1))
     return model
 
 
@@ -375,7 +384,7 @@ def _of_transformers(weights: Weights) -> Weights:
             else:
                 found[first + _renamed(rest, _OF_BLOCK)] = tensor
         elif new:
-            found[new] = tensor.T if new.endswith("_projection.weight") else tensor
+            found[new] = tensor.T.contiguous() if new.endswith("_projection.weight") else tensor
     return found
 
 

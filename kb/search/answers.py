@@ -65,8 +65,8 @@ def search(
     size: int = 1000,
     entity: str = "",
 ) -> list[SearchHit]:
-    """The best answers first. `size`: characters of an answer's text at most. `entity`: out of
-    videos, pages, posts and comments alone that are linked to it (kb.search.answers).
+    """The best answers first. `size`: characters of an answer's text at most. `entity`: only
+    among the videos, pages, posts and comments that are linked to it.
 
     Raises UsageError for a query without a word to look for, and where the entity tables are asked
     for and don't follow clean/; NotIndexed where an index does not; DamagedData for what can't be

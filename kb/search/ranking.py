@@ -15,7 +15,7 @@ take a word, more than all this can sum up to; and where it has all of them side
 again. So such passages rank above all that only share the words.
 
 Passages of a thing whose title is the question come before them. A question's words that only ask
-("how do I make …") are no part of what it is about: a page is also found by its title among the
+("how do I make …") are not part of what it is about: a page is also found by its title among the
 words, and counts for the share of them that its title has, by their rarities.
 """
 
@@ -178,14 +178,14 @@ class Weights:
             "".join(as_one[word] for word in some): share
             for some, share in ((subject, 1.0), (large, 1.0), (words, _EVERY))
         }
-        found = (
+        named = (
             (index.named(name, pages=is_page), share * (_PAGE if is_page else 1))
             for some, is_page in ((pages | others, True), (others, False))
             for name, share in some.items()
             if name and share
         )
         most = _TITLE * self.order
-        return [Query.const_score_query(query, share * most) for query, share in found if query]
+        return [Query.const_score_query(query, share * most) for query, share in named if query]
 
     def marked(self, source: str) -> list[IndexedTerm]:
         """What a snippet marks: all words in the order asked, then those that are not everywhere,
@@ -205,7 +205,7 @@ def rank(
     linked: Mapping[str, Collection[str]] | None = None,
 ) -> list[Ranked]:
     """The best passages of all indexes, at most `only.limit`, the best first; of equal ones in
-    the order of sources and of writing. `linked`: those alone that have one of these keys.
+    the order of sources and of writing. `linked`: only those that have one of these keys.
     """
     ranked: list[Ranked] = []
     if not weights.terms:

@@ -44,6 +44,9 @@ _SETTINGS = {
     "links": ("keywords", "pairs.include", "pairs.exclude", "pairs.near_words"),
 }
 _RULES = {"pairs": 7, "tasks": 2, "links": 1}
+_ADDED = {  # tables that another command adds to a folder, which is complete without them
+    "pairs/scores": "run `kb pairs score` with the same films, which decodes none of them again"
+}
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,18 @@ class Artifact:
         if self.public:
             return Layout(root).state_folder() / "manifests" / f"{self.name.replace('/', '-')}.json"
         return self.folder(root) / MANIFEST
+
+    @property
+    def added(self) -> tuple[str, ...]:
+        """Tables that another command adds to the folder; without them the artifact is complete."""
+        return tuple(one for one in self.tables if one in _ADDED)
+
+    def hint_of(self, path: Path) -> str:
+        """How to make one of its files again when it is damaged or missing."""
+        for one in self.added:
+            if path.match(f"{one}-*.parquet"):
+                return f"remove it, then {_ADDED[one]}" if path.exists() else _ADDED[one]
+        return self.hint
 
     @property
     def hint(self) -> str:

@@ -4,6 +4,10 @@ what people said of them (labels/).
 A task begins and ends at a chapter of the description, else where its subject is first spoken of.
 Chapters are lines such as "1:05 Building the house", as YouTube reads them: the first one begins at
 0:00, and each one later than the one before.
+
+People reject a task when more judges answered no than yes to one of the two questions whether it is
+one. Its wording is the latest of a judge who answered no to neither, and its times are the medians
+of what these judges gave.
 """
 
 from __future__ import annotations
@@ -11,9 +15,10 @@ from __future__ import annotations
 import hashlib
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
+from statistics import median
 from typing import Any, NamedTuple
 
 import msgspec
@@ -32,10 +37,9 @@ from kb.pairs.transcript_batch import Text
 from kb.schema.tables import table
 from kb.store.layout import Layout
 from kb.store.lock import writer
-from kb.store.tables import parquet
-from kb.store.tables.reading import reading
+from kb.store.tables import database, parquet
+from kb.store.tables.reading import reading, scan
 from kb.store.tables.shard_writer import sorted_shards, write_table
-from kb.tasks.judgements import Verdict, verdicts
 from kb.tasks.titles import DUPLICATE, JUDGED, TitleMiner
 
 _ROWS = 128  # transcripts in memory at once
@@ -44,6 +48,7 @@ _ROWS = 128  # transcripts in memory at once
 _CHAPTER = re.compile(r"^\W*((?:\d{1,2}:)?\d{1,2}:\d{2})\b\W*(\S.*)$", re.MULTILINE)
 _SOURCES = ("chapter", "transcript", "none")  # of times
 _FEWEST = 2  # chapters of a list; a single time is a remark
+_GATES = ("is_task", "possible")  # questions whose no rejects
 
 
 def build(run: Run, playlists: Mapping[str, str]) -> Summary:
@@ -124,7 +129,10 @@ def _mined(run: Run, miner: TitleMiner) -> list[_Title]:
             with parquet.open_file(path) as file:
                 for batch in file.iter_batches(columns=columns):
                     signals.stop.check()
-                    titles += [_title(miner, *row) for row in _cells(batch)]
+                    rows = batch.to_pydict()
+                    rows["published_at"] = pc.cast(batch["published_at"], pa.string()).to_pylist()
+                    cells = zip(*(rows[name] for name in columns), strict=True)
+                    titles += [_title(miner, *row) for row in cells]
             task.advance()
     titles.sort(key=lambda one: (one.published, one.video_id))
     taken: set[str] = set()
@@ -134,12 +142,6 @@ def _mined(run: Run, miner: TitleMiner) -> list[_Title]:
         elif not one.reasons:
             taken.add(plain)
     return sorted(titles, key=lambda one: one.video_id)
-
-
-def _cells(batch: pa.RecordBatch) -> Iterator[tuple[Any, ...]]:
-    published = pc.cast(batch.column("published_at"), pa.string())
-    plain = batch.set_column(batch.schema.get_field_index("published_at"), "at", published)
-    return zip(*(column.to_pylist() for column in plain.columns), strict=True)
 
 
 def _title(
@@ -245,19 +247,17 @@ class TaskTimes(NamedTuple):
 
 
 def chapters(description: str, length_s: float | None) -> list[tuple[float, str]]:
-    """The start (s) and title of each chapter; [] where the lines are no list of chapters."""
-    listed = [(_seconds(time), title) for time, title in _CHAPTER.findall(description)]
+    """The start (s) and title of each chapter; [] where the lines are not a list of chapters."""
+    listed: list[tuple[float, str]] = []
+    for time, title in _CHAPTER.findall(description):
+        seconds = 0
+        for part in time.split(":"):
+            seconds = seconds * 60 + int(part)
+        listed.append((float(seconds), title))
     rising = all(one < other for (one, _), (other, _) in pairwise(listed))
     if len(listed) < _FEWEST or listed[0][0] != 0 or not rising:
         return []
     return [one for one in listed if length_s is None or one[0] < length_s]
-
-
-def _seconds(time: str) -> float:
-    total = 0
-    for part in time.split(":"):
-        total = total * 60 + int(part)
-    return float(total)
 
 
 def by_chapter(
@@ -310,3 +310,67 @@ def _suffixes(words: Sequence[str]) -> list[re.Pattern[bytes]]:
     """
     every = [rb"\W+".join(re.escape(one.encode()) for one in words[n:]) for n in range(len(words))]
     return [re.compile(rb"(?<!\w)" + one + rb"(?:e?s)?(?!\w)", re.IGNORECASE) for one in every]
+
+
+class Verdict(NamedTuple):
+    """What the judges of a video's task say together; `wording`: "" where none is given."""
+
+    judges: int
+    rejected: bool
+    wording: str
+    begins_s: float | None
+    ends_s: float | None
+
+    def times(
+        self, start: float | None, end: float | None, length_s: float | None
+    ) -> tuple[float | None, float | None]:
+        """The times in place of the mined ones. Where only one is given and the other does not fit
+        it, the task reaches to that side's end of the video; times that contradict each other
+        change nothing.
+        """
+        begins, ends = self.begins_s, self.ends_s
+        if begins is None and ends is None:
+            return start, end
+        if begins is None:
+            begins = start if start is not None and start < (ends or 0) else 0.0
+        if ends is None:
+            ends = end if end is not None and end > begins else length_s
+        return (begins, ends) if ends is not None and begins < ends else (start, end)
+
+
+def verdicts(root: Path) -> dict[str, Verdict]:
+    """By video, as a title mined again may give another prompt. Raises DamagedData."""
+    files = manifest.rows(root, "labels/labels")
+    if not files:
+        return {}
+    parquet.check(*files)
+    with database.over(files, root) as con:
+        rows = con.execute(
+            f"""SELECT video_id, annotator, question::VARCHAR, answer
+            FROM {scan(files)} WHERE kind = 'task' QUALIFY labelled_at
+                = max(labelled_at) OVER (PARTITION BY video_id, annotator)
+            ORDER BY labelled_at, annotator, item_id, question::VARCHAR"""
+        ).fetchall()
+    answers: dict[str, dict[int, dict[str, str]]] = {}
+    for video, annotator, question, answer in rows:
+        answers.setdefault(video, {}).setdefault(annotator, {})[question] = answer
+    return {video: _together(list(judges.values())) for video, judges in answers.items()}
+
+
+def _together(judges: list[dict[str, str]]) -> Verdict:
+    """`judges`: the answers of each one by question, the latest judge last."""
+    counts = Counter((gate, one.get(gate)) for one in judges for gate in _GATES)
+    rejected = any(counts[gate, "no"] > counts[gate, "yes"] for gate in _GATES)
+    heard = [one for one in judges if all(one.get(gate) != "no" for gate in _GATES)]
+    wordings = [one["wording"] for one in heard if one.get("wording")]
+    begins, ends = (
+        [float(one[question]) for one in heard if question in one]
+        for question in ("begins_s", "ends_s")
+    )
+    return Verdict(
+        len(judges),
+        rejected,
+        wordings[-1] if wordings else "",
+        median(begins) if begins else None,
+        median(ends) if ends else None,
+    )

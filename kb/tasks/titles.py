@@ -92,21 +92,21 @@ class TitleMiner:
         verb, _, rest = line.partition(" ")
         if verb not in self._forms or self._name.match(line):
             return MinedTitle("", (), (NO_VERB,))
-        said = rest.split()
-        if not lead and verb in self._nouns and not self._is_verb_before(said):
+        behind = rest.split()
+        if not lead and verb in self._nouns and not self._is_verb_before(behind):
             return MinedTitle("", (), (NO_VERB,))
         if (
-            said[:1]
-            and said[0] in self._owners
-            and self._thing_of(self._object(self._trimmed(said)))
+            behind[:1]
+            and behind[0] in self._owners
+            and self._thing_of(self._object(self._trimmed(behind)))
         ):
-            said = said[1:]  # of a thing nobody asks whose it is
-        after = self._trimmed(said)
+            behind = behind[1:]  # whose the thing is does not matter
+        after = self._trimmed(behind)
         objects = self._object(after)
         prompt = " ".join([self._forms[verb], *after])
         if not objects:
             return MinedTitle("", (), (NO_OBJECT,))
-        if self._never.search(" ".join([verb, *said])):
+        if self._never.search(" ".join([verb, *behind])):
             return MinedTitle(prompt, objects, (NOT_A_TASK,))
         too_long = len(after) >= self._max_words
         return MinedTitle(prompt, objects, (TOO_LONG,) if too_long else ())

@@ -133,7 +133,8 @@ class FileVerifier:
         if path.name.endswith(sidefiles.QUARANTINE_SUFFIX):
             self._findings.intact("set aside", path)
         elif path.name == MANIFEST or self._is_listed(path, artifact):
-            self._checked(kind, path)
+            is_added = artifact.hint_of(path) != artifact.hint
+            self._checked("scores" if is_added else kind, path)
         elif kind == "index" and path.name.startswith("."):
             self._findings.advance(path.stat().st_size)  # tantivy's own locks and lists
         else:

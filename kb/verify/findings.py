@@ -17,6 +17,7 @@ KINDS = (
     "annotations",
     "clean",
     "pairs",
+    "scores",
     "tasks",
     "labels",
     "links",

@@ -1,5 +1,5 @@
-"""One wiki page with the boxes of its elements and of its texts' lines: the whole page, and a part
-at its own size.
+"""Wiki pages with the boxes of their elements and of their texts' lines: some whole pages, and a
+part of the first at its own size.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from kb.look.charts import (
     PURPLE,
     RED,
     SKY,
-    WIDTH,
     Figure,
     canvas,
     saved,
@@ -45,9 +44,11 @@ KINDS = {
     "animation": BoxStyle(ORANGE, (0, (1.5, 1)), 1.5),
 }
 _CSS = 96  # CSS pixels per inch
-_CROP = (600, 520)  # CSS px, at most
+_EXAMPLES = 4  # pages, as many as the paper shows
+_OVERVIEW = 360  # CSS px, the width of a whole page's picture
+_CROP = (400, 460)  # CSS px, at most
 _MARGIN = 40  # CSS px below the last element
-_TALLEST = 1.9  # height of the overview, in widths of the page
+_TALLEST = 1.4  # height of an overview, in widths of the page
 _LEGEND = 0.5  # inches: whole pixels at any of our scales
 _LETTERS = 13  # points of the legend: it is read on a phone as well
 
@@ -63,14 +64,22 @@ class DrawnBox:
     lines: tuple[DrawnBox, ...] = ()
 
 
-def page(data: ReportData, profile: Profile) -> tuple[Figure, ...]:
-    """Overview and detail of the page whose upper part shows most kinds of elements.
+def pages(data: ReportData, profile: Profile) -> tuple[Figure, ...]:
+    """Overviews of the pages whose upper parts show most kinds of elements, and a detail of the
+    first of them.
 
     Without a screenshot the boxes stand on white. Raises DamagedData for one that can't be read.
     """
     if not data.files("wiki/pages") or not data.files("wiki/elements"):
         return ()
-    number = _chosen(data)
+    made: list[Figure] = []
+    for number in _chosen(data):
+        made += _page(data, number, len(made))
+    return tuple(made)
+
+
+def _page(data: ReportData, number: int, before: int) -> tuple[Figure, ...]:
+    """The overview of a page, and if none is `before` it also its detail."""
     rows = data.rows(
         "wiki/pages",
         "SELECT title, url, screenshot_path, page_width, page_height FROM {t} WHERE page_id = ?",
@@ -92,29 +101,32 @@ def page(data: ReportData, profile: Profile) -> tuple[Figure, ...]:
     ]
     if not boxes:
         return ()
-    crop = _crop(data, number, width, shown)
     image = _screenshot(data, shot, width, shown)
     shown_part = DrawnBox(0, 0, width, shown)
     source = f"Source: {url}"
-    part = "" if shown >= height else f" The first {shown:.0f} of {height:,} pixels are shown."
+    part = "" if shown >= height else f" The upper {shown:,.0f} of {height:,} pixels."
+    crop = _crop(data, number, width, shown) if not before else None
+    told = (
+        "Boxes of visible elements, of texts a box a line. Dark frame: the part shown in its own"
+        " size."
+        if crop
+        else "Boxes of visible elements."
+    )
+    overview = Figure(
+        f"wiki-page-overview-{before}" if before else "wiki-page-overview",
+        f"{title}, with its boxes",
+        f"{told}{part} {source}",
+        f"The page {title} with outlines around its elements: {_counted(boxes)}.",
+        _drawn(_smaller(image, 2 * _OVERVIEW), shown_part, boxes, _OVERVIEW / width, frame=crop),
+        ("kind", "boxes"),
+        _counts(boxes),
+        screen=True,
+        gallery=True,
+    )
+    if crop is None:
+        return (overview,)
     return (
-        Figure(
-            "wiki-page-overview",
-            f"A page with its boxes: {title}",
-            f"Boxes of visible elements as the browser laid them out, of texts a box a line.{part} "
-            f"The dark frame is the part shown in its own size. {source}",
-            f"The page {title} with outlines around its elements: {_counted(boxes)}.",
-            _drawn(
-                _part(image, shown_part, shown_part),
-                shown_part,
-                boxes,
-                WIDTH / width * _CSS,
-                frame=crop,
-            ),
-            ("kind", "boxes"),
-            _counts(boxes),
-            screen=True,
-        ),
+        overview,
         Figure(
             "wiki-page",
             f"{title}, in its own size",
@@ -131,19 +143,23 @@ def page(data: ReportData, profile: Profile) -> tuple[Figure, ...]:
     )
 
 
-def _chosen(data: ReportData) -> int | None:
-    """The page with the most kinds of elements, then the most images, near its top."""
+def _chosen(data: ReportData) -> list[int]:
+    """The pages with the most kinds of elements, then the most images, near their tops; first those
+    with different kinds.
+    """
     rows = data.rows(
         "wiki/elements",
-        "SELECT page_id FROM {t} WHERE visible AND y < 1600 GROUP BY 1"
-        " ORDER BY count(DISTINCT kind) DESC,"
-        " least(count(*) FILTER (kind IN ('image', 'sprite', 'animation')), 12) DESC,"
-        " least(count(*), 120) DESC, 1 LIMIT 1",
+        "SELECT page_id FROM (SELECT page_id, list_sort(list(DISTINCT kind)) AS kinds,"
+        " least(count(*) FILTER (kind IN ('image', 'sprite', 'animation')), 12) AS images,"
+        " least(count(*), 120) AS size FROM {t} WHERE visible AND y < 1600 GROUP BY 1)"
+        " ORDER BY row_number() OVER (PARTITION BY kinds ORDER BY images DESC, size DESC, page_id),"
+        " len(kinds) DESC, images DESC, size DESC, page_id LIMIT ?",
+        _EXAMPLES,
     )
-    return rows[0][0] if rows else None
+    return [number for (number,) in rows]
 
 
-def _shown(data: ReportData, number: int | None, width: float, height: float) -> float:
+def _shown(data: ReportData, number: int, width: float, height: float) -> float:
     """How much of the page the overview shows: pages often end in empty space."""
     low = data.rows(
         "wiki/elements", "SELECT max(y + height) FROM {t} WHERE page_id = ? AND visible", number
@@ -151,7 +167,7 @@ def _shown(data: ReportData, number: int | None, width: float, height: float) ->
     return float(min(height, width * _TALLEST, (low or height) + _MARGIN))
 
 
-def _crop(data: ReportData, number: int | None, width: float, shown: float) -> DrawnBox:
+def _crop(data: ReportData, number: int, width: float, shown: float) -> DrawnBox:
     """The part with the most kinds of elements that are wholly in it, then the most elements."""
     wide, high = min(_CROP[0], width), min(_CROP[1], shown)
     rows = data.rows(
@@ -204,9 +220,9 @@ def _drawn(
     for kind, style in KINDS.items():
         for name, box in boxes:
             for one in (box.lines or (box,)) if name == kind else ():
-                axes.add_patch(_outline(one, style, scale, thin))
+                axes.add_artist(_outline(axes, one, style, scale, thin))
     if frame is not None:
-        axes.add_patch(_outline(frame, BoxStyle(INK, "-", 1.8), scale))
+        axes.add_artist(_outline(axes, frame, BoxStyle(INK, "-", 1.8), scale))
     axes.set_xlim(part.x, right)
     axes.set_ylim(bottom, part.y)
     axes.set_aspect("auto")
@@ -216,11 +232,11 @@ def _drawn(
         side.set_visible(frame is not None)  # at 1:1 it would cover the outermost pixels
         side.set_color(PALE)
     there = [kind for kind in KINDS if any(name == kind for name, _ in boxes)]
-    _legend(sheet, there, _LETTERS * width / (_CROP[0] / _CSS))
+    _legend(sheet, there, _LETTERS * min(1.0, width / (600 / _CSS)))
     return saved(sheet, 2 * _CSS)
 
 
-def _outline(box: DrawnBox, kind: BoxStyle, scale: float, thin: float = 1.0) -> Any:
+def _outline(axes: Any, box: DrawnBox, kind: BoxStyle, scale: float, thin: float = 1.0) -> Any:
     """A line around a box that covers nothing of it: its inner edge is the box's edge."""
     from matplotlib.patches import Rectangle
 
@@ -234,6 +250,7 @@ def _outline(box: DrawnBox, kind: BoxStyle, scale: float, thin: float = 1.0) -> 
         linestyle=kind.line,
         linewidth=kind.width * thin,
         joinstyle="miter",
+        transform=axes.transData,  # add_patch would measure each box for limits, which are set
     )
 
 
@@ -259,6 +276,16 @@ def _legend(sheet: Any, kinds: list[str], points: float) -> None:
         handletextpad=0.5,
         columnspacing=1.0,
     )
+
+
+def _smaller(image: Any, width: int) -> Any:
+    """A screenshot with at most so many pixels a row: what a small picture can show."""
+    if image is None or image.width <= width:
+        return image
+    from PIL import Image
+
+    size = (width, round(image.height * width / image.width))
+    return image.resize(size, Image.Resampling.LANCZOS)
 
 
 def _part(image: Any, full: DrawnBox, part: DrawnBox) -> Any:

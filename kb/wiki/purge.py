@@ -37,25 +37,19 @@ def look_up(purge: Purge) -> dict[str, str]:
     before = frontier.cursor(_PURGED, {}, of=dict[str, str])
     purged = {mark: key for mark, key in before.items() if key in removed}
     numbers = getattr(purge.listed, "numbers", ())
-    found: dict[str, str] = {}
+    states: dict[str, str] = {}
     for name in purge.listed.keys:
         key = name
         if not (name in pages or name in numbers or name in removed):  # a number is an id first
-            key = _by_title(titles, purged, asked, name) or name
+            # The wiki begins titles with a capital; of purged pages only digests are kept. A title
+            # that was asked for and has no page is its own key.
+            spelled = (name, name[:1].upper() + name[1:])
+            keys = (titles.get(title) or purged.get(_mark(title)) for title in spelled)
+            own = next((one for one in spelled if one in asked), name)
+            key = next(filter(None, keys), own)
         here = key in pages or key in asked
-        found[key] = KNOWN if key in removed else NAMED if here else UNKNOWN
-    return found
-
-
-def _by_title(
-    titles: dict[str, str], purged: dict[str, str], asked: Collection[str], name: str
-) -> str | None:
-    """The key of a page by its title, which the wiki begins with a capital; of those that were
-    purged a digest alone is kept. A title that was asked for and has no page is its own key.
-    """
-    spelled = (name, name[:1].upper() + name[1:])
-    keys = (titles.get(title) or purged.get(_mark(title)) for title in spelled)
-    return next(filter(None, keys), None) or next((one for one in spelled if one in asked), None)
+        states[key] = KNOWN if key in removed else NAMED if here else UNKNOWN
+    return states
 
 
 def _mark(title: str) -> str:

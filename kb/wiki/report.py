@@ -4,11 +4,11 @@ from functools import partial
 
 from kb.look.charts import GREEN
 from kb.report.figures import dates, funnel, toxicity, values
-from kb.wiki.page_figure import KINDS, page
+from kb.wiki.page_figure import KINDS, pages
 
 _PAGES = "wiki/pages"
 FIGURES = (
-    page,
+    pages,
     partial(funnel, name=_PAGES),
     partial(
         values,
@@ -18,7 +18,7 @@ FIGURES = (
         title="What is on the pages",
         caption="{total} elements, by kind; one that is folded has no box.",
         head=("kind", "elements"),
-        styles={kind: (kind, look.color) for kind, look in KINDS.items()},
+        colors={kind: look.color for kind, look in KINDS.items()},
         shares=False,
     ),
     partial(dates, table=_PAGES, column="revision_timestamp", what="revised", color=GREEN),

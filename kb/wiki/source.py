@@ -30,6 +30,34 @@ if TYPE_CHECKING:
     from kb.store.state.frontier import Frontier
 
 
+# What of [wiki.markup] a crawl reads; the rest belongs to the filter.
+_MARKUP = (
+    "root",
+    "chrome",
+    "denominator",
+    "reference",
+    "regions",
+    "sprite",
+    "sprite_image",
+    "animation",
+    "animation_active",
+    "animation_group",
+    "fact",
+    "fact_field",
+    "fact_value",
+    "fact_subject",
+    "recipe",
+    "slot",
+    "slot_row",
+    "slot_output",
+    "quantity",
+    "title",
+    "folded",
+    "formula",
+    "fraction",
+)
+
+
 class Wiki(Source):
     """Pages of a wiki as a browser shows them."""
 
@@ -47,14 +75,19 @@ class Wiki(Source):
     counted = "pages"
     files = ("pages", "images")
     crawl_settings = (
-        *("hosts", "namespaces", "viewport_width", "viewport_height", "settle_seconds"),
-        *("page_seconds", "max_page_height", "max_elements", "max_pixels", "max_file_bytes"),
-        *("max_tries", "seconds_between", "markup.root", "markup.chrome", "markup.denominator"),
-        *("markup.reference", "markup.regions", "markup.sprite", "markup.sprite_image"),
-        *("markup.animation", "markup.animation_active", "markup.animation_group"),
-        *("markup.fact", "markup.fact_field", "markup.fact_value", "markup.fact_subject"),
-        *("markup.recipe", "markup.slot", "markup.slot_row", "markup.slot_output"),
-        *("markup.quantity", "markup.title", "markup.folded", "markup.formula", "markup.fraction"),
+        "hosts",
+        "namespaces",
+        "viewport_width",
+        "viewport_height",
+        "settle_seconds",
+        "page_seconds",
+        "max_page_height",
+        "max_elements",
+        "max_pixels",
+        "max_file_bytes",
+        "max_tries",
+        "seconds_between",
+        *(f"markup.{name}" for name in _MARKUP),
     )
     linked = ("pages", "elements")
     indexed = ("pages", "elements", "cells", "images")
@@ -81,8 +114,14 @@ class Wiki(Source):
     extra = "wiki"
     title = "Wiki"
     shown = ("wiki/pages", "wiki/elements", "wiki/images")
+    totals = (
+        ("pages", "wiki/pages", "count(*)"),
+        ("words on pages", "wiki/pages", "sum(word_count)"),
+        ("boxes", "wiki/elements", "count(*) FILTER (visible)"),
+        ("image files", "wiki/images", "count(DISTINCT sha256)"),
+    )
     hint = "run `kb wiki crawl`, then `kb wiki filter`"
-    sampled = {"wiki/pages": ("title", "word_count", "page_width", "page_height", "license", "url")}
+    sampled = {"wiki/pages": ("title", "word_count", "page_width", "page_height", "license")}
     only = "only the wiki"
     ref = "wiki:PAGE#Section"
     dated = ("revision_timestamp", "last edited")

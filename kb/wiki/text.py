@@ -2,7 +2,7 @@
 order.
 
 Headings have their level, lists their depth. A table is a Markdown table with the words of a cell
-in every place that it spans; what it holds besides (nested tables, recipes) follows it. An infobox
+in every place that it spans; its nested tables and recipes follow it. An infobox
 without a table is made one by its facts. A recipe is a grid of its slots. Links to pages of the
 wiki name their titles, `[a pit](Fire pit)`, and icons stand as their names where the words do not
 say them. Tables of contents, boxes of links and what a page neither shows nor offers to show are
@@ -59,11 +59,11 @@ def documents(files: Mapping[str, str]) -> Iterator[TextDocument]:
     parts = {name: RowsByKey(_rows(files, name), "page_id") for name in _COLUMNS}
     for page in _rows(files, "pages"):
         key = page["page_id"]
-        found = {name: list(rows.of(key)) for name, rows in parts.items()}
+        own = {name: list(rows.of(key)) for name, rows in parts.items()}
         yield TextDocument(
             str(key),
             page["title"],
-            list(PageText(**found).pieces()),
+            list(PageText(**own).pieces()),
             page["fetched_at"],
             page["revision_timestamp"],
             {
@@ -102,7 +102,7 @@ class PageText:
         self._recipes = {
             number: list(slots) for number, slots in groupby(recipes, lambda one: one["recipe_id"])
         }
-        self._told: set[int] = set()  # recipes
+        self._written: set[int] = set()  # recipes
 
     @cached_property
     def _slots(self) -> dict[int, int]:
@@ -211,13 +211,13 @@ class PageText:
         text, begin = one["text"], 0
         wanted = ("li", "dt", "dd") if one["tag"] in _LISTS else _LISTS
         for child in self._nearest(one, wanted):
-            found = re.compile(rf"^{re.escape(child['text'])}$", re.MULTILINE).search(text, begin)
-            if found is None:
+            place = re.compile(rf"^{re.escape(child['text'])}$", re.MULTILINE).search(text, begin)
+            if place is None:
                 continue
-            if own := _inline(one, begin, found.start()).strip("\n"):
+            if own := _inline(one, begin, place.start()).strip("\n"):
                 yield own
             yield child
-            begin = found.end()
+            begin = place.end()
         if (own := _inline(one, begin, len(text)).strip("\n")) or not begin:
             yield own
 
@@ -312,9 +312,9 @@ class PageText:
 
     def _recipe(self, number: int) -> Iterator[TextPiece]:
         """A grid of what goes in, then what comes out behind an arrow."""
-        if number in self._told:
+        if number in self._written:
             return
-        self._told.add(number)
+        self._written.add(number)
         given: dict[tuple[int, int], list[str]] = {}
         made: dict[tuple[int, int], list[str]] = {}
         for slot in self._recipes[number]:
@@ -339,7 +339,7 @@ def _is_left_out(one: Row) -> bool:
 
 
 def _gathered(one: Row) -> str:
-    """With what an element is told together."""
+    """What an element is written together with."""
     if one["region"] == "infobox" and one["kind"] != "table":
         return "infobox"
     return "icons" if one["kind"] == "sprite" and one["region"] != "recipe" else ""
@@ -351,13 +351,13 @@ def _inline(one: Row, begin: int = 0, end: int | None = None) -> str:
     end = len(text) if end is None else end
     if not one.get("marks"):
         return text[begin:end]
-    out, at, said = "", begin, text.casefold()
+    out, at, folded = "", begin, text.casefold()
     for mark in sorted(one["marks"], key=lambda mark: (mark["start"], mark["end"])):
         start, stop, title = mark["start"], mark["end"], mark["title"]
         if not title or start < at or stop > end or (start >= end and start != len(text)):
             continue
         if start == stop:
-            if title.casefold() in said:
+            if title.casefold() in folded:
                 continue
             gap = (
                 ""

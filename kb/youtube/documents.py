@@ -4,7 +4,7 @@ from kb.core.errors import UsageError
 from kb.mcp.documents import AgentDocument, DocumentPart, SourceLocation, first_row, outward
 from kb.reader.open_tables import OpenTables
 from kb.search.passage import plain
-from kb.youtube.passages import Talk, talk
+from kb.youtube.passages import talk
 
 _WATCH = "https://www.youtube.com/watch?v="
 
@@ -23,7 +23,9 @@ def document(tables: OpenTables, place: SourceLocation) -> AgentDocument:
         parts.append(
             DocumentPart(SourceLocation("youtube", place.key), "description", url, described)
         )
-    transcript = _transcript(tables, place.key)
+    spoken = first_row(tables, "youtube_transcripts", "video_id = ?", [place.key]) or {}
+    cues = spoken.get("cues") or ()
+    transcript = talk(*([one[name] for one in cues] for name in ("start_s", "duration_s", "text")))
     for begin, end in transcript.windows():
         text = " ".join(transcript.texts[begin:end])
         second = int(transcript.starts[begin])
@@ -39,12 +41,6 @@ def document(tables: OpenTables, place: SourceLocation) -> AgentDocument:
     centre = max(starts, default=0) if place.at else 0
     facts = f"youtube video · {date} · licence {licence} · {url}"
     return AgentDocument(facts, title, parts, outward(centre, len(parts)))
-
-
-def _transcript(tables: OpenTables, key: str) -> Talk:
-    row = first_row(tables, "youtube_transcripts", "video_id = ?", [key]) or {}
-    cues = row.get("cues") or ()
-    return talk(*([one[name] for one in cues] for name in ("start_s", "duration_s", "text")))
 
 
 def _number(at: str) -> float:

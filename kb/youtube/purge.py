@@ -59,25 +59,25 @@ def find_channels(purge: Purge, marks: frozenset[str]) -> Iterator[Theirs]:
     """
     paths = [path for kind in KINDS for path in rawlog.segments(purge.root, "youtube", kind)]
     work = ((str(path), marks) for path in paths)
-    found = {pair for pairs in over_segments(purge.run, paths, _in_segment, work) for pair in pairs}
+    named = {pair for pairs in over_segments(purge.run, paths, _in_segment, work) for pair in pairs}
     for kind in (CHANNELS, UPLOADS):
-        found |= {(key, "") for key, *_ in purge.frontier.items(kind) if mark(key) in marks}
-    for channel in sorted({channel for channel, _ in found}):
+        named |= {(key, "") for key, *_ in purge.frontier.items(kind) if mark(key) in marks}
+    for channel in sorted({channel for channel, _ in named}):
         yield Theirs(mark(channel), channel, CHANNEL)
         yield from (Theirs(mark(channel), prefix + channel[2:], UPLOADS_LIST) for prefix in LISTS)
-    yield from (Theirs(mark(channel), key) for channel, key in sorted(found) if key)
+    yield from (Theirs(mark(channel), key) for channel, key in sorted(named) if key)
     for location in CHANNEL_COLUMNS:
         yield from in_rows(purge.root, location, "channel_id", marks, mark)
 
 
 def _in_segment(segment: str, marks: frozenset[str]) -> set[tuple[str, str]]:
     """Channels and videos in the answers of a segment. Runs in a worker."""
-    path, found = Path(segment), set[tuple[str, str]]()
+    path, named = Path(segment), set[tuple[str, str]]()
     for _, line in rawlog.Frames(path, checked=True):
         envelope = rawlog.decode(line)
         pairs = theirs(path.parent.name, envelope.request.params, envelope.response)
-        found.update(pair for pair in pairs if mark(pair[0]) in marks)
-    return found
+        named.update(pair for pair in pairs if mark(pair[0]) in marks)
+    return named
 
 
 def marks(purge: Purge, channel: str) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from kb.look.charts import (
     GREEN,
     GREY,
     ORANGE,
+    SIXTIETHS,
     SKY,
     Figure,
     even,
@@ -33,15 +34,22 @@ def durations(data: ReportData, profile: Profile) -> Figure | None:
     if high is None or middle is None:
         return None
     low = float(profile.youtube.min_duration_s) if profile.youtube else 0.0
-    edges = even(min(low, high), max(high, low + 60))
-    counts = data.histogram(_VIDEOS, "duration_s", edges)
-    minutes = [edge / 60 for edge in edges]
+    unit, seconds = "minutes", 60
+    if high < 120:
+        unit, seconds = "seconds", 1
+    elif high > 4 * 3600:
+        unit, seconds = "hours", 3600
+    steps = () if unit == "hours" else SIXTIETHS
+    edges = even(min(low, high) / seconds, max(high, low + 60) / seconds, 40, (0.5, *steps))
+    shown = f"CASE WHEN duration_s <= {high!r} THEN duration_s / {seconds}.0 END"
+    counts = data.histogram(_VIDEOS, shown, edges)
     sheet = histogram(
-        minutes,
+        edges,
         counts,
-        x="duration (minutes)",
+        x=f"duration ({unit})",
         y="videos",
-        marks=[(middle / 60, f"median {middle / 60:.1f} min")],
+        steps=steps,
+        marks=[(middle / seconds, f"median {number(round(middle / seconds, 1))} {unit}")],
     )
     return Figure(
         "youtube-durations",
@@ -51,14 +59,14 @@ def durations(data: ReportData, profile: Profile) -> Figure | None:
             f"the longest {100 - percent:g}% are left out, as in the paper."
         ),
         (
-            f"Histogram of video durations from {minutes[0]:.0f} to {minutes[-1]:.1f} minutes; "
-            f"half of the videos are shorter than {middle / 60:.1f} minutes."
+            f"Histogram of video durations from {number(edges[0])} to {number(edges[-1])} {unit}; "
+            f"half of the videos are shorter than {middle / seconds:.1f} {unit}."
         ),
         saved(sheet),
-        ("minutes", "videos"),
+        (unit, "videos"),
         [
-            (f"{a:.1f} to {b:.1f}", n)
-            for (a, b), n in zip(itertools.pairwise(minutes), counts, strict=True)
+            (f"{number(a)} to {number(b)}", n)
+            for (a, b), n in zip(itertools.pairwise(edges), counts, strict=True)
         ],
     )
 
@@ -104,14 +112,8 @@ FIGURES = (
         title="Where the transcripts come from",
         caption="{total} kept videos by the kind of their transcript.",
         head=("transcript", "videos"),
-        styles={
-            "manual": ("by people", BLUE),
-            "asr": ("automatic", ORANGE),
-            "translated": ("translated", GREEN),
-            "none": ("none", GREY),
-            "unknown": ("not known yet", SKY),
-        },
+        colors={"manual": BLUE, "asr": ORANGE, "translated": GREEN, "none": GREY, "unknown": SKY},
     ),
     partial(toxicity, table=_VIDEOS, columns=("toxicity_title", "toxicity_description")),
-    partial(words, table=_VIDEOS, columns=("title",)),
+    partial(words, name="youtube-words", tables={_VIDEOS: ("title",)}),
 )

@@ -49,8 +49,14 @@ class YouTube(Source):
     noted = ("channels",)
     unfiltered = ("second_tracks",)
     crawl_settings = (
-        *("keywords", "search_pages", "uploads", "transcripts_per_hour"),
-        *("max_age_days", "max_tries", "searches_per_day", "units_per_day"),
+        "keywords",
+        "search_pages",
+        "uploads",
+        "transcripts_per_hour",
+        "max_age_days",
+        "max_tries",
+        "searches_per_day",
+        "units_per_day",
     )
     credential = "youtube_api_key"
     keyless = "transcripts"
@@ -112,6 +118,12 @@ class YouTube(Source):
     }
     title = "YouTube"
     shown = ("youtube/videos",)
+    totals = (
+        ("videos", "youtube/videos", "count(*)"),
+        ("hours of video", "youtube/videos", "sum(duration_s) / 3600"),
+        ("years of video", "youtube/videos", "sum(duration_s) / 3600 / 24 / 365.25"),
+        ("words spoken", "youtube/videos", "sum(word_count)"),
+    )
     hint = "run `kb youtube crawl`, then `kb youtube filter`"
     sampled = {
         "youtube/videos": (

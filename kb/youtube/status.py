@@ -7,7 +7,6 @@ from typing import Any
 
 from kb.artifacts import manifest
 from kb.core import clock
-from kb.core.config.profile.collecting import YouTubeSection
 from kb.core.context import Run
 from kb.core.errors import FatalError
 from kb.schema.coerce import inner
@@ -23,27 +22,14 @@ from kb.youtube.crawl.reduce import RAW_INFO, RAW_STATISTICS, RAW_VIDEOS, with_p
 def status(run: Run, frontier: Frontier) -> dict[str, Any]:
     """Units spent in all, what is left of today's buckets, and videos that need a PO token."""
     _, units = frontier.requests()
-    section = run.profile.youtube
-    return {
-        "units": units,
-        "quota": {} if section is None else _buckets(section, frontier),
-        "po_token": with_po_token(frontier),
-    }
-
-
-def _buckets(section: YouTubeSection, frontier: Frontier) -> dict[str, Any]:
-    day, reset_at = quota.today(), clock.stamp(quota.next_reset())
-    limits = {bucket: quota.limit(section, bucket) for bucket in quota.BUCKETS}
-    spent = {bucket: frontier.spent(bucket, day) for bucket in limits}
-    return {
-        bucket: {
-            "spent": spent[bucket],
-            "left": max(0, limit - spent[bucket]),
-            "limit": limit,
-            "resets_at": reset_at,
-        }
-        for bucket, limit in limits.items()
-    }
+    buckets: dict[str, Any] = {}
+    if (section := run.profile.youtube) is not None:
+        day, reset_at = quota.today(), clock.stamp(quota.next_reset())
+        for bucket in quota.BUCKETS:
+            spent, limit = frontier.spent(bucket, day), quota.limit(section, bucket)
+            left = max(0, limit - spent)
+            buckets[bucket] = {"spent": spent, "left": left, "limit": limit, "resets_at": reset_at}
+    return {"units": units, "quota": buckets, "po_token": with_po_token(frontier)}
 
 
 _FOLDER = "clean/youtube"
@@ -86,6 +72,6 @@ def _views(root: Path, ids: set[str]) -> dict[str, int]:
             for one in [answer] if kind == RAW_INFO else inner(answer, "items") or ():
                 key, count = inner(one, "id"), str(inner(one, *at))
                 if key in ids and count.isdecimal():
-                    found = (envelope.fetched_at or "", int(count))
-                    newest[key] = max(found, newest.get(key, found))
+                    counted = (envelope.fetched_at or "", int(count))
+                    newest[key] = max(counted, newest.get(key, counted))
     return {key: count for key, (_, count) in newest.items()}

@@ -60,9 +60,9 @@ def _spoken(batch: pa.RecordBatch) -> Iterator[tuple[dict[str, str], list[TextPi
         pc.fill_null(pc.struct_field(cues, [name]), 0.0).to_numpy(zero_copy_only=False)
         for name in ("start_s", "duration_s")
     )
-    said = pc.fill_null(pc.struct_field(cues, ["text"]), "")
-    words = pc.add(pc.count_substring(said, " "), 1).to_numpy(zero_copy_only=False)
-    texts = said.to_pylist()
+    spoken = pc.fill_null(pc.struct_field(cues, ["text"]), "")
+    words = pc.add(pc.count_substring(spoken, " "), 1).to_numpy(zero_copy_only=False)
+    texts = spoken.to_pylist()
     names = batch.select(["video_id", "kind", "language"]).to_pylist()
     for row, (begin, end) in zip(names, pairwise(accumulate(counts, initial=0)), strict=True):
         part = slice(begin, end)

@@ -132,22 +132,19 @@ def test_looked_up_scores_are_detoxifys_and_null_only_for_empty_text(make_run, r
     run = make_run()
     texts = pa.chunked_array([TEXTS[:2], ["", None], TEXTS[2:]])
     ToxicityScorer.open(run, "youtube").annotate([texts])
-    columns = ToxicityScorer.open(run, "youtube").columns(texts, "toxicity_title")
-    assert list(columns) == ["toxicity_title", *(f"toxicity_title_{name}" for name in CATEGORIES)]
+    scores = ToxicityScorer.open(run, "youtube").lookup(text_hashes(texts))
+    assert scores.column_names == [*CATEGORIES, "precision"]
     for n, text in enumerate(texts.to_pylist()):
-        row = [columns[f"toxicity_title_{name}"][n].as_py() for name in SIX]
-        assert columns["toxicity_title_sexual_explicit"][n].as_py() is None, (
-            "no class of this model"
-        )
+        row = [scores[name][n].as_py() for name in SIX]
+        assert scores["sexual_explicit"][n].as_py() is None, "this model lacks the class"
         if not text:
             assert row == [None] * 6
             continue
-        assert abs(columns["toxicity_title"][n].as_py() - max(row)) < 1e-6
         if len(text) < 500:
             assert close(row, reference[text]), text
     by_worker = toxicity.scores(toxicity.check(run, "youtube"), run.root, "youtube", texts)
     assert by_worker.column_names == list(CATEGORIES)
-    assert by_worker["insult"].to_pylist() == columns["toxicity_title_insult"].to_pylist()
+    assert by_worker["insult"].to_pylist() == scores["insult"].to_pylist()
 
 
 def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(make_run, tmp_path, monkeypatch):
@@ -268,7 +265,7 @@ def test_off_in_the_profile_scores_nothing(make_run):
     scorer = ToxicityScorer.open(off, "youtube")
     assert not scorer.on
     assert scorer.annotate([TEXTS]).texts == 0
-    assert scorer.columns(pa.array(TEXTS))["toxicity"].null_count == len(TEXTS)
+    assert scorer.lookup(text_hashes(pa.array(TEXTS)))["toxicity"].null_count == len(TEXTS)
     assert toxicity.check(off, "youtube") == ""
     assert not run.root.exists()
 

@@ -34,7 +34,7 @@ def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A picture with much detail that moves: 720p in mp4 and mkv, 1080p in mp4."""
     folder = tmp_path_factory.mktemp("films")
     for name, height, seconds in (("hd.mp4", 720, SECONDS), ("fullhd.mp4", 1080, SECONDS // 2)):
-        _film(folder / name, height, seconds)
+        write_moving_film(folder / name, height, seconds)
     with av.open(str(folder / "hd.mp4")) as given, av.open(str(folder / "hd.mkv"), "w") as out:
         stream = out.add_stream_from_template(given.streams.video[0])
         for packet in given.demux(video=0):
@@ -44,7 +44,7 @@ def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def _film(path: Path, height: int, seconds: int) -> None:
+def write_moving_film(path: Path, height: int, seconds: int) -> None:
     width = height * 16 // 9
     noise = np.random.default_rng(0).integers(0, 255, (height // 6, width // 6, 3), np.uint8)
     large = np.asarray(Image.fromarray(noise).resize((width + 256, height + 256)))

@@ -17,7 +17,7 @@ import pyarrow as pa
 import pytest
 
 from kb.core.config.profile import load_profile
-from kb.links.build import finder, mentions
+from kb.links.build import mentions
 from kb.links.texts import TextPart, in_pieces
 from kb.pairs.extract import make_tools, pairs_of
 from kb.pairs.keywords import load
@@ -48,7 +48,7 @@ def said(tools) -> tuple[pa.Table, pa.Array]:
 
 def test_links_are_made_at_the_speed_of_the_matcher(said, tools) -> None:
     rows, lengths = said
-    with_, text = finder(tools.keywords), Text(rows)
+    keywords, text = tools.keywords, Text(rows)
     words = text.word_count
     spoken = text.raw.decode("latin-1").split()
     short = [" ".join(spoken[at : at + _SHORT]) for at in range(0, len(spoken), _SHORT)]
@@ -59,16 +59,16 @@ def test_links_are_made_at_the_speed_of_the_matcher(said, tools) -> None:
         return in_pieces("comment", keys, np.arange(len(short)), texts)
 
     rates = {
-        "fold + match + resolve": words_a_second(words, lambda: tools.matcher.find(text.raw)),
+        "fold + match + resolve": words_a_second(words, lambda: keywords.matcher.find(text.raw)),
         "kb pairs": words_a_second(words, lambda: pairs_of(Text(rows, lengths), tools)),
         "kb links, transcripts": words_a_second(
             words,
             lambda: mentions(
-                "youtube", TextPart("transcript", Text(rows, lengths), timed=True), with_
+                "youtube", TextPart("transcript", Text(rows, lengths), timed=True), keywords
             ),
         ),
         f"kb links, texts of {_SHORT} words": words_a_second(
-            words, lambda: [mentions("reddit", part, with_) for part in comments()]
+            words, lambda: [mentions("reddit", part, keywords) for part in comments()]
         ),
     }
     print(f"\n{len(tools.keywords.phrases):,} phrases, {words:,} words")

@@ -94,12 +94,12 @@ def test_pairs_matching_and_pipeline(said: Said, tools) -> None:
 
     raw = Text(said.rows).raw
     rates["kb: fold + match + resolve"] = words_a_second(
-        said.words, lambda: tools.matcher.find(raw)
+        said.words, lambda: tools.keywords.matcher.find(raw)
     )
-    found = tools.matcher.find(raw)
+    found = tools.keywords.matcher.find(raw)
     hits["kb: fold + match + resolve"] = len(found.phrase) / said.words
     few = b" " + " \xff ".join(texts).encode("latin-1") + b" "
-    assert len(tools.matcher.find(few).phrase) == round(
+    assert len(tools.keywords.matcher.find(few).phrase) == round(
         hits["one re alternation"] * words
     )  # the same matches
 

@@ -85,7 +85,7 @@ def measured(
         row = {"video_id": "v", "kind": "manual", "language": "en", "cues": cues}
         rows = pa.Table.from_pylist([row], table("youtube/transcripts").arrow())
         text = Text(rows, known=np.array([known]))
-        made = matches(text, tools, PairCounts())
+        made = matches(text, tools.keywords, PairCounts())
         hit = {int(cue) for cue in text.cue_of(made.start)}
         lines, words, hits = lines + len(said), words + text.word_count, hits + len(made.start)
         covered += len(hit)

@@ -24,8 +24,8 @@ CODECS = [
     ("libvpx-vp9", "webm"),
     ("libsvtav1", "mp4"),
 ]
-RATES = [Fraction(24), Fraction(25), Fraction(30000, 1001), Fraction(60), None]
-FRAMES, ASKED = 240, 550  # of each film; 20 films
+RATES = [Fraction(25), Fraction(30000, 1001), None]
+FRAMES, ASKED = 120, 300  # of each film; 12 films
 
 
 def _ticks(rate: Fraction | None) -> tuple[list[int], Fraction]:
@@ -117,8 +117,8 @@ def test_an_edit_list_that_cuts_the_beginning(plain: Callable[..., Film]) -> Non
     media = int.from_bytes(data[at + 4 : at + 8], "big") + 30 * stretch
     data[at + 4 : at + 8] = media.to_bytes(4, "big")
     made.path.write_bytes(bytes(data))
-    got = list(frames_at(made.path, [n / 25 + 0.02 for n in range(100)]))
-    assert [number_of(image) for image in got] == list(range(30, 130))
+    got = list(frames_at(made.path, [n / 25 + 0.02 for n in range(80)]))
+    assert [number_of(image) for image in got] == list(range(30, 110))
 
 
 @pytest.mark.parametrize("name", ["v.mp4", "v.ts"])

@@ -15,7 +15,7 @@ from tests.conftest import ROOT, needs
 needs("av", "torch", "torchdata")
 
 TEXT = (ROOT / "docs" / "train.md").read_text(encoding="utf-8")
-BATCH = 32  # of the page
+BATCH, EPOCHS = 32, "epochs = 12"  # of the page
 
 
 def blocks(language: str) -> list[str]:
@@ -26,6 +26,8 @@ def blocks(language: str) -> list[str]:
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which the commands of the page were run."""
     folder = tmp_path_factory.mktemp("train")
+    for recipe in blocks("toml"):
+        (folder / recipe.split()[1]).write_text(recipe)
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     done = subprocess.run(
         ["bash", "-e", "-c", "".join(blocks("bash"))],
@@ -40,9 +42,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def ran(place: Path) -> dict[str, Any]:
-    """The names of the page after all of its code was run, which has assertions of its own."""
+def run(place: Path, code: list[str]) -> dict[str, Any]:
+    """Run blocks of the page, which have assertions of their own; the names that they define."""
     import torch
 
     names: dict[str, Any] = {}
@@ -50,9 +51,21 @@ def ran(place: Path) -> dict[str, Any]:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place)
         torch.set_num_threads(1)  # tests run side by side; and sums have one order
-        for number, code in enumerate(blocks("python")):
-            exec(compile(code, f"docs/train.md, block {number}", "exec"), names)
+        for number, block in enumerate(code):
+            exec(compile(block, f"docs/train.md, block {number}", "exec"), names)
         torch.set_num_threads(threads)
+    return names
+
+
+@pytest.fixture(scope="module")
+def ran(place: Path) -> dict[str, Any]:
+    """The names of the page after all of its code was run, with one epoch instead of twelve."""
+    recipe = place / "small.toml"
+    whole = recipe.read_text()
+    assert EPOCHS in whole
+    recipe.write_text(whole.replace(EPOCHS, "epochs = 1"))
+    names = run(place, blocks("python"))
+    recipe.write_text(whole)
     return names
 
 
@@ -62,10 +75,21 @@ def _there(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(place)
 
 
-def test_a_model_learns_from_films_what_shapes_stand_for(ran: dict[str, Any]) -> None:
+@pytest.mark.slow
+def test_a_model_learns_from_films_what_shapes_stand_for(place: Path) -> None:
     """On videos that it has not seen, where guessing finds one of 32."""
-    *_, trained = ran["accuracies"]
+    *_, trained = run(place, blocks("python")[:2])["accuracies"]
     assert trained > 4 / BATCH
+
+
+def test_the_training_loop_writes_a_model(ran: dict[str, Any], place: Path) -> None:
+    from transformers import CLIPModel
+
+    assert len(ran["accuracies"]) == 2  # before the training and after it
+    stored = CLIPModel.from_pretrained(place / "model").state_dict()
+    fresh = ran["small_clip"](layers=1).state_dict()
+    assert stored.keys() == fresh.keys()
+    assert not any(stored[name].equal(weights) for name, weights in fresh.items())
 
 
 def test_no_video_is_both_trained_on_and_held_out(ran: dict[str, Any]) -> None:
@@ -87,3 +111,28 @@ def test_films_and_shards_have_the_same_clips(ran: dict[str, Any], place: Path) 
         assert (clip["tokens"] == other["tokens"]).all()
         assert (clip["frame_times_s"] == other["frame_times_s"]).all()
         assert (clip["video"].float() - other["video"].float()).abs().mean() < 8
+
+
+def test_the_papers_numbers_drive_the_same_loop(ran: dict[str, Any]) -> None:
+    """Ten steps of the warm-up, of which the last two layers of each tower alone learn."""
+    paper, share = ran["paper"], ran["share_of_peak"]
+    rate = paper["peak_rate"] * paper["pretrained_rate"]
+    assert [one for one, _ in ran["ten"]] == pytest.approx([rate * n / 500 for n in range(1, 11)])
+    assert (share(500, 9_000, paper), share(9_000, 9_000, paper)) == pytest.approx((1, 1 / 15))
+    assert share(4_750, 9_000, paper) == pytest.approx((1 + 1 / 15) / 2)
+    before = ran["small_clip"](layers=3).state_dict()
+    after = ran["model"].state_dict()
+    learned = {name for name, weights in after.items() if not (weights == before[name]).all()}
+    left = ("embeddings", "layers.0.", "pre_layrnorm", "logit_scale")
+    assert learned == {name for name in before if not any(one in name for one in left)}
+
+
+def test_a_crop_is_the_same_for_all_frames_of_a_clip(ran: dict[str, Any]) -> None:
+    import torch
+
+    torch.manual_seed(1)
+    pictures = torch.rand(4, 1, 3, 64, 64) * 255
+    cut = ran["cropped"](pictures.repeat(1, 5, 1, 1, 1), 0.5)
+    assert cut.shape == (4, 5, 3, 64, 64)
+    assert (cut == cut[:, :1]).all()
+    assert ((cut - pictures).abs().mean((1, 2, 3, 4)) > 10).all()

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from kb.cli.app import TREE
+from tests.cli.conftest import clean_environment
 from tests.cli.test_app import COMMANDS
 from tests.installed import outside
 
@@ -45,12 +46,13 @@ def test_there_are_queries_with_output() -> None:
 
 
 @pytest.mark.parametrize("number", range(len(SESSIONS)))
-def test_what_is_shown_is_what_comes(number: int, demo: Path, installed: Path) -> None:
+def test_what_is_shown_is_what_comes(number: int, demo: Path) -> None:
     command, wanted = SESSIONS[number]
+    programs = Path(sys.executable).parent
     done = subprocess.run(
         ["bash", "-c", command],
         cwd=demo,
-        env={**outside(), "PATH": f"{installed}:{os.environ['PATH']}"},
+        env={**clean_environment(), "PATH": f"{programs}:{os.environ['PATH']}"},
         capture_output=True,
         text=True,
         check=False,

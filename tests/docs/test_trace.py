@@ -139,16 +139,15 @@ def trace(here: Here, tmp_path: Path) -> Trace:
 
 
 def test_the_page_names_what_a_video_passes(trace: Trace) -> None:
-    """In order, each with a sentence and a link to its file."""
+    """In order, each with a sentence and a link to its file. Few calls lie between the command and
+    the comparison.
+    """
     entries = ENTRY.findall(PAGE)
     assert {name: file for name, file, _ in entries} == trace.stops
     assert [name for name, _, _ in entries] == list(trace.stops)
     assert len(entries) == PAGE.count("\n- ")
     for name, _, sentence in entries:
         assert re.fullmatch(r"[a-z`].+\.", sentence, re.DOTALL), f"{name}: {sentence}"
-
-
-def test_few_calls_lie_between_the_command_and_the_comparison(trace: Trace) -> None:
     assert trace.comparisons
     for calls in trace.comparisons:
         assert len(calls) <= MOST_CALLS, calls

@@ -33,6 +33,8 @@ def test_columns_have_headings(table: str, column: str, shown: str) -> None:
         ("shared/rejected", "stage", "nsfw", "adult content"),
         ("youtube/videos", "transcript_kind", "asr", "automatic"),
         ("shared/failed", "reason", "http_503", "http 503"),  # a service's own word
+        ("youtube/videos", "video_id", "a_b-c_d", "a_b-c_d"),
+        ("tasks/tasks", "prompt", "type snake_case", "type snake_case"),
     ],
 )
 def test_values_have_words(table: str, column: str, value: str, shown: str) -> None:

@@ -13,6 +13,7 @@ import pytest
 from kb.core.sources import BY_DEFAULT
 from tests import processes, trap
 from tests.cli.conftest import clean_environment
+from tests.installed import outside
 
 pytestmark = pytest.mark.wheel
 
@@ -35,6 +36,58 @@ STEPS = [
     "release",
     "report",
 ]
+
+
+# What a user's own settings may be, and what the demo must leave alone: two credentials, hosts and
+# a model that are not there.
+OWN_DOTENV = """\
+YOUTUBE_API_KEY=a-real-key
+KB_YOUTUBE_ENDPOINT=https://192.0.2.1
+KB_WIKI_URL=https://192.0.2.1
+"""
+OWN_ENVIRONMENT = {
+    "REDDIT_CLIENT_SECRET": "a-real-secret",
+    "KB_REDDIT_ENDPOINT": "http://192.0.2.1",
+    "KB_TOXICITY_MODEL": "/nowhere",
+}
+
+
+WATCHED = """\
+"$BIN/kb" demo --json > demo.out
+cp -r data/demo demo.again
+unset KB_REDDIT_ENDPOINT
+model="from kb.sandbox.toxicity import tiny_checkpoint; print(tiny_checkpoint())"
+export KB_DATA=demo.again KB_TOXICITY_MODEL="$("$BIN/python" -c "$model")"
+"$BIN/kb" reddit filter --workers 2 --json
+"""
+
+
+@pytest.fixture(scope="module")
+def demo(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which the installed `kb demo` was run: its data/demo, and what it printed in
+    demo.out and demo.err.
+
+    The user's own settings, in .env and in the environment, are such as no demo could be done with.
+    Every address but loopback is a trap: what any process tried is in demo.attempts. As so small a
+    demo starts no workers, a filter of a copy is done by two.
+    """
+    folder = tmp_path_factory.mktemp("demo")
+    (folder / ".env").write_text(OWN_DOTENV)
+    (folder / "demo.sh").write_text(WATCHED)
+    home = folder / ".home"
+    home.mkdir()
+    with (folder / "demo.err").open("w") as err:
+        code = trap.run(
+            ["bash", "-e", "demo.sh"],
+            folder / "demo.attempts",
+            outside() | OWN_ENVIRONMENT | {"HOME": str(home), "BIN": str(installed)},
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=err,
+        )
+    assert code == 0, (folder / "demo.err").read_text()[-3000:]
+    return folder
 
 
 def summary(demo: Path) -> dict[str, object]:

@@ -172,8 +172,8 @@ def test_a_wrong_line_is_named_and_the_others_are_read(tmp_path: Path, line: str
     path = tmp_path / "list.tsv"
     path.write_text(f"{HEADER}{line}\nBed\tblock\n")
     rows, problems = scan(path, 50)
-    assert [row.line for row in rows] == [3]
-    assert [one.line for one in problems] == [2]
+    assert [number for number, _ in rows] == [3]
+    assert [number for number, *_ in problems] == [2]
     with pytest.raises(ProfileError):
         read(path, 50)
 
@@ -202,7 +202,7 @@ def test_what_is_proposed_is_a_list_that_can_be_read(tmp_path) -> None:
     rows, problems = scan(path, 20)
     assert not problems
     assert len(rows) == 7
-    assert {row.keyword.name: row.keyword.more for row in rows}["Spring"] == ("Springtime",)
+    assert {keyword.name: keyword.more for _, keyword in rows}["Spring"] == ("Springtime",)
 
 
 def test_nothing_comes_of_nothing() -> None:

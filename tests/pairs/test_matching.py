@@ -69,7 +69,7 @@ _cues = st.lists(st.tuples(_time, _time, _text), max_size=8)
 def test_finds_what_a_slow_obvious_matcher_finds_and_nothing_else(keywords, tools, videos):
     rows = transcripts(*((f"v{number}", kind, cues) for number, (kind, cues) in enumerate(videos)))
     text = Text(rows)
-    found = tools.matcher.find(text.raw)
+    found = tools.keywords.matcher.find(text.raw)
     video = text.video_of(found.start)
     got = [
         (one, keywords.phrases[phrase], start, end)
@@ -104,7 +104,7 @@ def test_finds_what_a_slow_obvious_matcher_finds_and_nothing_else(keywords, tool
 )
 def test_words(tools: Tools, said: str, expected: list[str]) -> None:
     raw = f" {said} ".encode()
-    found = tools.matcher.find(raw)
+    found = tools.keywords.matcher.find(raw)
     assert [
         raw[start:end].decode()
         for start, end in zip(found.start.tolist(), found.end.tolist(), strict=True)
@@ -117,7 +117,7 @@ def test_a_phrase_may_cross_cues_but_not_videos(tools: Tools) -> None:
         ("b", "asr", [(0, 2, "golem here")]),
     )
     text = Text(rows)
-    found = tools.matcher.find(text.raw)
+    found = tools.keywords.matcher.find(text.raw)
     assert [
         text.raw[start:end]
         for start, end in zip(found.start.tolist(), found.end.tolist(), strict=True)

@@ -9,7 +9,6 @@ import pytest
 
 from kb.core.context import Run
 from kb.pairs import keywords
-from kb.pairs.matching import Matcher
 from kb.pairs.measures import compare, sampled
 from kb.pairs.transcript_batch import Text
 from kb.sandbox.world import World
@@ -19,27 +18,19 @@ from tests.youtube.job import Job
 FOR_HOURS = {"Retry-After": "7200"}
 
 
-class Finds:
-    """Finds the profile's keywords."""
-
-    def __init__(self, run: Run) -> None:
-        self.keywords = keywords.load(run.profile)
-        self.matcher = Matcher(self.keywords.phrases)
-
-
 def _track(kind: str, *cues: tuple[float, str]) -> Text:
     cells = [{"start_s": at, "duration_s": 2.0, "text": text} for at, text in cues]
     return Text(pa.table({"video_id": ["v"], "kind": [kind], "cues": pa.array([cells])}))
 
 
 def test_a_word_counts_once_and_only_near_its_time(run: Run) -> None:
-    finds = Finds(run)
+    known = keywords.load(run.profile)
     heard = _track("asr", (0, "a creeper came"), (5, "and a skeleton"), (60, "a creeper again"))
     wrote = _track("manual", (1, "a creeper came"), (6, "and a zombie"), (90, "a creeper again"))
-    got = compare(heard, wrote, finds)
+    got = compare(heard, wrote, known)
     assert [len(got.automatic), len(got.manual), len(got.both)] == [3, 3, 1]
     assert got.later_s.tolist() == [pytest.approx(-1.0)]
-    assert [finds.keywords.every[one].name.lower() for one in got.both] == ["creeper"]
+    assert [known.every[one].name.lower() for one in got.both] == ["creeper"]
 
 
 @pytest.fixture(scope="module")

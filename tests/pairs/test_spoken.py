@@ -114,7 +114,10 @@ def tools() -> Tools:
 
 def found(tools: Tools, sentence: str, *, known: bool) -> set[str]:
     text = Text(transcripts(("v", "asr", [(0, 9, sentence)])), known=np.array([known]))
-    return {tools.keywords.every[one].name for one in matches(text, tools, PairCounts()).keyword}
+    return {
+        tools.keywords.every[one].name
+        for one in matches(text, tools.keywords, PairCounts()).keyword
+    }
 
 
 @pytest.mark.parametrize("sentence", NAMED)

@@ -4,7 +4,6 @@ import tempfile
 from collections.abc import Iterable
 from dataclasses import replace
 from datetime import UTC, datetime
-from itertools import permutations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -168,8 +167,9 @@ VERDICTS = [
 ]
 
 
-@pytest.mark.parametrize("verdict", VERDICTS)
-@pytest.mark.parametrize("apart", [True, False], ids=["two files", "one file"])
+@pytest.mark.parametrize(
+    ("verdict", "apart"), [*((one, True) for one in VERDICTS), (VERDICTS[0], False)]
+)
 @pytest.mark.parametrize("order", [1, -1])
 def test_an_older_copy_brings_nothing_back_in_either_order(
     tmp_path: Path, verdict: dict[str, Any], apart: bool, order: int
@@ -182,7 +182,7 @@ def test_an_older_copy_brings_nothing_back_in_either_order(
     assert (found.clean.keys(), found.missing) == ({"t3_p"}, {"t1_c": "removed"})
 
 
-@pytest.mark.parametrize("order", list(permutations(range(3))))
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 2, 0), (2, 0, 1)])
 def test_a_removal_without_a_date_is_undone_by_no_copy(
     tmp_path: Path, order: tuple[int, ...]
 ) -> None:

@@ -1,5 +1,6 @@
 """The page in the real browser: on a phone and on a desk, without any request or error."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,50 @@ from kb.core.errors import MissingExtra
 from kb.wiki.browser import chromium
 from tests.conftest import skip_or_fail
 
-SIZES = {"phone": (390, 844, True), "small phone": (320, 640, True), "desk": (1280, 900, False)}
+SIZES = {320: (568, True), 420: (900, True), 1440: (900, False), 1920: (1080, False)}
+# Text is large from 24 px on, or 18.66 px in bold (WCAG 2.2, 1.4.3).
+CONTRAST = """
+const rgb = text => (text.match(/[\\d.]+/g) || []).map(Number);
+const light = ([r, g, b]) => [r, g, b].map(v => v / 255)
+  .map(v => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+  .reduce((sum, v, at) => sum + v * [0.2126, 0.7152, 0.0722][at], 0);
+const behind = element => {
+  for (; element; element = element.parentElement) {
+    const color = rgb(getComputedStyle(element).backgroundColor);
+    if (color.length < 4 || color[3] === 1) return color;
+  }
+  return [255, 255, 255];
+};
+const ratio = (a, b) => (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+const texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+const found = [];
+for (let node; node = texts.nextNode();) {
+  const of = node.parentElement, style = getComputedStyle(of);
+  if (!node.data.trim() || of.closest("svg")) continue;
+  const size = parseFloat(style.fontSize);
+  const least = size >= 24 || (size >= 18.66 && style.fontWeight >= 700) ? 3 : 4.5;
+  const has = ratio(light(rgb(style.color)), light(behind(of)));
+  found.push([has >= least, `${node.data.trim().slice(0, 40)}: ${has.toFixed(2)}`]);
+}
+for (const mark of document.querySelectorAll("svg.chart [fill], svg.chart [stroke]")) {
+  const card = mark.closest("figure");
+  const lettered = card.id.endsWith("-words") ? /--(?!card)/ : /--(ink|soft)/;
+  for (const what of ["fill", "stroke"]) {
+    const color = mark.getAttribute(what) || "";
+    if (!lettered.test(color)) continue;
+    const has = ratio(light(rgb(getComputedStyle(mark)[what])), light(behind(card)));
+    found.push([has >= 4.5, `${card.id}: ${has.toFixed(2)}`]);
+  }
+}
+return found;
+"""
+# What lies between the lower edge of a column and that of the longest beside it.
+BLANK = """
+return [...document.querySelectorAll(".stacks")].map(row => {
+  const ends = [...row.children].map(one => one.lastElementChild.getBoundingClientRect().bottom);
+  return Math.max(...ends) - Math.min(...ends);
+});
+"""
 
 
 @pytest.fixture
@@ -53,9 +97,11 @@ def browser() -> Iterator[Any]:
         process.end()
 
 
-@pytest.mark.parametrize("name", SIZES)
-def test_readable_without_scrolling_sideways(browser: Any, page: Path, name: str) -> None:
-    width, height, mobile = SIZES[name]
+@pytest.mark.parametrize("width", SIZES)
+def test_figures_keep_their_size_and_nothing_scrolls_sideways(
+    browser: Any, page: Path, width: int
+) -> None:
+    height, mobile = SIZES[width]
     browser.execute_cdp_cmd(
         "Emulation.setDeviceMetricsOverride",
         {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile},
@@ -66,26 +112,38 @@ def test_readable_without_scrolling_sideways(browser: Any, page: Path, name: str
     )
     pictures = browser.execute_script(
         "return [...document.querySelectorAll('figure > img, figure > svg')].map(i =>"
-        " [i.complete ?? true, i.naturalWidth || i.viewBox.baseVal.width * 96 / 72,"
-        " i.getBoundingClientRect().width,"
-        " (i.alt || i.ariaLabel).length, i.parentElement.id])"
+        " [i.complete ?? true, i.naturalWidth / 2 || i.viewBox.baseVal.width * 96 / 72,"
+        " i.getBoundingClientRect().width, (i.alt || i.ariaLabel).length, i.parentElement.id])"
     )
     assert len(pictures) == len([*page.parent.glob("*.svg")]) >= 25
-    assert all(complete and natural > 0 and alt > 20 for complete, natural, _, alt, _ in pictures)
-    assert all(shown <= width for _, _, shown, _, _ in pictures)
-    # Points of a figure's own width: what a label's letters measure on the screen. The wiki page in
-    # its own size is wider than a phone; its legend has larger letters instead.
-    points = {figure: 13 if figure == "wiki-page" else 10 for *_, figure in pictures}
+    assert all(complete and alt > 20 for complete, *_, alt, _ in pictures)
+    # A picture's border is around its own pixels.
+    assert all(0.6 * own < shown <= own + 2 for _, own, shown, _, _ in pictures)
+    # Points of a figure's own width: what a label's letters measure on the screen.
     letters = [
-        shown / natural * points[figure] * 96 / 72
-        for _, natural, shown, _, figure in pictures
-        if natural < 1000
+        shown / own * 10 * 96 / 72 for _, own, shown, _, name in pictures if "wiki" not in name
     ]
     assert min(letters) >= 8
     if not mobile:
-        own = {figure: (natural, shown) for _, natural, shown, _, figure in pictures}["wiki-page"]
-        assert own[0] == own[1] == 600
+        own = {name: (natural, shown) for _, natural, shown, _, name in pictures}["wiki-page"]
+        assert own == (400, pytest.approx(400, abs=2))
+        assert max(browser.execute_script(BLANK)) < 500
     assert browser.execute_script("return getComputedStyle(document.body).fontSize") == "16px"
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_texts_and_axes_are_readable_in_the_theme(browser: Any, page: Path, theme: str) -> None:
+    browser.execute_cdp_cmd(
+        "Emulation.setEmulatedMedia",
+        {"features": [{"name": "prefers-color-scheme", "value": theme}]},
+    )
+    browser.get(page.as_uri())
+    ground = browser.execute_script("return getComputedStyle(document.body).backgroundColor")
+    assert (min(map(int, re.findall(r"\d+", ground))) > 200) == (theme == "light")
+    browser.execute_script("document.querySelectorAll('details').forEach(one => one.open = true)")
+    found = browser.execute_script(CONTRAST)
+    assert len(found) > 400
+    assert [what for readable, what in found if not readable] == []
 
 
 def test_asks_the_network_for_nothing_and_logs_no_error(browser: Any, page: Path) -> None:

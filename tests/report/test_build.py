@@ -1,5 +1,6 @@
 """`kb report` over made data: every figure, the same bytes twice, and what is missing."""
 
+import dataclasses
 import json
 import re
 import shutil
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import duckdb
 import pytest
 
 from kb.core.errors import FatalError
@@ -35,6 +37,9 @@ FIGURES = {
     "youtube-words",
     "wiki-page",
     "wiki-page-overview",
+    "wiki-page-overview-2",
+    "wiki-page-overview-3",
+    "wiki-page-overview-4",
     "wiki-dates",
     "wiki-pages-toxicity",
     "wiki-pages-funnel",
@@ -47,12 +52,12 @@ FIGURES = {
     "reddit-posts-toxicity",
     "reddit-comments-toxicity",
     "reddit-words",
+    "reddit-thread",
     "pairs-keywords",
     "pairs-lengths",
     "pairs-quality",
     "tasks-titles",
-    "links-most",
-    "links-least",
+    "links-named",
     "links-known",
     "quota",
 }
@@ -208,6 +213,45 @@ def test_missing_sources_are_said_in_a_line(of_one: Callable[[str], OfOne]) -> N
     assert "No data of YouTube" not in page
 
 
+def test_what_the_profile_leaves_out_has_no_section(
+    of_one: Callable[[str], OfOne], tmp_path: Path
+) -> None:
+    """Videos alone: neither Reddit and its pairs' neighbours nor an empty figure of the wiki."""
+    root = of_one("youtube").root
+    run = a_run(root)
+    only = run.profile.model_copy(update={"wiki": None, "reddit": None, "pairs": None})
+    report(dataclasses.replace(run, profile=only), tmp_path / "out")
+    page = (tmp_path / "out" / "index.html").read_text()
+    sections = re.findall(r'<section id="([a-z]+)"', page)
+    assert sections == ["youtube", "tasks", "links", "services"]
+    assert "run `kb tasks`" in page
+
+
+def test_totals_count_what_there_is(root: Path) -> None:
+    page = (root / "report" / "index.html").read_text()
+    totals = {what: n for n, what in re.findall(r"<div><b>([^<]+)</b>([^<]+)</div>", page)}
+    with duckdb.connect() as con:
+        ((videos, hours),) = con.execute(
+            "SELECT count(*), sum(duration_s) / 3600 FROM read_parquet(?)",
+            [str(root / "clean" / "youtube" / "videos" / "*.parquet")],
+        ).fetchall()
+    assert totals["videos"] == str(videos)
+    assert float(totals["hours of video"]) == pytest.approx(hours, rel=0.06)
+    assert {"years of video", "words spoken", "pages", "boxes", "posts", "comments", "tasks"} <= {
+        *totals
+    }
+    assert "titles" not in totals  # those that gave no task
+
+
+def test_samples_read_well(root: Path) -> None:
+    """Titles lead to their items, numbers stand under their headings, values have words."""
+    page = (root / "report" / "index.html").read_text()
+    videos = page[page.index("Some videos") :].partition("</table>")[0]
+    assert '<th scope="col" class="n">Views</th>' in videos
+    assert re.search(r'<td[^>]*><a href="https://www\.youtube\.com/watch\?v=[^"]+" rel=', videos)
+    assert not re.search(r">(asr|manual|no_verb|not_a_task|view_count)<", page)
+
+
 def test_what_people_wrote_is_text_and_never_markup(of_one: Callable[[str], OfOne]) -> None:
     page = of_one("reddit").page
     assert "<script" not in page
@@ -218,11 +262,13 @@ def test_page_needs_nothing_outside_itself(root: Path) -> None:
     page = (root / "report" / "index.html").read_text()
     assert re.findall(r"<(?:script|link|iframe|object)", page) == []
     assert all(source.startswith("data:") for source in re.findall(r'src="([^"]*)"', page))
+    links = re.findall(r'(?<=<)(\w+)[^>]*? (?:xlink:)?href="([^"]*)"([^>]*)>', page)
     assert all(
-        target.startswith(("#", "data:image/")) for target in re.findall(r'href="([^"]*)"', page)
+        to.startswith(("#", "data:image/")) or (tag == "a" and "noreferrer" in rest)
+        for tag, to, rest in links
     )
     assert all(text.strip() for text in re.findall(r'(?:alt|aria-label)="([^"]*)"', page))
-    assert len(re.findall(r"<figure ", page)) == 30
+    assert len(re.findall(r"<figure ", page)) == len(FIGURES)
 
 
 def test_the_page_says_that_its_texts_may_not_be_passed_on(root: Path) -> None:

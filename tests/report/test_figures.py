@@ -4,13 +4,18 @@ from pathlib import Path
 from typing import Any
 
 import duckdb
+import pyarrow as pa
 import pytest
 
 from kb.core.config.profile import load_profile
+from kb.core.config.profile.products import Report
 from kb.core.sources import SOURCES
+from kb.reddit.thread_figure import thread
 from kb.report import build, derived
 from kb.report.data import ReportData
 from kb.report.figures import funnel, toxicity
+from kb.schema import table
+from kb.store.tables.shard_writer import write_table
 from kb.youtube.report import durations
 from tests.release.made import build as build_release
 from tests.report.made import a_run
@@ -20,7 +25,7 @@ def test_funnel_loses_exactly_what_the_stages_dropped(root: Path) -> None:
     figure = funnel(ReportData(a_run(root)), load_profile("minecraft"), "youtube/videos")
     assert figure is not None
     assert figure.rows[0] == ("crawled", 222, 0)
-    assert ("views", 157, 31) in [tuple(row) for row in figure.rows]
+    assert ("number of views", 157, 31) in [tuple(row) for row in figure.rows]
     assert figure.rows[-1] == ("kept", 120, 0)
     gone = [row[2] for row in figure.rows]
     left = [row[1] for row in figure.rows]
@@ -48,17 +53,17 @@ def test_scores_of_kept_and_dropped_rows_meet_at_the_threshold(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    ("figure", "table"),
+    ("figure", "name"),
     [
         (SOURCES["wiki"].figures()[2], "wiki/elements"),
         (SOURCES["reddit"].figures()[1], "reddit/posts"),
         (derived.lengths, "pairs/pairs"),
     ],
 )
-def test_a_figure_counts_every_row(root: Path, figure: object, table: str) -> None:
+def test_a_figure_counts_every_row(root: Path, figure: object, name: str) -> None:
     with ReportData(a_run(root)) as data:
         made = figure(data, load_profile("minecraft"))
-        rows = data.count(table)
+        rows = data.count(name)
     assert sum(n for _, n in made.rows) == rows > 0
 
 
@@ -106,23 +111,21 @@ def test_what_is_spoken_of_and_who_knows_it(tmp_path: Path) -> None:
 
     build_release(tmp_path, edit, sources=("links",), export=False, n=12)
     profile = load_profile("minecraft")
+    profile = profile.model_copy(update={"report": Report(top_keywords=9)})
     with ReportData(a_run(tmp_path)) as data:
-        most, least, known = (
-            make(data, profile) for make in (derived.most, derived.least, derived.known)
-        )
-    assert most is not None
-    assert least is not None
+        named, known = (make(data, profile) for make in (derived.named, derived.known))
+    assert named is not None
     assert known is not None
-    assert most.head == ("entity", "youtube", "wiki", "reddit", "mentions")
-    assert most.rows == [
+    assert named.head == ("entity", "youtube", "wiki", "reddit", "mentions")
+    assert named.rows == [  # the three most frequent, then what is left of the three least
         ("oak log", 24, 24, 24, 72),
         ("diamond", 12, 12, 12, 36),
         ("iron pickaxe", 8, 8, 8, 24),
         ("wolf", 6, 6, 6, 18),
         ("wheat", 4, 0, 0, 4),
     ]
-    assert least.rows == [*most.rows][::-1]
-    assert least.caption.startswith("Named nowhere: 1 entities;")
+    assert "logarithmic" in named.caption
+    assert named.caption.endswith("1 entities are named nowhere.")
     assert known.rows == [
         ("only videos", 1, "wheat"),
         ("only the wiki", 0, ""),
@@ -157,3 +160,41 @@ def test_each_service_has_a_scale_of_its_own(root: Path, monkeypatch: pytest.Mon
     ]
     assert [panel.get_ylabel() for panel in sheets[0].axes] == ["units", "units"]
     assert tops == pytest.approx([15 * 1.08, 3 * 1.08])
+
+
+def test_a_thread_is_drawn_with_the_places_of_what_was_left_out(tmp_path: Path) -> None:
+    """a answers the post, b a, d c, e b; the filter dropped c and e."""
+    comments = {"a": ("t3_p", 0), "b": ("t1_a", 1), "d": ("t1_c", 1)}
+
+    def edit(name: str, made: list[dict[str, Any]]) -> None:
+        if name == "reddit/posts":
+            made[0].update(post_id="p", title="Which fish?", num_comments=4)
+            del made[1:]
+        if name == "reddit/comments":
+            del made[len(comments) :]
+            for row, (key, (parent, depth)) in zip(made, comments.items(), strict=True):
+                row.update(comment_id=key, post_id="p", parent_id=parent, depth=depth, score=3)
+                row.update(parent_in_release=key != "d", body=f"text of {key}")
+
+    build_release(tmp_path, edit, sources=("reddit",), export=False, n=12)
+    of_b = {"post_id": "p", "parent_id": "t1_b"}
+    dropped = [  # of c the file of an earlier version says no parent
+        {"key": "t1_c", "stage": "removed", "reason": "removed"},
+        {"key": "t1_e", "stage": "toxicity", "reason": "body", **of_b},
+    ]
+    write_table(
+        tmp_path / "clean" / "reddit" / "rejected" / "part-00000.parquet",
+        pa.Table.from_pylist(dropped, table("shared/rejected").arrow()),
+        "shared/rejected",
+    )
+    with ReportData(a_run(tmp_path)) as data:
+        figure = thread(data, load_profile("minecraft"))
+    assert figure is not None
+    assert figure.rows == [
+        (1, 3, "text of a"),
+        (2, 3, "text of b"),
+        (3, None, "[left out: toxicity]"),
+        (1, None, "[left out: removed by moderators]"),
+        (2, 3, "text of d"),
+    ]
+    assert "3 of its 4 comments" in figure.caption

@@ -35,7 +35,7 @@ def test_boxes_cover_nothing_of_the_page_and_a_pixel_is_a_pixel(
         path.parent.mkdir(parents=True, exist_ok=True)
         Image.effect_noise((1280, 900), 64).convert("RGB").save(path, compress_level=1)
     data = ReportData(a_run(tmp_path))
-    _, detail = page_figure.page(data, load_profile("minecraft"))
+    _, detail, *_ = page_figure.pages(data, load_profile("minecraft"))
     width, height, left, top = map(int, re.findall(r"\d+", detail.caption)[:4])
     shown = Image.open(BytesIO(detail.files["png"])).convert("RGB")
     assert shown.width == 2 * width

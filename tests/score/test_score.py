@@ -1,11 +1,15 @@
 """`kb pairs score`: what is measured of films in which everything is known, and the command."""
 
+import hashlib
 import json
 import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +23,12 @@ needs("av", "torch", "transformers")
 
 import torch  # noqa: E402
 
+import kb  # noqa: E402
 from kb.core.config.profile import load_profile  # noqa: E402
 from kb.sandbox.youtube.films import drawn, timeline, write_film  # noqa: E402
 from kb.score.calibration import area, section  # noqa: E402
 from kb.score.films import scores_of  # noqa: E402
+from kb.score.models import model_name  # noqa: E402
 from tests.inprocess import Here  # noqa: E402
 from tests.score.checkpoints import of_openai, random_clip  # noqa: E402
 from tests.youtube.ytdlp import folder as ytdlp  # noqa: E402
@@ -35,7 +41,7 @@ SECONDS = 90
 class Colours:
     """A model that sees the mean colour of a frame, and reads the keyword's picture in a text."""
 
-    name, size, fit, step_s = "colours", (64, 64), "stretch", 1.0
+    size, fit, step_s = (64, 64), "stretch", 1.0
 
     def frames(self, images) -> np.ndarray:
         seen = [[*(image.reshape(-1, 3).mean(axis=0) - 48), 3] for image in images]
@@ -101,7 +107,7 @@ max_clip_s = 8
 """
 
 
-def kb(place: Path, *words: str) -> list[str]:
+def command(place: Path, *words: str) -> list[str]:
     at = ("--data", str(place / "data"), "--profile", str(place / "profile.toml"))
     return [sys.executable, "-m", "kb", *words, *at]
 
@@ -128,7 +134,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_film(place / "films" / f"{key}.mp4", timeline(shown, SECONDS), SECONDS)
     torch.save(of_openai(random_clip()), place / "small.pt")
     for words in (("youtube", "import", str(place / "given")), ("youtube", "filter"), ("pairs",)):
-        done = subprocess.run(kb(place, *words), check=False, capture_output=True, text=True)
+        done = subprocess.run(command(place, *words), check=False, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
     return place
 
@@ -180,14 +186,75 @@ def test_every_pair_is_scored_or_counted(place: Path, here: Here) -> None:
     assert not (place / "data/state/scores/alpha000001.json").exists()
 
 
+def test_lost_scores_are_made_again_by_their_own_command(place: Path, here: Here) -> None:
+    at = ("--data", str(place / "data"), "--profile", str(place / "profile.toml"))
+    scoring = ("pairs", "score", "--videos", str(place / "films"), *at)
+    scoring = (*scoring, "--model", str(place / "small.pt"), "--workers", "1")
+    assert here(*scoring).code == 0
+    found = kb.load(place / "data").clips(None, "similarity > -1 AND frames > 0").to_pylist()
+    assert [row["margin"] for row in found] == scores(place)["margin"].to_pylist()
+    path = place / "data" / "pairs" / "scores-00000-of-00001.parquet"
+    whole = path.read_bytes()
+    for damage in (path.unlink, lambda: path.write_bytes(whole[:-1] + b"?")):
+        damage()
+        found = here("verify", *at)
+        assert (found.code, "run `kb pairs score" in found.out) == (1, True)
+        asked = ("pairs", "draw", "1", "--where", "MARGIN > -2", "--out", str(place / "d"), *at)
+        assert here(*asked).code == 1
+        assert "run `kb pairs score" in here(*asked).said
+        assert here("pairs", "draw", "1", "--out", str(place / "d"), *at).code == 0
+        assert here("pairs", *at).code == 0  # which needs no scores
+        if path.exists():
+            assert "remove it, then run `kb pairs score" in here(*scoring).said
+            path.unlink()
+        assert "nobody has judged these clips" in here(*scoring).err
+        assert path.read_bytes() == whole
+    # Of three judged clips the two most similar show what is named.
+    ranked = scores(place).sort_by("similarity")["pair_id"].to_pylist()
+    labels = [
+        {"kind": "pair", "item_id": key, "question": "visible", "answer": answer}
+        for key, answer in zip(ranked, ("no", "yes", "yes"), strict=True)
+    ]
+    (place / "data" / "labels").mkdir()
+    pq.write_table(pa.Table.from_pylist(labels), place / "data/labels/labels-0.parquet")
+    rows = [line.split("\t") for line in here(*scoring).out.splitlines() if "\t" in line]
+    assert rows[0] == ["similarity", "judged", "show what is named"]
+    assert [row[1:] for row in rows[1:]] == [
+        ["1", "0.000 (0.000 to 0.793)"],
+        ["1", "1.000 (0.206 to 1.000)"],
+        ["1", "1.000 (0.206 to 1.000)"],
+    ]
+
+
 def test_without_a_model_the_command_says_what_to_give(place: Path, here: Here) -> None:
     at = ("--data", str(place / "data"), "--profile", str(place / "profile.toml"))
     done = here("pairs", "score", "--videos", str(place / "films"), *at)
     assert done.code == 2
-    assert "names no CLIP model; give --model FILE" in done.said
+    assert "names no CLIP model; give `kb pairs score" in done.said
     done = here("pairs", "draw", "1", "--where", "margin > 0", *at)
     assert done.code == 2
     assert "kb pairs score" in done.said
+
+
+def test_the_profiles_model_is_fetched_and_used(place: Path, here: Here) -> None:
+    served = partial(SimpleHTTPRequestHandler, directory=str(place))
+    with ThreadingHTTPServer(("127.0.0.1", 0), served) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        url = f"http://127.0.0.1:{server.server_port}/small.pt"
+        digest = hashlib.sha256((place / "small.pt").read_bytes()).hexdigest()
+        named = f'[score]\ncheckpoint = {{ url = "{url}", sha256 = "{digest}" }}\n'
+        (place / "profile.toml").unlink()
+        (place / "profile.toml").write_text(PROFILE + named)
+        env = {"XDG_CACHE_HOME": str(place / "cache")}
+        profile = ("--profile", str(place / "profile.toml"))
+        at = ("pairs", "score", "--data", str(place / "data"), "--videos", str(place / "films"))
+        done = here(*at, *profile, env=env)
+        assert (done.code, "run `kb models fetch clip" in done.said) == (2, True)
+        done = here("models", "fetch", "clip", *profile, env=env)
+        assert done.code == 0, done.err
+        server.shutdown()
+    assert here(*at, *profile, "--workers", "1", env=env).code == 0
+    assert scores(place)["model"].to_pylist() == [model_name(place / "small.pt")] * 3
 
 
 @pytest.mark.crash
@@ -195,19 +262,19 @@ def test_workers_and_kills_change_no_byte(place: Path) -> None:
     """The table is the same with two workers, and after a kill before the first score or after."""
     words = ("pairs", "score", "--videos", str(place / "films"), "--model", str(place / "small.pt"))
     unscored = shutil.copytree(place / "data", place / "unscored")
-    subprocess.run(kb(place, *words, "--workers", "1"), check=True, capture_output=True)
+    subprocess.run(command(place, *words, "--workers", "1"), check=True, capture_output=True)
     path = place / "data" / "pairs" / "scores-00000-of-00001.parquet"
     expected = path.read_bytes()
     state = place / "data" / "state" / "scores"
     for after_the_first in (False, True):
         shutil.rmtree(place / "data")
         shutil.copytree(unscored, place / "data")
-        command = kb(place, *words, "--workers", "2")
-        with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        again = command(place, *words, "--workers", "2")
+        with subprocess.Popen(again, stderr=subprocess.DEVNULL) as process:
             while after_the_first and process.poll() is None and not any(state.glob("*.json")):
                 time.sleep(0.05)
             process.send_signal(signal.SIGKILL)
-        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        done = subprocess.run(again, check=False, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         assert path.read_bytes() == expected
 

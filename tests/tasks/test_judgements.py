@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from kb.artifacts import manifest
 from kb.schema.tables import table
 from kb.store.tables.shard_writer import write_table
-from kb.tasks.judgements import Verdict, verdicts
+from kb.tasks.build import Verdict, verdicts
 
 GATE = st.sampled_from(["yes", "no", "unsure", None])
 JUDGE = st.fixed_dictionaries(

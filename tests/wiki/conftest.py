@@ -202,11 +202,8 @@ def look(pool: Pool, section: Any, tmp_path: Path) -> Callable[..., Any]:
     def capture_page(url: str, **options: Any) -> Any:
         picture = tmp_path / "screenshot.png"
         rules = {**section.rules, **options.pop("rules", {})}
-        found = pool.use(
-            lambda browser: page.capture(
-                browser, url, picture, rules, max_height=section.max_page_height, **options
-            )
-        )
+        options = {"max_height": section.max_page_height, **options}
+        found = pool.use(lambda browser: page.capture(browser, url, picture, rules, **options))
         found.picture = picture
         return found
 

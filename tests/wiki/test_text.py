@@ -1,6 +1,5 @@
 """Wiki pages as Markdown: fidelity to what a reader sees, by another reading, and its forms."""
 
-import dataclasses
 import json
 from collections import Counter
 from functools import partial
@@ -11,14 +10,10 @@ import pytest
 
 from kb.core.config.profile import load_profile
 from kb.export import layouts
-from kb.filters.filter_run import run_clean
-from kb.sandbox.world import World
 from kb.wiki.browser.browser import Browser, Pool, reach
-from kb.wiki.crawl.connector import crawl
 from kb.wiki.parse import facts, tables
 from kb.wiki.parse.facts import MarkupRules
 from kb.wiki.text import PageText
-from tests.faults import Sandbox
 from tests.wiki.shown_words import READ, compared, words
 
 
@@ -71,18 +66,6 @@ def check_against_a_browser(run: Any, url: str, programs: Any) -> None:
             often += extra
     assert told >= 0.995 * shown
     assert not often - named_or_folded(run), often
-
-
-def test_the_sandbox_is_told_as_it_is_shown(shared_browsers, programs, run_on, tmp_path_factory):
-    with Sandbox(World(), services=["wiki"]) as box:
-        url = box.servers["wiki"].url
-        run = run_on(tmp_path_factory.mktemp("told"), url, workers=2)
-        off = run.profile.toxicity.model_copy(update={"toxicity": "off"})
-        profile = run.profile.model_copy(update={"toxicity": off})
-        run = dataclasses.replace(run, profile=profile)
-        crawl(run)
-        run_clean(run, "wiki")
-        check_against_a_browser(run, url, programs)
 
 
 PAGE = {"page_id": 1, "title": "Kiln", "revision_id": 1}

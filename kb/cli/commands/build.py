@@ -76,20 +76,22 @@ def build(
             f"{run.root} has no raw data to make {what} from",
             hint="run a crawl or an import first, or `kb demo` to see the whole job",
         )
-    found = freshness.plan(run, graph)
-    steps = [{"artifact": name, "reasons": why} for name, why in found.items()]
+    outdated = freshness.plan(run, graph)
+    steps = [{"artifact": name, "reasons": why} for name, why in outdated.items()]
     if plan:
-        for line in freshness.lines(found):
+        for line in freshness.lines(outdated):
             show(line)
-        return Summary(command="build --plan", current=len(graph) - len(found), steps=steps)
+        return Summary(command="build --plan", current=len(graph) - len(outdated), steps=steps)
     for name in graph:
-        if name in ARTIFACTS and name not in found:
+        if name in ARTIFACTS and name not in outdated:
             clear_finished(run.root, name)
-    return _make(run, len(graph), found, steps)
+    return _make(run, len(graph), outdated, steps)
 
 
-def _make(run: Run, size: int, found: dict[str, list[str]], steps: list[dict[str, Any]]) -> Summary:
-    """Make what was found, of `size` artifacts, as far as it is still out of date when its turn
+def _make(
+    run: Run, size: int, outdated: dict[str, list[str]], steps: list[dict[str, Any]]
+) -> Summary:
+    """Make the outdated ones of `size` artifacts, each if it is still out of date when its turn
     comes; each of `steps` gets its outcome.
     """
     from kb.artifacts import freshness
@@ -97,9 +99,9 @@ def _make(run: Run, size: int, found: dict[str, list[str]], steps: list[dict[str
 
     lost: dict[str, KbError] = {}  # artifacts that are not there in today's form, and why
     failures: list[tuple[str, KbError]] = []
-    summary = Summary(command="build", made=0, current=size - len(found), failed=0, steps=steps)
-    for name, step in zip(found, steps, strict=True):
-        inputs = ARTIFACTS[name].inputs if name in ARTIFACTS else list(found)
+    summary = Summary(command="build", made=0, current=size - len(outdated), failed=0, steps=steps)
+    for name, step in zip(outdated, steps, strict=True):
+        inputs = ARTIFACTS[name].inputs if name in ARTIFACTS else list(outdated)
         if without := [one for one in inputs if one in lost]:
             lost[name] = lost[without[0]]
             step["outcome"] = f"left out: {without[0]} failed"
@@ -291,12 +293,12 @@ def _crawled_sources(run: Run, asked: list[str]) -> list[str]:
     chosen = [name for name in crawled if not asked or name in asked]
     if lacking := [name for name in asked if name not in crawled]:
         raise FatalError(
-            f"{run.root} has not crawled {lacking[0]} through its service",
+            f"{lacking[0]} was not crawled into {run.root} through its service",
             hint=f"run `kb {lacking[0]} crawl` first",
         )
     if not chosen:
         raise FatalError(
-            f"{run.root} has not crawled any service",
+            f"nothing was crawled into {run.root} through a service",
             hint="run a crawl first; `kb build` makes what is out of date",
         )
     for name in chosen:
@@ -318,13 +320,13 @@ def _planned_update(run: Run, chosen: list[str]) -> Summary:
             planned = command_.function(run, plan=True, **bounds)
             phases += [{**one, "phase": f"{step}: {one['phase']}"} for one in planned["phases"]]
             assumed += [planned["assumed"]] if planned.get("assumed") else []
-    found = freshness.plan(run, freshness.graph(run))
-    for line in freshness.lines(found):
+    outdated = freshness.plan(run, freshness.graph(run))
+    for line in freshness.lines(outdated):
         show(line)
     sums = {
         name: round(sum(one.get(name, 0) for one in phases), 3)
         for name in ("requests", "units", "hours", "gb")
     }
-    steps = [{"artifact": name, "reasons": why} for name, why in found.items()]
+    steps = [{"artifact": name, "reasons": why} for name, why in outdated.items()]
     about = {"command": "update --plan", "source": "", **sums, "steps": steps}
     return Summary(about, phases=phases, assumed=", ".join(dict.fromkeys(assumed)) or None)

@@ -139,36 +139,6 @@ PrecisionOption = Annotated[
 ]
 
 
-def _annotate(run: Run, source: str, precision: Precision | None, device: Device) -> Summary:
-    from kb.annotate.toxicity import ToxicityScorer
-    from kb.artifacts import domain_binding
-    from kb.filters.filter_run import texts
-
-    run.profile.section(source)  # raises where the profile leaves the source out
-    name = f"annotate {source}"
-    scorer = ToxicityScorer.open(run, source, precision and str(precision), str(device))
-    checkpoint, scores = scorer.checkpoint, scorer.scores
-    if checkpoint is None or scores is None:
-        return Summary(command=name, source=source, scored=0, toxicity="off in the profile")
-    try:
-        with domain_binding.writing(run, source):
-            counts = scorer.annotate(texts(run, source))
-    except KbError as error:
-        error.summary = Summary(command=name, source=source, precisions=scores.precisions())
-        raise
-    return Summary(
-        command=name,
-        source=source,
-        texts=counts.texts,
-        scored=counts.scored,
-        known=counts.known,
-        exact_again=counts.exact_again,
-        model=checkpoint.model,
-        revision=checkpoint.revision,
-        precisions=scores.precisions(),
-    )
-
-
 def _add(source: str, about: str, *examples: str) -> None:
     @command(
         annotate_app,
@@ -182,7 +152,33 @@ def _add(source: str, about: str, *examples: str) -> None:
     def annotate(
         run: Run, precision: PrecisionOption = None, device: DeviceOption = Device.auto
     ) -> Summary:
-        return _annotate(run, source, precision, device)
+        from kb.annotate.toxicity import ToxicityScorer
+        from kb.artifacts import domain_binding
+        from kb.filters.filter_run import texts
+
+        run.profile.section(source)  # raises where the profile leaves the source out
+        name = f"annotate {source}"
+        scorer = ToxicityScorer.open(run, source, precision and str(precision), str(device))
+        checkpoint, scores = scorer.checkpoint, scorer.scores
+        if checkpoint is None or scores is None:
+            return Summary(command=name, source=source, scored=0, toxicity="off in the profile")
+        try:
+            with domain_binding.writing(run, source):
+                counts = scorer.annotate(texts(run, source))
+        except KbError as error:
+            error.summary = Summary(command=name, source=source, precisions=scores.precisions())
+            raise
+        return Summary(
+            command=name,
+            source=source,
+            texts=counts.texts,
+            scored=counts.scored,
+            known=counts.known,
+            exact_again=counts.exact_again,
+            model=checkpoint.model,
+            revision=checkpoint.revision,
+            precisions=scores.precisions(),
+        )
 
 
 for _name, _source in SOURCES.items():

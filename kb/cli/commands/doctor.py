@@ -66,8 +66,8 @@ def doctor(
     for line in _all(options, online):
         lines.append(line)
         if not options.json:
-            state, what, found, fix = line
-            show(f"{state:<8} {what}: {found}" + (f"; {fix}" if fix else ""))
+            state, what, value, fix = line
+            show(f"{state:<8} {what}: {value}" + (f"; {fix}" if fix else ""))
     names = ("state", "what", "found", "fix")
     problems = sum(state == PROBLEM for state, *_ in lines)
     summary = Summary(
@@ -138,7 +138,7 @@ def _root(run: Run) -> Iterator[Line]:
     place = next(one for one in (run.root, *run.root.parents) if one.exists())
     what = "data root" if place == run.root else "data root (yet to be made)"
     kind = _file_system(place)
-    found = f"{run.root}" + (f" on {kind}" if kind else "")
+    where = f"{run.root}" + (f" on {kind}" if kind else "")
     try:
         with tempfile.NamedTemporaryFile(dir=place, prefix=".doctor-", suffix=".tmp") as file:
             import fcntl
@@ -146,12 +146,12 @@ def _root(run: Run) -> Iterator[Line]:
             fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         fix = "make it writable, or name another with --data"
-        yield PROBLEM, what, f"{found}: {error.strerror or error}", fix
+        yield PROBLEM, what, f"{where}: {error.strerror or error}", fix
         return
     if kind in _REMOTE:
-        yield NOTE, what, found, "a network's file system: one machine may write to it at a time"
+        yield NOTE, what, where, "a network's file system: one machine may write to it at a time"
     else:
-        yield OK, what, found, ""
+        yield OK, what, where, ""
     free = shutil.disk_usage(place).free
     needed, sources = 0.0, []
     for source, gb in _planned(run):
@@ -208,18 +208,18 @@ def _file_system(place: Path) -> str:
 
 
 def _clock(run: Run) -> Iterator[Line]:
-    """A clock behind what was written before; `--online` is told by the services' certificates."""
+    """Whether the clock is behind the newest file. (With `--online` certificates tell as well.)"""
     from kb.store.layout import Layout
 
     now = datetime.now(UTC)
     written = [Path(__file__), *Layout(run.root).raw().glob("*/*/*.zst")]
     newest = datetime.fromtimestamp(max(path.stat().st_mtime for path in written), UTC)
-    found = now.strftime("%Y-%m-%d %H:%M:%S UTC")
+    shown = now.strftime("%Y-%m-%d %H:%M:%S UTC")
     if (newest - now).total_seconds() > 60:
-        fix = f"set it: a file is of {newest:%Y-%m-%d %H:%M:%S} already, and quotas go by the day"
-        yield PROBLEM, "clock", found, fix
+        fix = f"set it: a file is from {newest:%Y-%m-%d %H:%M:%S}, and quotas are counted by day"
+        yield PROBLEM, "clock", shown, fix
     else:
-        yield OK, "clock", found, ""
+        yield OK, "clock", shown, ""
 
 
 def _programs(run: Run) -> Iterator[Line]:
@@ -269,7 +269,7 @@ def _workers(options: Options, run: Run) -> Iterator[Line]:
         root = run.root if run.root.is_dir() else None
         for address, threads, why in survey(options.scheduler, root):
             fix = "install the same there, and start it again" if why else ""
-            found = f"{threads} threads" + (f", {why}" if why else ", as here")
-            yield PROBLEM if why else OK, f"worker {address}", found, fix
+            form = f"{threads} threads" + (f", {why}" if why else ", as here")
+            yield PROBLEM if why else OK, f"worker {address}", form, fix
     except (KbError, SettingError) as error:
         yield PROBLEM, "cluster", str(error), error.hint

@@ -166,23 +166,17 @@ def _by_ids(source: str) -> Callable[..., Summary]:
 _OWN: dict[str, Callable[..., Summary]] = {"reddit": _purge_reddit, "youtube": _purge_youtube}
 
 
-def _add(source: str, about: str, *examples: str) -> None:
-    declared = command(
+for _name, _source in SOURCES.items():
+    command(
         purge_app,
-        source,
-        help=about,
+        _name,
+        help=_source.purge_help,
         uses=CLUSTER,
         json="purged, known, unknown, unread, rows, scores",
         planned=("ids", "authors", "channels"),
         needs_data=True,
-        examples=examples,
-    )
-    declared(_OWN.get(source) or _by_ids(source))
-
-
-for _name, _source in SOURCES.items():
-    _examples = _source.purge_examples or (f"kb purge {_name} --ids ids.txt",)
-    _add(_name, _source.purge_help, *_examples)
+        examples=_source.purge_examples or (f"kb purge {_name} --ids ids.txt",),
+    )(_OWN.get(_name) or _by_ids(_name))
 
 
 verify_app = group("Find damaged, missing and foreign files in a data root or release.")

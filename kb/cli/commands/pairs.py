@@ -152,7 +152,7 @@ def draw(
 @command(
     app,
     uses=("workers",),
-    json="pairs, scored, missing, short, undecodable, no_text, videos, model, path",
+    json="pairs, scored, missing, short, undecodable, no_text, videos, model, visible, path",
     needs_data=True,
     examples=[
         "kb pairs score --videos films --model ViT-B-16.pt   all pairs whose film is in films",
@@ -183,14 +183,29 @@ def score(
     Writes pairs/scores-*.parquet: similarity, margin over the texts of other clips of the video,
     the offset at which the picture fits best, and the share of static frames. pairs/measures.json
     and the card get their distribution and, where people judged pairs, what share of them shows
-    what is named at each score. A run that was stopped resumes, and what the same model scored
-    before is not scored again. Lorecrawl downloads no video.
+    what is named at each score, which is printed too, a row for each of ten bins. A run that was
+    stopped resumes, and what the same model scored before is not scored again. Lorecrawl downloads
+    no video.
     """
     from kb.clips.build import Chosen
     from kb.score.build import score as scored
 
     folders = [one.expanduser() for one in videos]
-    return scored(run, folders, model, Chosen("", pairs, "", sample), str(device))
+    summary = scored(run, folders, model, Chosen("", pairs, "", sample), str(device))
+    seen = summary["visible"]
+    if not seen["judged"]:
+        run.progress.say(
+            "nobody has judged these clips, so no similarity is known to mean anything;"
+            " `kb label export pairs` makes a project to judge them"
+        )
+        return summary
+    show_row(("similarity", "judged", "show what is named"))
+    for one in seen["bins"]:
+        show_row((f"{one['from']:.3f} to {one['to']:.3f}", one["n"], interval_text(one)))
+    if seen["reached_from"]:
+        reached = seen["reached_from"]
+        show_row((f"{reached['similarity']:.3f} or more", reached["n"], interval_text(reached)))
+    return summary
 
 
 @command(

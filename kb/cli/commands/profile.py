@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from kb.cli.framework.command import command, group
-from kb.cli.framework.messages import show_row, show_summary
+from kb.cli.framework.messages import show_list, show_row, show_summary
 from kb.cli.framework.options import Options
 from kb.core import terminal
 from kb.core.context import Run
@@ -196,27 +196,17 @@ def keywords(
     is its kind, and everyday words get the rule `near`. Keywords of the profile's own list are left
     out. Sends nothing.
     """
-    from kb.store.atomic import write_text
-
     run = options.make_run()
     proposal = _proposal(run)
-    text = proposal.text(run.profile.title)
-    if out is None:
-        typer.echo(text, nl=False)
-    else:
-        if out.exists() or out.is_symlink():
-            raise SettingError(f"{out} already exists, and is not overwritten")
-        write_text(out.expanduser().absolute(), text)
+    if out is not None and (out.exists() or out.is_symlink()):
+        raise SettingError(f"{out} already exists, and is not overwritten")
     summary = Summary(
         command="profile keywords",
         keywords=len(proposal.rows),
         not_proposed=proposal.left.total(),
         not_proposed_by=dict(sorted(proposal.left.items())),
     )
-    if options.json or out is not None:
-        show_summary(summary, options.json)
-    else:  # stdout holds the list alone, ready to be redirected
-        typer.echo(summary.line(), err=True)
+    show_list(proposal.text(run.profile.title), out, summary, options.json)
 
 
 def _proposal(run: Run) -> Proposal:

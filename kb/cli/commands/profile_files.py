@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kb.core.config.addresses import is_loopback
-from kb.core.config.profile import is_shipped, load_profile
+from kb.core.config.profile import load_profile, shipped_names
 from kb.core.config.profile.base import (
     ERROR,
     NOTE,
@@ -255,7 +255,7 @@ def _has_content(path: Path, text: str) -> bool:
 
 def as_argument(name: str, folder: Path) -> str:
     """The new profile as an argument of other commands."""
-    if is_shipped(name) and folder.resolve() == (shared("profiles") / name).resolve():
+    if name in shipped_names() and folder.resolve() == (shared("profiles") / name).resolve():
         return name
     return shlex.quote(str(folder / PROFILE_FILE))
 

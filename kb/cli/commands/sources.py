@@ -5,18 +5,25 @@ The pattern for every group: a command is a name, options, examples and one call
 
 from __future__ import annotations
 
-from datetime import datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from kb.cli.framework.command import DumpsCommand, command, group
-from kb.cli.framework.messages import show_summary
-from kb.cli.framework.options import CLUSTER, Dumps, Options, Part, Plan, parse_part, pipeline
+from kb.cli.framework.messages import show_list
+from kb.cli.framework.options import (
+    CLUSTER,
+    Dumps,
+    Options,
+    Part,
+    Plan,
+    parse_part,
+    parse_span,
+    pipeline,
+)
 from kb.cli.framework.source_commands import add_export, add_filter
-from kb.core import clock
 from kb.core.context import Run
 from kb.core.errors import SettingError
 from kb.core.summary import Summary
@@ -82,7 +89,6 @@ def youtube_crawl(
                 "--part has no effect on --plan without --ids",
                 hint="--plan always covers all remaining work; drop --part",
             )
-
         return estimate(run, ids=ids, part=which)
     from kb.cli.commands.doctor import warn_of_space
 
@@ -114,9 +120,7 @@ def check(
             " or pairs, CLIP4MC's), a released Parquet file or the folder of a release.",
         ),
     ],
-    plan: Annotated[
-        bool, typer.Option("--plan", help="Print what it costs; send nothing.")
-    ] = False,
+    plan: Plan = False,
 ) -> Summary:
     """Count how many videos of a published list are available, changed or gone, by year.
 
@@ -207,26 +211,14 @@ def missing_transcripts(
     takes its transcripts. Sends nothing.
     """
     from kb.artifacts import freshness
-    from kb.store.atomic import write_text
     from kb.youtube.status import missing_transcripts as listed
 
     run = options.make_run()
     ids = listed(run.root)
     if freshness.reasons(run, "clean/youtube"):
         run.progress.say("the tables are out of date; run `kb youtube filter` for a newer list")
-    text, path = "".join(f"{one}\n" for one in ids), None
-    if out is None:
-        typer.echo(text, nl=False)
-    else:
-        path = out.expanduser().absolute()
-        write_text(path, text)
     summary = Summary(command="youtube missing-transcripts", missing_transcripts=len(ids))
-    if path is not None:
-        summary["path"] = str(path)
-    if options.json or path is not None:
-        show_summary(summary, options.json)
-    else:  # stdout holds the list alone, ready to be redirected
-        typer.echo(summary.line(), err=True)
+    show_list("".join(f"{one}\n" for one in ids), out, summary, options.json)
 
 
 wiki_app = group("Collect wiki pages: screenshots, elements with boxes, tables and images.")
@@ -291,14 +283,9 @@ add_export(
 
 reddit_app = group("Collect posts and comments of a subreddit.")
 
-Since = Annotated[
-    str | None,
-    typer.Option("--since", metavar="DATE", help="Only posts from this time on (UTC)."),
-]
-Until = Annotated[
-    str | None,
-    typer.Option("--until", metavar="DATE", help="Only posts before this time (UTC)."),
-]
+
+def _date(option: str, help: str) -> Any:
+    return typer.Option(option, metavar="DATE", help=help)
 
 
 @command(
@@ -319,7 +306,16 @@ Until = Annotated[
         "kb reddit crawl --since 2026-01-01       only posts of this year",
     ],
 )
-def reddit_crawl(run: Run, since: Since = None, until: Until = None, plan: Plan = False) -> Summary:
+def reddit_crawl(
+    run: Run,
+    since: Annotated[
+        str | None, _date("--since", help="Only posts from this time on (UTC).")
+    ] = None,
+    until: Annotated[
+        str | None, _date("--until", help="Only posts before this time (UTC).")
+    ] = None,
+    plan: Plan = False,
+) -> Summary:
     """Crawl posts and whole comment trees, as raw JSON.
 
     Archive dumps (`kb reddit import`) need no key. The live API needs REDDIT_CLIENT_ID,
@@ -332,7 +328,7 @@ def reddit_crawl(run: Run, since: Since = None, until: Until = None, plan: Plan 
     from kb.reddit.crawl.connector import crawl
     from kb.reddit.plan import plan_crawl
 
-    begin, end = _span(since, until)
+    begin, end = parse_span(since, until)
     if plan:
         return plan_crawl(run)
     from kb.cli.commands.doctor import warn_of_space
@@ -366,18 +362,10 @@ def reddit_import(
         ),
     ],
     since: Annotated[
-        str | None,
-        typer.Option(
-            "--since",
-            metavar="DATE",
-            help="Only posts and comments from this time on (UTC).",
-        ),
+        str | None, _date("--since", help="Only posts and comments from this time on (UTC).")
     ] = None,
     until: Annotated[
-        str | None,
-        typer.Option(
-            "--until", metavar="DATE", help="Only posts and comments before this time (UTC)."
-        ),
+        str | None, _date("--until", help="Only posts and comments before this time (UTC).")
     ] = None,
 ) -> Summary:
     """Import the subreddit's posts and comments from archive dumps. Sends nothing; needs no key.
@@ -387,7 +375,7 @@ def reddit_import(
     """
     from kb.reddit.crawl.importer import import_dumps
 
-    begin, end = _span(since, until)
+    begin, end = parse_span(since, until)
     return import_dumps(run, files, since=begin, until=end)
 
 
@@ -454,22 +442,3 @@ def reconstruct(
         return plan_rebuild(run, ids or None, dumps or ())
     place = (out or Layout(run.root).reconstructed).absolute()
     return rebuild(run, ids or None, place, dumps=dumps or ())
-
-
-def _span(since: str | None, until: str | None) -> tuple[datetime | None, datetime | None]:
-    begin, end = _moment("--since", since), _moment("--until", until)
-    if begin and end and begin >= end:
-        raise SettingError(f"--since {since} is not earlier than --until {until}", hint="swap them")
-    return begin, end
-
-
-def _moment(name: str, text: str | None) -> datetime | None:
-    if text is None:
-        return None
-    try:
-        return clock.parse(text)
-    except ValueError:
-        raise SettingError(
-            f"{name} is {text!r}, not a date",
-            hint="write it like 2026-01-31 or 2026-01-31T12:00:00Z",
-        ) from None

@@ -116,22 +116,18 @@ class DumpsCommand(Command):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the arguments with --dumps repeated before each file."""
         takes_folders = any(one.param_type_name == "argument" for one in self.params)
-        return super().parse_args(ctx, _repeat_option(args, takes_folders))
-
-
-def _repeat_option(args: list[str], takes_folders: bool) -> list[str]:
-    words: list[str] = []
-    inside = False
-    for word, before in zip(args, ["", *args], strict=False):
-        if word.startswith("-"):
-            inside = word == DUMPS
-        elif inside and before != DUMPS:
-            if takes_folders and Path(word).is_dir():
-                inside = False
-            else:
-                words.append(DUMPS)
-        words.append(word)
-    return words
+        words: list[str] = []
+        inside = False
+        for word, before in zip(args, ["", *args], strict=False):
+            if word.startswith("-"):
+                inside = word == DUMPS
+            elif inside and before != DUMPS:
+                if takes_folders and Path(word).is_dir():
+                    inside = False
+                else:
+                    words.append(DUMPS)
+            words.append(word)
+        return super().parse_args(ctx, words)
 
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -218,7 +214,7 @@ def _call(
 ) -> int:
     """Run a command with the values of its own and the shared options; return the exit code."""
     startup.collect_seldom()
-    needs = "profile" if "data" in values else "nothing"
+    needs = "profile" if "profile" in values else "nothing"
     options = Options(**{name: values.pop(name) for name in SHARED if name in values})
     for name, value in values.items():  # what may be repeated; what is not given, is None
         if isinstance(value, (list, tuple)):

@@ -1,4 +1,4 @@
-"""What a command prints besides its data: warnings, errors, summaries.
+"""What a command prints in addition to its data: warnings, errors, summaries.
 
 Every line has secrets redacted, and escape sequences made harmless. Commands that a message names
 are completed with the --data and --profile of this call, so that they can be typed as shown.
@@ -17,7 +17,10 @@ from kb.core import terminal
 from kb.net import redact
 
 if TYPE_CHECKING:  # `kb --help` loads this module
+    from pathlib import Path
+
     from kb.core.context import Run
+    from kb.core.summary import Summary
 
 _COMMAND = re.compile(r"`kb ([^`]+)`")
 # These commands have a data root of their own, or name their profile themselves.
@@ -97,6 +100,22 @@ def show(text: str, *, err: bool = False) -> None:
 def show_row(cells: Iterable[object], *, indent: str = "") -> None:
     """Cells in one line, separated by tabs."""
     print(indent + "\t".join(terminal.one_line(str(cell)) for cell in cells))
+
+
+def show_list(text: str, out: Path | None, summary: Summary, as_json: bool) -> None:
+    """Write a list to a file, or to stdout, which then holds it alone, ready to be redirected."""
+    if out is None:
+        print(text, end="")
+    else:
+        from kb.store.atomic import write_text
+
+        path = out.expanduser().absolute()
+        write_text(path, text)
+        summary["path"] = str(path)
+    if out is None and not as_json:
+        print(summary.line(), file=sys.stderr)
+    else:
+        show_summary(summary, as_json)
 
 
 def show_summary(summary: dict[str, Any], as_json: bool) -> None:

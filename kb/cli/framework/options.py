@@ -6,6 +6,7 @@ import copy
 import re
 import sys
 from dataclasses import dataclass, fields
+from datetime import datetime
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
@@ -16,7 +17,7 @@ import typer
 import typer.main
 
 from kb.cli.framework.messages import warn, with_options
-from kb.core import terminal
+from kb.core import clock, terminal
 from kb.core.config.pipeline import load, locate
 from kb.core.errors import MissingExtra, ProfileError, SettingError
 from kb.core.progress import LineProgress, Progress, Task
@@ -272,6 +273,23 @@ def parse_part(text: str | None) -> tuple[int, int] | None:
     if not 1 <= number <= count:
         raise SettingError(f"--part is {text!r}", hint="write it like 1/4, from 1/4 to 4/4")
     return number, count
+
+
+def parse_span(since: str | None, until: str | None) -> tuple[datetime | None, datetime | None]:
+    """The times of --since and --until. Raises SettingError."""
+    bounds: list[datetime | None] = []
+    for name, text in (("--since", since), ("--until", until)):
+        try:
+            bounds.append(clock.parse(text) if text is not None else None)
+        except ValueError:
+            raise SettingError(
+                f"{name} is {text!r}, not a date",
+                hint="write it like 2026-01-31 or 2026-01-31T12:00:00Z",
+            ) from None
+    begin, end = bounds
+    if begin and end and begin >= end:
+        raise SettingError(f"--since {since} is not earlier than --until {until}", hint="swap them")
+    return begin, end
 
 
 def pipeline(run: Run, name: str) -> ModuleType:

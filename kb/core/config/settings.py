@@ -113,7 +113,7 @@ class Settings(BaseSettings):
     @classmethod
     def _is_clean(cls, value: object, info: ValidationInfo) -> object:
         """Spaces around a value are dropped, and an empty one is unset:
-        a line of `.env` that nobody filled in.
+        a line of `.env` that is not filled in.
         """
         if isinstance(value, str):
             value = value.strip()
@@ -187,7 +187,7 @@ class Settings(BaseSettings):
 
     def require(self, *fields: str) -> None:
         """Raises MissingCredential that names all fields which are not set, SettingError for a
-        contact that nobody could write to.
+        contact that is not an address.
         """
         missing = [field for field in dict.fromkeys(fields) if not self._has(field)]
         if missing:
@@ -211,7 +211,7 @@ class Settings(BaseSettings):
         return field.upper() if getattr(self, field) is not None else f"{field.upper()} (not set)"
 
     def check_contact(self) -> None:
-        """Raises SettingError when a contact is set that nobody could write to or look at."""
+        """Raises SettingError for a contact that is neither an e-mail nor a web address."""
         if self.kb_contact and not is_contact(self.kb_contact):
             raise SettingError(
                 f"KB_CONTACT is {terminal.shown(self.kb_contact)}:"

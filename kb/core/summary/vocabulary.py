@@ -151,6 +151,12 @@ WORDS: dict[str, Word] = {
     "clips.hours": Word("Duration of the clips in hours.", "{n} hours of clips"),
     "short": Word("Pairs whose film ends before their clip.", "{n} after the end of their film"),
     "undecodable": Word("Pairs whose film can't be decoded.", "{n} in undecodable films"),
+    "pairs score.scored": Word("Pairs that were scored.", "{n} scored", always=True),
+    "pairs score.missing": Word("Pairs of videos without a file.", "{n} of videos without a file"),
+    "no_text": Word("Pairs without a text.", "{n} without a text"),
+    "visible": Word(
+        "What judged pairs show at each similarity: the same part of pairs/measures.json."
+    ),
     "gigabytes": Word("Size of what would be written, estimated, in GB.", "about {n} GB"),
     "keywords": Word("Keywords of the list.", "{n} keywords"),
     "profile keywords.keywords": Word("Proposed rows.", "{n} rows proposed"),
@@ -309,7 +315,7 @@ def place(name: str) -> int:
 
 
 def word(name: str, command: str = "") -> Word | None:
-    """A name's word, that of the command or its group first; None for one that nobody declared."""
+    """A name's word, that of the command or its group first; None for one that is not declared."""
     group, plan = command.partition(" ")[0], " --plan" if command.endswith("--plan") else ""
     for whose in (f"{command}.", f"{group}{plan}.", f"{group}.", ""):
         if known := WORDS.get(f"{whose}{name}"):

@@ -31,7 +31,7 @@ from kb.core.context import Run
 from kb.core.errors import Blocked, ItemFinal, Retryable
 from kb.net.rate import Pace
 from kb.net.retry import PATIENCE_S, attempt
-from kb.net.session import HttpSession, Ledger, host_of
+from kb.net.session import HttpSession, host_of
 from kb.reddit.crawl.errors import consequence, problem, too_deep
 
 ROOT = "https://www.reddit.com"
@@ -181,9 +181,19 @@ class Client:
 
     def _connected(self) -> Any:
         if self._reddit is None:
-            session = HttpSession(self._settings, hosts=self._hosts, ledger=_ledger(self._spend))
+            session = HttpSession(self._settings, hosts=self._hosts, ledger=self._ledger_row)
             self._reddit = _praw(self._id, self._secret or None, session, self._root, self._limiter)
         return self._reddit
+
+    def _ledger_row(self, request: requests.PreparedRequest) -> Callable[[str], None]:
+        """The row of a request, by its path without ids; the token's own requests cost nothing of
+        the window.
+        """
+        url = request.url or ""
+        path = url.partition("?")[0].partition("://")[2].partition("/")[2]
+        parts = [part for part in path.split("/") if part]
+        endpoint = "/".join(parts[:1] if parts[:1] == ["comments"] else parts[:3]) or "/"
+        return self._spend(endpoint, 0 if "access_token" in url else 1)
 
 
 def _praw(
@@ -221,16 +231,6 @@ def _praw(
     return reddit
 
 
-def _ledger(spend: Spend) -> Ledger:
-    """The token's own requests cost nothing of the window."""
-
-    def row(request: requests.PreparedRequest) -> Callable[[str], None]:
-        url = request.url or ""
-        return spend(_endpoint(url), 0 if "access_token" in url else 1)
-
-    return row
-
-
 def _in_reddits_form(response: requests.Response, *_: Any, **__: Any) -> None:
     """prawcore decides by these headers, and fails on answers that don't have them in Reddit's own
     form.
@@ -264,13 +264,6 @@ def _check_token(response: requests.Response) -> None:
         valid = False
     if not valid:
         raise Retryable("the token's answer is unreadable")
-
-
-def _endpoint(url: str) -> str:
-    """The path of a request with its ids taken out, for the ledger."""
-    path = url.partition("?")[0].partition("://")[2].partition("/")[2]
-    parts = [part for part in path.split("/") if part]
-    return "/".join(parts[:1] if parts[:1] == ["comments"] else parts[:3]) or "/"
 
 
 def question(run: Run, cost: QuestionCost) -> OnlineAnswer:

@@ -226,8 +226,10 @@ class RedditConnector(Connector):
     def fetch(self, phase: Phase, items: list[Item]) -> Iterator[Answer]:
         """One listing's page, one post's page, one thread, one post's stubs, or up to 100 names."""
         if phase.kind in ("more", "thread"):
-            post = reduce.post_of(phase.kind, items[0])
-            read = reduce.parts_read(self.opened.frontier, post)
+            item = items[0]
+            post = item.payload.post if phase.kind == "more" else item.key.partition("/")[0]
+            _, page, _ = self.opened.frontier.get("tree", post) or ("", None, None)
+            read = page.parts if page is not None else 0
             try:
                 check_length(f"the comments of the post {post}", read, PARTS)
             except Retryable as error:  # about this post, not about the service
@@ -246,9 +248,12 @@ class RedditConnector(Connector):
         if answer is not None:
             yield answer
             if answer.kind in ("comments", "morechildren"):
-                of = answer.params.get("comment")
-                self.comments += answer_tree.new_comments(answer.response, of)
-        # What people posted who asked to be left out is told by the answer only.
+                of = answer.params.get("comment")  # which a thread's page repeats
+                self.comments += sum(
+                    thing.kind == answer_tree.COMMENT and thing.data.get("id") != of
+                    for thing in answer_tree.things(answer.response)
+                )
+        # Only the answer shows what was posted by people who asked to be left out.
         theirs = [one.key for one in items if reduce.fullname(phase.kind, one.key) in purged]
         if theirs:
             self.opened.frontier.mark(phase.kind, theirs, "skipped", "purged")

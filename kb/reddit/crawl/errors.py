@@ -1,4 +1,4 @@
-"""What follows from an answer of Reddit that is no answer to what was asked.
+"""What follows from a response of Reddit that does not answer the request.
 
 the app's credentials are refused                       CredentialRefused
 a page or a subreddit is gone, shut or barred           ItemFinal, FatalError for the subreddit
@@ -85,16 +85,10 @@ def _of_status(response: Any, path: str) -> KbError:
         return FatalError(f"Reddit answers HTTP {status} at {path}")
     if status in FACTS:
         return ItemFinal(FACTS[status], path)
-    if _about_one_post(path, status):
+    # About one post, whatever the status means; but a 400 to ids that Reddit gave is about us.
+    if path.startswith("comments/") or (path.startswith("api/morechildren") and status != 400):
         return Retryable(f"HTTP {status} at {path}")
     return FatalError(f"Reddit answers HTTP {status} at {path}")
-
-
-def _about_one_post(path: str, status: int) -> bool:
-    """Whatever the status means; but a 400 to ids that Reddit itself gave is about us."""
-    if path.startswith("comments/"):
-        return True
-    return path.startswith("api/morechildren") and status != 400
 
 
 DUMPS = "archive dumps need no key: `kb reddit import FILE…`"

@@ -150,7 +150,7 @@ def asked_for(
 def subreddit_of(sources: Sequence[Path]) -> str:
     """The subreddit that all ids of these sources are of, by the profiles in release folders.
 
-    "" where nobody says so: ids of a list may be of any.
+    "" where it is not known: a list may have ids of any.
     """
     names = {_subreddit(one) for one in sources}
     return names.pop() if len(names) == 1 else ""

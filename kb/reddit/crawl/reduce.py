@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from kb.core.config.profile.collecting import RedditSection as Section
 from kb.reddit.parse import answer_tree
 from kb.store.rawlog.rawlog import Envelope
-from kb.store.state.frontier import Frontier, Item
+from kb.store.state.frontier import Frontier
 
 PAGES = 10  # of 100: Reddit ends a listing at about 1,000
 AGAIN = "came back as a stub"
@@ -61,7 +61,7 @@ class StubItem(msgspec.Struct):
 class RefreshItem(msgspec.Struct):
     """What is read again.
 
-    post     the post that it belongs to, "" where nobody said
+    post     the post that it belongs to, "" where it is not known
     there    whether the last answer still had it
     """
 
@@ -77,13 +77,6 @@ PAYLOADS: dict[str, type[msgspec.Struct]] = {
 }
 
 
-def listing_key(endpoint: str, params: dict[str, Any]) -> str:
-    """The frontier's name of a listing request."""
-    name = endpoint.rpartition("/")[2]
-    extra = params.get("q") if name == "search" else params.get("t")
-    return f"{name}:{extra}" if extra else name
-
-
 def fullname(kind: str, key: str) -> str:
     """The full name of an item that is asked for, "" of a listing."""
     if kind == "info":
@@ -93,17 +86,6 @@ def fullname(kind: str, key: str) -> str:
         "more": f"t1_{key}",
         "thread": f"t1_{key.partition('/')[2]}",
     }.get(kind, "")
-
-
-def post_of(kind: str, item: Item) -> str:
-    """The bare id of the post whose comments an item of the kind more or thread asks for."""
-    return str(item.payload.post if kind == "more" else item.key.partition("/")[0])
-
-
-def parts_read(frontier: Frontier, post: str) -> int:
-    """How many parts of a post's comments came after its page."""
-    _, known, _ = frontier.get("tree", post) or ("", None, None)
-    return known.parts if known is not None else 0
 
 
 def _count_part(frontier: Frontier, post: str) -> None:
@@ -116,7 +98,7 @@ def reduce(frontier: Frontier, kind: str, envelope: Envelope) -> None:
     """Take one answer in. Idempotent."""
     params, response = envelope.request.params, envelope.response
     if kind == "listings":
-        _listing(frontier, listing_key(envelope.request.endpoint, params), params, response)
+        _listing(frontier, envelope.request.endpoint, params, response)
     elif kind == "comments":
         _page(frontier, params, envelope.status, response)
     elif kind == "morechildren":
@@ -141,7 +123,10 @@ def _more(frontier: Frontier, params: dict[str, Any], response: Any) -> None:
         frontier.mark("more", asked, "error", AGAIN)
 
 
-def _listing(frontier: Frontier, key: str, params: dict[str, Any], response: Any) -> None:
+def _listing(frontier: Frontier, endpoint: str, params: dict[str, Any], response: Any) -> None:
+    name = endpoint.rpartition("/")[2]
+    extra = params.get("q") if name == "search" else params.get("t")
+    key = f"{name}:{extra}" if extra else name
     posts = [
         (thing.data["id"], PostItem(_seconds(thing.data.get("created_utc"))))
         for thing in answer_tree.things(response)
@@ -160,15 +145,10 @@ def _listing(frontier: Frontier, key: str, params: dict[str, Any], response: Any
         upto=before.upto,
     )
     frontier.payload("listing", key, now)
-    over = now.after is None or now.pages >= PAGES or _reaches_back(key, now)
+    over = now.after is None or now.pages >= PAGES
+    if name in _BY_TIME and now.upto is not None and now.oldest is not None:
+        over = over or now.oldest < now.upto  # the rest is known from the round before
     frontier.mark("listing", [key], "done" if over else "todo")
-
-
-def _reaches_back(key: str, now: ListingCursor) -> bool:
-    """Whether the last page shows what the round before had: the rest is known then."""
-    if key.partition(":")[0] not in _BY_TIME or now.upto is None or now.oldest is None:
-        return False
-    return now.oldest < now.upto
 
 
 def _seconds(value: Any) -> float | None:
@@ -236,7 +216,7 @@ class Span(NamedTuple):
     until: float | None = None
 
     def excludes(self, post: PostItem | None) -> bool:
-        """Whether a post was made outside of it; one that nobody knows the time of was not."""
+        """Whether a post was made outside of it; one of unknown time was not."""
         return post is not None and answer_tree.outside(post.created_utc, self.since, self.until)
 
     def is_behind(self, key: str, listing: ListingCursor | None) -> bool:

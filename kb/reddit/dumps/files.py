@@ -83,11 +83,6 @@ def pieces(path: Path, progress: ReadProgress) -> Iterator[bytes]:
             first = False
 
 
-def check(path: Path) -> None:
-    """Raise SettingError for a file that is not a dump or can't be read."""
-    _reader(path)
-
-
 def memory(path: Path) -> int:
     """Bytes that reading a dump takes: its first frame's window (2 GiB in the archives' zstd files)
     or its first block, and a decompressed chunk.
@@ -326,8 +321,8 @@ def records_of(value: dict[str, Any]) -> Iterable[dict[str, Any]]:
         return (value,)
     if isinstance(data, list):
         return [one for one in data if isinstance(one, dict)]
-    found = (thing.data for thing in answer_tree.things(value) if thing.kind != "more")
-    return [{**one, "replies": ""} if "replies" in one else one for one in found]
+    inner = (thing.data for thing in answer_tree.things(value) if thing.kind != "more")
+    return [{**one, "replies": ""} if "replies" in one else one for one in inner]
 
 
 def _is_deeper(value: Any, levels: int) -> bool:
@@ -367,7 +362,7 @@ def find_dumps(run: Run, paths: Sequence[Path]) -> DumpFiles:
     foreign = 0
     for path in paths:
         if not path.is_dir():
-            check(path)
+            _reader(path)  # raises for a file that is not a dump
             files.append(path)
             continue
         there = list(_below(path, run.root.resolve()))

@@ -25,7 +25,7 @@ from kb.reddit.dumps.cursor import (
     save_cursor,
 )
 from kb.reddit.dumps.files import Chunk, ReadProgress, chunks
-from kb.reddit.dumps.search import ById, IdIndex, SubredditSearch
+from kb.reddit.dumps.search import ById, ChunkMatches, IdIndex, SubredditSearch
 from kb.reddit.parse.anonymize import Scrubber, load_key
 from kb.reddit.parse.answer_tree import PURGED
 from kb.reddit.parse.removal import LATEST, retrieved
@@ -57,11 +57,6 @@ class ImportJob(msgspec.Struct):
     ids: str = ""
     home: str = ""
 
-    @property
-    def name(self) -> str:
-        """The name of the cursor's note."""
-        return cursor_name(Path(self.file), self.since, self.until)
-
 
 class ExtractedRecord(NamedTuple):
     """A post or comment: the offset behind its line, its JSON, and when the archive read it last
@@ -73,24 +68,14 @@ class ExtractedRecord(NamedTuple):
     retrieved: int | None
 
 
-class ExtractedChunk(NamedTuple):
-    """What a chunk holds: the offset behind it, its lines, damaged ones and where the first is."""
-
-    offset: int
-    lines: int
-    bad_lines: int
-    first_bad: int | None
-    records: list[ExtractedRecord]
-
-
 def _extract(
     chunk: Chunk,
     job: ImportJob,
     search: SubredditSearch,
     scrubber: Scrubber,
     purged: Collection[str],
-) -> ExtractedChunk:
-    """The wanted records of a chunk."""
+) -> tuple[list[ExtractedRecord], ChunkMatches]:
+    """The wanted records of a chunk, and the counts of its lines."""
     records: list[ExtractedRecord] = []
 
     def take(end: int, record: dict[str, Any]) -> None:
@@ -102,15 +87,14 @@ def _extract(
         if purged or scrubber.people:  # most data roots leave nothing out
             things = without(things, purged)
         if not things and job.ids and data.get("author") == PURGED:
-            # Whoever asks for it by its id is told why it does not come.
+            # A later request for its id then knows why it does not come.
             known = {name: data.get(name) for name in ("id", "link_id", "author")}
             things = [{"kind": kind, "data": known}]
         for thing in things:
             records.append(ExtractedRecord(end, _encode(thing), retrieved(thing["data"])))
 
     matches = search(chunk, take)
-    offset = chunk.offset + chunk.end - chunk.begin
-    return ExtractedChunk(offset, matches.lines, matches.bad_lines, matches.first_bad, records)
+    return records, matches
 
 
 def _encode(thing: dict[str, Any]) -> bytes:
@@ -134,7 +118,7 @@ THINGS = 100  # records of an envelope
 
 def import_file(job: ImportJob) -> DumpCursor:
     """Import one dump; its cursor. Memory is bounded by a chunk. Raises DiskFull."""
-    root, name = Path(job.root), job.name
+    root, name = Path(job.root), cursor_name(Path(job.file), job.since, job.until)
     cursor = load_cursor(root, name, job.file)
     base = rawlog.folder(root, "reddit", KIND)
     publish_segment(base, cursor)
@@ -146,15 +130,15 @@ def import_file(job: ImportJob) -> DumpCursor:
     batch: list[ExtractedRecord] = []
     offset = cursor.offset
     with full_disk_is_resumable(root):
-        for chunk in _extracted(job, cursor, progress):
-            for record in chunk.records:
+        for chunk, records, matches in _extracted(job, cursor, progress):
+            for record in records:
                 batch.append(record)
                 if len(batch) == THINGS:
                     segments.write(batch, record.end)
                     batch = []
-            offset = chunk.offset
-            progress.lines += chunk.lines
-            progress.count_damaged(chunk.bad_lines, chunk.first_bad)
+            offset = chunk.offset + chunk.end - chunk.begin
+            progress.lines += matches.lines
+            progress.count_damaged(matches.bad_lines, matches.first_bad)
             if segments.size >= job.segment_bytes:
                 segments.write(batch, offset)
                 batch = []
@@ -169,9 +153,9 @@ def import_file(job: ImportJob) -> DumpCursor:
 
 def _extracted(
     job: ImportJob, cursor: DumpCursor, progress: ReadProgress
-) -> Iterator[ExtractedChunk]:
-    """The records of the chunks in their order. With a limit nothing behind that many records
-    counts as read.
+) -> Iterator[tuple[Chunk, list[ExtractedRecord], ChunkMatches]]:
+    """The chunks in their order with what `_extract` gives. With a limit nothing behind that many
+    records counts as read.
     """
     home = Path(job.home or job.root)
     purged = frozenset(tombstones.keys(home, "reddit"))
@@ -186,14 +170,14 @@ def _extracted(
         return not job.lease or Path(job.lease).exists()
 
     for chunk in chunks(Path(job.file), progress, cursor.offset, may_go_on):
-        one = _extract(chunk, job, search, scrubber, purged)
-        if left and len(one.records) >= left:
-            size = one.records[left - 1].end - chunk.offset
+        records, matches = _extract(chunk, job, search, scrubber, purged)
+        if left and len(records) >= left:
+            size = records[left - 1].end - chunk.offset
             part = Chunk(chunk.offset, chunk.data[chunk.begin : chunk.begin + size], 0, size)
-            yield _extract(part, job, search, scrubber, purged)
+            yield part, *_extract(part, job, search, scrubber, purged)
             return
-        left -= len(one.records) if left else 0
-        yield one
+        left -= len(records) if left else 0
+        yield chunk, records, matches
 
 
 class SegmentWriter:

@@ -1,9 +1,9 @@
 """Names of people leave an answer before it is written: only keyed hashes stay.
 
 The key is made once in `state/reddit.key` (mode 0600) and never released, so that the hashes of a
-release can't be tried out against lists of names. Beside it stands by what it is known again: with
-another key the same person would be two people in old and new rows. Reddit takes a name in any
-letter case for the same person, and so does the hash.
+release can't be tried out against lists of names. A fingerprint beside it detects another key, with
+which the same person would be two people in old and new rows. Reddit takes a name in any letter
+case for the same person, and so does the hash.
 """
 
 import hashlib
@@ -94,7 +94,7 @@ def read_key(root: Path) -> bytes | None:
 
 
 def key_digest(key: bytes) -> str:
-    """What a key is known by, without telling it."""
+    """What identifies a key without revealing it."""
     return hashlib.sha256(key).hexdigest()[:32]
 
 
@@ -103,10 +103,10 @@ def _not_the_key(path: Path, what: str) -> DamagedData:
     anew = f"rm -f {shlex.quote(str(marks))}/key-*.sha256"
     anew += f" && openssl rand -hex 32 > {shlex.quote(str(path))}"
     return DamagedData(
-        f"{path} {what}: the authors of what is here were hashed with it, and what is read with"
-        " another key never meets them",
-        hint=f"put the key back from a copy, or take another --data folder; `{anew}` gives up that"
-        " old and new rows of an author meet",
+        f"{path} {what}: the authors here are hashed with it, and with another key the same"
+        " author gets another hash",
+        hint=f"restore the key from a copy, or use another --data folder; `{anew}` makes a new"
+        " key, so that old and new rows of an author do not match",
     )
 
 
@@ -128,8 +128,8 @@ class Scrubber:
         """32 hexadecimal digits for a name; `[deleted]` stays as it is."""
         if name in _KEPT:
             return name
-        found = keyed(self._key, name.lower())
-        return PURGED if found in self.people else found
+        digest = keyed(self._key, name.lower())
+        return PURGED if digest in self.people else digest
 
     def scrub(self, value: Any) -> Any:
         """The answer with every author field hashed, in place where it can be; safe to repeat only

@@ -5,7 +5,7 @@ post, then nested comments); `json.data.things` (morechildren, flat); dumps are 
 
 A person's name reaches an answer as a keyed hash (anonymize). In place of the hash of someone who
 asked to be left out stands PURGED, from the moment an answer is scrubbed, or when a purge takes
-them out of older ones. What is theirs is told by it, and where others' records only mention them it
+them out of older ones. That marks what is theirs; where others' records only mention them it
 stays.
 """
 
@@ -48,11 +48,6 @@ def things(response: Any) -> Iterator[Thing]:
         elif isinstance(value.get("json"), dict):
             inner = value["json"].get("data")
             stack.append(inner.get("things") if isinstance(inner, dict) else None)
-
-
-def new_comments(response: Any, of: str | None = None) -> int:
-    """How many comments an answer brings; a thread's page repeats `of`, which it continues."""
-    return sum(thing.kind == COMMENT and thing.data.get("id") != of for thing in things(response))
 
 
 def after(response: Any) -> str | None:
@@ -151,7 +146,7 @@ def theirs(answer: Any) -> set[str]:
 def without_hashes(envelope: Envelope, people: Iterable[str]) -> Envelope:
     """The envelope with PURGED in place of these hashes; the same object when it has none."""
     line = rawlog.encode(envelope)
-    found = [one.encode() for one in people if one.encode() in line]
-    for one in found:
+    hashes = [one.encode() for one in people if one.encode() in line]
+    for one in hashes:
         line = line.replace(one, PURGED.encode())
-    return rawlog.decode(line) if found else envelope
+    return rawlog.decode(line) if hashes else envelope

@@ -52,8 +52,8 @@ def rows(lines: Iterable[bytes], kind: str, links: Links) -> Iterator[pa.Table]:
     Raises DamagedData for a line that is not an envelope.
     """
     reader = RecordReader(links, live=kind != "dumps")
-    found = chain.from_iterable(_rows_of(line, kind, reader) for line in lines)
-    for batch in in_batches(found, ROWS):
+    every = chain.from_iterable(_rows_of(line, kind, reader) for line in lines)
+    for batch in in_batches(every, ROWS):
         yield _to_table(batch, live=kind != "dumps")
 
 

@@ -95,7 +95,7 @@ def post_type(post: Post, classify: Callable[[str], str]) -> tuple[str, str | No
     parent = post.get("crosspost_parent")
     parents_page = f"/comments/{str(parent).removeprefix('t3_')}/"
     if true is post and parent and parents_page in f"{url}/":
-        # Of a crosspost whose parent isn't told: the address of a text is its page.
+        # Of a crosspost without its parent: the address of a text is its page.
         return "text", None, None
     kind = "video" if true.get("is_video") else classify(url)
     return _KINDS[kind], kind, url
@@ -259,8 +259,8 @@ def _with_common(row: Row, data: dict[str, Any]) -> Row:
     row["created_utc"] = made
     author = data.get("author")
     row["author_hash"] = author if isinstance(author, str) and author not in NOBODY else None
-    if gone := removal(data):
-        row["gone"], row["gone_value"], row["undated"] = gone.reason, gone.value, not gone.dated
+    if why := removal(data):
+        row["gone"], row["gone_value"], row["undated"] = why.reason, why.value, not why.dated
     return row
 
 
@@ -302,10 +302,10 @@ def _base36(value: Any) -> str | None:
 def _flag(row: Row, data: dict[str, Any], name: str) -> bool | None:
     """Yes or no, also as 1 and 0 or as words. Absent does not mean no."""
     value = data.get(name)
-    said = flag(value)
-    if said is None and value is not None:
+    answer = flag(value)
+    if answer is None and value is not None:
         _problem(row, name, value)
-    return said
+    return answer
 
 
 def _ratio(row: Row, data: dict[str, Any], name: str) -> float | None:

@@ -197,8 +197,8 @@ def drop_parents(folder: Path, crossposts: Collection[str], keys: Collection[str
     """Take the parents `keys` out of a folder of reddit/posts; how many rows changed. Raises
     DiskFull.
 
-    `crossposts` are bare ids of those that are known to repeat a key; others are told by their
-    address. Files without such rows are not touched.
+    `crossposts` are bare ids of those that are known to repeat a key; others are recognized by
+    their address. Files without such rows are not touched.
     """
     known = pa.array(sorted(crossposts), pa.string())
     purged = pa.array(

@@ -201,7 +201,11 @@ def reconstruct(
     Everything is read first (cut off, the same call goes on), then posts, comments and what is
     missing come in order. Raises as `rebuild`.
     """
-    run = run or _run(profile, settings)
+    if run is None:
+        loaded = load_settings(**{**settings, "kb_profile": profile or settings.get("kb_profile")})
+        redact.know(loaded.secret_values())
+        root = loaded.kb_data.expanduser().absolute()
+        run = Run(settings=loaded, profile=load_profile(loaded.kb_profile or DEFAULT), root=root)
     place = Path(out) if out else Layout(run.root).reconstructed
     rebuild(run, ids, place, dumps=[Path(file) for file in dumps])
     return rows(place)
@@ -379,16 +383,6 @@ def _counts(out: Path, done: Done) -> dict[str, int]:
     failed = sum(one.reason == FAILED for one in reasons)
     counts = {one.declared.short: done.counts[one.declared.short] for one in tables.TABLES}
     return {**counts, "missing": done.counts[MISSING] - failed}
-
-
-def _run(profile: str | None, settings: dict[str, Any]) -> Run:
-    loaded = load_settings(**{**settings, "kb_profile": profile or settings.get("kb_profile")})
-    redact.know(loaded.secret_values())
-    return Run(
-        settings=loaded,
-        profile=load_profile(loaded.kb_profile or DEFAULT),
-        root=loaded.kb_data.expanduser().absolute(),
-    )
 
 
 @dataclass(frozen=True)

@@ -181,7 +181,8 @@ def _complete(rows: pa.Table, declared: Table, missing: dict[str, MissingReason]
     """The rows that have all required columns; reasons of the others are added to `missing`."""
     states = cast("list[str]", rows["state"].to_pylist())
     reasons = [
-        _reason(state, why) for state, why in zip(states, rows["gone"].to_pylist(), strict=True)
+        why if state == "there" else "missing" if state in ("missing", "stub") else "malformed"
+        for state, why in zip(states, rows["gone"].to_pylist(), strict=True)
     ]
     for column in declared.columns:
         if not column.nullable and column.name in rows.column_names:
@@ -190,8 +191,8 @@ def _complete(rows: pa.Table, declared: Table, missing: dict[str, MissingReason]
                 why or (None if is_valid else "malformed")
                 for why, is_valid in zip(reasons, valid, strict=True)
             ]
-    said_at = pc.if_else(rows["undated"], None, rows["fetched_at"])
-    times = cast("list[datetime | None]", said_at.to_pylist())
+    dated = pc.if_else(rows["undated"], None, rows["fetched_at"])
+    times = cast("list[datetime | None]", dated.to_pylist())
     names = cast("list[str]", rows["fullname"].to_pylist())
     for name, reason, at in zip(names, reasons, times, strict=True):
         if reason is not None:
@@ -208,9 +209,3 @@ def _filled(rows: pa.Table, key: str, name: str, known: pa.Table | None) -> pa.T
     if known is None:
         return rows
     return put(rows, name, pc.coalesce(rows[name], aligned(known, key, rows[key])[name]))
-
-
-def _reason(state: str, removed: str | None) -> str | None:
-    if state != "there":
-        return "missing" if state in ("missing", "stub") else "malformed"
-    return removed

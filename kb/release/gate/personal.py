@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from kb.artifacts.release_folder import ReleaseFolder
-from kb.core.config.profile.products import Release
+from kb.core.config.profile.release import Release
 from kb.release.gate import GateProblem
 from kb.store.tables import database
 from kb.store.tables.reading import scan

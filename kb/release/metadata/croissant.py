@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from datetime import datetime
 from typing import Any
 
-from kb.core.config.profile.products import Creator
+from kb.core.config.profile.release import Creator
 from kb.core.context import Run
 from kb.core.licences import licence
 from kb.core.sources import SOURCES, made_of

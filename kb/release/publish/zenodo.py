@@ -241,11 +241,13 @@ class Zenodo:
         now = datetime.now(UTC)  # the service's own clock: KB_NOW does not move it
         seconds = retry_after(headers.get("Retry-After"), headers.get("Date"))
         if seconds is None:
-            reset = retry_after(headers.get("X-RateLimit-Reset"))  # seconds since 1970
-            seconds = None if reset is None else max(0.0, reset - now.timestamp())
-        if seconds is None or seconds <= LONGEST_WAIT or (self._wait and seconds <= LONGEST_LIMIT):
+            with contextlib.suppress(ValueError):
+                reset = float(headers.get("X-RateLimit-Reset", ""))  # seconds since 1970
+                if math.isfinite(reset):
+                    seconds = min(max(0.0, reset - now.timestamp()), LONGEST_LIMIT)
+        if seconds is None or seconds <= LONGEST_WAIT or (self._wait and seconds < LONGEST_LIMIT):
             return Retryable("limited", after=seconds, throttled=True)
-        back = now + timedelta(seconds=min(seconds, LONGEST_LIMIT))
+        back = now + timedelta(seconds=seconds)
         return QuotaSpent(
             f"the deposit service's limit is spent until {clock.stamp(back)}",
             hint="run the same command then",
@@ -278,7 +280,7 @@ def md5(path: Path) -> str:
 TRIES = 5
 TIMEOUT_S = (10.0, 300.0)  # seconds to connect, and between two bytes of an answer
 LONGEST_WAIT = 120  # seconds that a limit may ask for before the run stops instead
-LONGEST_LIMIT = 366 * 86_400  # seconds: what asks for more is no time to come back at
+LONGEST_LIMIT = 366 * 86_400  # seconds: a longer wait is read as this, and never waited for
 _GO_ON = "the same command resumes"
 _SCOPES = "it needs the scopes deposit:write and deposit:actions; the sandbox has tokens of its own"
 _SHOWN = 600  # characters of a message

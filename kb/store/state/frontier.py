@@ -230,6 +230,16 @@ class Frontier(State):
         """How many items of these kinds a run has to ask for: those that wait or have failed."""
         return self.waiting(*kinds) + sum(self.counts(kind).get("error", 0) for kind in kinds)
 
+    def failures(self) -> dict[str, int]:
+        """How many items failed for which reason, the most frequent first."""
+        with self._access():
+            return dict(
+                self._db.execute(
+                    "SELECT coalesce(reason, 'unknown'), count(*) FROM items"
+                    " WHERE status = 'error' GROUP BY 1 ORDER BY 2 DESC, 1"
+                ).fetchall()
+            )
+
     def kinds(self) -> dict[str, dict[str, int]]:
         """Counts by status of every kind, by name."""
         kinds: dict[str, dict[str, int]] = {}

@@ -137,9 +137,17 @@ class DriverProcess:
         # The driver picks a free port and exits when another program takes it first.
         for _ in range(STARTS):
             try:
-                self._process = (
-                    _starter(os.getpid()).submit(_start, program, env, self.folder).result()
+                starting = _starter(os.getpid()).submit(
+                    subprocess.Popen[bytes],
+                    [sys.executable, "-I", "-S", "-c", _RUN, str(os.getpid()), program, "--port=0"],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.DEVNULL,
+                    start_new_session=True,
+                    env=env,
+                    cwd=self.folder,
                 )
+                self._process = starting.result()
             except OSError as error:
                 raise MissingExtra(f"{program} does not start: {error}", hint=INSTALL) from None
             output = _output(self._process)
@@ -149,8 +157,8 @@ class DriverProcess:
             self.kill()
             code = self._process.wait()
         shutil.rmtree(self.folder, ignore_errors=True)
-        said = output.decode(errors="replace").strip().splitlines()
-        reason = said[-1] if said else f"exit {code}"
+        lines = output.decode(errors="replace").strip().splitlines()
+        reason = lines[-1] if lines else f"exit {code}"
         raise MissingExtra(f"{program} does not start: {reason}", hint=INSTALL)
 
     @property
@@ -182,18 +190,6 @@ def _output(process: subprocess.Popen[bytes]) -> bytes:
         if not part:
             break
     return output
-
-
-def _start(program: str, env: dict[str, str], folder: str) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(
-        [sys.executable, "-I", "-S", "-c", _RUN, str(os.getpid()), program, "--port=0"],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-        env=env,
-        cwd=folder,
-    )
 
 
 @cache

@@ -107,7 +107,7 @@ def _frames(image: Any, pixels: int) -> tuple[int | None, ...]:
         try:
             image.seek(index)
             duration = image.info.get("duration")
-            durations.append(None if duration is None else _whole(duration))
+            durations.append(None if duration is None else _number(duration))
         except MemoryError:
             raise
         except Exception:  # noqa: BLE001  as above
@@ -115,9 +115,9 @@ def _frames(image: Any, pixels: int) -> tuple[int | None, ...]:
     return tuple(durations)
 
 
-def _whole(number: float) -> int | None:
+def _number(value: float) -> int | None:
     """A whole number that a table holds; None for any other."""
-    return round(number) if 0 <= number < _MAX_SIDE else None
+    return round(value) if 0 <= value < _MAX_SIDE else None
 
 
 def _header_size(kind: str, data: bytes) -> tuple[int | None, int | None]:
@@ -140,5 +140,5 @@ def _svg_size(data: bytes) -> tuple[int | None, int | None]:
         else None
         for name in (b"width", b"height")
     ]
-    width, height = (_whole(float(match[1])) if match else None for match in sides)
+    width, height = (_number(float(match[1])) if match else None for match in sides)
     return width, height

@@ -65,10 +65,19 @@ def take_screenshot(
     with PngWriter(path, width, height) as png:
         for top, rows, overlap in _tiles(height):
             end = rows + overlap
-            tile = decode_tile(_capture(browser, top, width, end), width, end)
+            answer = browser.devtools(
+                "Page.captureScreenshot",
+                {
+                    "format": "png",
+                    "captureBeyondViewport": True,
+                    "optimizeForSpeed": True,
+                    "clip": {"x": 0, "y": top, "width": width, "height": end, "scale": 1},
+                },
+            )
+            tile = decode_tile(base64.b64decode(answer["data"]), width, end)
             if strip is not None:
-                again = tile.crop((0, 0, width, strip.height))
-                if ImageChops.difference(strip, again).getbbox():
+                shared = tile.crop((0, 0, width, strip.height))
+                if ImageChops.difference(strip, shared).getbbox():
                     raise Retryable("screenshot_repeats: a tile does not show its part of the page")
             if not rows:
                 continue
@@ -168,16 +177,3 @@ class PngWriter:
     def _write_chunk(self, name: bytes, data: bytes) -> None:
         self._file.write(struct.pack(">I", len(data)) + name + data)
         self._file.write(struct.pack(">I", zlib.crc32(data, zlib.crc32(name))))
-
-
-def _capture(browser: Browser, top: int, width: int, rows: int) -> bytes:
-    answer = browser.devtools(
-        "Page.captureScreenshot",
-        {
-            "format": "png",
-            "captureBeyondViewport": True,
-            "optimizeForSpeed": True,
-            "clip": {"x": 0, "y": top, "width": width, "height": rows, "scale": 1},
-        },
-    )
-    return base64.b64decode(answer["data"])

@@ -57,7 +57,7 @@ class WikiApi:
 
     def __init__(self, endpoint: str, web: WikiHosts) -> None:
         self.endpoint, self._web = endpoint, web
-        self._told = False
+        self._noticed = False
         self._loops: dict[tuple[int, int], _LoopDetector] = {}
 
     def site(self) -> Answer:
@@ -166,7 +166,9 @@ class WikiApi:
             what = answers.quoted(answer.content[:1000].decode("utf-8", "replace"))
             # An HTML page instead of JSON is a challenge: we are being turned away.
             page = answer.content.lstrip()[:1] == b"<"
-            raise Retryable(f"{self.endpoint} returns no JSON but {what}", throttled=page) from None
+            raise Retryable(
+                f"{self.endpoint} returns {what} instead of JSON", throttled=page
+            ) from None
         after = retry.retry_after(answer.headers.get("Retry-After"))
         refusal = value.get("error") if isinstance(value, dict) else None
         if isinstance(refusal, dict) and refusal:
@@ -190,15 +192,14 @@ class WikiApi:
         return answer.status_code, value
 
     def _after_notice(self, content: bytes) -> bytes:
-        """The JSON behind what a misconfigured PHP writes before it, which is told once."""
+        """The JSON behind what a misconfigured PHP writes before it; the first notice is shown."""
         start = content.find(b"{")
         if start <= 0 or not _NOTICE.search(content[:start]):
             return content
-        if not self._told:
-            self._told = True
-            said = content[: min(start, _FRONT // 100)].decode("utf-8", "replace")
-            text = re.sub(r"<[^<>]*>", "", said)
-            notice = answers.quoted(text)
+        if not self._noticed:
+            self._noticed = True
+            text = content[: min(start, _FRONT // 100)].decode("utf-8", "replace")
+            notice = answers.quoted(re.sub(r"<[^<>]*>", "", text))
             self._web.run.progress.say(f"{self.endpoint} writes {notice} before its answers")
         return content[start:]
 

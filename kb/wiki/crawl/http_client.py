@@ -41,7 +41,7 @@ class Robots:
     """What a host's robots.txt allows one agent.
 
     `agent` may be a whole User-Agent: groups are found by its product token alone ("lorecrawl"), as
-    what stands behind it (a contact's address) is no name of ours.
+    what stands behind it (a contact's address) is not the crawler's name.
     """
 
     def __init__(self, text: str, agent: str) -> None:

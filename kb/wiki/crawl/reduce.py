@@ -25,7 +25,7 @@ from kb.wiki.parse import answers
 TOO_LARGE = {"too_tall": "max_page_height", "too_many_elements": "max_elements"}
 SITE = "site:"  # cursor, by round: the namespaces that are listed
 ANSWERED = "answered"  # the item that is done as long as raw data hold a description of the wiki
-LEFT = ("deleted", "moved")  # reasons of pages that are no pages any more
+LEFT = ("deleted", "moved")  # reasons of pages that do not exist any more
 
 
 class SiteItem(msgspec.Struct):
@@ -107,8 +107,8 @@ def _site(frontier: Frontier, envelope: Envelope) -> None:
     spaces = envelope.response.get("query", {}).get("namespaces", {})
     content = sorted(int(key) for key, space in spaces.items() if space.get("content"))
     counts = envelope.response.get("query", {}).get("statistics")
-    said = counts.get("pages") if isinstance(counts, dict) else None
-    pages = said if isinstance(said, int) else 0
+    counted = counts.get("pages") if isinstance(counts, dict) else None
+    pages = counted if isinstance(counted, int) else 0
     frontier.add("site", [(ANSWERED, SiteItem(listed=False))])
     frontier.done("site", ANSWERED)
     for tag, _, _, site in list(frontier.items("site")):

@@ -178,25 +178,22 @@ class Transport:
         answer = self._session.request(
             method, uri, data=body, headers=dict(headers or {}), allow_redirects=False
         )
-        return _response(answer), answer.content
+        fields = {name.lower(): value for name, value in answer.headers.items()}
+        response = httplib2.Response({**fields, "status": str(answer.status_code)})
+        response.reason = answer.reason
+        return response, answer.content
 
     def close(self) -> None:
         self._session.close()
-
-
-def _response(answer: requests.Response) -> httplib2.Response:
-    fields = {name.lower(): value for name, value in answer.headers.items()}
-    response = httplib2.Response({**fields, "status": str(answer.status_code)})
-    response.reason = answer.reason
-    return response
 
 
 def meaning(status: int, body: Any, bucket: str, after: float | None = None) -> KbError:
     """The error to raise for an error answer: QuotaSpent, CredentialRefused, Blocked,
     ItemFinal or Retryable.
 
-    ItemFinal for the named facts only; a refusal without a reason is no answer of the API, but of
-    what stands before it ("automated queries"). `after` is the answer's Retry-After in seconds.
+    ItemFinal for the named facts only; a refusal without a reason comes not from the API but
+    from what stands before it ("automated queries"). `after` is the answer's Retry-After in
+    seconds.
     """
     error = body.get("error") if isinstance(body, dict) else None
     error = error if isinstance(error, dict) else {}

@@ -228,12 +228,12 @@ def crawl(
     if part and ids is None:
         run.progress.say(
             f"youtube: this part has searched its share of the keywords and read its share of the"
-            f" {summary['channels']:,} channels that it knows; `kb merge` tells it of those that"
+            f" {summary['channels']:,} channels that it knows; `kb merge` adds those that"
             " others have found"
         )
     if not summary["requests"]:
-        again = "" if run.again else "; --again starts a new round"
-        run.progress.say(f"youtube: nothing left to crawl{again}")
+        more = "" if run.again else "; --again starts a new round"
+        run.progress.say(f"youtube: nothing left to crawl{more}")
     return summary
 
 

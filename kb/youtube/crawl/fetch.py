@@ -127,7 +127,18 @@ class YouTubeFetcher:
 
     def _transcript(self, kind: str, items: list[Item]) -> Iterator[Answer]:
         (item,) = items
-        fetcher, second = self._fetcher(), kind == RAW_SECOND_TRACKS
+        with self._lock:  # one that no other thread has
+            fetcher = self._idle.pop() if self._idle else None
+        if fetcher is None:
+            fetcher = Fetcher(
+                self._run.settings,
+                self._profile,
+                self._pace,
+                self._spend,
+                sleep=partial(self._opened.sleep, WEB),
+                wait=self._run.wait,
+            )
+        second = kind == RAW_SECOND_TRACKS
         try:
             answer = fetcher.fetch(item.key, probe=self._opened.probing(WEB), second=second)
         except Retryable as error:
@@ -148,20 +159,6 @@ class YouTubeFetcher:
         )
         asked = "second_tracks_asked" if second else "transcripts_asked"
         self._count(**{kind: int(outcome == "ok"), asked: int(outcome != "failed")})
-
-    def _fetcher(self) -> Fetcher:
-        """One that no other thread has."""
-        with self._lock:
-            if self._idle:
-                return self._idle.pop()
-        return Fetcher(
-            self._run.settings,
-            self._profile,
-            self._pace,
-            self._spend,
-            sleep=partial(self._opened.sleep, WEB),
-            wait=self._run.wait,
-        )
 
     def _spend(self, endpoint: str) -> None:
         """The ledger's row of a request to the site. Raises Blocked when another thread met it."""

@@ -62,8 +62,8 @@ def video_of(text: str) -> str | None:
     if archived := _ARCHIVED.fullmatch(text):
         return archived[1]
     words = text.replace("](", " ").split()  # a link of Markdown
-    found = {video_of_address(word.strip(_AROUND)) for word in words} - {None}
-    return found.pop() if len(found) == 1 else None
+    videos = {video_of_address(word.strip(_AROUND)) for word in words} - {None}
+    return videos.pop() if len(videos) == 1 else None
 
 
 def is_unmistakable(text: str) -> bool:
@@ -92,8 +92,8 @@ def video_of_address(address: str) -> str | None:
 
 def _of_path(path: str, query: str, fragment: str, *, short: bool = False) -> str | None:
     first, *others = [unquote(part) for part in path.split("/") if part] or [""]
-    if short and (found := _id(first)):  # also where it spells a page's name
-        return found
+    if short and (video := _id(first)):  # also where it spells a page's name
+        return video
     kind = first.lower()
     if kind in _INSIDE:
         return _of_inside(parse_qs(query).get(_INSIDE[kind], []))
@@ -101,8 +101,8 @@ def _of_path(path: str, query: str, fragment: str, *, short: bool = False) -> st
         return _id(others[0])
     if kind in _BY_QUERY:
         inner = fragment.removeprefix("!")
-        if found := _of_query(query):
-            return found
+        if video := _of_query(query):
+            return video
         if inner.startswith("/"):
             parts = urlsplit(inner)
             return _of_path(parts.path, parts.query, "")

@@ -105,8 +105,8 @@ def uploads_list(channel_id: str, profile: YouTubeSection) -> str:
 
 class Reducer:
     """Takes envelopes into the frontier. `mine` tells a part's channels, and with `by_id` its
-    videos, which elsewhere are those of its channels; `gone` are purged videos, `left_out` channels
-    that are left out.
+    videos, which elsewhere are those of its channels; `purged` are videos, `left_out` channels that
+    are left out.
     """
 
     def __init__(
@@ -114,13 +114,13 @@ class Reducer:
         profile: YouTubeSection,
         wanted: Wanted,
         mine: Callable[[str], bool],
-        gone: Collection[str],
+        purged: Collection[str],
         left_out: Container[str] = (),
         *,
         by_id: bool = False,
     ) -> None:
         self._left_out, self._owner = left_out, "video_id" if by_id else "channel_id"
-        self._profile, self._wanted, self._mine, self._gone = profile, wanted, mine, gone
+        self._profile, self._wanted, self._mine, self._purged = profile, wanted, mine, purged
         self._language = TrackLanguage(profile.language, profile.translate)
         self._ways: dict[str, Callable[[Frontier, Envelope], None]] = {
             RAW_SEARCH: self._search,
@@ -151,8 +151,8 @@ class Reducer:
         key = search_key(keyword, token)
         known = frontier.get(SEARCHES, key)
         page = known[1].page if known and known[1] else 1
-        found = (key for key in parse.channel_hits(envelope.response) if key.startswith("UC"))
-        hits = [key for key in found if key not in self._left_out]
+        channels = (key for key in parse.channel_hits(envelope.response) if key.startswith("UC"))
+        hits = [key for key in channels if key not in self._left_out]
         frontier.add(CHANNELS, hits)
         frontier.done(CHANNELS, *hits)
         mine = [channel for channel in hits if self._mine(channel)]
@@ -223,7 +223,7 @@ class Reducer:
         return None
 
     def _add_videos(self, frontier: Frontier, response: Any) -> int:
-        keys = [key for key in parse.listed(response) if key not in self._gone]
+        keys = [key for key in parse.listed(response) if key not in self._purged]
         return frontier.add(VIDEOS, keys)
 
     def _videos(self, frontier: Frontier, envelope: Envelope) -> None:
@@ -261,14 +261,14 @@ class Reducer:
 
     def _playlist(self, frontier: Frontier, envelope: Envelope) -> None:
         keys = (str(entry["id"]) for entry in envelope.response["entries"])
-        frontier.add(VIDEOS, [key for key in keys if key not in self._gone])
+        frontier.add(VIDEOS, [key for key in keys if key not in self._purged])
 
     def judge(self, frontier: Frontier, videos: pa.Table) -> None:
         """Add the transcripts that are worth asking for, of parsed videos."""
         owners = dict(
             zip(*(videos[name].to_pylist() for name in ("video_id", self._owner)), strict=True)
         )
-        wanted = (key for key in self._wanted(videos) if key not in self._gone)
+        wanted = (key for key in self._wanted(videos) if key not in self._purged)
         frontier.add(TRANSCRIPTS, [key for key in wanted if self._mine(owners[key] or "")])
 
     def _transcript(self, kind: str, frontier: Frontier, envelope: Envelope) -> None:

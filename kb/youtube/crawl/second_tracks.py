@@ -63,11 +63,11 @@ def with_both(run: Run) -> set[str]:
     spoken = TrackLanguage(run.profile.section(YouTubeSection).language).spoken
     both: dict[str, bool] = {}
     for answer in _answers(run.root, RAW_TRANSCRIPTS):
-        found = answer.response
-        if found.outcome in FINAL:
-            tracks = found.player.tracks if found.player else []
+        transcript = answer.response
+        if transcript.outcome in FINAL:
+            tracks = transcript.player.tracks if transcript.player else []
             heard = any(one.kind == "asr" and spoken(one.language) for one in tracks)
-            both[found.video_id] = found.kind == "manual" and heard
+            both[transcript.video_id] = transcript.kind == "manual" and heard
     return {key for key, has_both in both.items() if has_both}
 
 

@@ -10,7 +10,7 @@ tracks are read in the form srv3, which has them, and in the plain form where th
 import math
 from collections.abc import Callable, Iterator
 from typing import Any
-from urllib.parse import SplitResult, parse_qs, urljoin, urlsplit
+from urllib.parse import parse_qs, urljoin, urlsplit
 from xml.etree.ElementTree import ParseError
 
 import requests
@@ -171,8 +171,12 @@ class Fetcher:
         for track, translate in self._by_preference(tracks):
             if second and (translate or not track.is_generated):
                 continue
+            shown = track
             try:
-                shown = track.translate(_code_of(language, track)) if translate else track
+                if translate:  # the site has its own codes of the languages that it translates to
+                    codes = (one.language_code for one in track.translation_languages)
+                    own = (code for code in codes if one_name(code) == one_name(language))
+                    shown = track.translate(next(own, language))
             except (lib.NotTranslatable, lib.TranslationLanguageNotAvailable):
                 continue
             cues = (self._with_word_times(track) if shown is track else None) or [
@@ -229,12 +233,16 @@ class Fetcher:
         if refused is not None and refused.throttled:
             # The library calls every 429 a block; with --wait it is not one yet.
             raise Retryable("429 from YouTube", after=refused.after, throttled=True)
-        shown = (
+        # People may be asked something instead of being shown the page.
+        target = urlsplit(
             urljoin(response.url, response.headers["Location"])
             if response.is_redirect
             else response.url
         )
-        _no_wall(urlsplit(shown))
+        if (target.hostname or "").startswith("consent."):
+            raise blocked("YouTube shows a consent wall instead of the watch page")
+        if target.path == "/sorry" or target.path.startswith("/sorry/"):
+            raise blocked("YouTube blocks this address (automated queries)")
         path = urlsplit(response.url).path
         if path == "/watch":
             self._page = response.text
@@ -249,23 +257,9 @@ class Fetcher:
             self._needs_token = _asks_for_token(response.url) and self._is_empty
 
 
-def _code_of(language: str, track: Any) -> str:
-    """The site's own code of a language that it translates to."""
-    codes: list[str] = [one.language_code for one in track.translation_languages]
-    return next((code for code in codes if one_name(code) == one_name(language)), language)
-
-
 def _asks_for_token(address: str) -> bool:
     """Whether a track can be had only with a proof-of-origin token."""
     return "xpe" in parse_qs(urlsplit(address).query).get("exp", ())
-
-
-def _no_wall(target: SplitResult) -> None:
-    """Not where people are asked something, instead of the page. Raises Blocked."""
-    if (target.hostname or "").startswith("consent."):
-        raise blocked("YouTube shows a consent wall instead of the watch page")
-    if target.path == "/sorry" or target.path.startswith("/sorry/"):
-        raise blocked("YouTube blocks this address (automated queries)")
 
 
 class SiteDoor(Door):

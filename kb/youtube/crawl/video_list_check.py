@@ -15,7 +15,7 @@ import shutil
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 
@@ -52,19 +52,9 @@ _COMPARED = ("title", "duration_s", "duration", "published_at")
 _YEAR = re.compile(r"(?:19|20)[0-9]{2}")
 
 
-class Said(NamedTuple):
-    """What a list says of a video, None where it does not. Titles as digests: lists are long."""
-
-    title: bytes | None = None
-    duration_s: int | None = None
-    year: str | None = None
-
-
-class CheckCounts(msgspec.Struct):
-    """Counts of a finished check; `by_year` year → verdict → videos."""
-
-    checked_at: str
-    by_year: dict[str, dict[str, int]]
+Listed = tuple[bytes | None, int | None, str | None]
+"""Of a video in a list the digest of its title (lists are long), its duration in seconds and its
+year, as far as the list has them."""
 
 
 def check(run: Run, ids: Path) -> Summary:
@@ -78,9 +68,9 @@ def check(run: Run, ids: Path) -> Summary:
     place = Layout(run.root).state_folder("youtube-check") / name
     kept = place.with_suffix(".json")
     if kept.is_file() and not run.again:
-        known = msgspec.json.decode(kept.read_bytes(), type=CheckCounts)
-        run.progress.say(f"{ids}: checked at {known.checked_at}; --again checks again")
-        return _summary(known.by_year, bad_lines, kept)
+        known = msgspec.json.decode(kept.read_bytes())
+        run.progress.say(f"{ids}: checked at {known['checked_at']}; --again checks again")
+        return _summary(known["by_year"], bad_lines, kept)
     if run.again and kept.is_file():
         kept.unlink()
         shutil.rmtree(place, ignore_errors=True)
@@ -90,7 +80,8 @@ def check(run: Run, ids: Path) -> Summary:
     numbers = {one: done[one] for one in ("requests", "units", "failed")}
     if done["failed"]:  # the next run asks for these again
         return Summary({**_summary(counts, bad_lines, place), **numbers})
-    write_bytes(kept, msgspec.json.encode(CheckCounts(clock.stamp(), counts)))
+    finished = {"checked_at": clock.stamp(), "by_year": counts}
+    write_bytes(kept, msgspec.json.encode(finished))
     shutil.rmtree(place)
     return Summary({**_summary(counts, bad_lines, kept), **numbers})
 
@@ -116,7 +107,7 @@ def lines(summary: Mapping[str, Any]) -> Iterator[str]:
 class Check(YouTubeConnector):
     """The ids of a list, each asked for once."""
 
-    def __init__(self, run: Run, listed: list[str], facts_of: Mapping[str, Said]) -> None:
+    def __init__(self, run: Run, listed: list[str], facts_of: Mapping[str, Listed]) -> None:
         super().__init__(run)
         self.chosen = [_READ]
         self._listed, self._facts = listed, facts_of
@@ -130,7 +121,7 @@ class Check(YouTubeConnector):
         keys = [item.key for item in items]
         answer = self._fetch.api.videos(id=",".join(keys), part="snippet,contentDetails")
         shown = {str(one.get("id")): one for one in answer.get("items") or []}
-        verdicts = {key: _verdict(shown.get(key), self._facts.get(key, Said())) for key in keys}
+        verdicts = {key: _verdict(shown.get(key), self._facts.get(key)) for key in keys}
         yield Answer(CHECKS, "videos.list", {"id": ",".join(keys)}, verdicts)
         n_missing = sum(verdict == GONE for verdict, _ in verdicts.values())
         self._count(crawled=len(keys), missing=n_missing)
@@ -147,18 +138,19 @@ class Check(YouTubeConnector):
         return Summary(asked, left=session.frontier.waiting(CHECKS))
 
 
-def _verdict(shown: Any, listed: Said) -> tuple[str, str]:
+def _verdict(shown: Any, listed: Listed | None) -> tuple[str, str]:
     """(there, changed or gone, year of publication)."""
+    digest, duration_s, listed_year = listed or (None, None, None)
     if shown is None:
-        return GONE, listed.year or UNKNOWN
+        return GONE, listed_year or UNKNOWN
     snippet = shown.get("snippet") or {}
     match = _YEAR.match(str(snippet.get("publishedAt") or ""))
-    year = match[0] if match else listed.year or UNKNOWN
+    year = match[0] if match else listed_year or UNKNOWN
     title = snippet.get("title")
-    if listed.title is not None and isinstance(title, str) and _digest(title) != listed.title:
+    if digest is not None and isinstance(title, str) and _digest(title) != digest:
         return CHANGED, year
     length = durations([(shown.get("contentDetails") or {}).get("duration")])[0][0].as_py()
-    if listed.duration_s is not None and length is not None and length != listed.duration_s:
+    if duration_s is not None and length is not None and length != duration_s:
         return CHANGED, year
     return THERE, year
 
@@ -195,28 +187,23 @@ def _summary(by_year: Mapping[str, Mapping[str, int]], bad_lines: int, path: Pat
     )
 
 
-def facts_of(path: Path) -> dict[str, Said]:
-    """What a list says of its videos beside the ids: Parquet, CSV and JSON with such columns.
+def facts_of(path: Path) -> dict[str, Listed]:
+    """What a list says of its videos besides their ids: Parquet, CSV and JSON with such columns.
 
     Raises SettingError.
     """
-    records: dict[str, Said] = {}
+    records: dict[str, Listed] = {}
     for entry in RULES.entries(path, _COMPARED):
         key, row = RULES.parse(entry), entry.record
         if key is not None and any(row.get(name) is not None for name in _COMPARED):
-            length = row.get("duration_s", row.get("duration"))
-            records[key] = _of(row.get("title"), length, row.get("published_at"))
+            title, length = row.get("title"), row.get("duration_s", row.get("duration"))
+            year = _YEAR.match(str(row.get("published_at") or ""))
+            records[key] = (
+                _digest(title) if isinstance(title, str) else None,
+                round(length) if isinstance(length, (int, float)) else None,
+                year[0] if year else None,
+            )
     return records
-
-
-def _of(title: Any, duration: Any, published: Any) -> Said:
-    length = duration if isinstance(duration, (int, float)) else None
-    match = _YEAR.match(str(published)) if published is not None else None
-    return Said(
-        _digest(title) if isinstance(title, str) else None,
-        None if length is None else round(length),
-        match[0] if match else None,
-    )
 
 
 def _digest(title: str) -> bytes:

@@ -32,7 +32,7 @@ def videos(lines: Iterable[bytes], rows: int = ROWS) -> Iterator[pa.Table]:
 
     Columns: those of youtube/videos that come from the answer, `embed_width`, `embed_height`
     (px), `yt_rating`, `fetched_at`, `problems`, and `missing`: true for an id that was asked for
-    and not returned (all else null). A row without a readable id can't be told from a missing
+    and not returned (all else null). A row without a readable id looks like a missing
     one and counts as such.
     """
     reader = _reader("youtube/videos", "videos")
@@ -66,7 +66,17 @@ def _with_missing(
     yield got
     absent = [(key, answer) for answer in answers for key in _not_returned(reader, answer)]
     if absent:
-        yield _missing(absent, got.schema)
+        own = {
+            "video_id": pa.array([key for key, _ in absent], pa.string()),
+            "fetched_at": times([answer.fetched_at for _, answer in absent])[0],
+            "missing": pa.repeat(pa.scalar(True), len(absent)),
+            "problems": problems({}, len(absent)),
+        }
+        columns = [
+            own[field.name] if field.name in own else pa.nulls(len(absent), field.type)
+            for field in got.schema
+        ]
+        yield pa.table(columns, schema=got.schema)
 
 
 def transcripts(lines: Iterable[bytes], rows: int = 512) -> Iterator[pa.Table]:
@@ -146,20 +156,6 @@ def _not_returned(reader: ColumnReader, answer: DecodedAnswer) -> list[str]:
         return []
     there = {value for value in got if isinstance(value, str)}
     return [key for key in asked if key not in there]
-
-
-def _missing(absent: list[tuple[str, DecodedAnswer]], schema: pa.Schema) -> pa.Table:
-    own = {
-        "video_id": pa.array([key for key, _ in absent], pa.string()),
-        "fetched_at": times([answer.fetched_at for _, answer in absent])[0],
-        "missing": pa.repeat(pa.scalar(True), len(absent)),
-        "problems": problems({}, len(absent)),
-    }
-    columns = [
-        own[field.name] if field.name in own else pa.nulls(len(absent), field.type)
-        for field in schema
-    ]
-    return pa.table(columns, schema=schema)
 
 
 def _items(response: Any) -> list[dict[str, Any]]:

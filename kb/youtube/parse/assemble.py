@@ -68,18 +68,11 @@ def checked(
     fits = pc.equal(pc.list_value_length(starts).cast(pa.int64()), words)
     reason = pc.if_else(pc.fill_null(fits, True), reason, MISMATCH)
     starts = pc.if_else(pc.is_null(reason), starts, pa.scalar(None, starts.type))
-    has_words = pc.and_(pc.is_null(starts), pc.greater(words, 0))
-    return starts, _of_tracks(len(cues), track, reason, has_words)
-
-
-def _of_tracks(
-    tracks: int, track: pa.Array[Any], reason: pa.Array[Any], without: pa.Array[Any]
-) -> pa.Array[Any]:
-    """Why the first cue of each track with words and without word times has none."""
-    hit = pc.indices_nonzero(without)
-    first = pc.index_in(pa.array(np.arange(tracks)), value_set=track.take(hit))
-    why = pc.fill_null(reason.take(hit), ABSENT).take(first)
-    return pc.fill_null(why, COMPLETE)
+    # A track's reason is that of its first cue with words and without word times.
+    without = pc.indices_nonzero(pc.and_(pc.is_null(starts), pc.greater(words, 0)))
+    first = pc.index_in(pa.array(np.arange(len(cues))), value_set=track.take(without))
+    why = pc.fill_null(reason.take(without), ABSENT).take(first)
+    return starts, pc.fill_null(why, COMPLETE)
 
 
 FROM_FILE = "from_file"  # true for a video that only an imported file tells of
@@ -311,7 +304,7 @@ def _with_own(
 ) -> pa.Table:
     """Usable outcomes and those of own transcripts, which take the place of what YouTube has no
     text for, `before` of all but what its page restricts by age; `origin` says whose each is. What
-    the page told else stays.
+    else the page says stays.
     """
     service = service.append_column("origin", pa.repeat(pa.scalar("service"), service.num_rows))
     if own is None:
@@ -431,5 +424,5 @@ def second_tracks(
             tracks = assemble({"transcripts": rows}, words)["youtube/transcripts"]
             tracks = tracks.filter(pc.is_in(tracks["video_id"], value_set=left))
             yield newest(tracks, ("video_id",), ())
-            found = tracks["video_id"].combine_chunks()
-            left = left.filter(pc.invert(pc.is_in(left, value_set=found)))
+            read = tracks["video_id"].combine_chunks()
+            left = left.filter(pc.invert(pc.is_in(left, value_set=read)))

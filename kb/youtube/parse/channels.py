@@ -1,4 +1,4 @@
-"""Channels whose videos are left out on request: how they are told in an answer.
+"""Channels whose videos are left out on request: how answers name them.
 
 A tombstone has a digest in place of a channel's id. Where ids of channels stand in answers,
 `schemas/raw/youtube/` says (`x-keys`, of "channel" and "uploads"); what is theirs leaves an answer
@@ -43,7 +43,7 @@ class LeftOut(Collection[str]):
         return mark(channel_of(name) if self._lists else name) in self._marks
 
     def __iter__(self) -> Iterator[str]:
-        return iter(())  # nobody can say their ids
+        return iter(())  # their ids are unknown
 
     def __len__(self) -> int:
         return len(self._marks)
@@ -64,8 +64,8 @@ class ChannelFilter:
 
     def theirs(self, kind: str, params: dict[str, Any], response: Any) -> set[str]:
         """The videos of an answer that are of these channels."""
-        found = theirs(kind, params, response) if self._marks else ()
-        return {key for channel, key in found if channel in self}
+        pairs = theirs(kind, params, response) if self._marks else ()
+        return {key for channel, key in pairs if channel in self}
 
     def without(
         self, kind: str, params: dict[str, Any], response: Any

@@ -184,7 +184,10 @@ class _Import:
         """What `take` makes of a file of at most so many bytes, unless it was imported before."""
         try:
             about = entry.stat()
-            params = _params(name, about)
+            # What tells one file from another; never the folder, which is of this machine alone.
+            file = name.encode(errors="surrogateescape").decode(errors="replace")
+            changed = _time(about).isoformat()
+            params: dict[str, Any] = {"file": file, "bytes": about.st_size, "changed": changed}
             if (key := _key(broken == BROKEN_TRANSCRIPTS, **params)) in self._known:
                 self.counts["known_files"] += 1
                 return
@@ -379,12 +382,6 @@ def _key(own: bool, file: str, bytes: int, changed: str) -> bytes:
     """A file may be both yt-dlp's and one's own transcript, as the user says."""
     text = f"{own:d}\0{file}\0{bytes}\0{changed}"
     return hashlib.blake2b(text.encode(), digest_size=12).digest()
-
-
-def _params(name: str, about: os.stat_result) -> dict[str, Any]:
-    """What tells one file from another; never the folder, which is of this machine alone."""
-    file = name.encode(errors="surrogateescape").decode(errors="replace")
-    return {"file": file, "bytes": about.st_size, "changed": _time(about).isoformat()}
 
 
 def _time(about: os.stat_result) -> datetime:

@@ -86,7 +86,7 @@ _WORD = re.compile(r"[A-Za-z]?[a-z]{10}")  # no id: "transcripts", a folder
 
 class OwnName(NamedTuple):
     """What the name of one's own transcript says: what may be the video's id, in the order in which
-    films are found; which of them is one although nobody knows the video; the language.
+    films are found; which of them is one even if the video is unknown; the language.
     """
 
     ids: list[str]

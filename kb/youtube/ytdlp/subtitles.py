@@ -6,7 +6,7 @@ plain form: one cue a line, in the track's order.
     json3   the same as events with `segs`; `aAppend` for `a`
     vtt     what the rolling display shows: a cue repeats the line before it, and cues of 10 ms hold
             only the repetition; <00:00:18.239><c> no</c> before each word. Identifiers of cues,
-            notes, styles and regions are no speech (W3C WebVTT, section 4)
+            notes, styles and regions are not speech (W3C WebVTT, section 4)
     srt     the same without times of words, where yt-dlp converted it. Whisper can underline the
             word that is spoken, in a cue of its own that repeats the whole text
     json    what Whisper, WhisperX and faster-whisper heard: `segments` with `start`, `end` (s) and
@@ -77,25 +77,28 @@ def read(form: str, text: str) -> CaptionTrack:
     """The track in a file of the form vtt, srv3, json3, srt or json. Raises ValueError for anything
     else.
     """
-    forms = {"vtt": _vtt, "srv3": _srv3, "json3": _json3, "srt": _srt, "json": _segments}
-    lines, timed = forms[form](text.removeprefix("\ufeff"))
+    text = text.removeprefix("\ufeff")
+    if form == "vtt" and not text.startswith("WEBVTT"):
+        raise ValueError("not WebVTT")
+    forms = {"vtt": _srt, "srv3": _srv3, "json3": _json3, "srt": _srt, "json": _segments}
+    lines, timed = forms[form](text)
     placed = [line for line in lines if line.start >= 0]
     if lines and not placed:
         raise ValueError("no line has a time that can be read")
     cues = []
     for line in placed:
-        said = "".join(piece for _, piece in line.parts)
+        spoken = "".join(piece for _, piece in line.parts)
         starts = [start for start, piece in line.parts for _ in piece]
-        words = [starts[word.start()] / 1000 for word in _WORD.finditer(said)]
+        words = [starts[word.start()] / 1000 for word in _WORD.finditer(spoken)]
         if words:
             length = max(0, line.end - line.start) / 1000
             cues.append(
-                Cue(line.start / 1000, length, said, words if timed and line.timed else None)
+                Cue(line.start / 1000, length, spoken, words if timed and line.timed else None)
             )
     return CaptionTrack(cues, timed)
 
 
-def _whole(value: Any, otherwise: int = 0) -> int:
+def _milliseconds(value: Any, otherwise: int = 0) -> int:
     """A number of ms, however it is written."""
     try:
         number = float(value)
@@ -112,24 +115,30 @@ def _srv3(text: str) -> tuple[list[_Line], bool]:
         root = ElementTree.fromstring(_NO_CHARACTER.sub(_replaced, text))
     except ElementTree.ParseError as error:
         raise ValueError(f"not XML: {error}") from None
+    lines, timed = [], False
     if root.tag == "transcript":
-        return list(_plain_lines(root)), False
+        for line in root.iter("text"):
+            start = _seconds(line.get("start"))
+            end = start + max(_seconds(line.get("dur", 0)), 0)
+            # This form escapes its text twice: tags stand in it once.
+            spoken = html.unescape(_TAG.sub("", line.text or ""))
+            lines.append(_Line(start, end, [(start, spoken)]))
+        return lines, False
     if root.tag != "timedtext":
         raise ValueError(f"<{root.tag}> in place of <timedtext>")
-    lines, timed = [], False
     for line in root.iter("p"):
-        start = _whole(line.get("t", 0), -1)
+        start = _milliseconds(line.get("t", 0), -1)
         if line.get("a") == "1":
             continue
         words = line.findall("s")
         parts = [(start, line.text or "")]
         for word in words:
-            at = start + _whole(word.get("t", 0))
+            at = start + _milliseconds(word.get("t", 0))
             parts += [(at, "".join(word.itertext())), (at, word.tail or "")]
             timed = timed or "t" in word.attrib or "ac" in word.attrib
         if words:  # line breaks between the elements belong to the file, not to the text
             parts = [part for part in parts if part[1].strip() or "\n" not in part[1]]
-        lines.append(_Line(start, start + _whole(line.get("d", 0)), parts))
+        lines.append(_Line(start, start + _milliseconds(line.get("d", 0)), parts))
     return lines, timed
 
 
@@ -139,16 +148,8 @@ def _replaced(match: re.Match[str]) -> str:
     if not (hexadecimal or decimal):
         return "\ufffd"
     code = int(hexadecimal, 16) if hexadecimal else int(decimal)
-    held = code in (9, 10, 13) or 0x20 <= code < 0xD800 or 0xE000 <= code < 0xFFFE
-    return match[0] if held or 0x10000 <= code <= 0x10FFFF else "\ufffd"
-
-
-def _plain_lines(root: ElementTree.Element) -> Iterator[_Line]:
-    """Of the plain form, which escapes its text twice: tags stand in it once."""
-    for line in root.iter("text"):
-        start = _seconds(line.get("start"))
-        end = start + max(_seconds(line.get("dur", 0)), 0)
-        yield _Line(start, end, [(start, html.unescape(_TAG.sub("", line.text or "")))])
+    valid = code in (9, 10, 13) or 0x20 <= code < 0xD800 or 0xE000 <= code < 0xFFFE
+    return match[0] if valid or 0x10000 <= code <= 0x10FFFF else "\ufffd"
 
 
 def _seconds(value: Any) -> int:
@@ -172,16 +173,16 @@ def _json3(text: str) -> tuple[list[_Line], bool]:
     for event in events:
         if not isinstance(event, dict) or not isinstance(event.get("segs"), list):
             continue
-        start = _whole(event.get("tStartMs", 0), -1)
-        if _whole(event.get("aAppend")) == 1:
+        start = _milliseconds(event.get("tStartMs", 0), -1)
+        if _milliseconds(event.get("aAppend")) == 1:
             continue
         parts = []
         for segment in event["segs"]:
             if isinstance(segment, dict):
-                offset, said = _whole(segment.get("tOffsetMs")), segment.get("utf8")
-                parts.append((start + offset, said if isinstance(said, str) else ""))
+                offset, spoken = _milliseconds(segment.get("tOffsetMs")), segment.get("utf8")
+                parts.append((start + offset, spoken if isinstance(spoken, str) else ""))
                 timed = timed or bool(offset) or segment.get("acAsrConf") is not None
-        lines.append(_Line(start, start + _whole(event.get("dDurationMs")), parts))
+        lines.append(_Line(start, start + _milliseconds(event.get("dDurationMs")), parts))
     return lines, timed
 
 
@@ -199,25 +200,15 @@ class _Row(NamedTuple):
     underlined: bool
 
 
-class _Shown(NamedTuple):
-    """What is shown between two moments in ms: the rows that have a text."""
-
-    start: int
-    end: int
-    rows: list[_Row]
-
-
-def _vtt(text: str) -> tuple[list[_Line], bool]:
-    if not text.startswith("WEBVTT"):
-        raise ValueError("not WebVTT")
-    return _srt(text)
+_Shown = tuple[int, int, list[_Row]]
+"""What is shown between two moments in ms: the rows that have a text."""
 
 
 def _srt(text: str) -> tuple[list[_Line], bool]:
     cues = list(_cues(text))
     if not cues and "-->" in text:
         raise ValueError("no timing can be read")
-    timed = any(row.timed for cue in cues for row in cue.rows)
+    timed = any(row.timed for _, _, rows in cues for row in rows)
     return _without_repetition(cues, timed), timed
 
 
@@ -225,18 +216,21 @@ def _cues(text: str) -> Iterator[_Shown]:
     """Only what stands between a timing and a line that is truly empty is shown: YouTube's cues
     hold lines of one space.
     """
-    shown: _Shown | None = None
+    start = end = 0
+    rows: list[_Row] | None = None
     for line in re.split(r"\r\n?|\n", text):
         timing = _TIMING.fullmatch(line.strip(" \t"))
         if timing or not line or line.lstrip().startswith("-->"):
-            if shown is not None:
-                yield shown
-            groups = timing.groups() if timing else ()
-            shown = _Shown(_ms(groups[:4]), _ms(groups[4:]), []) if timing else None
-        elif shown is not None and (row := _row(line, shown.start)).text:
-            shown.rows.append(row)
-    if shown is not None:
-        yield shown
+            if rows is not None:
+                yield start, end, rows
+            rows = None
+            if timing:
+                groups = timing.groups()
+                start, end, rows = _ms(groups[:4]), _ms(groups[4:]), []
+        elif rows is not None and (row := _row(line, start)).text:
+            rows.append(row)
+    if rows is not None:
+        yield start, end, rows
 
 
 def _row(line: str, start: int) -> _Row:
@@ -246,8 +240,8 @@ def _row(line: str, start: int) -> _Row:
         at, done = _ms(mark.groups()), mark.end()
     pieces.append((at, line[done:]))
     parts = [(at, html.unescape(_TAG.sub("", piece))) for at, piece in pieces]
-    said = "".join(text for _, text in parts).strip()
-    return _Row(parts, said, len(parts) > 1, "<u>" in line)
+    spoken = "".join(text for _, text in parts).strip()
+    return _Row(parts, spoken, len(parts) > 1, "<u>" in line)
 
 
 def _ms(groups: tuple[str | None, ...]) -> int:
@@ -305,16 +299,16 @@ def _segments(text: str) -> tuple[list[_Line], bool]:
         if not isinstance(segment, dict):
             continue
         start, end = (_seconds(segment.get(name)) for name in ("start", "end"))
-        given, said = segment.get("words"), segment.get("text")
+        given, spoken = segment.get("words"), segment.get("text")
         words = [one for one in given if isinstance(one, dict)] if isinstance(given, list) else []
         pieces = [str(one.get("word", "")) for one in words]
-        said = said.strip() if isinstance(said, str) else ""
+        spoken = spoken.strip() if isinstance(spoken, str) else ""
         # Whisper's words bring their spaces along, WhisperX's don't.
         joined = (glue.join(pieces).split() for glue in ("", " "))
-        fits = next((one for one in joined if one == (said or " ".join(pieces)).split()), [])
+        fits = next((one for one in joined if one == (spoken or " ".join(pieces)).split()), [])
         starts = _every_start([_seconds(one.get("start")) for one in words], start, end)
         if not (fits and starts):
-            lines.append(_Line(start, end, [(start, said)], timed=False))
+            lines.append(_Line(start, end, [(start, spoken)], timed=False))
             continue
         glue = "" if "".join(pieces).split() == fits else " "
         parts = [(at, f"{piece}{glue}") for at, piece in zip(starts, pieces, strict=True)]
@@ -327,8 +321,8 @@ def _segments(text: str) -> tuple[list[_Line], bool]:
 def heard_language(text: str) -> str | None:
     """The language that JSON of speech recognition names; None where it names none."""
     document = lenient.json_value(text)
-    whole = document if isinstance(document, dict) else {}
-    for part in (whole, whole.get("info"), whole.get("result")):
+    top = document if isinstance(document, dict) else {}
+    for part in (top, top.get("info"), top.get("result")):
         if isinstance(part, dict) and isinstance(language := part.get("language"), str):
             return code_of(language) or None
     return None

@@ -143,7 +143,11 @@ def with_imported(
     if crawled is not None:
         crawled = put(crawled, READ_FROM, pa.array([PAGE] * crawled.num_rows, pa.string()))
     listed = _listed(files)
-    outcomes = [*_none(listed, wanted)]
+    outcomes: list[_Found] = []
+    for video, tracks in listed.items():  # without any track: older than all else that is known
+        names = tracks.manual | (tracks.automatic if wanted.translate else tracks.heard)
+        if not any(map(wanted.spoken, names)):
+            outcomes.append((video, "none", None, None, None))
     if imported is not None:
         outcomes += _chosen(
             imported, wanted, lambda video, name, timed: kind_of(name, timed, listed.get(video))
@@ -196,14 +200,6 @@ def own(files: pa.Table | None, wanted: TrackLanguage) -> pa.Table | None:
     return _outcomes(
         [*_chosen(files, wanted, lambda video, name, timed: TrackKind("asr", name, "asr"))]
     )
-
-
-def _none(listed: dict[str, ListedTracks], wanted: TrackLanguage) -> Iterator[_Found]:
-    """Videos without any track that could be read: older than anything else that is known."""
-    for video, tracks in listed.items():
-        names = tracks.manual | (tracks.automatic if wanted.translate else tracks.heard)
-        if not any(map(wanted.spoken, names)):
-            yield video, "none", None, None, None
 
 
 def _listed(files: pa.Table | None) -> dict[str, ListedTracks]:

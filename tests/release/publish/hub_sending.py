@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 from kb.sandbox.hub.repository import Repository
 from kb.sandbox.hub.service import HubService
+from tests import processes
 from tests.cli.conftest import clean_environment
 from tests.faults import Sandbox
 from tests.inprocess import Done
@@ -39,13 +39,8 @@ def command(root: Path, *words: str) -> list[str]:
 
 def kb(service: Sandbox, root: Path, *words: str, **env: str) -> Done:
     """`kb WORDS` to its end."""
-    done = subprocess.run(
-        command(root, *words),
-        env=environment(service, root, **env),
-        text=True,
-        capture_output=True,
-        check=False,
-    )
+    _, _, _, *arguments = command(root, *words)
+    done = processes.run(arguments, env=environment(service, root, **env), cwd=root.parent)
     return Done(done.returncode, done.stdout, done.stderr)
 
 

@@ -13,6 +13,7 @@ import pytest
 from kb.release.publish.repository import joined
 from kb.sandbox.hub.repository import git_blob
 from kb.sandbox.hub.service import STRANGER, TOKEN
+from tests import processes
 from tests.faults import Sandbox
 from tests.inprocess import Done
 from tests.release.publish.hub_sending import (
@@ -251,14 +252,7 @@ def at_address(service: Sandbox, root: Path, *words: str, **env: str) -> Done:
     """`kb WORDS` in an empty folder, with the hub's address and token."""
     empty = root.parent / "elsewhere"
     empty.mkdir(exist_ok=True)
-    done = subprocess.run(
-        [sys.executable, "-m", "kb", *words],
-        env=environment(service, root, PYTHONPATH=str(Path.cwd()), **env),
-        cwd=empty,
-        text=True,
-        capture_output=True,
-        check=False,
-    )
+    done = processes.run(words, env=environment(service, root, **env), cwd=empty)
     assert list(empty.iterdir()) == []
     return Done(done.returncode, done.stdout, done.stderr)
 

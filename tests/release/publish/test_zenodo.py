@@ -80,6 +80,11 @@ REFUSALS: dict[str, tuple[dict[str, Any], type[KbError], str]] = {
         QuotaSpent,
         "limit is spent until",
     ),
+    "a limit of centuries": (
+        {"status": 429, "headers": {"X-RateLimit-Reset": str(2**33)}},
+        QuotaSpent,
+        "limit is spent until",
+    ),
 }
 
 

@@ -164,8 +164,8 @@ def test_http_redirect_away(pages, look):
 
 
 def test_too_tall_and_too_many(pages, look):
-    with pytest.raises(ItemFinal, match="too_tall: 2000"):
-        look(pages.put("/too-tall", TEXT + "<div style='height:200000px'></div>"))
+    with pytest.raises(ItemFinal, match="too_tall: 30"):
+        look(pages.put("/too-tall", TEXT + "<div style='height:3000px'></div>"), max_height=2000)
     with pytest.raises(ItemFinal, match="too_many_elements"):
         look(pages.put("/too-many", TEXT + "<p>x</p>" * 30), rules={"max_elements": 20})
 

@@ -49,11 +49,11 @@ def test_an_answer_of_another_shape_is_no_answer(wiki, api, answer) -> None:
 def test_html_instead_of_json_is_shown(wiki, api) -> None:
     wiki.hook = lambda request: Response("<html>\n checking your browser</html>")
     with pytest.raises(
-        Blocked, match=r'/w/api.php returns no JSON but "<html> checking your browser</html>"'
+        Blocked, match=r'/w/api.php returns "<html> checking your browser</html>" instead of JSON'
     ):
         api.site()
     wiki.hook = lambda request: Response("busy")
-    with pytest.raises(Retryable, match=r'/w/api.php returns no JSON but "busy"'):
+    with pytest.raises(Retryable, match=r'/w/api.php returns "busy" instead of JSON'):
         api.site()
     wiki.hook = lambda request: {"error": {"code": "internal_api_error_Foo", "info": "x"}}
     with pytest.raises(Retryable, match="internal_api_error_Foo"):

@@ -40,6 +40,7 @@ from kb.wiki.crawl.connector import LAST_SECONDS, crawl
 from tests import processes
 from tests.faults import Sandbox
 from tests.wiki.browser.test_chromium import ended
+from tests.wiki.test_text import check_against_a_browser
 
 NOW = "2026-11-20T12:00:00Z"
 # The first pages by title: one with tables, one that is too short, one with picture files, one with
@@ -131,6 +132,10 @@ def test_whole_crawl(whole, sandbox):
     agents = {seen.agent for seen in sandbox.ledger.requests("")}
     assert len(agents) == 1
     assert "test@example.org" in agents.pop()
+
+
+def test_pages_are_told_as_they_are_shown(copied, sandbox, programs):
+    check_against_a_browser(copied, sandbox.servers["wiki"].url, programs)
 
 
 def test_finished_crawl_asks_nothing(whole, sandbox):

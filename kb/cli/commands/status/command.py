@@ -11,6 +11,7 @@ from kb.core.sources import SOURCES
 from kb.core.summary import vocabulary
 
 _COPIES = "restored", "released"
+_SHOWN_REASONS = 5
 
 app = group("Show progress, quota, age of the data and what is left.")
 
@@ -56,8 +57,8 @@ def lines(about: dict[str, Any]) -> list[str]:
             ),
         ]
     for source, facts in about["sources"].items():
-        told = _source(source, facts)
-        shown += told if len(told) > 1 or facts["running_pid"] else []
+        about_it = _source(source, facts)
+        shown += about_it if len(about_it) > 1 or facts["running_pid"] else []
     rows = {"pairs": next(filter(None, about["pairs"].values()), 0), "tasks": about["tasks"]}
     if made := {name: n for name, n in (rows | about["links"]).items() if n}:
         shown.append(f"made of them: {vocabulary.nouns(made)}")
@@ -106,7 +107,7 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
             facts["crawled_so_far"] - sorted_so_far, f"{{n}} {facts['counted']} crawled"
         )
         lines.append(f"  {more} but not filtered yet")
-    own = (*facts["tally"], "rejected", "failed", "pending")  # told by the lines above
+    own = (*facts["tally"], "rejected", "failed", "pending")  # in the lines above
     extra = {name: n for name, n in facts["rows"].items() if name not in own}
     for title, numbers in (
         ("left", facts["left_by"]),
@@ -126,6 +127,10 @@ def _source(source: str, facts: dict[str, Any]) -> list[str]:
             if one["left"] or one.get("error", 0)  # what is done says nothing about what to do
         },
     )
+    if failures := facts["failures"]:
+        shown = [f"{reason} ({n:,})" for reason, n in failures.items()][:_SHOWN_REASONS]
+        rest = ", …" if len(failures) > _SHOWN_REASONS else ""
+        lines.append(f"  failed: {', '.join(shown)}{rest}")
     if facts["quota"] and not facts["lacks"]:
         buckets = facts["quota"].items()
         shares = [f"{name} {one['spent']:,} of {one['limit']:,}" for name, one in buckets]

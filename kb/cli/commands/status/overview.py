@@ -67,8 +67,8 @@ def overview(run: Run) -> dict[str, Any]:
     links = _schema_rows(catalog, "links", "links")
     stale = []
     if run.profile.path != Path() and not catalog.is_download:
-        found = freshness.plan(run, freshness.graph(run))
-        stale = [{"artifact": name, "reasons": why} for name, why in found.items()]
+        outdated = freshness.plan(run, freshness.graph(run))
+        stale = [{"artifact": name, "reasons": why} for name, why in outdated.items()]
     folders = [one.path for one in catalog.releases] if catalog.is_download else []
     if not folders:
         folders = [run.root / name for name in (*TOP, "demo") if (run.root / name).is_dir()]
@@ -111,6 +111,7 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
         else "",
         "counted": of.counted,
         "phases": {},
+        "failures": {},
         "left_by": {},
         "crawled_so_far": 0,
         "requests": 0,
@@ -125,7 +126,9 @@ def _source(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
     about |= {"released": released, "restored": restored}
     about |= _age(run, source, catalog)
     about["waiting"] = _waiting(run.root, source)
-    about["unknown_keys"] = _unknown_keys(run.root, source)
+    # Keys of answers that schemas/ does not declare, as often as the last filter saw them.
+    keys = reading.filtered(run.root, source).get("unknown_keys")
+    about["unknown_keys"] = keys if isinstance(keys, dict) else {}
     return about | of.incomplete(run.root)
 
 
@@ -143,6 +146,7 @@ def _frontier(run: Run, source: Source, state: Path) -> dict[str, Any]:
         requests, _ = frontier.requests()
         return {
             "phases": phases,
+            "failures": frontier.failures(),
             "left_by": source.left_by(kinds),
             "crawled_so_far": source.crawled(frontier),
             "requests": requests,
@@ -194,14 +198,6 @@ def _age(run: Run, source: str, catalog: Catalog) -> dict[str, Any]:
         "max_age_days": max_age,
         "too_old": old if max_age else 0,
     }
-
-
-def _unknown_keys(root: Path, source: str) -> dict[str, int]:
-    """Keys of answers that schemas/ does not declare, with how often they were seen by the last
-    filter.
-    """
-    keys = reading.filtered(root, source).get("unknown_keys", {})
-    return keys if isinstance(keys, dict) else {}
 
 
 def _in_order(counts: Mapping[str, int]) -> dict[str, int]:

@@ -15,15 +15,8 @@ from pydantic import Field, ValidationError, create_model
 
 from kb.core.config.profile.base import Section, problems
 from kb.core.config.profile.collecting import RedditSection, WikiSection, YouTubeSection
-from kb.core.config.profile.products import (
-    ClipFiles,
-    Pairs,
-    Release,
-    Report,
-    Scoring,
-    Tasks,
-    Toxicity,
-)
+from kb.core.config.profile.products import ClipFiles, Pairs, Report, Scoring, Tasks, Toxicity
+from kb.core.config.profile.release import Release
 from kb.core.config.text_files import read_text
 from kb.core.errors import ProfileError
 from kb.core.installation import PROFILE_FILE, folder
@@ -120,11 +113,6 @@ def load_profile(name: str | Path) -> Profile:
     except ValidationError as error:
         wrong = [f"{what}: {fix}" if fix else what for _, what, fix in problems(error, Profile)]
         raise ProfileError(f"profile {path}: {'; '.join(wrong)}", hint=check) from None
-
-
-def is_shipped(name: str) -> bool:
-    """Whether a profile of that name comes with the package."""
-    return name in shipped_names()
 
 
 def shipped_names() -> list[str]:

@@ -42,7 +42,7 @@ Phrases = Annotated[tuple[str, ...], AfterValidator(_without_empty)]
 
 
 ERROR = "error"  # the profile can't be used as it is
-WARNING = "warning"  # it can be used, and hardly does what was meant
+WARNING = "warning"  # it can be used, but probably does not do what was meant
 NOTE = "note"  # good to know
 LEVELS = (ERROR, WARNING, NOTE)
 
@@ -111,7 +111,7 @@ def problems(error: ValidationError, model: type[BaseModel]) -> list[Problem]:
     """
     every = error.errors(include_url=False)
     entries = {one["loc"][:-1] for one in every if one["loc"] and isinstance(one["loc"][-1], int)}
-    found: list[Problem] = []
+    wrong: list[Problem] = []
     for one in every:
         if one["loc"] in entries:
             continue
@@ -125,21 +125,21 @@ def problems(error: ValidationError, model: type[BaseModel]) -> list[Problem]:
             names = set(section.model_fields) - {"path"} if section else set()
             close = difflib.get_close_matches(str(last), names, n=1, cutoff=0.5)
             fix = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(sorted(names))}"
-            found.append((key, f"unknown key '{key}'", fix))
+            wrong.append((key, f"unknown key '{key}'", fix))
         elif kind == "missing":
-            found.append((key, f"'{key}' is missing", f"add a line {key} = … ({about})"))
+            wrong.append((key, f"'{key}' is missing", f"add a line {key} = … ({about})"))
         elif value == FILL_IN:
             key = key.partition("[")[0]
-            found.append((key, f"'{key}' is still to be filled in", about))
+            wrong.append((key, f"'{key}' is still to be filled in", about))
         else:
             fix = one["msg"].removeprefix("Value error, ")
             if kind == "string_pattern_mismatch":
                 fix = f"must be: {about}"  # rather than a regular expression
             if isinstance(value, (dict, BaseModel)):  # a table is not shown whole
-                found.append((key, f"'{key}': {fix}", ""))
+                wrong.append((key, f"'{key}': {fix}", ""))
             else:
-                found.append((key, f"'{key}' is {terminal.shown(value)}", fix))
-    return list(dict.fromkeys(found))
+                wrong.append((key, f"'{key}' is {terminal.shown(value)}", fix))
+    return list(dict.fromkeys(wrong))
 
 
 def full_key(parts: Iterable[int | str]) -> str:

@@ -1,5 +1,5 @@
 """Everything about a profile's file that can be known without asking anybody, all of it at once:
-TOML, unknown keys, wrong values, and what is allowed but can hardly be meant.
+TOML, unknown keys, wrong values, and what is allowed but probably not meant.
 """
 
 import contextlib
@@ -132,7 +132,7 @@ def _removed(data: dict[str, Any], place: tuple[int | str, ...]) -> bool:
     return False
 
 
-# -- what a profile may say by its types and can hardly mean --------------------------------------
+# -- what the types allow and is probably not meant -----------------------------------------------
 
 
 def _meant(profile: Profile, data: dict[str, Any]) -> Iterator[Remark]:
@@ -203,7 +203,7 @@ def _published(profile: Profile) -> Iterator[Remark]:
 
 
 def _left_open(key: str, value: Any) -> Iterator[Remark]:
-    """Words to fill in that are text as good as any."""
+    """Values that are still to be filled in and that no type refuses."""
     if isinstance(value, dict):
         for name, inner in value.items():
             yield from _left_open(f"{key}.{name}" if key else name, inner)
@@ -212,14 +212,14 @@ def _left_open(key: str, value: Any) -> Iterator[Remark]:
 
 
 def _own_name(profile: Profile) -> Iterator[Remark]:
-    """A profile of another domain that is called as a shipped one."""
+    """A profile of another domain that has the name of a shipped one."""
     here, name = profile.path.parent, profile.name
     if here.parent == folder("profiles").resolve() and name != here.name:
         what = f"'name' is \"{name}\", and the profile's folder is {here.name}"
         yield ERROR, "name", what, f'a copied profile needs a name of its own: name = "{here.name}"'
         return
     for shipped in shipped_names():
-        with contextlib.suppress(ProfileError):  # a damaged one is no rival
+        with contextlib.suppress(ProfileError):  # a damaged one has no name
             other = load_profile(shipped)
             if other.path == profile.path:
                 continue
@@ -307,7 +307,7 @@ def _wiki(profile: Profile) -> Iterator[Remark]:
         yield ERROR, "wiki.max_page_height", what, fix
     if wiki.page_seconds <= wiki.settle_seconds:
         what = f"'wiki.page_seconds' is {wiki.page_seconds:g}"
-        fix = f"more than settle_seconds ({wiki.settle_seconds:g}), or moving pages count as hung"
+        fix = f"write more than settle_seconds ({wiki.settle_seconds:g}): moving pages need it"
         yield WARNING, "wiki.page_seconds", what, fix
 
 

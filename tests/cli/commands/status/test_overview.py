@@ -26,6 +26,8 @@ def test_progress_quota_age_and_disk(kb: Any, root: Path) -> None:
         "left": 2,
     }
     assert source["phases"]["transcripts"]["left"] == 1
+    assert source["failures"] == {"http 500": 1}
+    assert "  failed: http 500 (1)\n" in kb("status").stdout
     assert (source["left"], about["left"]) == (3, 3), "what failed is counted by itself"
     assert (source["requests"], source["units"]) == (3, 3)
     assert source["quota"]["general"] == {
