@@ -2,7 +2,6 @@
 adds to a crawl of Reddit.
 """
 
-import json
 import os
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,7 +11,6 @@ import pytest
 from kb.cli.commands.demo import play
 from kb.cli.framework.options import Options
 from tests.cli.conftest import clean_environment
-from tests.once import once
 from tests.small_worlds import DEMO
 
 NOW = "2026-11-20T12:00:00Z"
@@ -41,9 +39,6 @@ def played(place: Path, profile: str, without: tuple[str, ...]) -> Demo:
 
 @pytest.fixture(scope="session")
 def cooking(tmp_path_factory: pytest.TempPathFactory) -> Demo:
-    def make(folder: Path) -> None:
-        made = played(folder, "cooking", ("reddit import", "refresh reddit", "report"))
-        (folder / "steps.json").write_text(json.dumps(made.steps, default=str))
-
-    folder = once(tmp_path_factory, "cooking", make)
-    return Demo(folder / "demo", json.loads((folder / "steps.json").read_text()))
+    return played(
+        tmp_path_factory.mktemp("cooking"), "cooking", ("reddit import", "refresh reddit", "report")
+    )
