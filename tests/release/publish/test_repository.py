@@ -252,7 +252,8 @@ def at_address(service: Sandbox, root: Path, *words: str, **env: str) -> Done:
     """`kb WORDS` in an empty folder, with the hub's address and token."""
     empty = root.parent / "elsewhere"
     empty.mkdir(exist_ok=True)
-    done = processes.run(words, env=environment(service, root, **env), cwd=empty)
+    fresh = any(name.startswith("FSSPEC_") for name in env)  # fsspec reads them at its import
+    done = processes.run(words, env=environment(service, root, **env), cwd=empty, fresh=fresh)
     assert list(empty.iterdir()) == []
     return Done(done.returncode, done.stdout, done.stderr)
 
