@@ -309,7 +309,7 @@ if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not where i
     signal.signal(signal.SIGINT, stop)
 os.write(1, b"ready " + sys.stdin.buffer.readline())
 while True:
-    signal.pause()
+    time.sleep(0.1)
 """
 
 

@@ -189,8 +189,8 @@ def test_the_world_is_the_profiles(tmp_path: Path) -> None:
 def test_sigterm_reaches_the_command(tmp_path: Path) -> None:
     ready = tmp_path / "ready"
     script = (
-        "import signal, sys; signal.signal(signal.SIGTERM, lambda *_: sys.exit(3));"
-        f" open({str(ready)!r}, 'w').close(); signal.pause()"
+        "import signal, sys; signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM]);"
+        f" open({str(ready)!r}, 'w').close(); signal.sigwait([signal.SIGTERM]); sys.exit(3)"
     )
     child = subprocess.Popen([*KB, "--", sys.executable, "-c", script])
     while not ready.exists() and child.poll() is None:
