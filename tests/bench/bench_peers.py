@@ -45,7 +45,8 @@ def beside(name: str, ways: dict[str, Run]) -> None:
             assert found[way][-1].code == 0, found[way][-1].said
     own: tuple[float, ...] = ()
     for way, runs in found.items():
-        figures = tuple(statistics.median(one[at] for one in runs) for at in range(3))
+        columns = zip(*((one.cpu, one.wall, one.peak) for one in runs), strict=True)
+        figures = tuple(map(statistics.median, columns))
         own = own or figures
         line = f"{name:15} {way:14}" + "".join(f"{figure:10,.1f}" for figure in figures)
         ratios = [mine / theirs for mine, theirs in zip(own, figures, strict=True)]
