@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import duckdb
 
-from kb.look.charts import number
+from kb.look.charts import number, step
 
 _BARS = 40
 _DIGITS = 3  # of an edge
@@ -77,8 +77,8 @@ class Histogram(NamedTuple):
     def y_ticks(self) -> list[tuple[float, str]]:
         """(percent from the top, number) of rows."""
         top = self.bars[0].scale if self.bars else 1
-        step = _step(top)
-        return [(round(100 - 100 * n / top, 3), f"{n:,}") for n in range(0, top + 1, step)]
+        apart = max(1, round(step(top, 5)))
+        return [(round(100 - 100 * n / top, 3), f"{n:,}") for n in range(0, top + 1, apart)]
 
     def _percent(self, value: float) -> float:
         """Where a number stands along the bars, which are all of one width."""
@@ -102,13 +102,6 @@ def _round_numbers(low: float, high: float) -> Iterator[float]:
                 yield tick
 
 
-def _step(top: int) -> int:
-    """The distance of about four ticks on an axis of counts."""
-    power = 10 ** max(0, len(str(top)) - 2)
-    steps = (n * power for n in (1, 2, 5, 10, 20, 50))
-    return next(step for step in steps if top / step <= 5)
-
-
 def edges_of(con: duckdb.DuckDBPyConnection, current: float, at_least: bool) -> list[float]:
     """The values that the slider offers, ascending, for the table `numbers` of a connection.
 
@@ -123,8 +116,8 @@ def edges_of(con: duckdb.DuckDBPyConnection, current: float, at_least: bool) -> 
         return [current]
     low, high, scale = min(low, current), max(high, current), scale or 1
     start, end = math.asinh(low / scale), math.asinh(high / scale)
-    steps = (start + (end - start) * step / _BARS for step in range(_BARS + 1))
-    inner = {_rounded(scale * math.sinh(step), whole) for step in steps}
+    steps = (start + (end - start) * part / _BARS for part in range(_BARS + 1))
+    inner = {_rounded(scale * math.sinh(one), whole) for one in steps}
     beyond = {_beyond(high, whole)} if at_least else {_beyond(low, whole, -1)}
     return sorted({one for one in inner if low < one < high} | {low, high, current} | beyond)
 
@@ -164,8 +157,8 @@ def draw(
         bars = [by_bin.get(edge, 0) for edge in bins[1:]]
         counts.append(bars[::-1] if at_least else bars)
     highest = max(map(sum, zip(*counts, strict=True)), default=0) or 1
-    step = _step(highest)
-    top = -(-highest // step) * step
+    apart = max(1, round(step(highest, 5)))
+    top = -(-highest // apart) * apart
     bars = [
         HistogramBar(low, high, kept, deciding, others, top)
         for (low, high), kept, deciding, others in zip(pairwise(edges), *counts, strict=True)
