@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import duckdb
 import pyarrow as pa
@@ -16,6 +17,7 @@ from hypothesis import strategies as st
 from kb.core.config.profile import load_profile
 from kb.core.config.profile.new import KEYWORDS, profile_text
 from kb.explore.histogram import draw, edges_of
+from kb.store.tables.shard_writer import write_table
 from tests.conftest import ROOT
 from tests.explore.conftest import Explored, explored, figures, number
 from tests.inprocess import Here
@@ -248,3 +250,13 @@ def test_a_release_is_read_with_its_own_profile(demo: Path, tmp_path: Path) -> N
         path.write_text(profile.read_text().replace("min_views = 100", "min_views = 150"))
     with explored(release) as pages:
         assert "views ≥ 150" in pages.ask("/thresholds?stage=views").text
+
+
+def test_a_stage_without_values_says_what_gives_it_some(tmp_path: Path, make_rows: Any) -> None:
+    """As after a filter without toxicity scores."""
+    comments = make_rows("reddit/comments", 3, toxicity_body=[None] * 3)
+    write_table(tmp_path / "clean/reddit/comments/part-0.parquet", comments, "reddit/comments")
+    with explored(tmp_path) as pages:
+        answer = pages.ask("/thresholds?source=reddit&table=comments&stage=toxicity")
+    assert answer.status == 200
+    assert "kb annotate reddit" in answer.text
